@@ -1,0 +1,1 @@
+"""AVR Gym: real people meet simulated assistive robots in virtual reality."""

@@ -1,0 +1,112 @@
+"""Closed triangle meshes for the pictures: lofts, tubes and rings. Collision never uses them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+SEGMENTS = 28
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Vertices (V, 3) in metres and triangles (F, 3), counter-clockwise seen from outside."""
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Section:
+    """One cross-section of a loft, at height ``z``: a superellipse with half axes ``a`` (x) and ``b`` (y)."""
+
+    z: float
+    a: float
+    b: float
+    x: float = 0.0
+    y: float = 0.0
+    exponent: float = 2.0
+
+
+def loft(sections: Sequence[Section], segments: int = SEGMENTS) -> Mesh:
+    """The skin through cross-sections in order of z (rising or falling), closed by a point at both ends."""
+    ordered = sorted(sections, key=lambda section: section.z)
+    rings = np.stack([_ring(section, segments) for section in ordered])
+    return _close(rings)
+
+
+def tube(points: NDArray[np.float64], radius_m: float, segments: int = 10) -> Mesh:
+    """A round tube of constant radius along a polyline (P, 3), closed at both ends."""
+    tangents = np.gradient(points, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    helper = np.where(np.abs(tangents[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    u = np.cross(helper, tangents)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    v = np.cross(tangents, u)
+    angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)[None, :, None]
+    rings = points[:, None] + radius_m * (np.cos(angle) * u[:, None] + np.sin(angle) * v[:, None])
+    return _close(rings)
+
+
+def torus(radius_m: float, tube_radius_m: float, segments: int = 48, tube_segments: int = 12) -> Mesh:
+    """A ring about the x axis, centred at the origin."""
+    turn = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)[:, None]
+    roll = np.linspace(0.0, 2.0 * np.pi, tube_segments, endpoint=False)[None, :]
+    distance = radius_m + tube_radius_m * np.cos(roll)
+    vertices = np.stack(
+        [np.broadcast_to(tube_radius_m * np.sin(roll), (segments, tube_segments)), distance * np.cos(turn), distance * np.sin(turn)],
+        axis=-1,
+    )
+    return Mesh(vertices.reshape(-1, 3), _outward(vertices.reshape(-1, 3), _band_faces(segments, tube_segments, closed=True)))
+
+
+def revolve(profile: Sequence[tuple[float, float]], segments: int = 40) -> Mesh:
+    """A solid of revolution about z from its closed outline of (radius, z) points, first and last on the axis."""
+    angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
+    rings = np.stack(
+        [np.stack([r * np.cos(angle), r * np.sin(angle), np.full(segments, z)], axis=-1) for r, z in profile[1:-1]]
+    )
+    first, last = ([0.0, 0.0, profile[0][1]], [0.0, 0.0, profile[-1][1]])
+    return _close(rings, np.array(first), np.array(last))
+
+
+def _ring(section: Section, segments: int) -> NDArray[np.float64]:
+    angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
+    c, s = np.cos(angle), np.sin(angle)
+    power = 2.0 / section.exponent
+    x = section.x + section.a * np.sign(c) * np.abs(c) ** power
+    y = section.y + section.b * np.sign(s) * np.abs(s) ** power
+    return np.stack([x, y, np.full(segments, section.z)], axis=-1)
+
+
+def _close(rings: NDArray[np.float64], first: NDArray | None = None, last: NDArray | None = None) -> Mesh:
+    count, segments, _ = rings.shape
+    first = rings[0].mean(axis=0) if first is None else first
+    last = rings[-1].mean(axis=0) if last is None else last
+    vertices = np.concatenate([rings.reshape(-1, 3), first[None], last[None]])
+    start, end = count * segments, count * segments + 1
+    around = np.arange(segments)
+    following = (around + 1) % segments
+    top = (count - 1) * segments
+    caps = [
+        np.stack([np.full(segments, start), following, around], axis=-1),
+        np.stack([np.full(segments, end), top + around, top + following], axis=-1),
+    ]
+    faces = np.concatenate([_band_faces(count, segments, closed=False), *caps])
+    return Mesh(vertices, _outward(vertices, faces))
+
+
+def _band_faces(rings: int, segments: int, closed: bool) -> NDArray[np.int32]:
+    i, j = np.meshgrid(np.arange(rings if closed else rings - 1), np.arange(segments), indexing="ij")
+    below, above = i * segments, ((i + 1) % rings) * segments
+    right = (j + 1) % segments
+    first = np.stack([below + j, below + right, above + right], axis=-1).reshape(-1, 3)
+    second = np.stack([below + j, above + right, above + j], axis=-1).reshape(-1, 3)
+    return np.concatenate([first, second]).astype(np.int32)
+
+
+def _outward(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum()
+    return (faces if volume > 0.0 else faces[:, ::-1]).astype(np.int32)

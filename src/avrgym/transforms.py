@@ -1,0 +1,130 @@
+"""Rotations and poses as plain arrays.
+
+Quaternions are (..., 4) in the order w, x, y, z and of unit length; positions are (..., 3) in metres. ``R_ab``
+takes vectors of frame b to frame a. Every function broadcasts over the leading axes.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+IDENTITY_QUATERNION = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def multiply(a: ArrayLike, b: ArrayLike) -> Array:
+    """The product a ⊗ b: the rotation b followed by a. Shapes (..., 4)."""
+    aw, ax, ay, az = np.moveaxis(np.asarray(a, float), -1, 0)
+    bw, bx, by, bz = np.moveaxis(np.asarray(b, float), -1, 0)
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def conjugate(q: ArrayLike) -> Array:
+    """The inverse rotation of a unit quaternion (..., 4)."""
+    return np.asarray(q, float) * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def normalize(q: ArrayLike) -> Array:
+    """Scale quaternions or vectors (..., n) to unit length; zero length gives non-finite values."""
+    q = np.asarray(q, float)
+    return q / np.sqrt((q * q).sum(axis=-1, keepdims=True))
+
+
+def rotate(q: ArrayLike, v: ArrayLike) -> Array:
+    """Rotate vectors v (..., 3) by unit quaternions q (..., 4)."""
+    q, v = np.asarray(q, float), np.asarray(v, float)
+    w, u = q[..., :1], q[..., 1:]
+    t = 2.0 * np.cross(u, v)
+    return v + w * t + np.cross(u, t)
+
+
+def from_axis_angle(axis: ArrayLike, angle_rad: ArrayLike) -> Array:
+    """The rotation by ``angle_rad`` (...) about the unit vector ``axis`` (..., 3), as (..., 4)."""
+    return from_rotation_vector(np.asarray(axis, float) * np.asarray(angle_rad, float)[..., None])
+
+
+def from_rotation_vector(v: ArrayLike) -> Array:
+    """The exponential map: rotation vectors (..., 3) in radians to quaternions (..., 4)."""
+    v = np.asarray(v, float)
+    angle = np.sqrt((v * v).sum(axis=-1, keepdims=True))
+    return np.concatenate([np.cos(0.5 * angle), 0.5 * v * np.sinc(0.5 * angle / np.pi)], axis=-1)
+
+
+def to_rotation_vector(q: ArrayLike) -> Array:
+    """The logarithm of unit quaternions (..., 4): rotation vectors (..., 3) of length at most π."""
+    q = np.asarray(q, float)
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    sine = np.sqrt((q[..., 1:] ** 2).sum(axis=-1, keepdims=True))
+    angle = 2.0 * np.arctan2(sine, q[..., :1])
+    scale = np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 2.0)
+    return scale * q[..., 1:]
+
+
+def to_matrix(q: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    w, x, y, z = np.moveaxis(np.asarray(q, float), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def from_matrix(matrix: ArrayLike) -> Array:
+    """Unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
+
+    Shepperd's choice: the largest of the four squared components is the pivot, so no division is ill-conditioned.
+    """
+    m = np.asarray(matrix, float)
+    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
+    columns = [
+        np.stack([1 + xx + yy + zz, wx, wy, wz], axis=-1),
+        np.stack([wx, 1 + xx - yy - zz, xy, xz], axis=-1),
+        np.stack([wy, xy, 1 - xx + yy - zz, yz], axis=-1),
+        np.stack([wz, xz, yz, 1 - xx - yy + zz], axis=-1),
+    ]
+    candidates = np.stack(columns, axis=-2)
+    pivot = np.argmax(np.stack([candidates[..., i, i] for i in range(4)], axis=-1), axis=-1)
+    q = normalize(np.take_along_axis(candidates, pivot[..., None, None], axis=-2)[..., 0, :])
+    return np.where(q[..., :1] < 0.0, -q, q)
+
+
+def angle_between(a: ArrayLike, b: ArrayLike) -> Array:
+    """The angle in radians (...) of the rotation that takes a to b; both (..., 4)."""
+    v = to_rotation_vector(multiply(conjugate(a), b))
+    return np.sqrt((v * v).sum(axis=-1))
+
+
+def compose(pos_ab: ArrayLike, q_ab: ArrayLike, pos_bc: ArrayLike, q_bc: ArrayLike) -> tuple[Array, Array]:
+    """Chain two poses: T_ac = T_ab · T_bc, as (position, quaternion)."""
+    return np.asarray(pos_ab, float) + rotate(q_ab, pos_bc), multiply(q_ab, q_bc)
+
+
+def invert(pos_ab: ArrayLike, q_ab: ArrayLike) -> tuple[Array, Array]:
+    """The inverse pose T_ba of T_ab."""
+    q_ba = conjugate(q_ab)
+    return -rotate(q_ba, pos_ab), q_ba
+
+
+def euler_xyz(q: ArrayLike) -> Array:
+    """Angles (..., 3) a, b, c with q = Rx(a) Ry(b) Rz(c): hinges about x, y, z, the first outermost.
+
+    b lies in −π/2..π/2; at its ends only a ± c is determined and c is chosen as 0.
+    """
+    m = to_matrix(q)
+    b = np.arcsin(np.clip(m[..., 0, 2], -1.0, 1.0))
+    regular = np.abs(m[..., 0, 2]) < 1.0 - 1e-12
+    a = np.where(regular, np.arctan2(-m[..., 1, 2], m[..., 2, 2]), np.arctan2(m[..., 2, 1], m[..., 1, 1]))
+    c = np.where(regular, np.arctan2(-m[..., 0, 1], m[..., 0, 0]), 0.0)
+    return np.stack([a, b, c], axis=-1)
