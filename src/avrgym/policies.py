@@ -184,7 +184,7 @@ def _check_numbers(policy: Policy) -> None:
 def _check_shapes(policy: Policy) -> None:
     if not policy.weights or len(policy.weights) != len(policy.biases):
         raise PolicyError(
-            f"{len(policy.weights)} weights and {len(policy.biases)} biases; allowed: as many of each, above 0"
+            f"{len(policy.weights)} weights and {len(policy.biases)} biases; allowed: equally many, 1 or more"
         )
     _check_shape("observation.mean", policy.observation_mean, (None,))
     size = policy.observation_mean.shape

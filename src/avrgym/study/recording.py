@@ -1,0 +1,250 @@
+"""The recording of one trial: an MCAP file that grows while the trial runs and survives a crash."""
+
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from io import FileIO
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import IO, Any, cast
+
+import msgspec
+from mcap import records as mcap_records
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+
+from avrgym.study.records import TOPICS, Record, decode, encode, json_schema
+
+FLUSH_INTERVAL_S = 0.25
+STALL_S = 0.9
+CAPACITY_MESSAGES = 4000
+CLOSE_TIMEOUT_S = 10.0
+
+_CONFIGURATION = "configuration"
+_OUTCOME = "outcome"
+
+
+class RecordingError(Exception):
+    """A recording that cannot be written completely, or a file that is none."""
+
+
+class RecordingWriter:
+    """Writes one trial's recording on a thread of its own, so that the caller never waits for the disk.
+
+    What was written reaches the file within half a second. A disk that fails shows in ``error`` within a
+    second, and the file is never marked complete then.
+
+    Args:
+        path: The new file; an existing one raises ``FileExistsError``.
+        metadata: The trial's whole configuration, plain values.
+    """
+
+    def __init__(self, path: str | os.PathLike, metadata: Mapping[str, Any]):
+        self.path = Path(path)
+        self._failure: Exception | None = None
+        self._queue: SimpleQueue[tuple[str, int, Record] | None] = SimpleQueue()
+        self._disk = _Disk(self.path)
+        self._mcap = Writer(cast(IO[bytes], self._disk))
+        self._channels = self._start(metadata)
+        self._alive_at = time.monotonic()
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+        self._thread.start()
+
+    @property
+    def error(self) -> Exception | None:
+        """What keeps the recording from being complete, or ``None``. Only a stall can pass."""
+        silent_s = time.monotonic() - self._alive_at
+        if self._failure is None and self._thread.is_alive() and silent_s > STALL_S:
+            return TimeoutError(f"{self.path}: the disk has taken no data for {silent_s:.1f} s")
+        return self._failure
+
+    def write(self, topic: str, log_time_ns: int, record: Record) -> None:
+        """Queue one record, without waiting; ``log_time_ns`` is on the trial's monotonic clock.
+
+        The record and its lists must not change afterwards. After a failure of the disk this does nothing.
+        """
+        if type(record) is not TOPICS.get(topic):
+            allowed = ", ".join(f"{name}: {kind.__name__}" for name, kind in TOPICS.items())
+            raise RecordingError(f"no topic {topic!r} for {type(record).__name__}; allowed: {allowed}")
+        if self._disk.closed:
+            raise RecordingError(f"{self.path}: closed; a record for {topic} came too late")
+        if self._failure is None and self._queue.qsize() >= CAPACITY_MESSAGES:
+            self._failure = RecordingError(f"{self.path}: a record is lost: the disk is too slow")
+        if self._failure is None:
+            self._queue.put((topic, log_time_ns, record))
+
+    def close(self, outcome: Mapping[str, Any] | None = None) -> None:
+        """Write what is queued and end the file; with an outcome, and all data on disk, mark it complete.
+
+        Raises ``RecordingError`` when there is an outcome but the file could not be completed. Closing a
+        closed writer does nothing.
+        """
+        if self._disk.closed:
+            return
+        self._queue.put(None)
+        self._thread.join(CLOSE_TIMEOUT_S)
+        if self._thread.is_alive():
+            raise RecordingError(f"{self.path}: not complete: the disk takes no data")
+        if outcome is not None and self._failure is None:
+            self._attempt(lambda: self._complete(outcome))
+        self._disk.close()
+        if outcome is not None and self._failure is not None:
+            raise RecordingError(f"{self.path}: not complete: {self._failure}") from self._failure
+
+    def _start(self, metadata: Mapping[str, Any]) -> dict[str, int]:
+        try:
+            self._mcap.start(profile="", library="avrgym")
+            self._mcap.add_metadata(_CONFIGURATION, _to_text(metadata))
+        except BaseException:
+            self._disk.close()
+            self.path.unlink()
+            raise
+        return {topic: self._register(topic) for topic in TOPICS}
+
+    def _register(self, topic: str) -> int:
+        schema = self._mcap.register_schema(
+            name=f"avrgym.{TOPICS[topic].__name__}", encoding="jsonschema", data=json_schema(topic)
+        )
+        return self._mcap.register_channel(topic=topic, message_encoding="json", schema_id=schema)
+
+    def _run(self) -> None:
+        self._attempt(self._write_queued)
+
+    def _attempt(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except Exception as error:
+            self._failure = self._failure or error
+
+    def _write_queued(self) -> None:
+        flush_at = time.monotonic() + FLUSH_INTERVAL_S
+        going_on = True
+        while going_on:
+            with suppress(Empty):
+                going_on = self._write_next(max(0.0, flush_at - time.monotonic()))
+            self._alive_at = time.monotonic()
+            if self._alive_at >= flush_at or not going_on:
+                self._mcap.flush()
+                flush_at = time.monotonic() + FLUSH_INTERVAL_S
+
+    def _write_next(self, timeout_s: float) -> bool:
+        entry = self._queue.get(timeout=timeout_s)
+        if entry is None:
+            return False
+        topic, log_time_ns, record = entry
+        self._mcap.add_message(self._channels[topic], log_time_ns, encode(record), publish_time=log_time_ns)
+        return True
+
+    def _complete(self, outcome: Mapping[str, Any]) -> None:
+        self._disk.sync()
+        end_of_data = self._disk.tell()
+        try:
+            self._mcap.add_metadata(_OUTCOME, _to_text(outcome))
+            self._mcap.finish()
+            self._disk.sync()
+        except BaseException:
+            self._disk.cut(end_of_data)
+            raise
+
+
+class _Disk:
+    """A new file without a buffer: what fails to reach it is never tried again behind the writer's back."""
+
+    def __init__(self, path: Path):
+        self._file = FileIO(path, "x")
+
+    @property
+    def closed(self) -> bool:
+        return self._file.closed
+
+    def write(self, data: bytes) -> None:
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self._file.write(rest) :]
+
+    def flush(self) -> None:
+        """Nothing is held back."""
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def sync(self) -> None:
+        os.fsync(self._file.fileno())
+
+    def cut(self, size: int) -> None:
+        with suppress(OSError):
+            self._file.truncate(size)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a file holds: per topic (log_time_ns, record) in the order of writing, every topic present.
+
+    ``complete``: the trial ended with an outcome and nothing is missing.
+    """
+
+    metadata: dict[str, Any]
+    outcome: dict[str, Any] | None
+    topics: dict[str, list[tuple[int, Any]]]
+    complete: bool
+
+
+def read_recording(path: str | os.PathLike) -> Recording:
+    """Read a recording, wherever a crash may have ended it; one without a header raises ``RecordingError``."""
+    records, whole = _intact_records(path)
+    metadata = {
+        record.name: record.metadata for record in records if isinstance(record, mcap_records.Metadata)
+    }
+    if _CONFIGURATION not in metadata:
+        raise RecordingError(f"{path}: not a recording, or cut off before the end of its header")
+    outcome = metadata.get(_OUTCOME)
+    return Recording(
+        metadata=_from_text(metadata[_CONFIGURATION]),
+        outcome=None if outcome is None else _from_text(outcome),
+        topics=_messages(path, records),
+        complete=whole and outcome is not None,
+    )
+
+
+def _intact_records(path: str | os.PathLike) -> tuple[list[mcap_records.McapRecord], bool]:
+    records = []
+    with open(path, "rb") as file:
+        reader = StreamReader(file, validate_crcs=True, record_size_limit=os.path.getsize(path))
+        try:
+            for record in reader.records:
+                records.append(record)
+        except OSError:
+            raise
+        except Exception:  # the reader raises whatever the bytes of a cut or damaged record lead to
+            return records, False
+    return records, True
+
+
+def _messages(path: str | os.PathLike, records: list[mcap_records.McapRecord]) -> dict[str, list]:
+    names: dict[int, str] = {}
+    messages: dict[str, list] = {topic: [] for topic in TOPICS}
+    for record in records:
+        if isinstance(record, mcap_records.Channel):
+            names.setdefault(record.id, record.topic)
+        elif isinstance(record, mcap_records.Message):
+            topic = names[record.channel_id]
+            try:
+                messages[topic].append((record.log_time, decode(topic, record.data)))
+            except (KeyError, msgspec.DecodeError) as error:
+                allowed = ", ".join(TOPICS)
+                raise RecordingError(f"{path}: foreign {topic!r}: {error}; allowed: {allowed}") from error
+    return messages
+
+
+def _to_text(values: Mapping[str, Any]) -> dict[str, str]:
+    return {name: encode(value).decode() for name, value in values.items()}
+
+
+def _from_text(texts: Mapping[str, str]) -> dict[str, Any]:
+    return {name: msgspec.json.decode(text) for name, text in texts.items()}

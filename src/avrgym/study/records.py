@@ -1,0 +1,135 @@
+"""What a recording of a trial holds: one struct per topic, written as JSON.
+
+JSON keeps every finite double bit for bit. Numbers that are not finite are written as the strings ``"NaN"``,
+``"Infinity"`` and ``"-Infinity"``, because JSON has none for them.
+"""
+
+import math
+from typing import Any
+
+import msgspec
+
+
+class Record(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Base of all records. Their times count from the start of the trial unless they say otherwise."""
+
+
+class Pose(Record, frozen=True):
+    """A pose in WebXR's ``local-floor`` space: position in metres (y up), orientation x, y, z, w."""
+
+    position: list[float]
+    orientation: list[float]
+
+
+class Physics(Record, frozen=True):
+    """The simulated world after ``step`` control steps: the simulator's full integration state."""
+
+    step: int
+    simulation_time_s: float
+    state: list[float]
+
+
+class TrackingFrame(Record, frozen=True):
+    """One XR frame as received; a pose that was not tracked is ``None``.
+
+    ``applied``: the frame moved the person; one that a newer frame overtook did not.
+    ``held``: the frame was stale or invalid, and the person kept the last pose.
+    """
+
+    sequence: int
+    client_time_ms: float
+    received_time_s: float
+    applied: bool
+    held: bool
+    head: Pose | None = None
+    left: Pose | None = None
+    right: Pose | None = None
+
+
+class BodyTargets(Record, frozen=True):
+    """The joint angles that the person's body is driven to, radians, in the order of the model's joints."""
+
+    joint_targets: list[float]
+
+
+class Control(Record, frozen=True):
+    """One control step of the robot. ``reward_terms`` are not weighted; ``reward`` is their weighted sum."""
+
+    step: int
+    observation: list[float]
+    action: list[float]
+    reward: float
+    reward_terms: dict[str, float]
+    success: bool
+    distance_m: float
+    force_on_person_n: float
+
+
+class Event(Record, frozen=True):
+    """Anything that happened at one instant, such as a lost connection."""
+
+    name: str
+    detail: str
+
+
+class Answer(Record, frozen=True):
+    """The answer to one item of the questionnaire, and the time from its appearance to the press."""
+
+    item: str
+    value: int
+    response_time_s: float
+
+
+TOPICS: dict[str, type[Record]] = {
+    "/physics": Physics,
+    "/tracking": TrackingFrame,
+    "/body_targets": BodyTargets,
+    "/control": Control,
+    "/events": Event,
+    "/answers": Answer,
+}
+
+_encoder = msgspec.json.Encoder()
+_decoders = {topic: msgspec.json.Decoder(kind, strict=False) for topic, kind in TOPICS.items()}
+
+
+def encode(value: Any) -> bytes:
+    """A record, or any plain value, as JSON."""
+    data = _encoder.encode(value)
+    if b"null" in data:
+        data = _encoder.encode(_spell_out(msgspec.to_builtins(value)))
+    return data
+
+
+def decode(topic: str, data: bytes) -> Any:
+    """The record of a topic; raises ``msgspec.DecodeError`` when the data do not fit it."""
+    return _decoders[topic].decode(data)
+
+
+def json_schema(topic: str) -> bytes:
+    """The JSON Schema of a topic's records, without references, as viewers of recordings want it."""
+    (reference,), definitions = msgspec.json.schema_components((TOPICS[topic],))
+    return _encoder.encode(_resolve(reference, definitions))
+
+
+def _spell_out(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+    if isinstance(value, dict):
+        return {name: _spell_out(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_spell_out(item) for item in value]
+    return value
+
+
+def _resolve(node: Any, definitions: dict[str, Any]) -> Any:
+    if isinstance(node, list):
+        return [_resolve(item, definitions) for item in node]
+    if not isinstance(node, dict):
+        return node
+    if "$ref" in node:
+        return _resolve(definitions[node["$ref"].rpartition("/")[2]], definitions)
+    if "anyOf" in node:
+        (present,) = (option for option in node["anyOf"] if option != {"type": "null"})
+        return _resolve(present, definitions)
+    return {name: _resolve(item, definitions) for name, item in node.items() if name != "default"}
