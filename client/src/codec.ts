@@ -1,0 +1,14 @@
+import { Decoder, Encoder } from "@msgpack/msgpack";
+import type { ClientMessage, ServerMessage } from "./messages";
+
+const encoder = new Encoder();
+const decoder = new Decoder();
+
+/** The bytes of a message, valid until the next call: whoever sends them copies them. */
+export function encode(message: ClientMessage): Uint8Array<ArrayBuffer> {
+  return encoder.encodeSharedRef(message);
+}
+
+export function decode(data: ArrayBuffer): ServerMessage {
+  return decoder.decode(data) as ServerMessage;
+}

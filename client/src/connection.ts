@@ -1,0 +1,88 @@
+import { decode, encode } from "./codec";
+import { PROTOCOL, type ClientMessage, type ServerMessage } from "./messages";
+
+export type Link = "connecting" | "connected" | "lost" | "superseded";
+
+export interface LinkEvents {
+  message(message: ServerMessage): void;
+  /** `reason` is what the server said when it closed the socket, or empty. */
+  link(link: Link, reason: string): void;
+}
+
+/** The server closes with this code when the page was opened elsewhere: this one must not come back. */
+export const SUPERSEDED = 4001;
+
+const FIRST_RETRY_MS = 100;
+const LONGEST_RETRY_MS = 1000;
+const OPENING_LIMIT_MS = 2000;
+
+export function retryDelayMs(failures: number): number {
+  return Math.min(LONGEST_RETRY_MS, FIRST_RETRY_MS * 2 ** failures);
+}
+
+/** One WebSocket at a time to the server; it comes back by itself until it is superseded. */
+export class Connection {
+  private socket: WebSocket | null = null;
+  private welcomed = false;
+  private failures = 0;
+
+  constructor(
+    private readonly url: string,
+    private readonly token: string,
+    private readonly emulated: boolean,
+    private readonly events: LinkEvents,
+  ) {}
+
+  open(): void {
+    const socket = new WebSocket(this.url);
+    socket.binaryType = "arraybuffer";
+    this.socket = socket;
+    const limit = setTimeout(() => this.closed(socket, 0, ""), OPENING_LIMIT_MS);
+    socket.onopen = () => this.hello(socket);
+    socket.onmessage = ({ data }) => this.receive(socket, decode(data as ArrayBuffer), limit);
+    socket.onclose = ({ code, reason }) => this.closed(socket, code, reason);
+  }
+
+  get connected(): boolean {
+    return this.welcomed;
+  }
+
+  /** Bytes that wait to be sent. */
+  get backlog(): number {
+    return this.socket?.bufferedAmount ?? 0;
+  }
+
+  /** Sends and returns true, or returns false when there is no connection. */
+  send(message: ClientMessage): boolean {
+    if (!this.welcomed) return false;
+    this.socket?.send(encode(message));
+    return true;
+  }
+
+  private hello(socket: WebSocket): void {
+    const device = navigator.userAgent.slice(0, 512);
+    const { token, emulated } = this;
+    socket.send(encode({ type: "hello", protocol: PROTOCOL, token, device, emulated }));
+  }
+
+  private receive(socket: WebSocket, message: ServerMessage, limit: ReturnType<typeof setTimeout>): void {
+    if (socket !== this.socket) return;
+    if (message.type === "welcome") {
+      clearTimeout(limit);
+      this.welcomed = true;
+      this.failures = 0;
+      this.events.link("connected", "");
+    }
+    this.events.message(message);
+  }
+
+  private closed(socket: WebSocket, code: number, reason: string): void {
+    if (socket !== this.socket) return;
+    this.socket = null;
+    this.welcomed = false;
+    socket.onopen = null;
+    socket.close();
+    this.events.link(code === SUPERSEDED ? "superseded" : "lost", reason);
+    if (code !== SUPERSEDED) setTimeout(() => this.open(), retryDelayMs(this.failures++));
+  }
+}

@@ -1,0 +1,60 @@
+import type { Link } from "./connection";
+import type { Phase, Question } from "./messages";
+
+/** Everything that words are shown about. */
+export interface Display {
+  link: Link;
+  linkReason: string;
+  phase: Phase | null;
+  question: Question | null;
+  answered: number | null;
+  problem: string | null;
+  secondsLeft: number | null;
+}
+
+export interface PanelContent {
+  label: string;
+  text: string;
+  secondsLeft: number | null;
+  question: Question | null;
+  answered: number | null;
+  notice: string | null;
+}
+
+const LINK_WORDS: Record<Link, string> = {
+  connecting: "Connecting to the server …",
+  connected: "Connected to the server",
+  lost: "Connection lost. Trying again …",
+  superseded: "Opened in another window. Reload this page to use it here.",
+};
+
+export function linkWords(display: Display): string {
+  const words = LINK_WORDS[display.link];
+  return display.linkReason ? `${words} (${display.linkReason})` : words;
+}
+
+/** What the panel in VR shows; null while there is nothing to read. */
+export function panelContent(display: Display): PanelContent | null {
+  const { question, phase, answered, secondsLeft } = display;
+  const notice = display.link === "connected" ? display.problem : linkWords(display);
+  const label = question ? `${question.number} of ${question.count}` : phaseLabel(phase);
+  const text = question ? question.text : phaseText(phase);
+  if (!text && !notice) return null;
+  return { label, text, secondsLeft: question ? null : secondsLeft, question, answered, notice };
+}
+
+/** Which trial of how many; empty outside the trials. */
+export function phaseLabel(phase: Phase | null): string {
+  if (!phase || phase.trial < 1) return "";
+  return phase.practice ? "Practice" : `Trial ${phase.trial} of ${phase.trials}`;
+}
+
+/** Nothing stands between the person and the robot while a trial runs. */
+function phaseText(phase: Phase | null): string {
+  return phase && phase.name !== "trial" ? phase.text : "";
+}
+
+/** Whether the person and the robot may be moving, so that the stop key must work. */
+export function isRunning(phase: Phase | null): boolean {
+  return phase !== null && ["free_before", "countdown", "trial", "free_after"].includes(phase.name);
+}

@@ -1,0 +1,120 @@
+import { Quaternion } from "three";
+import type { State } from "./messages";
+
+/** Numbers per body: position x, y, z, then orientation w, x, y, z. */
+export const POSE = 7;
+/** Drawn so far behind the newest state that the next one has usually come. */
+export const DELAY_S = 0.04;
+/** A body that moves further than this within one state has been placed anew. */
+export const TELEPORT_M = 0.5;
+
+type Numbers = Float32Array;
+const slerpFlat = Quaternion.slerpFlat as unknown as (
+  ...of: [out: Numbers, at: number, from: Numbers, at: number, to: Numbers, at: number, t: number]
+) => void;
+
+const CAPACITY = 32;
+const CLOCK_JUMP_S = 0.25;
+const CLOCK_GAIN_UP = 0.5;
+const CLOCK_GAIN_DOWN = 0.05;
+
+interface Slot {
+  sequence: number;
+  timeS: number;
+  poses: Float32Array;
+}
+
+/** The last states of one scene; draws the world between them by simulation time. */
+export class StateBuffer {
+  private readonly slots: Slot[];
+  private count = 0;
+  private last = -1;
+  /** Simulation time minus local time: rises quickly to the states that came without delay, falls slowly. */
+  private clockS = 0;
+
+  constructor(private readonly bodies: number) {
+    this.slots = Array.from({ length: CAPACITY }, () => emptySlot(bodies));
+  }
+
+  /** Takes a state that came at local time `nowS`; false when it is old or does not fit the scene. */
+  push(state: State, nowS: number): boolean {
+    const newest = this.newest();
+    if (state.poses.byteLength !== this.bodies * POSE * 4) return false;
+    if (newest && state.sequence <= newest.sequence) return false;
+    if (newest && state.simulation_time_s < newest.timeS) this.count = 0;
+    const samePlace = this.count > 0 && newest?.timeS === state.simulation_time_s;
+    if (!samePlace) this.advance();
+    this.store(this.slots[this.last]!, state);
+    this.follow(state.simulation_time_s - nowS);
+    return true;
+  }
+
+  /** The world to draw at local time `nowS`, into `out` (bodies × 7); false before the first state. */
+  drawn(nowS: number, out: Float32Array): boolean {
+    return this.sample(nowS + this.clockS - DELAY_S, out);
+  }
+
+  /** The world at a simulation time; outside the buffer, its nearest state. */
+  sample(timeS: number, out: Float32Array): boolean {
+    if (this.count === 0) return false;
+    let age = 0;
+    while (age < this.count - 1 && this.slot(age).timeS > timeS) age++;
+    const before = this.slot(age);
+    if (age === 0 || timeS <= before.timeS) out.set(before.poses);
+    else this.between(before, this.slot(age - 1), timeS, out);
+    return true;
+  }
+
+  private newest(): Slot | null {
+    return this.count > 0 ? this.slot(0) : null;
+  }
+
+  /** The state that is `age` states older than the newest. */
+  private slot(age: number): Slot {
+    return this.slots[(this.last - age + CAPACITY) % CAPACITY]!;
+  }
+
+  private advance(): void {
+    this.last = (this.last + 1) % CAPACITY;
+    this.count = Math.min(this.count + 1, CAPACITY);
+  }
+
+  private store(slot: Slot, state: State): void {
+    slot.sequence = state.sequence;
+    slot.timeS = state.simulation_time_s;
+    new Uint8Array(slot.poses.buffer).set(state.poses);
+  }
+
+  private follow(clockS: number): void {
+    const error = clockS - this.clockS;
+    if (this.count === 1 || Math.abs(error) > CLOCK_JUMP_S) this.clockS = clockS;
+    else this.clockS += error * (error > 0 ? CLOCK_GAIN_UP : CLOCK_GAIN_DOWN);
+  }
+
+  private between(before: Slot, after: Slot, timeS: number, out: Float32Array): void {
+    const share = (timeS - before.timeS) / (after.timeS - before.timeS);
+    for (let at = 0; at < out.length; at += POSE) {
+      const t = isTeleport(before.poses, after.poses, at) ? 0 : share;
+      for (let axis = at; axis < at + 3; axis++) {
+        out[axis] = before.poses[axis]! + (after.poses[axis]! - before.poses[axis]!) * t;
+      }
+      slerp(out, before.poses, after.poses, at + 3, t);
+    }
+  }
+}
+
+function emptySlot(bodies: number): Slot {
+  return { sequence: -1, timeS: 0, poses: new Float32Array(bodies * POSE) };
+}
+
+function isTeleport(before: Float32Array, after: Float32Array, at: number): boolean {
+  const x = after[at]! - before[at]!;
+  const y = after[at + 1]! - before[at + 1]!;
+  const z = after[at + 2]! - before[at + 2]!;
+  return x * x + y * y + z * z > TELEPORT_M * TELEPORT_M;
+}
+
+/** three's slerp treats the four numbers alike, so it serves w, x, y, z as well as x, y, z, w. */
+function slerp(out: Float32Array, from: Float32Array, to: Float32Array, at: number, t: number): void {
+  slerpFlat(out, at, from, at, to, at, t);
+}

@@ -1,0 +1,91 @@
+import { linkWords, phaseLabel, type Display } from "./display";
+import type { Question } from "./messages";
+
+export interface PageEvents {
+  enterOrLeave(): void;
+  answer(value: number): void;
+}
+
+function element<T extends HTMLElement>(id: string): T {
+  return document.getElementById(id) as T;
+}
+
+/** The words and buttons over the flat view. */
+export class Page {
+  readonly view = element("view");
+  readonly card = element("card");
+  private readonly enter = element<HTMLButtonElement>("enter");
+  private shown: Question | null = null;
+  private readonly texts = new Map<string, string>();
+
+  constructor(private readonly events: PageEvents) {
+    this.enter.addEventListener("click", () => events.enterOrLeave());
+    element<HTMLDetailsElement>("help").open = window.innerHeight > 620 && window.innerWidth > 720;
+  }
+
+  /** Empty: VR can be entered. */
+  setReason(reason: string): void {
+    this.enter.disabled = reason !== "";
+    this.text("reason", reason);
+  }
+
+  setPresenting(presenting: boolean): void {
+    document.body.classList.toggle("presenting", presenting);
+    this.enter.textContent = presenting ? "Leave VR" : "Enter VR";
+    this.enter.blur();
+  }
+
+  show(display: Display): void {
+    const { phase, question, problem, secondsLeft } = display;
+    element("status").dataset["link"] = display.link;
+    this.text("status-words", linkWords(display));
+    this.text("problem", problem ?? "");
+    this.text("phase-label", phaseLabel(phase));
+    this.text("phase-text", phase?.text ?? "");
+    this.text("countdown", secondsLeft === null ? "" : `${secondsLeft} s`);
+    element("problem").hidden = !problem;
+    element("phase").hidden = !phase?.text || question !== null;
+    this.showQuestion(question, display.answered);
+  }
+
+  private showQuestion(question: Question | null, answered: number | null): void {
+    element("question").hidden = question === null;
+    if (question && question !== this.shown) this.fillQuestion(question);
+    this.shown = question;
+    for (const button of element("points").querySelectorAll("button")) {
+      button.disabled = answered !== null;
+      button.setAttribute("aria-pressed", String(Number(button.value) === answered));
+    }
+  }
+
+  private fillQuestion(question: Question): void {
+    this.text("question-label", `Question ${question.number} of ${question.count}`);
+    this.text("statement", question.text);
+    this.text("low", `1: ${question.low}`);
+    this.text("high", `${question.points}: ${question.high}`);
+    const values = Array.from({ length: question.points }, (_, at) => at + 1);
+    element("points").replaceChildren(...values.map((value) => this.pointButton(value)));
+  }
+
+  private pointButton(value: number): HTMLButtonElement {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.value = button.textContent = String(value);
+    button.addEventListener("click", () => this.events.answer(value));
+    return button;
+  }
+
+  /** Sets a text only when it changes: screen readers announce every change. */
+  private text(id: string, text: string): void {
+    if (this.texts.get(id) === text) return;
+    this.texts.set(id, text);
+    element(id).textContent = text;
+  }
+}
+
+/** Whether a key press asks the robot to stop: Escape anywhere, Space unless it presses a button. */
+export function isStopKey(event: KeyboardEvent): boolean {
+  if (event.repeat) return false;
+  const onControl = event.target instanceof Element && event.target.closest("button, summary, a") !== null;
+  return event.key === "Escape" || (event.key === " " && !onControl);
+}

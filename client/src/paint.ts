@@ -1,0 +1,150 @@
+import type { PanelContent } from "./display";
+import { layoutButtons, type Box, type Button } from "./questionnaire";
+
+/** Pixels of the panel's canvas. */
+export const WIDTH = 1536;
+export const HEIGHT = 960;
+
+const MARGIN = 76;
+const FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
+const TEXT_BOX: Box = { x: MARGIN, y: 150, width: WIDTH - 2 * MARGIN, height: 600 };
+const STATEMENT_BOX: Box = { x: MARGIN, y: 130, width: WIDTH - 2 * MARGIN, height: 270 };
+const BUTTON_BOX: Box = { x: MARGIN, y: 420, width: WIDTH - 2 * MARGIN, height: 240 };
+const NOTICE_BOX: Box = { x: 24, y: HEIGHT - 152, width: WIDTH - 48, height: 128 };
+
+const COLOUR = {
+  background: "#0f2a31",
+  edge: "#5d8e98",
+  text: "#f5f8f7",
+  quiet: "#a9c9cf",
+  button: "#1d4853",
+  hovered: "#bfe9f0",
+  answered: "#ffd36b",
+  onLight: "#0f2a31",
+};
+
+type Context = CanvasRenderingContext2D;
+
+export function buttonsOf(content: PanelContent | null): Button[] {
+  return content?.question ? layoutButtons(content.question.points, BUTTON_BOX) : [];
+}
+
+/** Paints the whole panel; what has no content stays transparent. */
+export function paint(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
+  context.clearRect(0, 0, WIDTH, HEIGHT);
+  if (content.text) paintBackground(context);
+  if (content.question) paintQuestion(context, content, buttons, hovered);
+  else if (content.text) paintText(context, content);
+  if (content.notice) paintNotice(context, content.notice);
+}
+
+function paintBackground(context: Context): void {
+  roundedBox(context, { x: 4, y: 4, width: WIDTH - 8, height: HEIGHT - 8 }, 56);
+  context.fillStyle = COLOUR.background;
+  context.fill();
+  context.lineWidth = 4;
+  context.strokeStyle = COLOUR.edge;
+  context.stroke();
+}
+
+function paintText(context: Context, { label, text, secondsLeft }: PanelContent): void {
+  paintLabel(context, label);
+  const counting = secondsLeft !== null;
+  const box = counting ? { ...TEXT_BOX, height: TEXT_BOX.height - 260 } : TEXT_BOX;
+  paintLines(context, text, box, 76);
+  if (counting) paintLine(context, String(secondsLeft), WIDTH / 2, 640, `600 200px ${FONT}`, COLOUR.hovered, "center");
+}
+
+function paintQuestion(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
+  paintLabel(context, content.label);
+  paintLines(context, content.text, STATEMENT_BOX, 66);
+  for (const button of buttons) paintButton(context, button, buttonColours(button.value, hovered, content.answered));
+  const [first, last] = [buttons[0]!, buttons[buttons.length - 1]!];
+  const below = last.y + last.height + 50;
+  paintLine(context, content.question!.low, first.x, below, `42px ${FONT}`, COLOUR.quiet, "left");
+  paintLine(context, content.question!.high, last.x + last.width, below, `42px ${FONT}`, COLOUR.quiet, "right");
+}
+
+function buttonColours(value: number, hovered: number | null, answered: number | null): [string, string] {
+  if (value === answered) return [COLOUR.answered, COLOUR.onLight];
+  if (value === hovered && answered === null) return [COLOUR.hovered, COLOUR.onLight];
+  return [COLOUR.button, COLOUR.text];
+}
+
+function paintButton(context: Context, button: Button, [fill, ink]: [string, string]): void {
+  roundedBox(context, button, button.height * 0.16);
+  context.fillStyle = fill;
+  context.fill();
+  context.lineWidth = 4;
+  context.strokeStyle = COLOUR.edge;
+  context.stroke();
+  const font = `600 ${Math.round(button.height * 0.42)}px ${FONT}`;
+  paintLine(context, String(button.value), button.x + button.width / 2, button.y + button.height / 2, font, ink, "center");
+}
+
+function paintLabel(context: Context, label: string): void {
+  paintLine(context, label, WIDTH / 2, 82, `42px ${FONT}`, COLOUR.quiet, "center");
+}
+
+function paintNotice(context: Context, notice: string): void {
+  roundedBox(context, NOTICE_BOX, 36);
+  context.fillStyle = COLOUR.answered;
+  context.fill();
+  const inner = { ...NOTICE_BOX, x: NOTICE_BOX.x + 30, width: NOTICE_BOX.width - 60 };
+  paintLines(context, notice, inner, 44, COLOUR.onLight);
+}
+
+function roundedBox(context: Context, { x, y, width, height }: Box, radius: number): void {
+  context.beginPath();
+  context.roundRect(x, y, width, height, radius);
+}
+
+function paintLine(
+  context: Context,
+  text: string,
+  x: number,
+  y: number,
+  font: string,
+  colour: string,
+  align: CanvasTextAlign,
+): void {
+  context.font = font;
+  context.fillStyle = colour;
+  context.textAlign = align;
+  context.textBaseline = "middle";
+  context.fillText(text, x, y);
+}
+
+/** Paints wrapped text centred in a box, as large as it fits but not above `size`. */
+function paintLines(context: Context, text: string, box: Box, size: number, colour = COLOUR.text): void {
+  const fitting = fittingSize(context, text, box, size);
+  const font = `${fitting}px ${FONT}`;
+  context.font = font;
+  const lines = wrap(text, box.width, (line) => context.measureText(line).width);
+  const pitch = fitting * 1.3;
+  const first = box.y + box.height / 2 - ((lines.length - 1) * pitch) / 2;
+  lines.forEach((line, at) => paintLine(context, line, box.x + box.width / 2, first + at * pitch, font, colour, "center"));
+}
+
+function fittingSize(context: Context, text: string, box: Box, size: number): number {
+  for (let smaller = size; smaller > 24; smaller -= 4) {
+    context.font = `${smaller}px ${FONT}`;
+    const lines = wrap(text, box.width, (line) => context.measureText(line).width);
+    if (lines.length * smaller * 1.3 <= box.height) return smaller;
+  }
+  return 24;
+}
+
+/** Breaks text at its line ends and between words so that no line is wider than `width`. */
+export function wrap(text: string, width: number, measure: (line: string) => number): string[] {
+  return text.split("\n").flatMap((paragraph) => {
+    const lines: string[] = [];
+    let line = "";
+    for (const word of paragraph.split(" ")) {
+      const longer = line ? `${line} ${word}` : word;
+      if (line && measure(longer) > width) lines.push(line);
+      line = line && measure(longer) > width ? word : longer;
+    }
+    return [...lines, line];
+  });
+}

@@ -1,0 +1,114 @@
+import { CanvasTexture, Mesh, MeshBasicMaterial, PlaneGeometry, SRGBColorSpace, Vector3 } from "three";
+import type { PanelContent } from "./display";
+import { HEIGHT, WIDTH, buttonsOf, paint } from "./paint";
+import { hitButton, type Button } from "./questionnaire";
+
+export const PANEL_WIDTH_M = 0.9;
+const PANEL_HEIGHT_M = (PANEL_WIDTH_M * HEIGHT) / WIDTH;
+const PIXELS_PER_M = WIDTH / PANEL_WIDTH_M;
+const DISTANCE_M = 1.6;
+const BELOW_EYES_M = 0.12;
+
+/** Above the scene: the words stay readable whatever the robot does. */
+export const OVERLAY_ORDER = 10;
+
+/** Where a ray meets the panel: metres along the ray and the button that is there. */
+export interface PanelHit {
+  distance: number;
+  value: number | null;
+}
+
+/** The panel of words in VR. It is placed before the participant when it appears and then stays. */
+export class Panel {
+  readonly mesh: Mesh<PlaneGeometry, MeshBasicMaterial>;
+  buttons: Button[] = [];
+  hovered: number | null = null;
+  private readonly context: CanvasRenderingContext2D;
+  private readonly texture: CanvasTexture;
+  private content: PanelContent | null = null;
+  private placed = false;
+  private readonly origin = new Vector3();
+  private readonly direction = new Vector3();
+
+  constructor(anisotropy: number) {
+    const canvas = document.createElement("canvas");
+    canvas.width = WIDTH;
+    canvas.height = HEIGHT;
+    this.context = canvas.getContext("2d")!;
+    this.texture = new CanvasTexture(canvas);
+    this.texture.colorSpace = SRGBColorSpace;
+    this.texture.anisotropy = anisotropy;
+    this.mesh = panelMesh(this.texture);
+  }
+
+  get visible(): boolean {
+    return this.content !== null;
+  }
+
+  show(content: PanelContent | null): void {
+    this.content = content;
+    this.buttons = buttonsOf(content);
+    this.hovered = null;
+    if (!content) this.placed = false;
+    this.mesh.visible = content !== null && this.placed;
+    this.repaint();
+  }
+
+  hover(value: number | null): void {
+    if (value === this.hovered) return;
+    this.hovered = value;
+    this.repaint();
+  }
+
+  /** To be placed anew at the next `place`. */
+  unplace(): void {
+    this.placed = false;
+  }
+
+  /** Puts a panel that has just appeared before a head, horizontally where it looks. */
+  place(head: Vector3, forward: Vector3): void {
+    if (this.placed || !this.content) return;
+    this.placed = true;
+    this.mesh.visible = true;
+    const { position } = this.mesh;
+    position.copy(forward).setY(0).normalize().multiplyScalar(DISTANCE_M).add(head);
+    position.y -= BELOW_EYES_M;
+    this.mesh.lookAt(head);
+    this.mesh.updateMatrixWorld();
+  }
+
+  /** Where a ray in `local-floor` meets the panel; false when it does not. */
+  hit(origin: Vector3, direction: Vector3, into: PanelHit): boolean {
+    if (!this.mesh.visible) return false;
+    const from = this.mesh.worldToLocal(this.origin.copy(origin));
+    const to = this.mesh.worldToLocal(this.direction.copy(origin).add(direction)).sub(from);
+    const distance = -from.z / to.z;
+    const x = from.x + to.x * distance;
+    const y = from.y + to.y * distance;
+    if (!(distance > 0) || Math.abs(x) > PANEL_WIDTH_M / 2 || Math.abs(y) > PANEL_HEIGHT_M / 2) return false;
+    into.distance = distance;
+    into.value = hitButton(this.buttons, x * PIXELS_PER_M + WIDTH / 2, HEIGHT / 2 - y * PIXELS_PER_M);
+    return true;
+  }
+
+  /** The middle of a button in `local-floor`. */
+  centreOf(button: Button): Vector3 {
+    const x = (button.x + button.width / 2 - WIDTH / 2) / PIXELS_PER_M;
+    const y = (HEIGHT / 2 - button.y - button.height / 2) / PIXELS_PER_M;
+    return this.mesh.localToWorld(new Vector3(x, y, 0));
+  }
+
+  private repaint(): void {
+    if (!this.content) return;
+    paint(this.context, this.content, this.buttons, this.hovered);
+    this.texture.needsUpdate = true;
+  }
+}
+
+function panelMesh(map: CanvasTexture): Mesh<PlaneGeometry, MeshBasicMaterial> {
+  const material = new MeshBasicMaterial({ map, transparent: true, depthTest: false, toneMapped: false });
+  const mesh = new Mesh(new PlaneGeometry(PANEL_WIDTH_M, PANEL_HEIGHT_M), material);
+  mesh.renderOrder = OVERLAY_ORDER;
+  mesh.visible = false;
+  return mesh;
+}

@@ -1,0 +1,44 @@
+import { CylinderGeometry, Group, Mesh, MeshBasicMaterial, SphereGeometry, Vector3 } from "three";
+import { OVERLAY_ORDER, type Panel, type PanelHit } from "./panel";
+
+const FREE_LENGTH_M = 1.2;
+
+/** A ray from one hand, with a dot where it meets the panel. */
+export class Pointer {
+  readonly group = new Group();
+  private readonly ray: Mesh;
+  private readonly dot: Mesh;
+  private readonly direction = new Vector3();
+  private readonly hit: PanelHit = { distance: 0, value: null };
+
+  constructor() {
+    const geometry = new CylinderGeometry(0.0012, 0.0022, 1, 8).rotateX(-Math.PI / 2).translate(0, 0, -0.5);
+    this.ray = new Mesh(geometry, overlayMaterial(0.65));
+    this.dot = new Mesh(new SphereGeometry(0.009, 16, 12), overlayMaterial(1));
+    this.ray.renderOrder = this.dot.renderOrder = OVERLAY_ORDER + 1;
+    this.group.add(this.ray, this.dot);
+    this.hide();
+  }
+
+  hide(): void {
+    this.group.visible = false;
+  }
+
+  /** Points along a target ray; returns the button that is met, or null. */
+  aim(pose: XRRigidTransform, panel: Panel): number | null {
+    const { position, orientation } = pose;
+    this.group.visible = true;
+    this.group.position.set(position.x, position.y, position.z);
+    this.group.quaternion.set(orientation.x, orientation.y, orientation.z, orientation.w);
+    this.direction.set(0, 0, -1).applyQuaternion(this.group.quaternion);
+    const met = panel.hit(this.group.position, this.direction, this.hit);
+    this.dot.visible = met;
+    this.dot.position.z = -this.hit.distance;
+    this.ray.scale.z = met ? this.hit.distance : FREE_LENGTH_M;
+    return met ? this.hit.value : null;
+  }
+}
+
+function overlayMaterial(opacity: number): MeshBasicMaterial {
+  return new MeshBasicMaterial({ color: 0xbfe9f0, opacity, transparent: true, depthTest: false, toneMapped: false });
+}

@@ -1,0 +1,69 @@
+import type { Answer, Question } from "./messages";
+
+/** A rectangle in pixels of the panel's canvas, from its top left corner. */
+export interface Box {
+  x: number;
+  y: number;
+  width: number;
+  height: number;
+}
+
+export interface Button extends Box {
+  value: number;
+}
+
+const MOST_IN_A_ROW = 11;
+const ROW_OF_MANY = 10;
+const GAP = 0.16;
+
+/** The buttons 1 … `points`, as large squares as `area` allows, centred in it. */
+export function layoutButtons(points: number, area: Box): Button[] {
+  const columns = points <= MOST_IN_A_ROW ? points : ROW_OF_MANY;
+  const rows = Math.ceil(points / columns);
+  const pitch = Math.min(area.width / (columns - GAP), area.height / (rows - GAP));
+  const size = pitch * (1 - GAP);
+  const left = area.x + (area.width - pitch * columns + pitch * GAP) / 2;
+  const top = area.y + (area.height - pitch * rows + pitch * GAP) / 2;
+  return Array.from({ length: points }, (_, at) => ({
+    value: at + 1,
+    x: left + pitch * (at % columns),
+    y: top + pitch * Math.floor(at / columns),
+    width: size,
+    height: size,
+  }));
+}
+
+/** The value of the button at a point of the panel, or null. */
+export function hitButton(buttons: readonly Button[], x: number, y: number): number | null {
+  for (const button of buttons) {
+    const inside = x >= button.x && x <= button.x + button.width && y >= button.y && y <= button.y + button.height;
+    if (inside) return button.value;
+  }
+  return null;
+}
+
+/** The question that is shown, and its answer once it is given. */
+export class Questionnaire {
+  question: Question | null = null;
+  answered: number | null = null;
+  private shownMs = 0;
+
+  /** Shows a question; one that comes again after a lost connection keeps the time of its first appearance. */
+  show(question: Question, nowMs: number): void {
+    if (question.item !== this.question?.item) this.shownMs = nowMs;
+    this.question = question;
+    this.answered = null;
+  }
+
+  clear(): void {
+    this.question = null;
+    this.answered = null;
+  }
+
+  /** Gives the first answer to `send`, which says whether it went out; every later press is ignored. */
+  answer(value: number, nowMs: number, send: (answer: Answer) => boolean): void {
+    if (!this.question || this.answered !== null) return;
+    const response_time_s = Math.max(0, nowMs - this.shownMs) / 1000;
+    if (send({ type: "answer", item: this.question.item, value, response_time_s })) this.answered = value;
+  }
+}

@@ -1,0 +1,203 @@
+import {
+  BoxGeometry,
+  CanvasTexture,
+  DirectionalLight,
+  Group,
+  HemisphereLight,
+  Mesh,
+  MeshBasicMaterial,
+  MeshStandardMaterial,
+  PlaneGeometry,
+  RepeatWrapping,
+  SRGBColorSpace,
+  type Material,
+  type Texture,
+} from "three";
+
+/** The room in the simulation's frame: z up, centred on the world's origin, metres. */
+const SIZE = 6;
+const HEIGHT = 2.7;
+const HALF = SIZE / 2;
+const WINDOW = { along: -0.6, bottom: 0.9, width: 2.2, height: 1.4 };
+
+const PLANKS = { tileM: 2, across: 10, pixels: 1024 };
+
+export function createRoom(anisotropy: number): Group {
+  const room = new Group();
+  room.add(floor(anisotropy), ceiling(), ...walls(), ...skirting(), windowOnLeftWall());
+  room.add(skyLight(), sunLight());
+  return room;
+}
+
+function floor(anisotropy: number): Mesh {
+  const map = plankTexture();
+  map.anisotropy = anisotropy;
+  const mesh = new Mesh(new PlaneGeometry(SIZE, SIZE), new MeshStandardMaterial({ map, roughness: 0.62 }));
+  mesh.receiveShadow = true;
+  return mesh;
+}
+
+function ceiling(): Mesh {
+  const mesh = new Mesh(new PlaneGeometry(SIZE, SIZE), new MeshStandardMaterial({ color: 0xf6f4ef, roughness: 1 }));
+  mesh.position.z = HEIGHT;
+  mesh.rotation.x = Math.PI;
+  return mesh;
+}
+
+/** Four walls that face inwards, turned about z one after the other. */
+function walls(): Group[] {
+  const material = new MeshStandardMaterial({ color: 0xe6e4dc, roughness: 0.95 });
+  return quarters(() => {
+    const wall = new Mesh(new PlaneGeometry(SIZE, HEIGHT), material);
+    wall.rotation.x = Math.PI / 2;
+    wall.position.set(0, HALF, HEIGHT / 2);
+    wall.receiveShadow = true;
+    return wall;
+  });
+}
+
+function skirting(): Group[] {
+  const material = new MeshStandardMaterial({ color: 0xfbfaf7, roughness: 0.6 });
+  return quarters(() => {
+    const board = new Mesh(new BoxGeometry(SIZE, 0.016, 0.09), material);
+    board.position.set(0, HALF - 0.008, 0.045);
+    return board;
+  });
+}
+
+function quarters(make: () => Mesh): Group[] {
+  return [0, 1, 2, 3].map((quarter) => {
+    const side = new Group();
+    side.rotation.z = (quarter * Math.PI) / 2;
+    side.add(make());
+    return side;
+  });
+}
+
+/** A bright window on the person's left: the sun comes from its side. */
+function windowOnLeftWall(): Group {
+  const { along, bottom, width, height } = WINDOW;
+  const group = new Group();
+  group.position.set(HALF - 0.005, along, bottom + height / 2);
+  group.rotation.set(Math.PI / 2, -Math.PI / 2, 0);
+  group.add(new Mesh(new PlaneGeometry(width, height), new MeshBasicMaterial({ map: skyTexture() })));
+  group.add(...windowFrame(width, height));
+  return group;
+}
+
+function windowFrame(width: number, height: number): Mesh[] {
+  const material = new MeshStandardMaterial({ color: 0xfdfcfa, roughness: 0.5 });
+  const bar = 0.06;
+  const [x, y] = [width / 2, height / 2];
+  return [
+    box(material, width + bar, bar, 0.05, 0, y),
+    box(material, width + 0.24, 0.035, 0.22, 0, -y),
+    box(material, bar, height, 0.05, -x, 0),
+    box(material, bar, height, 0.05, x, 0),
+    box(material, bar * 0.8, height, 0.04, 0, 0),
+  ];
+}
+
+function box(material: Material, width: number, height: number, depth: number, x: number, y: number): Mesh {
+  const mesh = new Mesh(new BoxGeometry(width, height, depth), material);
+  mesh.position.set(x, y, depth / 2);
+  return mesh;
+}
+
+/** three's light points along its own y axis; in the room up is z. */
+function skyLight(): HemisphereLight {
+  const light = new HemisphereLight(0xf4f8ff, 0xb9a48c, 1.9);
+  light.position.set(0, 0, 1);
+  return light;
+}
+
+function sunLight(): Group {
+  const light = new DirectionalLight(0xfff3e2, 1.9);
+  light.position.set(2.1, -1.5, 2.6);
+  light.target.position.set(0, 0, 0.5);
+  light.castShadow = true;
+  light.shadow.mapSize.set(2048, 2048);
+  light.shadow.radius = 4;
+  light.shadow.normalBias = 0.02;
+  light.shadow.bias = -0.0004;
+  Object.assign(light.shadow.camera, { left: -2, right: 2, top: 2, bottom: -2, near: 0.2, far: 6 });
+  return new Group().add(light, light.target);
+}
+
+function canvas2d(width: number, height: number): CanvasRenderingContext2D {
+  const canvas = document.createElement("canvas");
+  canvas.width = width;
+  canvas.height = height;
+  return canvas.getContext("2d")!;
+}
+
+function textureOf(context: CanvasRenderingContext2D): Texture {
+  const texture = new CanvasTexture(context.canvas);
+  texture.colorSpace = SRGBColorSpace;
+  return texture;
+}
+
+function skyTexture(): Texture {
+  const context = canvas2d(4, 128);
+  const gradient = context.createLinearGradient(0, 0, 0, 128);
+  gradient.addColorStop(0, "#a9c9e8");
+  gradient.addColorStop(0.7, "#e4eef5");
+  gradient.addColorStop(1, "#f3f1e8");
+  context.fillStyle = gradient;
+  context.fillRect(0, 0, 4, 128);
+  return textureOf(context);
+}
+
+/** Oak planks: boards of one width, staggered, each with its own tone and a fine grain. */
+function plankTexture(): Texture {
+  const { pixels, across, tileM } = PLANKS;
+  const context = canvas2d(pixels, pixels);
+  const random = seededRandom(7);
+  const width = pixels / across;
+  for (let row = 0; row < across; row++) paintRow(context, random, row * width, width);
+  const texture = textureOf(context);
+  texture.wrapS = texture.wrapT = RepeatWrapping;
+  texture.repeat.set(SIZE / tileM, SIZE / tileM);
+  return texture;
+}
+
+/** Two boards with staggered ends; drawn twice so that the tile closes at its edge. */
+function paintRow(context: CanvasRenderingContext2D, random: () => number, x: number, width: number): void {
+  const { pixels } = PLANKS;
+  const offset = random() * pixels;
+  for (let board = 0; board < 2; board++) {
+    const tone = 0.93 + 0.14 * random();
+    const seed = Math.floor(random() * 1e9);
+    const y = (offset + (board * pixels) / 2) % pixels;
+    for (const top of [y, y - pixels]) paintBoard(context, seededRandom(seed), x, top, width, pixels / 2, tone);
+  }
+}
+
+function paintBoard(
+  context: CanvasRenderingContext2D,
+  random: () => number,
+  x: number,
+  y: number,
+  width: number,
+  length: number,
+  tone: number,
+): void {
+  context.fillStyle = `rgb(${196 * tone}, ${163 * tone}, ${124 * tone})`;
+  context.fillRect(x, y, width, length);
+  for (let grain = 0; grain < 26; grain++) {
+    context.fillStyle = `rgba(110, 78, 46, ${0.02 + 0.07 * random()})`;
+    context.fillRect(x + random() * width, y, 0.6 + 1.6 * random(), length);
+  }
+  context.fillStyle = "rgba(84, 60, 38, 0.55)";
+  context.fillRect(x, y, 1.4, length);
+  context.fillRect(x, y, width, 1.4);
+}
+
+/** The same room for every participant. */
+function seededRandom(seed: number): () => number {
+  let state = seed;
+  return () => {
+    state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
+    return state / 2 ** 32;
+  };
+}

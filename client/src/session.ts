@@ -1,0 +1,87 @@
+import type { WebGLRenderer } from "three";
+
+/** A, B, X and Y of common controllers in the WebXR gamepad mapping. */
+const MENU_BUTTONS = [4, 5];
+const FOVEATION = 0.3;
+const WANTED_RATE_HZ = 90;
+
+export interface SessionEvents {
+  entered(): void;
+  left(): void;
+  /** A trigger went down, or two fingers were pinched. */
+  selected(source: XRInputSource, frame: XRFrame): void;
+  menuPressed(): void;
+  originReset(): void;
+}
+
+/** Enters and leaves immersive VR and reports what the participant does there. */
+export class ImmersiveSession {
+  private session: XRSession | null = null;
+  private menuWasDown = false;
+
+  constructor(
+    private readonly renderer: WebGLRenderer,
+    private readonly events: SessionEvents,
+  ) {}
+
+  get presenting(): boolean {
+    return this.session !== null;
+  }
+
+  async enter(xr: XRSystem): Promise<void> {
+    const session = await xr.requestSession("immersive-vr", {
+      requiredFeatures: ["local-floor"],
+      optionalFeatures: ["hand-tracking"],
+    });
+    session.addEventListener("end", () => this.ended());
+    session.addEventListener("selectstart", ({ inputSource, frame }) => this.events.selected(inputSource, frame));
+    this.renderer.xr.setFoveation(FOVEATION);
+    await this.renderer.xr.setSession(session);
+    this.renderer.xr.getReferenceSpace()?.addEventListener("reset", () => this.events.originReset());
+    await setFrameRate(session);
+    console.info(`VR at ${session.frameRate ?? "unknown"} Hz, foveation ${this.renderer.xr.getFoveation()}`);
+    this.session = session;
+    this.events.entered();
+  }
+
+  leave(): void {
+    void this.session?.end();
+  }
+
+  /** Looks for a menu button that goes down; call it in every frame. */
+  watchButtons(sources: XRInputSourceArray): void {
+    const down = menuIsDown(sources);
+    if (down && !this.menuWasDown) this.events.menuPressed();
+    this.menuWasDown = down;
+  }
+
+  private ended(): void {
+    this.session = null;
+    this.menuWasDown = false;
+    this.events.left();
+  }
+}
+
+/** Why VR cannot be entered, in words; empty when it can. */
+export async function reasonAgainstVR(): Promise<string> {
+  if (!window.isSecureContext) return "VR needs a secure address: open this page over https or from localhost.";
+  if (!navigator.xr) return "This browser cannot show VR. Use the headset's own browser, or Chrome or Edge with a headset connected.";
+  const supported = await navigator.xr.isSessionSupported("immersive-vr").catch(() => false);
+  return supported ? "" : "No headset found. Connect it and switch it on.";
+}
+
+/** The supported rate closest to the one wanted; streaming begins only when it is set. */
+async function setFrameRate(session: XRSession): Promise<void> {
+  const rates = Array.from(session.supportedFrameRates ?? []);
+  const distance = (rate: number) => Math.abs(rate - WANTED_RATE_HZ);
+  const [best] = rates.sort((a, b) => distance(a) - distance(b));
+  if (best) await session.updateTargetFrameRate(best).catch(() => console.warn(`${best} Hz was refused`));
+}
+
+function menuIsDown(sources: XRInputSourceArray): boolean {
+  for (let i = 0; i < sources.length; i++) {
+    const buttons = sources[i]!.gamepad?.buttons;
+    for (const index of MENU_BUTTONS) if (buttons?.[index]?.pressed) return true;
+  }
+  return false;
+}

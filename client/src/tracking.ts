@@ -1,0 +1,101 @@
+import type { Tracking, XRPose } from "./messages";
+
+export const HIGHEST_RATE_HZ = 90;
+/** Above this many waiting bytes a frame is skipped, so that the newest one never queues behind old ones. */
+export const BACKLOG_LIMIT_BYTES = 2048;
+
+const INTERVAL_MS = 1000 / HIGHEST_RATE_HZ;
+/** Frames of a 90 Hz headset come a little early or late; none of them should be lost. */
+const JITTER_MS = 2;
+
+/** Lets at most `HIGHEST_RATE_HZ` frames per second through. */
+export class Throttle {
+  private dueMs = -Infinity;
+
+  pass(nowMs: number): boolean {
+    if (nowMs < this.dueMs - JITTER_MS) return false;
+    this.dueMs = Math.max(this.dueMs, nowMs - INTERVAL_MS) + INTERVAL_MS;
+    return true;
+  }
+}
+
+/** Reads headset and controllers into one message that is filled anew for every frame. */
+export class Tracker {
+  private readonly head = emptyPose();
+  private readonly left = emptyPose();
+  private readonly right = emptyPose();
+  private readonly message: Tracking = {
+    type: "tracking",
+    sequence: -1,
+    client_time_ms: 0,
+    head: null,
+    left: null,
+    right: null,
+    modality: "none",
+  };
+
+  /** How many frames have been read; the next one has this sequence number. */
+  get count(): number {
+    return this.message.sequence + 1;
+  }
+
+  read(frame: XRFrame, space: XRReferenceSpace, timeMs: number): Tracking {
+    const { message } = this;
+    const sources = frame.session.inputSources;
+    const left = findSource(sources, "left");
+    const right = findSource(sources, "right");
+    message.sequence++;
+    message.client_time_ms = timeMs;
+    message.head = fill(this.head, frame.getViewerPose(space));
+    message.left = left && fill(this.left, sourcePose(frame, space, left));
+    message.right = right && fill(this.right, sourcePose(frame, space, right));
+    message.modality = modality(left, right);
+    return message;
+  }
+}
+
+/** The controller in a hand, or else the hand itself. */
+export function findSource(sources: XRInputSourceArray, handedness: XRHandedness): XRInputSource | null {
+  let found: XRInputSource | null = null;
+  for (let i = 0; i < sources.length; i++) {
+    const source = sources[i]!;
+    if (source.handedness !== handedness || !(source.gripSpace || source.hand)) continue;
+    if (!source.hand) return source;
+    found = source;
+  }
+  return found;
+}
+
+function sourcePose(frame: XRFrame, space: XRReferenceSpace, source: XRInputSource): XRPoseOfFrame {
+  if (!source.hand) return frame.getPose(source.gripSpace!, space);
+  const wrist = source.hand.get("wrist");
+  return wrist && frame.getJointPose?.(wrist, space);
+}
+
+function modality(left: XRInputSource | null, right: XRInputSource | null): Tracking["modality"] {
+  if (!left && !right) return "none";
+  return (left && !left.hand) || (right && !right.hand) ? "controllers" : "hands";
+}
+
+type XRPoseOfFrame = { transform: XRRigidTransform; emulatedPosition: boolean } | null | undefined;
+
+/** A position that the headset only guesses counts as not tracked. */
+function fill(pose: XRPose, seen: XRPoseOfFrame): XRPose | null {
+  if (!seen || seen.emulatedPosition) return null;
+  const { position, orientation } = seen.transform;
+  pose[0][0] = position.x;
+  pose[0][1] = position.y;
+  pose[0][2] = position.z;
+  pose[1][0] = orientation.x;
+  pose[1][1] = orientation.y;
+  pose[1][2] = orientation.z;
+  pose[1][3] = orientation.w;
+  return pose;
+}
+
+function emptyPose(): XRPose {
+  return [
+    [0, 0, 0],
+    [0, 0, 0, 1],
+  ];
+}

@@ -1,0 +1,56 @@
+import { ACESFilmicToneMapping, PCFShadowMap, PerspectiveCamera, Scene, Vector3, WebGLRenderer, type Object3D } from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+
+/** Where the spectator stands and looks, in the simulation's frame: a person sits at its origin facing -y. */
+const EYE_W = new Vector3(-0.93, -1.57, 1.4);
+const CHEST_W = new Vector3(0, 0.05, 0.88);
+
+/** The renderer and the third-person view of the flat page. */
+export class View {
+  readonly renderer = new WebGLRenderer({ antialias: true });
+  readonly scene = new Scene();
+  /** three moves this one with the headset; the spectator's camera stays where it is. */
+  private readonly eyes = new PerspectiveCamera(70, 1, 0.03, 30);
+  private readonly spectator = new PerspectiveCamera(45, 1, 0.05, 30);
+  private readonly controls: OrbitControls;
+
+  constructor(
+    holder: HTMLElement,
+    private readonly card: HTMLElement,
+  ) {
+    const { renderer } = this;
+    renderer.toneMapping = ACESFilmicToneMapping;
+    renderer.shadowMap.enabled = true;
+    renderer.shadowMap.type = PCFShadowMap;
+    renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    renderer.xr.enabled = true;
+    renderer.xr.setReferenceSpaceType("local-floor");
+    holder.append(renderer.domElement);
+    this.controls = new OrbitControls(this.spectator, renderer.domElement);
+    Object.assign(this.controls, { minDistance: 0.4, maxDistance: 2.9, maxPolarAngle: 1.7 });
+    window.addEventListener("resize", () => this.fit());
+    this.fit();
+  }
+
+  /** Fills the window; the scene's middle lies in the part that the card leaves free. */
+  fit(): void {
+    if (this.renderer.xr.isPresenting) return;
+    const { innerWidth: width, innerHeight: height } = window;
+    const card = this.card.getBoundingClientRect();
+    const besides = card.width < width * 0.7;
+    this.renderer.setSize(width, height);
+    this.spectator.aspect = width / height;
+    this.spectator.setViewOffset(width, height, besides ? -card.right / 2 : 0, besides ? 0 : card.height / 2, width, height);
+  }
+
+  /** Shows the person from the front right, wherever the simulation's frame stands. */
+  standBefore(root: Object3D): void {
+    this.spectator.position.copy(root.localToWorld(EYE_W.clone()));
+    this.controls.target.copy(root.localToWorld(CHEST_W.clone()));
+    this.controls.update();
+  }
+
+  render(): void {
+    this.renderer.render(this.scene, this.renderer.xr.isPresenting ? this.eyes : this.spectator);
+  }
+}

@@ -1,0 +1,127 @@
+import { Group, Material, Mesh, type Object3D, type Texture } from "three";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { POSE, StateBuffer } from "./interpolation";
+import type { Scene, State, XRPose } from "./messages";
+
+const loader = new GLTFLoader();
+
+/** The simulated world: its root stands where the server says, its bodies follow the states. */
+export class World {
+  /** Carries the transform from the simulation's z-up world to WebXR's `local-floor`. */
+  readonly root = new Group();
+  private content: Group | null = null;
+  private nodes: (Object3D | undefined)[] = [];
+  private heads: Material[] = [];
+  private states: StateBuffer | null = null;
+  private poses = new Float32Array();
+  private newest: Scene | null = null;
+  private seenFromInside = false;
+
+  /** Replaces the scene; until the new one is here, the earlier one stays. */
+  async load(scene: Scene, token: string): Promise<void> {
+    this.newest = scene;
+    this.states = new StateBuffer(scene.bodies.length);
+    this.poses = new Float32Array(scene.bodies.length * POSE);
+    placeRoot(this.root, scene.xr_from_world);
+    const content = await loadContent(scene.url, token);
+    if (scene === this.newest) this.replace(content, scene);
+    else dispose(content);
+  }
+
+  /** False when the state is old or of another scene. */
+  push(state: State, nowMs: number): boolean {
+    return this.states?.push(state, nowMs / 1000) ?? false;
+  }
+
+  /** A restarted server counts its states from the beginning. */
+  forgetStates(): void {
+    if (this.newest) this.states = new StateBuffer(this.newest.bodies.length);
+  }
+
+  update(nowMs: number): void {
+    if (!this.states?.drawn(nowMs / 1000, this.poses)) return;
+    for (let body = 0; body < this.nodes.length; body++) this.place(this.nodes[body], body * POSE);
+  }
+
+  /** From inside, the participant's own head is not drawn, but it still casts its shadow. */
+  seeFromInside(inside: boolean): void {
+    this.seenFromInside = inside;
+    for (const material of this.heads) material.colorWrite = material.depthWrite = !inside;
+  }
+
+  private place(node: Object3D | undefined, at: number): void {
+    const { poses } = this;
+    node?.position.set(poses[at]!, poses[at + 1]!, poses[at + 2]!);
+    node?.quaternion.set(poses[at + 4]!, poses[at + 5]!, poses[at + 6]!, poses[at + 3]!);
+  }
+
+  private replace(content: Group, scene: Scene): void {
+    if (this.content) dispose(this.content);
+    this.root.add(content);
+    this.content = content;
+    const byBody = nodesByBody(content);
+    this.nodes = scene.bodies.map((body) => byBody.get(body));
+    this.heads = scene.head_bodies.flatMap((body) => ownMaterials(byBody.get(body)));
+    this.seeFromInside(this.seenFromInside);
+  }
+}
+
+function placeRoot(root: Group, [position, orientation]: XRPose): void {
+  root.position.set(...position);
+  root.quaternion.set(...orientation);
+  root.updateMatrixWorld();
+}
+
+async function loadContent(url: string, token: string): Promise<Group> {
+  const response = await fetch(url, { headers: { Authorization: `Bearer ${token}` } });
+  if (!response.ok) throw new Error(`the server answered ${response.status}`);
+  const { scene } = await loader.parseAsync(await response.arrayBuffer(), "");
+  scene.traverse((node) => {
+    node.castShadow = node.receiveShadow = true;
+  });
+  return scene;
+}
+
+/** GLTFLoader renames nodes, so that only `extras.body` tells which body a node is. */
+function nodesByBody(content: Group): Map<string, Object3D> {
+  const found = new Map<string, Object3D>();
+  content.traverse((node) => {
+    const body: unknown = node.userData["body"];
+    if (typeof body === "string" && !found.has(body)) found.set(body, node);
+  });
+  return found;
+}
+
+function meshes(root: Object3D | undefined): Mesh[] {
+  const found: Mesh[] = [];
+  root?.traverse((node) => node instanceof Mesh && found.push(node));
+  return found;
+}
+
+function materialsOf(mesh: Mesh): Material[] {
+  return Array.isArray(mesh.material) ? mesh.material : [mesh.material];
+}
+
+/** Gives a body materials of its own: GLB files share them between bodies. */
+function ownMaterials(node: Object3D | undefined): Material[] {
+  return meshes(node).flatMap((mesh) => {
+    const own = materialsOf(mesh).map((material) => material.clone());
+    mesh.material = own.length === 1 ? own[0]! : own;
+    return own;
+  });
+}
+
+function dispose(content: Group): void {
+  content.removeFromParent();
+  for (const mesh of meshes(content)) {
+    mesh.geometry.dispose();
+    for (const material of materialsOf(mesh)) disposeMaterial(material);
+  }
+}
+
+function disposeMaterial(material: Material): void {
+  for (const value of Object.values(material)) {
+    if ((value as Texture | null)?.isTexture) (value as Texture).dispose();
+  }
+  material.dispose();
+}

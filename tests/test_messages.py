@@ -1,0 +1,94 @@
+"""The wire protocol: every message survives the way to bytes and back, and the client's copy is current."""
+
+import subprocess
+import sys
+
+import msgspec
+import pytest
+
+from avrgym.vr import messages, typescript
+
+EXAMPLES = typescript.example_messages()
+FROM_CLIENT, FROM_SERVER = EXAMPLES["ClientMessage"], EXAMPLES["ServerMessage"]
+DECODERS = {"ClientMessage": messages.decode_client, "ServerMessage": messages.decode_server}
+WRONG_WAY = [(messages.decode_server, m) for m in FROM_CLIENT] + [
+    (messages.decode_client, m) for m in FROM_SERVER
+]
+
+
+def name(value: object) -> str:
+    return getattr(value, "__name__", type(value).__name__)
+
+
+@pytest.mark.parametrize(
+    ("union", "message"), [(union, m) for union, group in EXAMPLES.items() for m in group], ids=name
+)
+def test_round_trip(union, message):
+    assert DECODERS[union](messages.encode(message)) == message
+
+
+@pytest.mark.parametrize(("decode", "message"), WRONG_WAY, ids=name)
+def test_messages_of_the_other_side_are_refused(decode, message):
+    with pytest.raises(msgspec.DecodeError):
+        decode(messages.encode(message))
+
+
+@pytest.mark.parametrize("message", FROM_CLIENT, ids=name)
+def test_cut_and_extended_messages_are_refused(message):
+    data = messages.encode(message)
+    for wrong in (
+        b"",
+        data[:-1],
+        data + b"\x00",
+        msgspec.msgpack.encode({**msgspec.to_builtins(message), "x": 1}),
+    ):
+        with pytest.raises(msgspec.DecodeError):
+            messages.decode_client(wrong)
+
+
+def test_whole_numbers_stand_for_floats_as_javascript_writes_them():
+    pose = [[0, 1, 2], [0, 0, 0, 1]]
+    frame = {
+        "type": "tracking",
+        "sequence": 3,
+        "client_time_ms": 16,
+        "head": pose,
+        "left": None,
+        "right": pose,
+        "modality": "hands",
+    }
+    decoded = messages.decode_client(msgspec.msgpack.encode(frame))
+    assert isinstance(decoded, messages.Tracking)
+    assert decoded.head == messages.XRPose((0.0, 1.0, 2.0), (0.0, 0.0, 0.0, 1.0))
+    assert isinstance(decoded.client_time_ms, float)
+
+
+def test_the_typescript_is_current():
+    if not typescript.CLIENT.is_dir():
+        pytest.skip("not in a checkout")
+    assert list(typescript.stale()) == [], "run python -m avrgym.vr.typescript"
+
+
+def test_check_fails_when_stale(tmp_path, monkeypatch):
+    (tmp_path / "src").mkdir()
+    monkeypatch.setattr(typescript, "CLIENT", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["typescript", "--check"])
+    with pytest.raises(SystemExit, match="stale"):
+        typescript.main()
+    monkeypatch.setattr(sys, "argv", ["typescript"])
+    typescript.main()
+    assert typescript.stale() == {}
+
+
+def test_check_runs_as_a_module():
+    if not typescript.CLIENT.is_dir():
+        pytest.skip("not in a checkout")
+    done = subprocess.run(
+        [sys.executable, "-m", "avrgym.vr.typescript", "--check"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_unknown_types_are_named():
+    with pytest.raises(TypeError, match="not SetType"):
+        typescript.type_text(msgspec.inspect.type_info(set[int]))
