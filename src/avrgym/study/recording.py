@@ -18,7 +18,7 @@ from mcap.writer import Writer
 
 from avrgym.study.records import TOPICS, Record, decode, encode, json_schema
 
-FLUSH_INTERVAL_S = 0.25
+FLUSH_INTERVAL_S = 0.1
 STALL_S = 0.9
 CAPACITY_MESSAGES = 4000
 CLOSE_TIMEOUT_S = 10.0
@@ -196,7 +196,7 @@ class Recording:
 
 
 def read_recording(path: str | os.PathLike) -> Recording:
-    """Read a recording, wherever a crash may have ended it; one without a header raises ``RecordingError``."""
+    """Read a recording, wherever a crash may have ended it; ``RecordingError`` without a header."""
     records, whole = _intact_records(path)
     metadata = {
         record.name: record.metadata for record in records if isinstance(record, mcap_records.Metadata)
