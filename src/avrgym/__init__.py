@@ -1,1 +1,8 @@
-"""AVR Gym: real people meet simulated assistive robots in virtual reality."""
+"""AVR Gym: real people meet simulated assistive robots in virtual reality.
+
+Importing the package registers the Gymnasium environments.
+"""
+
+from avrgym.envs import register
+
+register()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from avrgym import transforms
 from avrgym.models import contacts
 from avrgym.models.human_shape import add_appearance
+from avrgym.models.parts import CAPSULE, SPHERE, add_collision
 
 Array = NDArray[np.float64]
 Sex = Literal["man", "woman"]
@@ -421,17 +422,15 @@ def add_person(spec: mujoco.MjSpec, person: Person, *, moving: bool, appearance:
 
 def _add_geoms(bodies: dict[str, mujoco.MjsBody], frames: Layout, mass_kg: float) -> None:
     for name, geom in GEOMS.items():
-        kind = mujoco.mjtGeom.mjGEOM_SPHERE if geom.axis is None else mujoco.mjtGeom.mjGEOM_CAPSULE
-        bodies[geom.body].add_geom(
-            name=PREFIX + name,
-            type=kind,
+        add_collision(
+            bodies[geom.body],
+            PREFIX + name,
+            SPHERE if geom.axis is None else CAPSULE,
+            contacts.PERSON,
             pos=frames.geom_pos[name][0],
             size=frames.geom_size[name][0],
             quat=_capsule_quaternion(geom.axis),
             mass=geom.mass_share * mass_kg,
-            group=contacts.COLLISION_GROUP,
-            contype=contacts.PERSON.contype,
-            conaffinity=contacts.PERSON.conaffinity,
         )
 
 

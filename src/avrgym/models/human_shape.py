@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from avrgym.models import contacts
+from avrgym.models.parts import add_material, add_skin, add_visual
 from avrgym.models.shapes import Mesh, Section, loft, tube
 
 COLOURS: Mapping[str, tuple[float, float, float]] = {
@@ -43,7 +43,7 @@ SHIRT = (
     Section(-0.125, 0.150, 0.118, y=0.004), Section(-0.11, 0.166, 0.126, y=0.002), Section(-0.05, 0.163, 0.121),
     Section(0.02, 0.156, 0.113), Section(0.10, 0.163, 0.117), Section(0.18, 0.176, 0.122, exponent=2.2),
     Section(0.24, 0.186, 0.117, exponent=2.4), Section(0.285, 0.186, 0.100, exponent=2.5),
-    Section(0.318, 0.158, 0.083, exponent=2.3), Section(0.338, 0.108, 0.072), Section(0.352, 0.074, 0.066),
+    Section(0.315, 0.178, 0.084, exponent=2.4), Section(0.336, 0.128, 0.072), Section(0.352, 0.074, 0.066),
 )  # fmt: skip
 NECK = (
     Section(0.31, 0.085, 0.070), Section(0.345, 0.062, 0.060), Section(0.39, 0.054, 0.056), Section(0.45, 0.055, 0.060),
@@ -53,7 +53,7 @@ PELVIS = (
     Section(-0.08, 0.176, 0.130), Section(-0.01, 0.164, 0.120), Section(0.015, 0.150, 0.108),
 )  # fmt: skip
 SLEEVE = (
-    Section(0.052, 0.012, 0.014), Section(0.046, 0.036, 0.036), Section(0.025, 0.056, 0.054), Section(-0.02, 0.060, 0.058),
+    Section(0.040, 0.014, 0.016), Section(0.035, 0.034, 0.034), Section(0.016, 0.052, 0.052), Section(-0.02, 0.059, 0.058),
     Section(-0.09, 0.056, 0.056), Section(-0.155, 0.054, 0.054), Section(-0.158, 0.046, 0.046),
 )  # fmt: skip
 UPPER_ARM = (
@@ -124,13 +124,20 @@ def add_appearance(
     spec: mujoco.MjSpec, bodies: Mapping[str, mujoco.MjsBody], sex: str, length_scale: float
 ) -> None:
     """Add the visual geoms of a person. ``length_scale``: torso height relative to the sex's reference."""
-    for name, (red, green, blue) in COLOURS.items():
-        spec.add_material(name=PREFIX + name, rgba=[red, green, blue, 1.0], metallic=0.0, roughness=0.8)
+    for name, rgb in COLOURS.items():
+        add_material(spec, PREFIX + name, rgb, roughness=0.8)
     girth = GIRTHS[sex]
     for body, name, colour, mesh in _skins(sex, girth, length_scale):
-        _add_skin(spec, bodies[body], name, colour, mesh)
+        add_skin(spec, bodies[body], f"{PREFIX}{name}_skin", PREFIX + colour, mesh)
     for feature in FACE:
-        _add_feature(bodies["head"], feature, girth.head, length_scale)
+        x, y, z = feature.centre
+        add_visual(
+            bodies["head"],
+            mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+            PREFIX + feature.colour,
+            pos=[x * girth.head, y * girth.head, z * length_scale],
+            size=[s * girth.head for s in feature.half_axes],
+        )
 
 
 def _skins(sex: str, girth: Girth, h: float) -> list[tuple[str, str, str, Mesh]]:
@@ -182,36 +189,3 @@ def _scaled(sections: Sequence[Section], girth: float, length: float) -> Mesh:
     return loft([
         Section(s.z * length, s.a * girth, s.b * girth, s.x * girth, s.y * girth, s.exponent) for s in sections
     ])
-
-
-def _add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, colour: str, mesh: Mesh) -> None:
-    spec.add_mesh(
-        name=f"{PREFIX}{name}_skin",
-        uservert=mesh.vertices.ravel(),
-        userface=mesh.faces.ravel(),
-        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-    )
-    body.add_geom(
-        name=f"{PREFIX}{name}_skin",
-        type=mujoco.mjtGeom.mjGEOM_MESH,
-        meshname=f"{PREFIX}{name}_skin",
-        material=PREFIX + colour,
-        group=contacts.VISUAL_GROUP,
-        contype=0,
-        conaffinity=0,
-        mass=0.0,
-    )
-
-
-def _add_feature(head: mujoco.MjsBody, feature: Feature, girth: float, h: float) -> None:
-    x, y, z = feature.centre
-    head.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-        pos=[x * girth, y * girth, z * h],
-        size=[s * girth for s in feature.half_axes],
-        material=PREFIX + feature.colour,
-        group=contacts.VISUAL_GROUP,
-        contype=0,
-        conaffinity=0,
-        mass=0.0,
-    )

@@ -30,10 +30,11 @@ class Section:
 
 
 def loft(sections: Sequence[Section], segments: int = SEGMENTS) -> Mesh:
-    """The skin through cross-sections in order of z (rising or falling), closed by a point at both ends."""
-    ordered = sorted(sections, key=lambda section: section.z)
-    rings = np.stack([_ring(section, segments) for section in ordered])
-    return _close(rings)
+    """The skin through cross-sections in the given order, closed by a point at both ends.
+
+    A shell goes up along its outside and down along its inside.
+    """
+    return _close(np.stack([_ring(section, segments) for section in sections]))
 
 
 def tube(points: NDArray[np.float64], radius_m: float, segments: int = 10) -> Mesh:

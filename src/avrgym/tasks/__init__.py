@@ -1,0 +1,25 @@
+"""The tasks, in one table."""
+
+from collections.abc import Mapping
+
+from avrgym.models.robots import ROBOTS
+from avrgym.tasks.base import Task
+from avrgym.tasks.feeding import FEEDING
+
+TASKS: Mapping[str, Task] = {task.name: task for task in (FEEDING,)}
+
+ENVIRONMENTS: Mapping[str, tuple[str, str]] = {
+    f"avrgym/{task}{robot}-v1": (task, robot) for task in TASKS for robot in ROBOTS
+}
+"""Environment id to the names of task and robot."""
+
+
+def find_environment(environment_id: str) -> tuple[str, str]:
+    """The names of task and robot of an environment id.
+
+    Raises:
+        ValueError: naming the ids there are.
+    """
+    if environment_id not in ENVIRONMENTS:
+        raise ValueError(f"unknown environment {environment_id!r}; the environments are {', '.join(ENVIRONMENTS)}")
+    return ENVIRONMENTS[environment_id]

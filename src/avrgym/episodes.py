@@ -1,0 +1,114 @@
+"""Episodes of N worlds: how they begin, one control step, what it was worth.
+
+The Gymnasium environments and the live VR trial both run on this.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import people
+from avrgym.models.human import People, Person
+from avrgym.models.robots import find_robot
+from avrgym.simulation import Ids, Simulation
+from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks.base import merge
+
+Array = NDArray[np.float64]
+
+EPISODE_STEPS = 200
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one control step gave, each with the world axis first."""
+
+    observation: Array
+    reward: Array
+    reward_terms: Mapping[str, Array]
+    success: NDArray[np.bool_]
+    distance_m: Array
+    force_on_person_n: Array
+
+
+class Episodes:
+    """N worlds of one environment. Each world draws from its own random stream, so worlds do not affect others."""
+
+    def __init__(
+        self,
+        environment_id: str,
+        num_worlds: int,
+        *,
+        distribution: str = "original",
+        person: Person | None = None,
+        moving: bool = False,
+        num_threads: int = 0,
+    ) -> None:
+        """Compile the scene.
+
+        Args:
+            environment_id: such as ``avrgym/FeedingJaco-v1``.
+            num_worlds: N.
+            distribution: whom to meet, a name in ``people.DISTRIBUTIONS``.
+            person: one fixed person for every episode instead.
+            moving: whether that person's joints are driven; needs ``person``.
+            num_threads: threads for the physics; 0 takes one per core.
+
+        Raises:
+            ValueError: for an unknown environment or distribution, naming what there is.
+        """
+        task, robot = find_environment(environment_id)
+        self.environment_id = environment_id
+        self.task = TASKS[task]
+        self.person = person
+        self._distribution = people.find_distribution(distribution)
+        self.stage = self.task.stage(find_robot(robot))
+        self.simulation = Simulation(
+            self.stage, num_worlds, moving=person if moving else None, num_threads=num_threads
+        )
+        self._memory = self.task.remember(num_worlds)
+
+    def begin(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
+        """Begin new episodes in worlds ``ids`` (n,), each drawn from its generator; return observations (n, O)."""
+        uniforms = np.stack([g.random(people.UNIFORMS + self.task.uniforms) for g in generators])
+        who = self._draw_people(uniforms[:, : people.UNIFORMS])
+        self.simulation.reset(ids, self.task.start(self.stage, who, uniforms[:, people.UNIFORMS :]))
+        self._memory = merge(self._memory, self.task.remember(len(ids)), ids)
+        return self.task.observe(self.simulation.state())[ids]
+
+    def step(self, action: Array) -> Step:
+        """One control step of 0.1 s with actions (N, 7)."""
+        self.command(action)
+        self.simulation.step()
+        return self.judge(action)
+
+    def command(self, action: Array) -> None:
+        """Give the robots their actions (N, 7) for the coming control step."""
+        self.simulation.command_robot(action)
+
+    def judge(self, action: Array) -> Step:
+        """Judge the control step that ends now, and take out of play what has left the task."""
+        state = self.simulation.state()
+        outcome = self.task.judge(state, action, self._memory)
+        self._memory = outcome.memory
+        if outcome.gone.any():
+            self.simulation.park(outcome.gone)
+        return Step(
+            observation=self.task.observe(state),
+            reward=self.task.reward(outcome.terms),
+            reward_terms=outcome.terms,
+            success=outcome.success,
+            distance_m=outcome.distance_m,
+            force_on_person_n=state.robot_force_n,
+        )
+
+    def observe(self) -> Array:
+        """Observations (N, O) of the present state."""
+        return self.task.observe(self.simulation.state())
+
+    def _draw_people(self, uniforms: Array) -> People:
+        if self.person is not None:
+            return people.repeat(self.person, len(uniforms))
+        return people.sample(self._distribution, uniforms)

@@ -1,0 +1,47 @@
+"""Adding geoms to a body: one for the picture, one for contact, or both."""
+
+from collections.abc import Sequence
+
+import mujoco
+
+from avrgym.models.contacts import COLLISION_GROUP, VISUAL_GROUP, ContactBits
+from avrgym.models.shapes import Mesh
+
+BOX = mujoco.mjtGeom.mjGEOM_BOX
+CAPSULE = mujoco.mjtGeom.mjGEOM_CAPSULE
+CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
+SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE
+
+
+def add_collision(body: mujoco.MjsBody, name: str, kind: mujoco.mjtGeom, bits: ContactBits, **attributes) -> None:
+    """Add an invisible geom that touches; attributes as of ``MjsBody.add_geom``."""
+    body.add_geom(
+        name=name, type=kind, group=COLLISION_GROUP, contype=bits.contype, conaffinity=bits.conaffinity, **attributes
+    )
+
+
+def add_visual(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, **attributes) -> None:
+    """Add a visible geom without mass that nothing touches; attributes as of ``MjsBody.add_geom``."""
+    body.add_geom(
+        type=kind, material=material, group=VISUAL_GROUP, contype=0, conaffinity=0, mass=0.0, **attributes
+    )
+
+
+def add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, material: str, mesh: Mesh, **attributes) -> None:
+    """Add a visible mesh made by ``shapes``; ``name`` names the mesh asset."""
+    spec.add_mesh(
+        name=name,
+        uservert=mesh.vertices.ravel(),
+        userface=mesh.faces.ravel(),
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+    )
+    add_visual(body, mujoco.mjtGeom.mjGEOM_MESH, material, meshname=name, **attributes)
+
+
+def add_material(
+    spec: mujoco.MjSpec, name: str, rgb: Sequence[float], *, metallic: float = 0.0, roughness: float = 0.7
+) -> str:
+    """Add a plain material and return its name; adding the same name twice is harmless."""
+    if spec.material(name) is None:
+        spec.add_material(name=name, rgba=[*rgb, 1.0], metallic=metallic, roughness=roughness)
+    return name

@@ -1,0 +1,263 @@
+"""N worlds of one scene, stepped together on threads."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from avrgym import transforms
+from avrgym.models import human, robots
+from avrgym.models.furniture import BOWL_BODY
+from avrgym.models.human import People, Person
+from avrgym.models.scene import (
+    EFFECTOR_VELOCITY_SENSOR,
+    ROBOT_FORCE_SENSOR,
+    SUBSTEPS,
+    TOOL,
+    TOOL_FORCE_SENSOR,
+    Stage,
+    build_spec,
+)
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.intp]
+
+MAX_LEAD_RAD = 0.08
+"""How far a joint's target may run ahead of the joint: it bounds what the servo presses with when it is blocked."""
+
+PARKING_W = np.array([4.0, 4.0, 0.005])
+"""Where particles rest that have left the task: on the floor, far from everything."""
+
+
+@dataclass(frozen=True)
+class State:
+    """What tasks see of N worlds at one instant; metres, seconds, radians, newtons, world frame.
+
+    ``particle_*`` have shape (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the axes' ends of the G capsules of
+    the person's body and ``person_radius_m`` (N, G) their radii; positions are (N, 3), quaternions (N, 4).
+    """
+
+    robot_pos_w: Array
+    arm_angles_rad: Array
+    effector_velocity_w: Array
+    tool_pos_w: Array
+    tool_q_w: Array
+    head_pos_w: Array
+    head_q_w: Array
+    mouth_pos_w: Array
+    bowl_pos_w: Array
+    particle_pos_w: Array
+    particle_velocity_w: Array
+    person_segment_w: Array
+    person_radius_m: Array
+    robot_force_n: Array
+    tool_force_n: Array
+
+
+@dataclass(frozen=True)
+class Start:
+    """How n worlds begin: the people, the arm's angles (n, 7) and places (n, 3) of bodies that were moved."""
+
+    people: People
+    arm_angles_rad: Array
+    body_pos_w: dict[str, Array]
+
+
+class Simulation:
+    """N worlds of a scene, all with a static person of their own or all with the same moving person."""
+
+    def __init__(self, stage: Stage, num_worlds: int, *, moving: Person | None = None, num_threads: int = 0) -> None:
+        """Compile the scene.
+
+        Args:
+            stage: what stands in it.
+            num_worlds: N.
+            moving: the person whose joints move; without one, people are static and set at every reset.
+            num_threads: threads for the physics; 0 takes one per core.
+        """
+        self.stage = stage
+        self.num_worlds = num_worlds
+        self.moving = moving is not None
+        self.model = build_spec(stage, moving or Person(), moving=self.moving, appearance=False).compile()
+        self.batch = Batch(self.model, num_worlds, num_threads, persistent=True)
+        self._names = _Names(self.model, stage)
+        self._person = None if self.moving else _PersonFields(self.batch)
+        self._qpos, self._qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
+        self._act, self._ctrl = self.batch.bind("act"), self.batch.bind("ctrl")
+        self._xpos, self._xquat = self.batch.bind("xpos"), self.batch.bind("xquat")
+        self._site_xpos, self._sensordata = self.batch.bind("site_xpos"), self.batch.bind("sensordata")
+        self._geom_xpos, self._geom_xmat = self.batch.bind("geom_xpos"), self.batch.bind("geom_xmat")
+        self._body_pos = self.batch.expand("body_pos")
+        self._speed_limit = stage.robot.speed_limit_rad_s
+
+    def reset(self, ids: Ids, start: Start) -> None:
+        """Put worlds ``ids`` (n,) into their start, at rest, particles on the tool, robot targets on its angles."""
+        self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        for name, pos in start.body_pos_w.items():
+            self._body_pos[ids, self.model.body(name).id] = pos
+        names = self._names
+        self._qpos[np.ix_(ids, names.arm_qpos)] = start.arm_angles_rad
+        self._act[np.ix_(ids, names.arm_act)] = start.arm_angles_rad
+        if self._person is not None:
+            self._person.write(ids, start.people)
+            self.batch.set_const(ids)
+        else:
+            self._qpos[np.ix_(ids, names.person_qpos)] = start.people.joint_angles_rad
+            self._ctrl[np.ix_(ids, names.person_ctrl)] = start.people.joint_angles_rad
+        self._place_particles(ids)
+        self.batch.forward(ids)
+
+    def _place_particles(self, ids: Ids) -> None:
+        particles = self.stage.tool.particles
+        if particles is None:
+            return
+        self.batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_POS)
+        tool_pos, tool_q = self._xpos[ids, self._names.tool], self._xquat[ids, self._names.tool]
+        pos = tool_pos[:, None] + transforms.rotate(tool_q[:, None], particles.start)
+        self._qpos[ids[:, None, None], self._names.particle_qpos] = pos
+
+    def command_robot(self, action: Array) -> None:
+        """Set the arm's speed for the coming steps: action (N, 7) in −1..1 of each joint's speed limit."""
+        names = self._names
+        angles = self._qpos[:, names.arm_qpos]
+        self._act[:, names.arm_act] = np.clip(
+            self._act[:, names.arm_act], angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD
+        )
+        self._ctrl[:, names.arm_ctrl] = np.clip(action, -1.0, 1.0) * self._speed_limit
+
+    def command_person(self, joint_targets_rad: Array) -> None:
+        """Set the targets (N, 20) of a moving person's servos."""
+        self._ctrl[:, self._names.person_ctrl] = joint_targets_rad
+
+    def step(self, substeps: int = SUBSTEPS) -> None:
+        """Advance all worlds by physics steps; forces are those of the last step, positions those at its end."""
+        self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+
+    def park(self, gone: NDArray[np.bool_]) -> None:
+        """Take particles (N, K) out of play."""
+        world, particle = np.nonzero(gone)
+        columns = self._names.particle_qpos[particle]
+        spots = PARKING_W + np.stack([0.02 * particle, 0.0 * particle, 0.0 * particle], axis=-1)
+        self._qpos[world[:, None], columns] = spots
+        self._qvel[world[:, None], self._names.particle_dof[particle]] = 0.0
+
+    def state(self) -> State:
+        """The state of all worlds, in arrays of its own."""
+        names = self._names
+        sensors = self._sensordata
+        return State(
+            robot_pos_w=self._xpos[:, names.robot],
+            arm_angles_rad=self._qpos[:, names.arm_qpos],
+            effector_velocity_w=sensors[:, names.effector_velocity],
+            tool_pos_w=self._xpos[:, names.tool],
+            tool_q_w=self._xquat[:, names.tool],
+            head_pos_w=self._site_xpos[:, names.head_centre],
+            head_q_w=self._xquat[:, names.head],
+            mouth_pos_w=self._site_xpos[:, names.mouth],
+            bowl_pos_w=self._xpos[:, names.bowl],
+            particle_pos_w=self._qpos[:, names.particle_qpos],
+            particle_velocity_w=self._qvel[:, names.particle_dof],
+            person_segment_w=self._person_segments(),
+            person_radius_m=self._person_radii(),
+            robot_force_n=_norm(sensors[:, names.robot_force]),
+            tool_force_n=_norm(sensors[:, names.tool_force]),
+        )
+
+    def integration_state(self, world: int = 0) -> Array:
+        """Everything that the next step depends on, as MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
+        data = self.batch.get_data(world)
+        vector = np.empty(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_INTEGRATION))
+        mujoco.mj_getState(self.model, data, vector, mujoco.mjtState.mjSTATE_INTEGRATION)
+        return vector
+
+    def person_angles_rad(self) -> Array:
+        """The joint angles (N, 20) of the moving person."""
+        return self._qpos[:, self._names.person_qpos]
+
+    def _person_segments(self) -> Array:
+        geoms = self._names.person_geoms
+        axis = self._geom_xmat[:, geoms].reshape(self.num_worlds, len(geoms), 3, 3)[..., 2]
+        centre = self._geom_xpos[:, geoms]
+        reach = axis * self._geom_size(geoms)[..., 1:2]
+        return np.stack([centre - reach, centre + reach], axis=2)
+
+    def _person_radii(self) -> Array:
+        return self._geom_size(self._names.person_geoms)[..., 0]
+
+    def _geom_size(self, geoms: Ids) -> Array:
+        if self._person is not None:
+            return self._person.geom_size[:, geoms]
+        return np.broadcast_to(self.model.geom_size[geoms], (self.num_worlds, len(geoms), 3))
+
+
+class _Names:
+    """Addresses of everything that is read or written, found once by name."""
+
+    def __init__(self, model: mujoco.MjModel, stage: Stage) -> None:
+        arm = [robots.PREFIX + joint for joint in stage.robot.arm_joints]
+        self.arm_qpos = _qpos(model, arm)
+        self.arm_ctrl = _actuators(model, arm)
+        self.arm_act = np.array([model.actuator(name).actadr[0] for name in arm])
+        self.robot = model.body(robots.PREFIX + stage.robot.base).id
+        self.tool = model.body(TOOL).id
+        self.head, self.bowl = model.body(human.PREFIX + "head").id, model.body(BOWL_BODY).id
+        self.head_centre = model.site(human.PREFIX + "head_centre").id
+        self.mouth = model.site(human.PREFIX + "mouth").id
+        self.person_geoms = np.array([model.geom(human.PREFIX + name).id for name in human.GEOMS])
+        driven = [human.PREFIX + name for name in human.JOINTS if model.nu > len(arm)]
+        self.person_qpos, self.person_ctrl = _qpos(model, driven), _actuators(model, driven)
+        particles = stage.tool.particles.bodies if stage.tool.particles else ()
+        self.particle_qpos = np.array(
+            [[model.joint(f"{body}_{axis}").qposadr[0] for axis in "xyz"] for body in particles], dtype=np.intp
+        ).reshape(-1, 3)
+        self.particle_dof = np.array(
+            [[model.joint(f"{body}_{axis}").dofadr[0] for axis in "xyz"] for body in particles], dtype=np.intp
+        ).reshape(-1, 3)
+        self.robot_force = _sensor(model, ROBOT_FORCE_SENSOR)
+        self.tool_force = _sensor(model, TOOL_FORCE_SENSOR)
+        self.effector_velocity = _sensor(model, EFFECTOR_VELOCITY_SENSOR)
+
+
+class _PersonFields:
+    """Per-world model fields of static people."""
+
+    def __init__(self, batch: Batch) -> None:
+        model = batch.get_model(0)
+        self._bodies = {name: model.body(human.PREFIX + name).id for name in human.BODIES}
+        self._geoms = {name: model.geom(human.PREFIX + name).id for name in human.GEOMS}
+        self._sites = {name: model.site(human.PREFIX + name).id for name in human.SITE_BODY}
+        self.body_pos, self.body_quat = batch.expand("body_pos"), batch.expand("body_quat")
+        self.geom_pos, self.geom_size = batch.expand("geom_pos"), batch.expand("geom_size")
+        self.site_pos = batch.expand("site_pos")
+
+    def write(self, ids: Ids, people: People) -> None:
+        layout = human.layout(people.is_woman, people.torso_height_m)
+        rotations = human.body_rotations(people.joint_angles_rad)
+        for name, body in self._bodies.items():
+            self.body_pos[ids, body] = layout.body_pos[name]
+            self.body_quat[ids, body] = rotations[name]
+        for name, geom in self._geoms.items():
+            self.geom_pos[ids, geom] = layout.geom_pos[name]
+            self.geom_size[ids, geom] = layout.geom_size[name]
+        for name, site in self._sites.items():
+            self.site_pos[ids, site] = layout.site_pos[name]
+
+
+def _qpos(model: mujoco.MjModel, joints: Sequence[str]) -> Ids:
+    return np.array([model.joint(name).qposadr[0] for name in joints], dtype=np.intp)
+
+
+def _actuators(model: mujoco.MjModel, names: Sequence[str]) -> Ids:
+    return np.array([model.actuator(name).id for name in names], dtype=np.intp)
+
+
+def _sensor(model: mujoco.MjModel, name: str) -> slice:
+    sensor = model.sensor(name)
+    return slice(int(sensor.adr[0]), int(sensor.adr[0] + sensor.dim[0]))
+
+
+def _norm(v: Array) -> Array:
+    return np.sqrt((v * v).sum(axis=-1))

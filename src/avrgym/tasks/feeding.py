@@ -1,0 +1,143 @@
+"""Feeding: bring a spoon with eight pieces of food to the person's mouth (paper, section IV)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import kinematics, transforms
+from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, JACO_MOUNT_M, TABLE_HEIGHT_M
+from avrgym.models.human import People
+from avrgym.models.robots import Robot
+from avrgym.models.scene import Stage
+from avrgym.models.tools import FOOD, SPOON
+from avrgym.simulation import Start, State
+from avrgym.tasks.arm import start_angles
+from avrgym.tasks.base import Outcome, Task, norm
+from avrgym.tasks.particles import touching_person
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+MOUTH_RADIUS_M = 0.02
+DROPPED_HEIGHT_M = 0.5
+SUCCESS_SHARE = 0.75
+BOWL_SPREAD_M = 0.05
+HAND_SPREAD_M = 0.05
+HAND_FROM_BOWL_M = (0.0, -0.1, 0.4)
+BOWL_RADIUS_M, BOWL_HEIGHT_M = 0.07, 0.05
+TABLE_LOW_M, TABLE_HIGH_M = (-0.30, -1.32), (1.00, -0.48)
+SPOON_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
+"""Level, pointing towards the person."""
+
+WEIGHTS: Mapping[str, float] = {
+    "distance_m": -1.0,
+    "action_squared": -0.01,
+    "food_in_mouth": 20.0,
+    "food_dropped": -5.0,
+    "effector_speed_m_s": -0.25,
+    "force_on_person_n": -0.01,
+    "food_on_person": -1.0,
+    "food_entry_speed_m_s": -1.0,
+}
+"""Task weights, then the preferences of the person (paper, section IV; reference)."""
+
+
+@dataclass(frozen=True)
+class FeedingMemory:
+    """What happened to each piece of food, (N, 8) each; eaten and dropped food has left the task."""
+
+    eaten: Bools
+    dropped: Bools
+    on_person: Bools
+
+
+def stage(robot: Robot) -> Stage:
+    """Wheelchair, table with bowl, and the Jaco mounted on the wheelchair's right side."""
+    return Stage(("wheelchair", "table", "jaco_bracket"), robot, JACO_MOUNT_M, -0.5 * np.pi, SPOON)
+
+
+def start(stage: Stage, people: People, uniforms: Array) -> Start:
+    """Bowl within ±5 cm of its place, hand within ±5 cm of a point above and before it, spoon level."""
+    bowl = np.array(BOWL_START_M) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    hand = bowl + HAND_FROM_BOWL_M + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
+    tool = hand + transforms.rotate(SPOON_Q_W, [stage.tool.reach_m, 0.0, 0.0])
+    angles = start_angles(stage, tool, np.tile(SPOON_Q_W, (len(tool), 1)), uniforms[:, 6:])
+    return Start(people, angles, {BOWL_BODY: bowl})
+
+
+def remember(count: int) -> FeedingMemory:
+    """Nothing has happened yet."""
+    nothing = np.zeros((count, len(FOOD.start)), dtype=bool)
+    return FeedingMemory(nothing, nothing, nothing)
+
+
+def observe(state: State) -> Array:
+    """Observation (N, 25), positions relative to the robot's base.
+
+    tool (3), tool quaternion (4), tool − mouth (3), arm angles (7), head (3), head quaternion (4), tool force (1).
+    """
+    return np.concatenate(
+        [
+            state.tool_pos_w - state.robot_pos_w,
+            state.tool_q_w,
+            state.tool_pos_w - state.mouth_pos_w,
+            state.arm_angles_rad,
+            state.head_pos_w - state.robot_pos_w,
+            state.head_q_w,
+            state.tool_force_n[:, None],
+        ],
+        axis=-1,
+    )
+
+
+def judge(state: State, action: Array, memory: FeedingMemory) -> Outcome:
+    """Food within 2 cm of the mouth is eaten; below 0.5 m, on the table or in the bowl it is dropped."""
+    in_play = ~(memory.eaten | memory.dropped)
+    newly_eaten = in_play & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
+    newly_dropped = in_play & ~newly_eaten & _is_dropped(state)
+    newly_on_person = in_play & ~newly_eaten & ~memory.on_person & touching_person(state, FOOD.radius_m)
+    after = FeedingMemory(
+        memory.eaten | newly_eaten, memory.dropped | newly_dropped, memory.on_person | newly_on_person
+    )
+    distance = norm(state.tool_pos_w - state.mouth_pos_w)
+    speed = norm(state.particle_velocity_w)
+    terms = {
+        "distance_m": distance,
+        "action_squared": (action * action).sum(axis=-1),
+        "food_in_mouth": _count(newly_eaten),
+        "food_dropped": _count(newly_dropped),
+        "effector_speed_m_s": norm(state.effector_velocity_w),
+        "force_on_person_n": state.robot_force_n,
+        "food_on_person": _count(newly_on_person),
+        "food_entry_speed_m_s": np.where(newly_eaten, speed, 0.0).sum(axis=-1),
+    }
+    success = after.eaten.sum(axis=-1) >= SUCCESS_SHARE * len(FOOD.start)
+    return Outcome(after, terms, distance, success, newly_eaten)
+
+
+def _is_dropped(state: State) -> Bools:
+    pos = state.particle_pos_w
+    over_table = ((pos[..., :2] > TABLE_LOW_M) & (pos[..., :2] < TABLE_HIGH_M)).all(axis=-1)
+    on_table = over_table & (pos[..., 2] < TABLE_HEIGHT_M + 2.0 * FOOD.radius_m)
+    from_bowl = pos - state.bowl_pos_w[:, None]
+    in_bowl = (norm(from_bowl[..., :2]) < BOWL_RADIUS_M) & (from_bowl[..., 2] < BOWL_HEIGHT_M + 2.0 * FOOD.radius_m)
+    return (pos[..., 2] < DROPPED_HEIGHT_M) | on_table | in_bowl
+
+
+def _count(events: Bools) -> Array:
+    return events.sum(axis=-1).astype(float)
+
+
+FEEDING = Task(
+    name="Feeding",
+    uniforms=6 + kinematics.RESTART_UNIFORMS,
+    observation_size=25,
+    weights=WEIGHTS,
+    stage=stage,
+    start=start,
+    remember=remember,
+    observe=observe,
+    judge=judge,
+)
