@@ -301,9 +301,11 @@ def stalled_disk(monkeypatch):
 def test_a_stall_raises_an_alarm_within_a_second_and_may_pass(tmp_path, stalled_disk):
     writer = RecordingWriter(tmp_path / "trial.mcap", METADATA)
     writer.write("/answers", 0, RECORDS["/answers"])
-    time.sleep(0.6)
     assert writer.error is None
-    time.sleep(0.65)
+    began = time.monotonic()
+    while writer.error is None and time.monotonic() - began < 5:
+        time.sleep(0.01)
+    assert time.monotonic() - began < 1
     assert isinstance(writer.error, TimeoutError)
     stalled_disk.set()
     writer.close(OUTCOME)

@@ -19,7 +19,7 @@ from mcap.writer import Writer
 from avrgym.study.records import TOPICS, Record, decode, encode, json_schema
 
 FLUSH_INTERVAL_S = 0.1
-STALL_S = 0.9
+STALL_S = 0.75
 CAPACITY_MESSAGES = 4000
 CLOSE_TIMEOUT_S = 10.0
 
