@@ -7,7 +7,8 @@ PYTHON ?= $(firstword $(foreach name,python3 python3.14 python3.13 python3.12 py
 TORCH ?= torch==2.13.0
 DONE := .venv/stamps
 PIP_INSTALL := .venv/bin/python -m pip install --quiet --disable-pip-version-check
-NODE_IS_NEW := const [major, minor] = process.versions.node.split("."); process.exit(+(major * 100 + +minor < 2019))
+NODE_IS_NEW := const [major, minor] = process.versions.node.split("."); \
+	process.exit(+(major * 100 + +minor < 2019))
 CLIENT := src/avrgym/vr/static/index.html
 CLIENT_SOURCES := $(shell find client -mindepth 1 -name node_modules -prune -o -print)
 
