@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 class Chain:
     """J hinges from a base frame to a tip frame.
 
-    ``pos`` (J, 3) and ``q`` (J, 4) place each hinge's body in the one before it at angle zero, the first in the
-    base; ``axis`` (J, 3) is in that body; ``tip_pos`` (3,), ``tip_q`` (4,) place the tip in the last body.
-    ``lower_rad``, ``upper_rad`` (J,) are the ranges.
+    ``pos`` (J, 3) and ``q`` (J, 4) place each hinge's body in the one before it at angle zero, the first in
+    the base; ``axis`` (J, 3) is in that body; ``tip_pos`` (3,), ``tip_q`` (4,) place the tip in the last
+    body. ``lower_rad``, ``upper_rad`` (J,) are the ranges.
     """
 
     pos: Array
@@ -83,7 +83,7 @@ def jacobian(chain: Chain, angles_rad: Array) -> tuple[Array, Array, Array]:
         positions (N, 3), quaternions (N, 4) and J (N, 6, J): rows 0–2 m/rad, rows 3–5 rad/rad.
     """
     pos, q, origins, axes = _frames(chain, angles_rad)
-    linear = np.cross(axes, pos[:, None] - origins)
+    linear = transforms.cross(axes, pos[:, None] - origins)
     return pos, q, np.concatenate([linear, axes], axis=-1).swapaxes(-1, -2)
 
 
@@ -116,7 +116,13 @@ METRES_PER_RADIAN = 0.3
 
 
 def solve(
-    chain: Chain, target_pos: Array, target_q: Array, start_rad: Array, *, iterations: int = 100, tolerance: float = 1e-4
+    chain: Chain,
+    target_pos: Array,
+    target_q: Array,
+    start_rad: Array,
+    *,
+    iterations: int = 100,
+    tolerance: float = 1e-4,
 ) -> Solution:
     """Inverse kinematics by damped least squares (Wampler, IEEE Trans. SMC 16(1), 1986), within the ranges.
 
@@ -152,8 +158,11 @@ RESTART_SPREAD_RAD = 1.0
 ACCURACY_M, ACCURACY_RAD = 0.005, 0.05
 
 
-def solve_with_restarts(chain: Chain, target_pos: Array, target_q: Array, seed_rad: Array, uniforms: Array) -> Array:
-    """Angles (N, J) for targets (N, 3), (N, 4): from one seed pose (J,), then from poses up to 1 rad around it.
+def solve_with_restarts(
+    chain: Chain, target_pos: Array, target_q: Array, seed_rad: Array, uniforms: Array
+) -> Array:
+    """Angles (N, J) for targets (N, 3), (N, 4): from one seed pose (J,), then from poses up to 1 rad around
+    it.
 
     A row keeps the first solution within 5 mm and 0.05 rad, else the one that comes closest. ``uniforms``
     (N, ``RESTART_UNIFORMS``) draw the restarts.

@@ -36,8 +36,9 @@ PARKING_W = np.array([4.0, 4.0, 0.005])
 class State:
     """What tasks see of N worlds at one instant; metres, seconds, radians, newtons, world frame.
 
-    ``particle_*`` have shape (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the axes' ends of the G capsules of
-    the person's body and ``person_radius_m`` (N, G) their radii; positions are (N, 3), quaternions (N, 4).
+    ``particle_*`` have shape (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the axes' ends of the G
+    capsules of the person's body and ``person_radius_m`` (N, G) their radii; positions are (N, 3),
+    quaternions (N, 4).
     """
 
     robot_pos_w: Array
@@ -69,7 +70,9 @@ class Start:
 class Simulation:
     """N worlds of a scene, all with a static person of their own or all with the same moving person."""
 
-    def __init__(self, stage: Stage, num_worlds: int, *, moving: Person | None = None, num_threads: int = 0) -> None:
+    def __init__(
+        self, stage: Stage, num_worlds: int, *, moving: Person | None = None, num_threads: int = 0
+    ) -> None:
         """Compile the scene.
 
         Args:
@@ -168,10 +171,11 @@ class Simulation:
 
     def integration_state(self, world: int = 0) -> Array:
         """Everything that the next step depends on, as MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
-        data = self.batch.get_data(world)
-        vector = np.empty(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_INTEGRATION))
-        mujoco.mj_getState(self.model, data, vector, mujoco.mjtState.mjSTATE_INTEGRATION)
-        return vector
+        return self.batch.state[world].copy()
+
+    def body_poses(self, world: int) -> Array:
+        """Poses (bodies, 7) of one world's bodies: x, y, z, then w, x, y, z; world frame."""
+        return np.concatenate([self._xpos[world], self._xquat[world]], axis=-1)
 
     def person_angles_rad(self) -> Array:
         """The joint angles (N, 20) of the moving person."""
@@ -211,7 +215,8 @@ class _Names:
         self.person_qpos, self.person_ctrl = _qpos(model, driven), _actuators(model, driven)
         particles = stage.tool.particles.bodies if stage.tool.particles else ()
         self.particle_qpos = np.array(
-            [[model.joint(f"{body}_{axis}").qposadr[0] for axis in "xyz"] for body in particles], dtype=np.intp
+            [[model.joint(f"{body}_{axis}").qposadr[0] for axis in "xyz"] for body in particles],
+            dtype=np.intp,
         ).reshape(-1, 3)
         self.particle_dof = np.array(
             [[model.joint(f"{body}_{axis}").dofadr[0] for axis in "xyz"] for body in particles], dtype=np.intp

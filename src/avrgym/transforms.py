@@ -1,7 +1,7 @@
 """Rotations and poses as plain arrays.
 
-Quaternions are (..., 4) in the order w, x, y, z and of unit length; positions are (..., 3) in metres. ``R_ab``
-takes vectors of frame b to frame a. Every function broadcasts over the leading axes.
+Quaternions are (..., 4) in the order w, x, y, z and of unit length; positions are (..., 3) in metres.
+``R_ab`` takes vectors of frame b to frame a. Every function broadcasts over the leading axes.
 """
 
 import numpy as np
@@ -14,8 +14,8 @@ IDENTITY_QUATERNION = np.array([1.0, 0.0, 0.0, 0.0])
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """The product a ⊗ b: the rotation b followed by a. Shapes (..., 4)."""
-    aw, ax, ay, az = np.moveaxis(np.asarray(a, float), -1, 0)
-    bw, bx, by, bz = np.moveaxis(np.asarray(b, float), -1, 0)
+    aw, ax, ay, az = _components(a)
+    bw, bx, by, bz = _components(b)
     return np.stack(
         [
             aw * bw - ax * bx - ay * by - az * bz,
@@ -42,8 +42,15 @@ def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     """Rotate vectors v (..., 3) by unit quaternions q (..., 4)."""
     q, v = np.asarray(q, float), np.asarray(v, float)
     w, u = q[..., :1], q[..., 1:]
-    t = 2.0 * np.cross(u, v)
-    return v + w * t + np.cross(u, t)
+    t = 2.0 * cross(u, v)
+    return v + w * t + cross(u, t)
+
+
+def cross(a: ArrayLike, b: ArrayLike) -> Array:
+    """The cross product of vectors (..., 3); ``numpy.cross`` takes several times as long on a few vectors."""
+    ax, ay, az = _components(a)
+    bx, by, bz = _components(b)
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 def from_axis_angle(axis: ArrayLike, angle_rad: ArrayLike) -> Array:
@@ -70,7 +77,7 @@ def to_rotation_vector(q: ArrayLike) -> Array:
 
 def to_matrix(q: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
-    w, x, y, z = np.moveaxis(np.asarray(q, float), -1, 0)
+    w, x, y, z = _components(q)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
@@ -82,7 +89,8 @@ def to_matrix(q: ArrayLike) -> Array:
 def from_matrix(matrix: ArrayLike) -> Array:
     """Unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
 
-    Shepperd's choice: the largest of the four squared components is the pivot, so no division is ill-conditioned.
+    Shepperd's choice: the largest of the four squared components is the pivot, so no division is
+    ill-conditioned.
     """
     m = np.asarray(matrix, float)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
@@ -128,3 +136,8 @@ def euler_xyz(q: ArrayLike) -> Array:
     a = np.where(regular, np.arctan2(-m[..., 1, 2], m[..., 2, 2]), np.arctan2(m[..., 2, 1], m[..., 1, 1]))
     c = np.where(regular, np.arctan2(-m[..., 0, 1], m[..., 0, 0]), 0.0)
     return np.stack([a, b, c], axis=-1)
+
+
+def _components(v: ArrayLike) -> tuple[Array, ...]:
+    v = np.asarray(v, float)
+    return tuple(v[..., i] for i in range(v.shape[-1]))

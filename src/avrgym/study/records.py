@@ -22,7 +22,10 @@ class Pose(Record, frozen=True):
 
 
 class Physics(Record, frozen=True):
-    """The simulated world after ``step`` control steps: the simulator's full integration state."""
+    """The simulated world after a physics step: the simulator's full integration state.
+
+    ``step`` counts the trial's finished control steps; ``simulation_time_s`` is the world's own time.
+    """
 
     step: int
     simulation_time_s: float

@@ -1,0 +1,120 @@
+"""WebXR poses to the simulation's world and back: the only place where conventions change.
+
+WebXR's ``local-floor`` space is y up, x right, −z ahead, quaternions x, y, z, w. The world is z up,
+quaternions w, x, y, z; the person sits at its origin and faces −y.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import transforms
+from avrgym.vr.messages import XRPose
+
+Array = NDArray[np.float64]
+
+MAX_DISTANCE_M = 10.0
+UNIT_TOLERANCE = 1e-2
+
+Z_UP_FROM_Y_UP = transforms.from_axis_angle([1.0, 0.0, 0.0], np.asarray(0.5 * np.pi))
+BODY_FROM_DEVICE_AXES = transforms.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+"""Axes of a device (x right, y up, −z ahead) and of the body part it sits on (x left, −y ahead, z up).
+
+It serves the headset and the grip alike: of a fist around an upright rod, the grip's −z points to the thumb
+and its y from the knuckles to the wrist, as −y and z of our hand (WebXR Device API, ``gripSpace``)."""
+
+HEADSET_AHEAD_M = 0.08
+"""The headset's pose lies about 8 cm in front of the centre of the head (2020 reference)."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A pose in the world: position (3,) in metres, quaternion (4,) w, x, y, z."""
+
+    pos_w: Array
+    q_w: Array
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Where ``local-floor`` lies in the world: its origin (3,) and the yaw of its axes, floor on floor."""
+
+    origin_w: Array
+    yaw_rad: float
+
+    @property
+    def q_w(self) -> Array:
+        """The rotation (4,) from ``local-floor`` axes to world axes."""
+        yaw = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(self.yaw_rad))
+        return transforms.multiply(yaw, Z_UP_FROM_Y_UP)
+
+    def to_world(self, pose: XRPose) -> Pose:
+        """A device's pose in the world, in the device's own axes."""
+        x, y, z, w = pose.orientation
+        q = transforms.normalize([w, x, y, z])
+        return Pose(*transforms.compose(self.origin_w, self.q_w, pose.position, q))
+
+    def from_world(self, pose: Pose) -> XRPose:
+        """The inverse of ``to_world``."""
+        inverse = transforms.invert(self.origin_w, self.q_w)
+        pos, (w, x, y, z) = transforms.compose(*inverse, pose.pos_w, pose.q_w)
+        return XRPose(_floats(pos), _floats([x, y, z, w]))
+
+    def xr_from_world(self) -> XRPose:
+        """The world's origin as a pose in ``local-floor``: where a client places the scene."""
+        return self.from_world(Pose(np.zeros(3), transforms.IDENTITY_QUATERNION))
+
+
+def register(head: XRPose, head_centre_w: Array) -> Registration:
+    """Put the participant's head over ``head_centre_w`` (x and y count) with their gaze along −y.
+
+    Heights stay as they are: floor on floor.
+    """
+    flat = Registration(np.zeros(3), 0.0)
+    upright = head_pose(flat, head)
+    ahead = transforms.rotate(upright.q_w, [0.0, -1.0, 0.0])
+    yaw = -0.5 * np.pi - np.arctan2(ahead[1], ahead[0])
+    turned = transforms.rotate(transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(yaw)), upright.pos_w)
+    return Registration(
+        np.array([head_centre_w[0] - turned[0], head_centre_w[1] - turned[1], 0.0]), float(yaw)
+    )
+
+
+def head_pose(registration: Registration, head: XRPose) -> Pose:
+    """The centre of the head and the head's axes from the headset's pose."""
+    device = registration.to_world(head)
+    q_w = transforms.multiply(device.q_w, BODY_FROM_DEVICE_AXES)
+    return Pose(device.pos_w + transforms.rotate(q_w, [0.0, HEADSET_AHEAD_M, 0.0]), q_w)
+
+
+def hand_pose(registration: Registration, grip: XRPose) -> Pose:
+    """The centre of the fist and the hand's axes from a controller's grip pose."""
+    device = registration.to_world(grip)
+    return Pose(device.pos_w, transforms.multiply(device.q_w, BODY_FROM_DEVICE_AXES))
+
+
+def headset_from_head(registration: Registration, head: Pose) -> XRPose:
+    """The inverse of ``head_pose``."""
+    pos = head.pos_w - transforms.rotate(head.q_w, [0.0, HEADSET_AHEAD_M, 0.0])
+    return registration.from_world(Pose(pos, transforms.multiply(head.q_w, _DEVICE_FROM_BODY_AXES)))
+
+
+def grip_from_hand(registration: Registration, hand: Pose) -> XRPose:
+    """The inverse of ``hand_pose``."""
+    return registration.from_world(Pose(hand.pos_w, transforms.multiply(hand.q_w, _DEVICE_FROM_BODY_AXES)))
+
+
+_DEVICE_FROM_BODY_AXES = transforms.conjugate(BODY_FROM_DEVICE_AXES)
+
+
+def is_valid(pose: XRPose) -> bool:
+    """Whether a pose can be one of a person in a room: finite, within 10 m, a unit quaternion."""
+    numbers = np.array([*pose.position, *pose.orientation])
+    if not np.isfinite(numbers).all() or np.abs(numbers).max() > MAX_DISTANCE_M:
+        return False
+    return abs(np.linalg.norm(numbers[3:]) - 1.0) < UNIT_TOLERANCE
+
+
+def _floats(numbers: Array | list[float]) -> tuple:
+    return tuple(float(number) for number in numbers)

@@ -1,0 +1,108 @@
+"""The world that a participant sits in: one scene with a moving person, stepped tick by tick."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.envs import ACTIONS
+from avrgym.episodes import Episodes, Step
+from avrgym.models.human import Person
+from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, Stage
+from avrgym.policies import Policy
+from avrgym.tasks.base import Task
+from avrgym.vr.body import BodyPose, BodySolver
+
+Array = NDArray[np.float64]
+
+TICK_S = PHYSICS_STEP_S
+
+
+@dataclass(frozen=True)
+class ControlStep:
+    """One finished control step: the observation (O,) and action (7,) it began with, and what it gave."""
+
+    observation: Array
+    action: Array
+    outcome: Step
+
+
+class LiveWorld:
+    """One world whose person follows a participant and whose robot runs a policy when told to drive.
+
+    The policy acts at 10 Hz, physics and person run at 100 Hz.
+    """
+
+    def __init__(self, environment_id: str, person: Person) -> None:
+        """Compile the scene for a person.
+
+        Raises:
+            ValueError: for an unknown environment, naming what there is.
+        """
+        self._episodes = Episodes(environment_id, 1, person=person, moving=True, num_threads=1)
+        self._solver = BodySolver(person)
+        self._action = np.zeros(ACTIONS)
+        self._observation = np.zeros(self._episodes.task.observation_size)
+        self._substep = 0
+        self.person = person
+        self.joint_targets_rad = person.joint_angles_rad
+        self.ticks = 0
+        model = self._episodes.simulation.model
+        self.bodies = tuple(model.body(body).name for body in range(1, model.nbody))
+        self.begin(seed=0)
+
+    @property
+    def stage(self) -> Stage:
+        """What stands in the scene."""
+        return self._episodes.stage
+
+    @property
+    def task(self) -> Task:
+        """The task that judges the robot."""
+        return self._episodes.task
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time since the world was made; it never jumps back."""
+        return self.ticks * TICK_S
+
+    def begin(self, seed: int) -> None:
+        """Put robot, furniture and food at the start of an episode; the person stays as they sit."""
+        self._episodes.person = replace(self.person, joint_angles_rad=self.joint_targets_rad)
+        self._episodes.begin(np.array([0]), [np.random.default_rng(seed)])
+        self._substep = 0
+        self.hold()
+
+    def follow(self, pose: BodyPose) -> None:
+        """Let the person's joints go where the participant's head and hands are."""
+        self.joint_targets_rad = self._solver.solve(pose, self.joint_targets_rad)
+        self._episodes.simulation.command_person(self.joint_targets_rad[None])
+
+    def hold(self) -> None:
+        """Stop the robot where it is; a control step that had begun is dropped."""
+        self._action = np.zeros(ACTIONS)
+        self._episodes.command(self._action[None])
+        self._substep = 0
+
+    def tick(self, policy: Policy | None) -> ControlStep | None:
+        """Advance by 10 ms. With a policy the robot drives; every tenth tick then gives a control step."""
+        if policy is not None and self._substep == 0:
+            self._observation = self._episodes.observe()[0]
+            self._action = policy.act(self._observation[None])[0].astype(float)
+            self._episodes.command(self._action[None])
+        self._episodes.simulation.step(1)
+        self.ticks += 1
+        if policy is None:
+            return None
+        self._substep = (self._substep + 1) % SUBSTEPS
+        if self._substep:
+            return None
+        return ControlStep(self._observation, self._action, self._episodes.judge(self._action[None]))
+
+    def state_vector(self) -> Array:
+        """The simulator's integration state."""
+        return self._episodes.simulation.integration_state()
+
+    def body_poses(self) -> bytes:
+        """Poses of ``bodies`` as the protocol's ``State`` wants them."""
+        return self._episodes.simulation.body_poses(0)[1:].astype("<f4").tobytes()
