@@ -9,7 +9,7 @@ import { Questionnaire } from "./questionnaire";
 import { createRoom } from "./room";
 import { ImmersiveSession, reasonAgainstVR } from "./session";
 import { BACKLOG_LIMIT_BYTES, Throttle, Tracker, findSource } from "./tracking";
-import { View } from "./view";
+import { View, type Detail } from "./view";
 import { World } from "./world";
 
 const PROBLEM_SHOWN_MS = 6000;
@@ -18,7 +18,7 @@ const HANDS = ["left", "right"] as const;
 /** The whole client: what the server says goes in, what the participant does goes out. */
 export class App {
   readonly page = new Page({ enterOrLeave: () => void this.enterOrLeave(), answer: (value) => this.answer(value) });
-  readonly view = new View(this.page.view, this.page.card);
+  readonly view: View;
   readonly panel: Panel;
   readonly questionnaire = new Questionnaire();
   readonly tracker = new Tracker();
@@ -29,13 +29,7 @@ export class App {
   private readonly world = new World();
   private readonly pointers = { left: new Pointer(), right: new Pointer() };
   private readonly throttle = new Throttle();
-  private readonly session = new ImmersiveSession(this.view.renderer, {
-    entered: () => this.entered(),
-    left: () => this.left(),
-    selected: (source, frame) => this.selected(source, frame),
-    menuPressed: () => this.stop(),
-    originReset: () => this.originReset(),
-  });
+  private readonly session: ImmersiveSession;
   private readonly connection: Connection;
   private link: Link = "connecting";
   private linkReason = "";
@@ -50,12 +44,21 @@ export class App {
   constructor(
     private readonly token: string,
     private readonly emulated: boolean,
+    detail: Detail,
   ) {
-    const anisotropy = this.view.renderer.capabilities.getMaxAnisotropy();
-    this.panel = new Panel(anisotropy);
+    this.view = new View(this.page.view, this.page.card, detail);
+    this.panel = new Panel(detail.anisotropy);
+    this.session = new ImmersiveSession(this.view.renderer, {
+      entered: () => this.entered(),
+      left: () => this.left(),
+      selected: (source, frame) => this.selected(source, frame),
+      menuPressed: () => this.stop(),
+      originReset: () => this.originReset(),
+    });
     this.world.root.rotation.x = -Math.PI / 2;
     this.world.root.updateMatrixWorld();
-    this.world.root.add(createRoom(anisotropy));
+    this.world.root.add(createRoom(detail));
+    if (detail.lighting) this.view.reflect(this.world.root);
     this.view.scene.add(this.world.root, this.panel.mesh, this.pointers.left.group, this.pointers.right.group);
     this.view.standBefore(this.world.root);
     const url = new URL("ws", location.href.split("#")[0]);
@@ -74,7 +77,6 @@ export class App {
   start(): void {
     this.connection.open();
     this.refresh();
-    this.view.fit();
     this.view.renderer.setAnimationLoop((timeMs, frame) => this.frame(timeMs, frame));
     window.addEventListener("keydown", (event) => this.key(event));
     navigator.xr?.addEventListener("devicechange", () => void this.checkVR());
@@ -196,7 +198,6 @@ export class App {
   private async checkVR(): Promise<void> {
     this.page.setReason("Looking for a headset …");
     this.page.setReason(await reasonAgainstVR());
-    this.view.fit();
   }
 
   // Words

@@ -14,7 +14,7 @@ export const SUPERSEDED = 4001;
 
 const FIRST_RETRY_MS = 100;
 const LONGEST_RETRY_MS = 1000;
-const OPENING_LIMIT_MS = 2000;
+const OPENING_LIMIT_MS = 10_000;
 
 export function retryDelayMs(failures: number): number {
   return Math.min(LONGEST_RETRY_MS, FIRST_RETRY_MS * 2 ** failures);
@@ -38,8 +38,11 @@ export class Connection {
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     const limit = setTimeout(() => this.closed(socket, 0, ""), OPENING_LIMIT_MS);
-    socket.onopen = () => this.hello(socket);
-    socket.onmessage = ({ data }) => this.receive(socket, decode(data as ArrayBuffer), limit);
+    socket.onopen = () => {
+      clearTimeout(limit);
+      this.hello(socket);
+    };
+    socket.onmessage = ({ data }) => this.receive(socket, decode(data as ArrayBuffer));
     socket.onclose = ({ code, reason }) => this.closed(socket, code, reason);
   }
 
@@ -65,10 +68,9 @@ export class Connection {
     socket.send(encode({ type: "hello", protocol: PROTOCOL, token, device, emulated }));
   }
 
-  private receive(socket: WebSocket, message: ServerMessage, limit: ReturnType<typeof setTimeout>): void {
+  private receive(socket: WebSocket, message: ServerMessage): void {
     if (socket !== this.socket) return;
     if (message.type === "welcome") {
-      clearTimeout(limit);
       this.welcomed = true;
       this.failures = 0;
       this.events.link("connected", "");

@@ -29,8 +29,8 @@ const LINK_WORDS: Record<Link, string> = {
 };
 
 export function linkWords(display: Display): string {
-  const words = LINK_WORDS[display.link];
-  return display.linkReason ? `${words} (${display.linkReason})` : words;
+  const { link, linkReason } = display;
+  return link === "lost" && linkReason ? `Not connected: ${linkReason}. Trying again …` : LINK_WORDS[link];
 }
 
 /** What the panel in VR shows; null while there is nothing to read. */

@@ -1,12 +1,15 @@
 import "./page.css";
 import { App } from "./app";
+import { FULL_DETAIL, LIGHT_DETAIL } from "./view";
 
-const emulated = new URLSearchParams(location.search).get("emulate") === "1";
+const asked = new URLSearchParams(location.search);
+const emulated = asked.get("emulate") === "1";
+const detail = emulated && asked.get("detail") !== "full" ? LIGHT_DETAIL : FULL_DETAIL;
 const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
 const emulator = emulated ? await import("./emulator") : null;
 const device = emulator?.installEmulator();
 
-const app = new App(token, emulated);
+const app = new App(token, emulated, detail);
 if (emulator && device) emulator.exposeEmulator(app, device);
 app.start();
 window.addEventListener("hashchange", () => location.reload());

@@ -1,4 +1,5 @@
 import type { PanelContent } from "./display";
+import type { Question } from "./messages";
 import { layoutButtons, type Box, type Button } from "./questionnaire";
 
 /** Pixels of the panel's canvas. */
@@ -7,14 +8,14 @@ export const HEIGHT = 960;
 
 const MARGIN = 76;
 const FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
-const TEXT_BOX: Box = { x: MARGIN, y: 150, width: WIDTH - 2 * MARGIN, height: 600 };
-const STATEMENT_BOX: Box = { x: MARGIN, y: 130, width: WIDTH - 2 * MARGIN, height: 270 };
-const BUTTON_BOX: Box = { x: MARGIN, y: 420, width: WIDTH - 2 * MARGIN, height: 240 };
+const TEXT_BOX: Box = { x: MARGIN, y: 150, width: WIDTH - 2 * MARGIN, height: 620 };
+const STATEMENT_BOX: Box = { x: MARGIN, y: 140, width: WIDTH - 2 * MARGIN, height: 300 };
+const BUTTON_BOX: Box = { x: MARGIN, y: 470, width: WIDTH - 2 * MARGIN, height: 250 };
 const NOTICE_BOX: Box = { x: 24, y: HEIGHT - 152, width: WIDTH - 48, height: 128 };
 
 const COLOUR = {
   background: "#0f2a31",
-  edge: "#5d8e98",
+  edge: "#4f7f89",
   text: "#f5f8f7",
   quiet: "#a9c9cf",
   button: "#1d4853",
@@ -24,6 +25,7 @@ const COLOUR = {
 };
 
 type Context = CanvasRenderingContext2D;
+type Asking = PanelContent & { question: Question };
 
 export function buttonsOf(content: PanelContent | null): Button[] {
   return content?.question ? layoutButtons(content.question.points, BUTTON_BOX) : [];
@@ -33,9 +35,13 @@ export function buttonsOf(content: PanelContent | null): Button[] {
 export function paint(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
   context.clearRect(0, 0, WIDTH, HEIGHT);
   if (content.text) paintBackground(context);
-  if (content.question) paintQuestion(context, content, buttons, hovered);
+  if (asks(content)) paintQuestion(context, content, buttons, hovered);
   else if (content.text) paintText(context, content);
   if (content.notice) paintNotice(context, content.notice);
+}
+
+function asks(content: PanelContent): content is Asking {
+  return content.question !== null;
 }
 
 function paintBackground(context: Context): void {
@@ -50,19 +56,24 @@ function paintBackground(context: Context): void {
 function paintText(context: Context, { label, text, secondsLeft }: PanelContent): void {
   paintLabel(context, label);
   const counting = secondsLeft !== null;
-  const box = counting ? { ...TEXT_BOX, height: TEXT_BOX.height - 260 } : TEXT_BOX;
-  paintLines(context, text, box, 76);
-  if (counting) paintLine(context, String(secondsLeft), WIDTH / 2, 640, `600 200px ${FONT}`, COLOUR.hovered, "center");
+  const box = counting ? { ...TEXT_BOX, height: TEXT_BOX.height - 240 } : TEXT_BOX;
+  paintLines(context, text, box, 84);
+  if (counting) paintLine(context, String(secondsLeft), WIDTH / 2, 650, `600 220px ${FONT}`, COLOUR.hovered, "center");
 }
 
-function paintQuestion(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
+function paintQuestion(context: Context, content: Asking, buttons: Button[], hovered: number | null): void {
   paintLabel(context, content.label);
-  paintLines(context, content.text, STATEMENT_BOX, 66);
+  paintLines(context, content.text, STATEMENT_BOX, 72);
   for (const button of buttons) paintButton(context, button, buttonColours(button.value, hovered, content.answered));
-  const [first, last] = [buttons[0]!, buttons[buttons.length - 1]!];
-  const below = last.y + last.height + 50;
-  paintLine(context, content.question!.low, first.x, below, `42px ${FONT}`, COLOUR.quiet, "left");
-  paintLine(context, content.question!.high, last.x + last.width, below, `42px ${FONT}`, COLOUR.quiet, "right");
+  paintAnchors(context, content.question, buttons);
+}
+
+function paintAnchors(context: Context, { low, high }: Question, buttons: Button[]): void {
+  const left = Math.min(...buttons.map(({ x }) => x));
+  const right = Math.max(...buttons.map(({ x, width }) => x + width));
+  const y = Math.max(...buttons.map(({ y, height }) => y + height)) + 56;
+  paintLine(context, low, left, y, `50px ${FONT}`, COLOUR.quiet, "left");
+  paintLine(context, high, right, y, `50px ${FONT}`, COLOUR.quiet, "right");
 }
 
 function buttonColours(value: number, hovered: number | null, answered: number | null): [string, string] {
@@ -83,7 +94,7 @@ function paintButton(context: Context, button: Button, [fill, ink]: [string, str
 }
 
 function paintLabel(context: Context, label: string): void {
-  paintLine(context, label, WIDTH / 2, 82, `42px ${FONT}`, COLOUR.quiet, "center");
+  paintLine(context, label, WIDTH / 2, 86, `50px ${FONT}`, COLOUR.quiet, "center");
 }
 
 function paintNotice(context: Context, notice: string): void {
@@ -91,7 +102,7 @@ function paintNotice(context: Context, notice: string): void {
   context.fillStyle = COLOUR.answered;
   context.fill();
   const inner = { ...NOTICE_BOX, x: NOTICE_BOX.x + 30, width: NOTICE_BOX.width - 60 };
-  paintLines(context, notice, inner, 44, COLOUR.onLight);
+  paintLines(context, notice, inner, 50, COLOUR.onLight, 600);
 }
 
 function roundedBox(context: Context, { x, y, width, height }: Box, radius: number): void {
@@ -116,9 +127,9 @@ function paintLine(
 }
 
 /** Paints wrapped text centred in a box, as large as it fits but not above `size`. */
-function paintLines(context: Context, text: string, box: Box, size: number, colour = COLOUR.text): void {
-  const fitting = fittingSize(context, text, box, size);
-  const font = `${fitting}px ${FONT}`;
+function paintLines(context: Context, text: string, box: Box, size: number, colour = COLOUR.text, weight = 400): void {
+  const fitting = fittingSize(context, text, box, size, weight);
+  const font = `${weight} ${fitting}px ${FONT}`;
   context.font = font;
   const lines = wrap(text, box.width, (line) => context.measureText(line).width);
   const pitch = fitting * 1.3;
@@ -126,9 +137,9 @@ function paintLines(context: Context, text: string, box: Box, size: number, colo
   lines.forEach((line, at) => paintLine(context, line, box.x + box.width / 2, first + at * pitch, font, colour, "center"));
 }
 
-function fittingSize(context: Context, text: string, box: Box, size: number): number {
+function fittingSize(context: Context, text: string, box: Box, size: number, weight: number): number {
   for (let smaller = size; smaller > 24; smaller -= 4) {
-    context.font = `${smaller}px ${FONT}`;
+    context.font = `${weight} ${smaller}px ${FONT}`;
     const lines = wrap(text, box.width, (line) => context.measureText(line).width);
     if (lines.length * smaller * 1.3 <= box.height) return smaller;
   }

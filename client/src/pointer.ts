@@ -14,7 +14,7 @@ export class Pointer {
   constructor() {
     const geometry = new CylinderGeometry(0.0012, 0.0022, 1, 8).rotateX(-Math.PI / 2).translate(0, 0, -0.5);
     this.ray = new Mesh(geometry, overlayMaterial(0.65));
-    this.dot = new Mesh(new SphereGeometry(0.009, 16, 12), overlayMaterial(1));
+    this.dot = new Mesh(new SphereGeometry(0.006, 16, 12), overlayMaterial(1));
     this.ray.renderOrder = this.dot.renderOrder = OVERLAY_ORDER + 1;
     this.group.add(this.ray, this.dot);
     this.hide();

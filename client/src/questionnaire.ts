@@ -12,14 +12,14 @@ export interface Button extends Box {
   value: number;
 }
 
-const MOST_IN_A_ROW = 11;
-const ROW_OF_MANY = 10;
+const MOST_IN_A_ROW = 20;
+/** Share of a button's pitch that stays free. */
 const GAP = 0.16;
 
 /** The buttons 1 … `points`, as large squares as `area` allows, centred in it. */
 export function layoutButtons(points: number, area: Box): Button[] {
-  const columns = points <= MOST_IN_A_ROW ? points : ROW_OF_MANY;
-  const rows = Math.ceil(points / columns);
+  const rows = Math.ceil(points / MOST_IN_A_ROW);
+  const columns = Math.ceil(points / rows);
   const pitch = Math.min(area.width / (columns - GAP), area.height / (rows - GAP));
   const size = pitch * (1 - GAP);
   const left = area.x + (area.width - pitch * columns + pitch * GAP) / 2;

@@ -13,19 +13,22 @@ import {
   type Material,
   type Texture,
 } from "three";
+import type { Detail } from "./view";
 
 /** The room in the simulation's frame: z up, centred on the world's origin, metres. */
 const SIZE = 6;
 const HEIGHT = 2.7;
 const HALF = SIZE / 2;
-const WINDOW = { along: -0.6, bottom: 0.9, width: 2.2, height: 1.4 };
+const WINDOW = { bottom: 0.95, width: 1.8, height: 1.35 };
+const LEFT_WINDOW_Y = 1.45;
+const FRONT_WINDOW_X = 1.35;
 
 const PLANKS = { tileM: 2, across: 10, pixels: 1024 };
 
-export function createRoom(anisotropy: number): Group {
+export function createRoom({ anisotropy, lighting }: Detail): Group {
   const room = new Group();
-  room.add(floor(anisotropy), ceiling(), ...walls(), ...skirting(), windowOnLeftWall());
-  room.add(skyLight(), sunLight());
+  room.add(floor(anisotropy), ceiling(), ...walls(), ...skirting(), ...windows());
+  room.add(skyLight(lighting ? 1.9 : 2.7), sunLight(lighting));
   return room;
 }
 
@@ -74,15 +77,22 @@ function quarters(make: () => Mesh): Group[] {
   });
 }
 
-/** A bright window on the person's left: the sun comes from its side. */
-function windowOnLeftWall(): Group {
-  const { along, bottom, width, height } = WINDOW;
-  const group = new Group();
-  group.position.set(HALF - 0.005, along, bottom + height / 2);
-  group.rotation.set(Math.PI / 2, -Math.PI / 2, 0);
-  group.add(new Mesh(new PlaneGeometry(width, height), new MeshBasicMaterial({ map: skyTexture() })));
-  group.add(...windowFrame(width, height));
-  return group;
+/** On the person's left and in front: the sun comes from between them. */
+function windows(): Group[] {
+  const onLeft = makeWindow();
+  onLeft.position.set(HALF - 0.005, LEFT_WINDOW_Y, WINDOW.bottom + WINDOW.height / 2);
+  onLeft.rotation.set(Math.PI / 2, -Math.PI / 2, 0);
+  const inFront = makeWindow();
+  inFront.position.set(FRONT_WINDOW_X, -HALF + 0.005, WINDOW.bottom + WINDOW.height / 2);
+  inFront.rotation.set(Math.PI / 2, Math.PI, 0);
+  return [onLeft, inFront];
+}
+
+/** A window in its own x (along), y (up) and z (into the room). */
+function makeWindow(): Group {
+  const { width, height } = WINDOW;
+  const sky = new Mesh(new PlaneGeometry(width, height), new MeshBasicMaterial({ map: skyTexture() }));
+  return new Group().add(sky, ...windowFrame(width, height));
 }
 
 function windowFrame(width: number, height: number): Mesh[] {
@@ -105,22 +115,22 @@ function box(material: Material, width: number, height: number, depth: number, x
 }
 
 /** three's light points along its own y axis; in the room up is z. */
-function skyLight(): HemisphereLight {
-  const light = new HemisphereLight(0xf4f8ff, 0xb9a48c, 1.9);
+function skyLight(intensity: number): HemisphereLight {
+  const light = new HemisphereLight(0xf6f9ff, 0xe6ded2, intensity);
   light.position.set(0, 0, 1);
   return light;
 }
 
-function sunLight(): Group {
+function sunLight(castShadow: boolean): Group {
   const light = new DirectionalLight(0xfff3e2, 1.9);
-  light.position.set(2.1, -1.5, 2.6);
+  light.position.set(1.7, -1.9, 2.6);
   light.target.position.set(0, 0, 0.5);
-  light.castShadow = true;
+  light.castShadow = castShadow;
   light.shadow.mapSize.set(2048, 2048);
   light.shadow.radius = 4;
   light.shadow.normalBias = 0.02;
   light.shadow.bias = -0.0004;
-  Object.assign(light.shadow.camera, { left: -2, right: 2, top: 2, bottom: -2, near: 0.2, far: 6 });
+  Object.assign(light.shadow.camera, { left: -1.7, right: 1.7, top: 1.7, bottom: -1.7, near: 0.2, far: 6 });
   return new Group().add(light, light.target);
 }
 

@@ -33,13 +33,18 @@ export class ImmersiveSession {
       requiredFeatures: ["local-floor"],
       optionalFeatures: ["hand-tracking"],
     });
-    session.addEventListener("end", () => this.ended());
+    let over = false;
+    session.addEventListener("end", () => {
+      over = true;
+      this.ended();
+    });
     session.addEventListener("selectstart", ({ inputSource, frame }) => this.events.selected(inputSource, frame));
     this.renderer.xr.setFoveation(FOVEATION);
     await this.renderer.xr.setSession(session);
     this.renderer.xr.getReferenceSpace()?.addEventListener("reset", () => this.events.originReset());
     await setFrameRate(session);
     console.info(`VR at ${session.frameRate ?? "unknown"} Hz, foveation ${this.renderer.xr.getFoveation()}`);
+    if (over) return;
     this.session = session;
     this.events.entered();
   }
@@ -56,9 +61,10 @@ export class ImmersiveSession {
   }
 
   private ended(): void {
+    const had = this.session !== null;
     this.session = null;
     this.menuWasDown = false;
-    this.events.left();
+    if (had) this.events.left();
   }
 }
 
@@ -75,7 +81,7 @@ async function setFrameRate(session: XRSession): Promise<void> {
   const rates = Array.from(session.supportedFrameRates ?? []);
   const distance = (rate: number) => Math.abs(rate - WANTED_RATE_HZ);
   const [best] = rates.sort((a, b) => distance(a) - distance(b));
-  if (best) await session.updateTargetFrameRate(best).catch(() => console.warn(`${best} Hz was refused`));
+  if (best && best !== session.frameRate) await session.updateTargetFrameRate(best).catch(() => console.warn(`${best} Hz was refused`));
 }
 
 function menuIsDown(sources: XRInputSourceArray): boolean {

@@ -1,13 +1,27 @@
-import { ACESFilmicToneMapping, PCFShadowMap, PerspectiveCamera, Scene, Vector3, WebGLRenderer, type Object3D } from "three";
+import { ACESFilmicToneMapping, PCFShadowMap, PMREMGenerator, PerspectiveCamera, Scene, Vector3, WebGLRenderer, type Object3D } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 /** Where the spectator stands and looks, in the simulation's frame: a person sits at its origin facing -y. */
 const EYE_W = new Vector3(-0.93, -1.57, 1.4);
+const REFLECTION = 0.35;
+const CENTRE = new Vector3(0, 1, 0);
 const CHEST_W = new Vector3(0, 0.05, 0.88);
+
+/** How finely the world is drawn. */
+export interface Detail {
+  antialias: boolean;
+  /** Whether the sun casts shadows and the room is reflected. */
+  lighting: boolean;
+  anisotropy: number;
+}
+
+export const FULL_DETAIL: Detail = { antialias: true, lighting: true, anisotropy: 8 };
+/** For emulated headsets, whose pictures the processor draws: shadows alone would cost two frames of three. */
+export const LIGHT_DETAIL: Detail = { antialias: false, lighting: false, anisotropy: 1 };
 
 /** The renderer and the third-person view of the flat page. */
 export class View {
-  readonly renderer = new WebGLRenderer({ antialias: true });
+  readonly renderer: WebGLRenderer;
   readonly scene = new Scene();
   /** three moves this one with the headset; the spectator's camera stays where it is. */
   private readonly eyes = new PerspectiveCamera(70, 1, 0.03, 30);
@@ -17,10 +31,12 @@ export class View {
   constructor(
     holder: HTMLElement,
     private readonly card: HTMLElement,
+    { antialias, lighting }: Detail,
   ) {
-    const { renderer } = this;
+    const renderer = new WebGLRenderer({ antialias });
+    this.renderer = renderer;
     renderer.toneMapping = ACESFilmicToneMapping;
-    renderer.shadowMap.enabled = true;
+    renderer.shadowMap.enabled = lighting;
     renderer.shadowMap.type = PCFShadowMap;
     renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     renderer.xr.enabled = true;
@@ -29,17 +45,18 @@ export class View {
     this.controls = new OrbitControls(this.spectator, renderer.domElement);
     Object.assign(this.controls, { minDistance: 0.4, maxDistance: 2.9, maxPolarAngle: 1.7 });
     window.addEventListener("resize", () => this.fit());
-    this.fit();
+    new ResizeObserver(() => this.fit()).observe(card);
   }
 
   /** Fills the window; the scene's middle lies in the part that the card leaves free. */
-  fit(): void {
+  private fit(): void {
     if (this.renderer.xr.isPresenting) return;
     const { innerWidth: width, innerHeight: height } = window;
     const card = this.card.getBoundingClientRect();
     const besides = card.width < width * 0.7;
     this.renderer.setSize(width, height);
     this.spectator.aspect = width / height;
+    this.spectator.fov = besides ? 45 : 62;
     this.spectator.setViewOffset(width, height, besides ? -card.right / 2 : 0, besides ? 0 : card.height / 2, width, height);
   }
 
@@ -48,6 +65,15 @@ export class View {
     this.spectator.position.copy(root.localToWorld(EYE_W.clone()));
     this.controls.target.copy(root.localToWorld(CHEST_W.clone()));
     this.controls.update();
+  }
+
+  /** Lets metals mirror the room as it is seen from where the person sits. */
+  reflect(world: Object3D): void {
+    const generator = new PMREMGenerator(this.renderer);
+    const target = generator.fromScene(new Scene().add(world), 0.02, 0.1, 10, { size: 128, position: CENTRE });
+    this.scene.environment = target.texture;
+    this.scene.environmentIntensity = REFLECTION;
+    generator.dispose();
   }
 
   render(): void {

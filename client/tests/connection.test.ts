@@ -1,0 +1,143 @@
+import { decode as decodeAny, encode as encodeAny } from "@msgpack/msgpack";
+import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
+import { Connection, SUPERSEDED, retryDelayMs, type Link } from "../src/connection";
+import { PROTOCOL, type ServerMessage } from "../src/messages";
+
+class FakeSocket {
+  static all: FakeSocket[] = [];
+  binaryType = "";
+  bufferedAmount = 0;
+  sent: unknown[] = [];
+  onopen: (() => void) | null = null;
+  onmessage: ((event: { data: ArrayBuffer }) => void) | null = null;
+  onclose: ((event: { code: number; reason: string }) => void) | null = null;
+
+  constructor(readonly url: string) {
+    FakeSocket.all.push(this);
+  }
+
+  send(data: Uint8Array): void {
+    this.sent.push(decodeAny(data));
+  }
+
+  close(): void {}
+
+  receive(message: object): void {
+    this.onmessage?.({ data: encodeAny(message).slice().buffer });
+  }
+
+  drop(code = 1006, reason = ""): void {
+    this.onclose?.({ code, reason });
+  }
+}
+
+const WELCOME = { type: "welcome", protocol: PROTOCOL, session: "s" };
+let links: [Link, string][] = [];
+let messages: ServerMessage[] = [];
+
+function newest(): FakeSocket {
+  return FakeSocket.all[FakeSocket.all.length - 1]!;
+}
+
+function connection(): Connection {
+  const made = new Connection("ws://x/ws", "secret", true, {
+    message: (message) => messages.push(message),
+    link: (link, reason) => links.push([link, reason]),
+  });
+  made.open();
+  return made;
+}
+
+beforeEach(() => {
+  vi.useFakeTimers();
+  vi.stubGlobal("WebSocket", FakeSocket);
+  vi.stubGlobal("navigator", { userAgent: "headset ".repeat(200) });
+  FakeSocket.all = [];
+  links = [];
+  messages = [];
+});
+
+afterEach(() => {
+  vi.useRealTimers();
+  vi.unstubAllGlobals();
+});
+
+describe("a connection", () => {
+  it("says hello first, with the token and a name that is not too long", () => {
+    connection();
+    newest().onopen?.();
+    expect(newest().sent).toEqual([
+      { type: "hello", protocol: PROTOCOL, token: "secret", device: "headset ".repeat(64), emulated: true },
+    ]);
+  });
+
+  it("sends nothing else before it is welcome", () => {
+    const made = connection();
+    newest().onopen?.();
+    expect(made.send({ type: "ready" })).toBe(false);
+    newest().receive(WELCOME);
+    expect(made.send({ type: "ready" })).toBe(true);
+    expect(newest().sent).toHaveLength(2);
+    expect(links).toEqual([["connected", ""]]);
+    expect(messages).toEqual([WELCOME]);
+  });
+
+  it("comes back within two seconds, ever more slowly while the server is away", () => {
+    connection();
+    const waits = Array.from({ length: 8 }, () => {
+      const sockets = FakeSocket.all.length;
+      newest().drop();
+      const start = Date.now();
+      while (FakeSocket.all.length === sockets) vi.advanceTimersByTime(10);
+      return Date.now() - start;
+    });
+    expect(waits).toEqual([...waits].sort((a, b) => a - b));
+    expect(waits[0]).toBe(100);
+    expect(Math.max(...waits)).toBeLessThan(2000);
+  });
+
+  it("comes back quickly again after it was welcome", () => {
+    connection();
+    for (let n = 0; n < 5; n++) {
+      newest().drop();
+      vi.advanceTimersByTime(2000);
+    }
+    newest().receive(WELCOME);
+    newest().drop(1012, "restart");
+    vi.advanceTimersByTime(retryDelayMs(0));
+    expect(FakeSocket.all).toHaveLength(7);
+    expect(links[links.length - 1]).toEqual(["lost", "restart"]);
+  });
+
+  it("gives up an attempt that never opens", () => {
+    connection();
+    vi.advanceTimersByTime(12_000);
+    expect(FakeSocket.all.length).toBe(2);
+  });
+
+  it("keeps one that has opened, however long the welcome takes", () => {
+    connection();
+    newest().onopen?.();
+    vi.advanceTimersByTime(60_000);
+    expect(FakeSocket.all).toHaveLength(1);
+  });
+
+  it("stays away when the page was opened elsewhere", () => {
+    connection();
+    newest().drop(SUPERSEDED);
+    vi.advanceTimersByTime(60_000);
+    expect(FakeSocket.all).toHaveLength(1);
+    expect(links).toEqual([["superseded", ""]]);
+  });
+
+  it("does not listen to a socket that it has given up", () => {
+    connection();
+    const old = newest();
+    old.drop();
+    vi.advanceTimersByTime(100);
+    old.receive(WELCOME);
+    old.drop();
+    expect(messages).toEqual([]);
+    expect(FakeSocket.all).toHaveLength(2);
+  });
+});

@@ -1,0 +1,107 @@
+import { describe, expect, it } from "vitest";
+import { HIGHEST_RATE_HZ, Throttle, Tracker, findSource } from "../src/tracking";
+
+function passedPerSecond(rateHz: number, jitterMs = 0): number {
+  const throttle = new Throttle();
+  let passed = 0;
+  for (let n = 0; n < 10 * rateHz; n++) {
+    if (throttle.pass((1000 * n) / rateHz + (n % 2 ? jitterMs : -jitterMs))) passed++;
+  }
+  return passed / 10;
+}
+
+describe("the throttle", () => {
+  it.each([10, 60, 72, 90])("lets every frame of %i Hz through, also when they jitter", (rateHz) => {
+    expect(passedPerSecond(rateHz)).toBeCloseTo(rateHz, 0);
+    expect(passedPerSecond(rateHz, 0.9)).toBeCloseTo(rateHz, 0);
+  });
+
+  it.each([120, 144, 500, 1000])("lets no more than the limit of %i Hz through", (rateHz) => {
+    expect(passedPerSecond(rateHz)).toBeLessThanOrEqual(HIGHEST_RATE_HZ + 0.2);
+    expect(passedPerSecond(rateHz)).toBeGreaterThan(HIGHEST_RATE_HZ * 0.95);
+  });
+
+  it("does not make up for a pause", () => {
+    const throttle = new Throttle();
+    throttle.pass(0);
+    const burst = Array.from({ length: 20 }, (_, n) => throttle.pass(5000 + n));
+    expect(burst.filter(Boolean).length).toBeLessThanOrEqual(3);
+  });
+});
+
+type Seen = { x: number; emulatedPosition?: boolean } | null;
+
+function pose(seen: Seen | undefined): XRPose | null {
+  if (!seen) return null;
+  const position = { x: seen.x, y: 1.25, z: -0.5, w: 1 };
+  const orientation = { x: 0.5, y: -0.5, z: 0.5, w: 0.5 };
+  return { transform: { position, orientation }, emulatedPosition: seen.emulatedPosition ?? false } as unknown as XRPose;
+}
+
+function source(handedness: XRHandedness, kind: "controller" | "hand", seen: Seen): XRInputSource {
+  const space = { seen };
+  const hand = kind === "hand" ? new Map([["wrist", space]]) : undefined;
+  return { handedness, gripSpace: space, hand } as unknown as XRInputSource;
+}
+
+function frame(head: Seen, ...inputSources: XRInputSource[]): XRFrame {
+  const getPose = ({ seen }: { seen: Seen }) => pose(seen);
+  return { session: { inputSources }, getViewerPose: () => pose(head), getPose, getJointPose: getPose } as unknown as XRFrame;
+}
+
+const SPACE = {} as XRReferenceSpace;
+const Q = [0.5, -0.5, 0.5, 0.5];
+
+describe("the tracker", () => {
+  it("reads head and controllers and counts up by one", () => {
+    const tracker = new Tracker();
+    const seen = frame({ x: 0 }, source("right", "controller", { x: 2 }), source("left", "controller", { x: 1 }));
+    expect(tracker.read(seen, SPACE, 16.5)).toEqual({
+      type: "tracking",
+      sequence: 0,
+      client_time_ms: 16.5,
+      head: [[0, 1.25, -0.5], Q],
+      left: [[1, 1.25, -0.5], Q],
+      right: [[2, 1.25, -0.5], Q],
+      modality: "controllers",
+    });
+    expect(tracker.read(seen, SPACE, 27).sequence).toBe(1);
+    expect(tracker.count).toBe(2);
+  });
+
+  it("gives null for what is not tracked or only guessed", () => {
+    const guessed = source("left", "controller", { x: 1, emulatedPosition: true });
+    const read = new Tracker().read(frame(null, guessed), SPACE, 0);
+    expect(read).toMatchObject({ head: null, left: null, right: null, modality: "controllers" });
+  });
+
+  it("takes the wrist of a hand that holds no controller", () => {
+    const hands = [source("left", "hand", { x: 1 }), source("right", "hand", { x: 2 })];
+    const read = new Tracker().read(frame({ x: 0 }, ...hands), SPACE, 0);
+    expect(read.left?.[0][0]).toBe(1);
+    expect(read.modality).toBe("hands");
+  });
+
+  it("says none without any input", () => {
+    expect(new Tracker().read(frame({ x: 0 }), SPACE, 0).modality).toBe("none");
+  });
+});
+
+describe("finding a hand's input", () => {
+  const hand = source("left", "hand", null);
+  const controller = source("left", "controller", null);
+
+  it("prefers the controller in either order", () => {
+    for (const both of [
+      [hand, controller],
+      [controller, hand],
+    ]) {
+      expect(findSource(both as unknown as XRInputSourceArray, "left")).toBe(controller);
+    }
+  });
+
+  it("passes over gaze and screen input", () => {
+    const gaze = { handedness: "left" } as XRInputSource;
+    expect(findSource([gaze] as unknown as XRInputSourceArray, "left")).toBeNull();
+  });
+});
