@@ -77,8 +77,8 @@ export interface Welcome {
 
 /** A scene to draw: a GLB whose nodes carry `extras.body`, and where the simulated world stands.
  *
- * `xr_from_world` places the simulation's z-up world in the participant's `local-floor` space: apply it to
- * the root node as it is. `bodies` is the order of the poses in every following `State`.
+ * `xr_from_world` places the simulation's z-up world in the participant's `local-floor` space: apply it
+ * to the root node as it is. `bodies` is the order of the poses in every following `State`.
  * `head_bodies` are hidden from the participant's own eyes. */
 export interface Scene {
   type: "scene";
@@ -88,8 +88,9 @@ export interface Scene {
   xr_from_world: XRPose;
 }
 
-/** The world at one instant. `poses`: little-endian float32 (bodies, 7): x, y, z, then w, x, y, z; world frame.
+/** The world at one instant.
  *
+ * `poses`: little-endian float32 (bodies, 7): x, y, z, then w, x, y, z; world frame.
  * `tracking_sequence` is the newest tracking frame that this state already follows, -1 before the first. */
 export interface State {
   type: "state";

@@ -4,6 +4,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ ACTIONS = 7
 METADATA = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_STEP_S)}
 
 
-def _spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
+def _spaces(task: Task) -> tuple[gym.Space[Array], gym.Space[NDArray[np.float32]]]:
     observation = gym.spaces.Box(-np.inf, np.inf, (task.observation_size,), np.float64)
     return observation, gym.spaces.Box(-1.0, 1.0, (ACTIONS,), np.float32)
 
@@ -49,7 +50,9 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
         self.observation_space, self.action_space = _spaces(self.episodes.task)
         self._steps = 0
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
         """Begin an episode; without a seed the random stream goes on."""
         super().reset(seed=seed)
         self._steps = 0
@@ -109,7 +112,9 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
         self._steps[:] = 0
         return self.episodes.begin(np.arange(self.num_envs), self._generators), {}
 
-    def step(self, actions: NDArray[np.float32]) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """One control step of all worlds."""
         step = self.episodes.step(np.asarray(actions, float))
         self._steps += 1
@@ -142,13 +147,21 @@ def _vector_info(step: Step) -> dict[str, Any]:
 
 
 def _generators(seed: int | list[int | None] | None, count: int) -> list[np.random.Generator]:
-    seeds = [None] * count if seed is None else [seed + i for i in range(count)] if isinstance(seed, int) else seed
-    return [gym.utils.seeding.np_random(s)[0] for s in seeds]
+    seeds = (
+        [None] * count
+        if seed is None
+        else [seed + i for i in range(count)]
+        if isinstance(seed, int)
+        else seed
+    )
+    return [seeding.np_random(s)[0] for s in seeds]
 
 
 def _check_render_mode(render_mode: str | None) -> None:
     if render_mode is not None and render_mode not in METADATA["render_modes"]:
-        raise ValueError(f"unknown render mode {render_mode!r}; the modes are None, {', '.join(METADATA['render_modes'])}")
+        raise ValueError(
+            f"unknown render mode {render_mode!r}; the modes are None, {', '.join(METADATA['render_modes'])}"
+        )
 
 
 def register() -> None:

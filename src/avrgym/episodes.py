@@ -34,7 +34,7 @@ class Step:
 
 
 class Episodes:
-    """N worlds of one environment. Each world draws from its own random stream, so worlds do not affect others."""
+    """N worlds of one environment, each with a random stream of its own, so that none affects another."""
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ class Episodes:
         self._memory = self.task.remember(num_worlds)
 
     def begin(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
-        """Begin new episodes in worlds ``ids`` (n,), each drawn from its generator; return observations (n, O)."""
+        """Begin episodes in worlds ``ids`` (n,), each drawn from its generator; give observations (n, O)."""
         uniforms = np.stack([g.random(people.UNIFORMS + self.task.uniforms) for g in generators])
         who = self._draw_people(uniforms[:, : people.UNIFORMS])
         self.simulation.reset(ids, self.task.start(self.stage, who, uniforms[:, people.UNIFORMS :]))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.models.human import JOINT_INDEX, MAN, SEATED_RAD, WOMAN, People, Person
+from avrgym.models.human import JOINT_INDEX, SEATED_RAD, People, Person
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Distribution:
 
 
 DISTRIBUTIONS: Mapping[str, Distribution] = {
-    "original": Distribution((MAN.torso_height,) * 2, (WOMAN.torso_height,) * 2, waist_deg=0.0, head_deg=30.0),
+    "original": Distribution((0.60, 0.60), (0.54, 0.54), waist_deg=0.0, head_deg=30.0),
     "revised": Distribution((0.50, 0.70), (0.44, 0.64), waist_deg=10.0, head_deg=30.0),
 }
 

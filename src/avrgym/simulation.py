@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Ids = NDArray[np.intp]
 
 MAX_LEAD_RAD = 0.08
-"""How far a joint's target may run ahead of the joint: it bounds what the servo presses with when it is blocked."""
+"""How far a joint's target may run ahead of the joint: it bounds what a blocked servo presses with."""
 
 PARKING_W = np.array([4.0, 4.0, 0.005])
 """Where particles rest that have left the task: on the floor, far from everything."""
@@ -97,7 +97,7 @@ class Simulation:
         self._speed_limit = stage.robot.speed_limit_rad_s
 
     def reset(self, ids: Ids, start: Start) -> None:
-        """Put worlds ``ids`` (n,) into their start, at rest, particles on the tool, robot targets on its angles."""
+        """Put worlds ``ids`` (n,) into their start: at rest, particles on the tool, the arm where it aims."""
         self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
         for name, pos in start.body_pos_w.items():
             self._body_pos[ids, self.model.body(name).id] = pos
@@ -136,7 +136,7 @@ class Simulation:
         self._ctrl[:, self._names.person_ctrl] = joint_targets_rad
 
     def step(self, substeps: int = SUBSTEPS) -> None:
-        """Advance all worlds by physics steps; forces are those of the last step, positions those at its end."""
+        """Advance all worlds by physics steps; forces are of the last one, positions of its end."""
         self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def park(self, gone: NDArray[np.bool_]) -> None:

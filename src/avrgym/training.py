@@ -16,7 +16,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from avrgym.envs import AssistiveVectorEnv
+from avrgym.envs import ACTIONS, AssistiveVectorEnv
 from avrgym.files import write_whole
 from avrgym.policies import Policy, PolicyMetadata
 
@@ -25,7 +25,10 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class TrainingConfiguration:
-    """What a training run is made of. Network and algorithm are the paper's (section V); the rest is ours."""
+    """What a training run is made of. Network and algorithm are the paper's (section V); the rest is ours.
+
+    The learning rate falls linearly to zero, which settles the policy at the end.
+    """
 
     environment: str
     people: str = "original"
@@ -50,7 +53,7 @@ class SB3VectorEnv(VecEnv):
     def __init__(self, env: AssistiveVectorEnv) -> None:
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self.env = env
-        self._actions: Array = np.zeros(env.action_space.shape)
+        self._actions: Array = np.zeros((env.num_envs, ACTIONS))
         self._seed: int | None = None
 
     def seed(self, seed: int | None = None) -> list[int | None]:
@@ -153,7 +156,7 @@ def _ppo(configuration: TrainingConfiguration, env: VecEnv, out: Path) -> PPO:
     return PPO(
         "MlpPolicy",
         VecNormalize(env, gamma=configuration.discount, clip_obs=5.0),
-        learning_rate=configuration.learning_rate,
+        learning_rate=lambda remaining: remaining * configuration.learning_rate,
         n_steps=configuration.steps_per_update,
         batch_size=configuration.minibatch,
         n_epochs=configuration.epochs,

@@ -1,7 +1,7 @@
 """Wheelchair, table and bowl, in the world's frame: the person sits at the origin and faces −y.
 
-Wheelchair: seat height 485 mm, armrests 760 mm, push handles 915 mm, overall width 660 mm, length 1065 mm, seat
-460 × 410 mm (accessibility tables for adult manual wheelchairs).
+Wheelchair: seat height 485 mm, armrests 760 mm, push handles 915 mm, overall width 660 mm, length 1065 mm,
+seat 460 × 410 mm (accessibility tables for adult manual wheelchairs).
 """
 
 from collections.abc import Callable, Mapping
@@ -58,9 +58,8 @@ def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     add_visual(body, BOX, fabric, pos=[0, _BACK_Y + 0.012, 0.70], size=[0.215, 0.012, 0.185])
     for sign in (-1, 1):
         add_visual(body, BOX, rubber, pos=[sign * 0.265, -0.03, 0.748], size=[0.028, 0.15, 0.012])
-        add_visual(
-            body, CAPSULE, rubber, fromto=[sign * 0.222, 0.21, 0.915, sign * 0.222, 0.31, 0.905], size=[0.016, 0, 0]
-        )
+        handle = [sign * 0.222, 0.21, 0.915, sign * 0.222, 0.31, 0.905]
+        add_visual(body, CAPSULE, rubber, fromto=handle, size=[0.016, 0, 0])
         add_visual(body, BOX, rubber, pos=[sign * 0.10, -0.50, 0.095], size=[0.075, 0.115, 0.008])
 
 
@@ -70,12 +69,15 @@ def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     for side, sign in (("right", -1.0), ("left", 1.0)):
         x = sign * _FRAME_X
         bars = {
-            "back": [[x, _BACK_Y, 0.20], [x, _BACK_Y, 0.60], [x, _BACK_Y + 0.01, 0.86], [sign * 0.222, 0.20, 0.912]],
+            "back": [[x, _BACK_Y, 0.20], [x, _BACK_Y, 0.60], [x, _BACK_Y + 0.01, 0.86],
+                     [sign * 0.222, 0.20, 0.912]],
             "seat": [[x, _BACK_Y, 0.44], [x, -0.10, 0.44], [x, _FRONT_Y - 0.03, 0.435], [x, -0.36, 0.40]],
-            "shin": [[x, -0.36, 0.40], [sign * 0.22, -0.40, 0.28], [sign * 0.18, -0.46, 0.11], [sign * 0.10, -0.47, 0.09]],
+            "shin": [[x, -0.36, 0.40], [sign * 0.22, -0.40, 0.28], [sign * 0.18, -0.46, 0.11],
+                     [sign * 0.10, -0.47, 0.09]],
             "base": [[x, _BACK_Y, 0.22], [x, -0.05, 0.22], [x, _CASTER_Y, 0.22]],
             "front": [[x, _CASTER_Y, 0.44], [x, _CASTER_Y, 0.30], [x, _CASTER_Y, 0.19]],
-            "arm": [[sign * 0.265, 0.11, 0.44], [sign * 0.265, 0.11, 0.73], [sign * 0.265, -0.17, 0.73], [sign * 0.265, -0.17, 0.44]],
+            "arm": [[sign * 0.265, 0.11, 0.44], [sign * 0.265, 0.11, 0.73], [sign * 0.265, -0.17, 0.73],
+                    [sign * 0.265, -0.17, 0.44]],
         }  # fmt: skip
         for name, points in bars.items():
             add_skin(spec, body, f"wheelchair_{side}_{name}", paint, tube(_rounded(points), 0.0125))
@@ -94,7 +96,8 @@ def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
         add_skin(spec, body, f"wheelchair_{side}_tyre", rubber, tyre, pos=hub)
         rim = [hub[0] + sign * 0.018, hub[1], hub[2]]
         add_skin(spec, body, f"wheelchair_{side}_rim", steel, torus(0.262, 0.006), pos=rim)
-        add_visual(body, CAPSULE, steel, fromto=[*hub, sign * 0.22, _AXLE_Y, _WHEEL_RADIUS], size=[0.018, 0, 0])
+        axle = [*hub, sign * 0.22, _AXLE_Y, _WHEEL_RADIUS]
+        add_visual(body, CAPSULE, steel, fromto=axle, size=[0.018, 0, 0])
         for angle in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False):
             end = [hub[0], hub[1] + 0.28 * np.cos(angle), hub[2] + 0.28 * np.sin(angle)]
             add_visual(body, CAPSULE, steel, fromto=[*hub, *end], size=[0.0022, 0, 0])
@@ -123,9 +126,7 @@ def add_table(spec: mujoco.MjSpec, appearance: bool) -> None:
     top = [*centre, TABLE_HEIGHT_M - 0.015]
     add_collision(table, TABLE_BODY, BOX, contacts.FURNITURE, pos=top, size=[*half, 0.015])
     bowl = spec.worldbody.add_body(name=BOWL_BODY, pos=BOWL_START_M)
-    add_collision(
-        bowl, BOWL_BODY, CYLINDER, contacts.FURNITURE, pos=[0, 0, 0.025], size=[0.07, 0.025, 0]
-    )
+    add_collision(bowl, BOWL_BODY, CYLINDER, contacts.FURNITURE, pos=[0, 0, 0.025], size=[0.07, 0.025, 0])
     if appearance:
         _add_table_skin(spec, table, bowl, centre, half)
 

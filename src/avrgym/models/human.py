@@ -1,9 +1,9 @@
 """The simulated person: a man and a woman, scaled by torso height, static or moving.
 
-The person's model frame is the world's: x to their left, y to their back, z up. Dimensions, mass shares and joint
-ranges are those of the 50th percentile man and woman of the 2020 reference (after Tilley, *The Measure of Man and
-Woman*, 2002). One layout function gives body and geom frames for any number of people at once; the compiled model
-of one person and the per-world fields of many come from it.
+The person's model frame is the world's: x to their left, y to their back, z up. Dimensions, mass shares and
+joint ranges are those of the 50th percentile man and woman of the 2020 reference (after Tilley, *The Measure
+of Man and Woman*, 2002). One layout function gives body and geom frames for any number of people at once; the
+compiled model of one person and the per-world fields of many come from it.
 """
 
 from collections.abc import Iterable, Mapping
@@ -105,7 +105,7 @@ MOUTH_RISE = 0.03
 """The mouth above the head joints, metres; unscaled, as the reference gives it in the head's frame."""
 
 CRANIUM_RADIUS, JAW_RADIUS, JAW_FORWARD, JAW_RISE = 0.090, 0.062, 0.020, 0.025
-"""Collision spheres of the head. The jaw ends 2.8 cm behind the mouth: an open mouth that a spoon can enter."""
+"""Collision spheres of the head. The jaw ends 2.8 cm behind the mouth: a spoon can enter an open mouth."""
 
 PARENTS: Mapping[str, str | None] = {
     "hips": None,
@@ -123,10 +123,10 @@ X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Joint:
-    """A hinge: its body, its axis in that body, its range in degrees and the torque the person can give (N m).
+    """A hinge: its body, its axis in that body, its range in degrees and the person's torque (N m).
 
-    Ranges: facts of the reference, with the wider shoulder abduction it uses in VR. Torques: isometric maxima of
-    healthy adults, rounded (Chaffin, Andersson and Martin, *Occupational Biomechanics*, 2006).
+    Ranges: facts of the reference, with the wider shoulder abduction it uses in VR. Torques: isometric maxima
+    of healthy adults, rounded (Chaffin, Andersson and Martin, *Occupational Biomechanics*, 2006).
     """
 
     body: str
@@ -169,7 +169,9 @@ LOWER_RAD = np.radians([joint.lower_deg for joint in JOINTS.values()])
 UPPER_RAD = np.radians([joint.upper_deg for joint in JOINTS.values()])
 
 SEATED_LEGS_DEG: Mapping[str, float] = {
-    f"{side}_{part}": angle for side in ("right", "left") for part, angle in (("thigh", -90.0), ("shin", 80.0))
+    f"{side}_{part}": angle
+    for side in ("right", "left")
+    for part, angle in (("thigh", -90.0), ("shin", 80.0))
 }
 """Rotation about x of the undriven legs when seated: hips −90°, knees +80°."""
 
@@ -207,7 +209,9 @@ class Person:
             raise ValueError(f"unknown sex {self.sex!r}; the models are {' and '.join(SEXES)}")
         check_torso_height(self.torso_height_m)
         if np.shape(self.joint_angles_rad) != (len(JOINTS),):
-            raise ValueError(f"joint angles must have shape ({len(JOINTS)},), not {np.shape(self.joint_angles_rad)}")
+            raise ValueError(
+                f"joint angles must have shape ({len(JOINTS)},), not {np.shape(self.joint_angles_rad)}"
+            )
 
 
 def check_torso_height(torso_height_m: float) -> None:
@@ -245,7 +249,7 @@ class People:
 class Layout:
     """Frames and sizes of N people, by the names of bodies, geoms and sites without prefix.
 
-    ``body_pos``: (N, 3) in the parent body; ``geom_pos``, ``geom_size``: (N, 3); ``site_pos``: (N, 3); metres.
+    Each (N, 3), metres; ``body_pos`` in the parent body, ``geom_pos`` and ``site_pos`` in their body.
     """
 
     body_pos: Mapping[str, Array]
@@ -256,9 +260,10 @@ class Layout:
 
 def proportions_of(is_woman: NDArray[np.bool_]) -> Proportions:
     """The unscaled measures of N people, each field an array (N,)."""
+    names = [f.name for f in fields(Proportions)]
     return Proportions(
-        **{f.name: np.where(is_woman, getattr(WOMAN, f.name), getattr(MAN, f.name)) for f in fields(Proportions)}
-    )  # type: ignore[arg-type]
+        **{name: np.where(is_woman, getattr(WOMAN, name), getattr(MAN, name)) for name in names}
+    )
 
 
 def layout(is_woman: NDArray[np.bool_], torso_height_m: Array) -> Layout:
@@ -345,7 +350,7 @@ SITE_BODY = {
 
 @dataclass(frozen=True)
 class Geom:
-    """A collision geom: its body, the axis a capsule lies along (``None``: a sphere), its share of the mass."""
+    """A collision geom: its body, the axis of a capsule (``None``: a sphere), its share of the mass."""
 
     body: str
     axis: tuple[float, float, float] | None
@@ -398,9 +403,9 @@ def body_frames(people: People) -> tuple[dict[str, Array], dict[str, Array]]:
 def add_person(spec: mujoco.MjSpec, person: Person, *, moving: bool, appearance: bool) -> None:
     """Add a person to a scene, hips fixed to the world.
 
-    A moving person has the 20 driven joints, each with a position servo of limited torque, weightless by gravity
-    compensation (muscle tone holds the posture). A static one is welded in its pose. ``appearance`` adds the
-    clothed body for pictures.
+    A moving person has the 20 driven joints, each with a position servo of limited torque, weightless by
+    gravity compensation (muscle tone holds the posture). A static one is welded in its pose. ``appearance``
+    adds the clothed body for pictures.
     """
     frames = layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
     rotations = body_rotations(person.joint_angles_rad[None])
@@ -479,4 +484,6 @@ def _capsule_quaternion(axis: tuple[float, float, float] | None) -> Array:
 
 
 def _vector(x: float | Array, y: float | Array, z: float | Array) -> Array:
-    return np.stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float), np.asarray(z, float)), axis=-1)
+    return np.stack(
+        np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float), np.asarray(z, float)), axis=-1
+    )

@@ -1,11 +1,11 @@
 """The clothed body that pictures show: lofted skins fixed to the bodies of the person.
 
-Sizes are drawn for the man at his reference torso height; lengths scale with the torso height and girths with the
-sex. It never collides.
+Sizes are drawn for the man at his reference torso height; lengths scale with the torso height and girths with
+the sex. It never collides.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -40,34 +40,38 @@ GIRTHS: Mapping[str, Girth] = {"man": Girth(1.0, 1.0, 1.0, 1.0), "woman": Girth(
 
 # Sections: z, half width, half depth, then offsets x, y and the superellipse exponent.
 SHIRT = (
-    Section(-0.125, 0.150, 0.118, y=0.004), Section(-0.11, 0.166, 0.126, y=0.002), Section(-0.05, 0.163, 0.121),
-    Section(0.02, 0.156, 0.113), Section(0.10, 0.163, 0.117), Section(0.18, 0.176, 0.122, exponent=2.2),
-    Section(0.24, 0.186, 0.117, exponent=2.4), Section(0.285, 0.186, 0.100, exponent=2.5),
-    Section(0.315, 0.178, 0.084, exponent=2.4), Section(0.336, 0.128, 0.072), Section(0.352, 0.074, 0.066),
+    Section(-0.125, 0.150, 0.118, y=0.004), Section(-0.11, 0.166, 0.126, y=0.002),
+    Section(-0.05, 0.163, 0.121), Section(0.02, 0.156, 0.113), Section(0.10, 0.163, 0.117),
+    Section(0.18, 0.176, 0.122, exponent=2.2), Section(0.24, 0.186, 0.117, exponent=2.4),
+    Section(0.285, 0.186, 0.100, exponent=2.5), Section(0.315, 0.178, 0.084, exponent=2.4),
+    Section(0.336, 0.128, 0.072), Section(0.352, 0.074, 0.066),
 )  # fmt: skip
 NECK = (
-    Section(0.31, 0.085, 0.070), Section(0.345, 0.062, 0.060), Section(0.39, 0.054, 0.056), Section(0.45, 0.055, 0.060),
+    Section(0.31, 0.085, 0.070), Section(0.345, 0.062, 0.060), Section(0.39, 0.054, 0.056),
+    Section(0.45, 0.055, 0.060),
 )  # fmt: skip
 PELVIS = (
     Section(-0.205, 0.110, 0.100), Section(-0.195, 0.150, 0.125), Section(-0.15, 0.176, 0.134),
     Section(-0.08, 0.176, 0.130), Section(-0.01, 0.164, 0.120), Section(0.015, 0.150, 0.108),
 )  # fmt: skip
 SLEEVE = (
-    Section(0.040, 0.014, 0.016), Section(0.035, 0.034, 0.034), Section(0.016, 0.052, 0.052), Section(-0.02, 0.059, 0.058),
-    Section(-0.09, 0.056, 0.056), Section(-0.155, 0.054, 0.054), Section(-0.158, 0.046, 0.046),
+    Section(0.040, 0.014, 0.016), Section(0.035, 0.034, 0.034), Section(0.016, 0.052, 0.052),
+    Section(-0.02, 0.059, 0.058), Section(-0.09, 0.056, 0.056), Section(-0.155, 0.054, 0.054),
+    Section(-0.158, 0.046, 0.046),
 )  # fmt: skip
 UPPER_ARM = (
-    Section(-0.10, 0.044, 0.046), Section(-0.16, 0.045, 0.047), Section(-0.22, 0.041, 0.042), Section(-0.279, 0.038, 0.039),
-    Section(-0.300, 0.032, 0.033), Section(-0.313, 0.016, 0.017),
+    Section(-0.10, 0.044, 0.046), Section(-0.16, 0.045, 0.047), Section(-0.22, 0.041, 0.042),
+    Section(-0.279, 0.038, 0.039), Section(-0.300, 0.032, 0.033), Section(-0.313, 0.016, 0.017),
 )  # fmt: skip
 FOREARM = (
-    Section(0.030, 0.020, 0.020), Section(0.015, 0.035, 0.035), Section(-0.02, 0.041, 0.041), Section(-0.07, 0.042, 0.043),
-    Section(-0.13, 0.036, 0.038), Section(-0.20, 0.028, 0.032), Section(-0.257, 0.023, 0.030), Section(-0.30, 0.022, 0.030),
+    Section(0.030, 0.020, 0.020), Section(0.015, 0.035, 0.035), Section(-0.02, 0.041, 0.041),
+    Section(-0.07, 0.042, 0.043), Section(-0.13, 0.036, 0.038), Section(-0.20, 0.028, 0.032),
+    Section(-0.257, 0.023, 0.030), Section(-0.30, 0.022, 0.030),
 )  # fmt: skip
 THIGH = (
-    Section(0.075, 0.040, 0.040), Section(0.06, 0.072, 0.072), Section(0.01, 0.090, 0.092), Section(-0.10, 0.087, 0.090),
-    Section(-0.22, 0.078, 0.080), Section(-0.34, 0.067, 0.068), Section(-0.424, 0.062, 0.062), Section(-0.460, 0.052, 0.052),
-    Section(-0.478, 0.030, 0.030),
+    Section(0.075, 0.040, 0.040), Section(0.06, 0.072, 0.072), Section(0.01, 0.090, 0.092),
+    Section(-0.10, 0.087, 0.090), Section(-0.22, 0.078, 0.080), Section(-0.34, 0.067, 0.068),
+    Section(-0.424, 0.062, 0.062), Section(-0.460, 0.052, 0.052), Section(-0.478, 0.030, 0.030),
 )  # fmt: skip
 SHIN = (
     Section(0.045, 0.035, 0.035), Section(0.02, 0.057, 0.058), Section(-0.08, 0.060, 0.064, y=0.006),
@@ -75,24 +79,29 @@ SHIN = (
     Section(-0.378, 0.040, 0.042),
 )  # fmt: skip
 SHOE = (
-    Section(-0.062, 0.040, 0.122, y=-0.072, exponent=2.6), Section(-0.060, 0.044, 0.128, y=-0.072, exponent=2.6),
-    Section(-0.040, 0.045, 0.128, y=-0.072, exponent=2.5), Section(-0.010, 0.043, 0.112, y=-0.055, exponent=2.3),
-    Section(0.015, 0.041, 0.075, y=-0.020), Section(0.040, 0.041, 0.052, y=0.002), Section(0.048, 0.036, 0.045, y=0.002),
+    Section(-0.062, 0.040, 0.122, y=-0.072, exponent=2.6),
+    Section(-0.060, 0.044, 0.128, y=-0.072, exponent=2.6),
+    Section(-0.040, 0.045, 0.128, y=-0.072, exponent=2.5),
+    Section(-0.010, 0.043, 0.112, y=-0.055, exponent=2.3), Section(0.015, 0.041, 0.075, y=-0.020),
+    Section(0.040, 0.041, 0.052, y=0.002), Section(0.048, 0.036, 0.045, y=0.002),
 )  # fmt: skip
 HEAD = (
-    Section(-0.040, 0.022, 0.022, y=-0.058), Section(-0.032, 0.038, 0.036, y=-0.056), Section(-0.012, 0.053, 0.056, y=-0.043),
-    Section(0.010, 0.060, 0.073, y=-0.029), Section(0.030, 0.065, 0.083, y=-0.020), Section(0.060, 0.071, 0.091, y=-0.009),
-    Section(0.090, 0.075, 0.096, y=-0.001), Section(0.120, 0.077, 0.099, y=0.003), Section(0.150, 0.073, 0.094, y=0.004),
-    Section(0.172, 0.060, 0.078, y=0.004), Section(0.186, 0.038, 0.050, y=0.004), Section(0.190, 0.018, 0.024, y=0.004),
+    Section(-0.040, 0.022, 0.022, y=-0.058), Section(-0.032, 0.038, 0.036, y=-0.056),
+    Section(-0.012, 0.053, 0.056, y=-0.043), Section(0.010, 0.060, 0.073, y=-0.029),
+    Section(0.030, 0.065, 0.083, y=-0.020), Section(0.060, 0.071, 0.091, y=-0.009),
+    Section(0.090, 0.075, 0.096, y=-0.001), Section(0.120, 0.077, 0.099, y=0.003),
+    Section(0.150, 0.073, 0.094, y=0.004), Section(0.172, 0.060, 0.078, y=0.004),
+    Section(0.186, 0.038, 0.050, y=0.004), Section(0.190, 0.018, 0.024, y=0.004),
 )  # fmt: skip
 SHORT_HAIR = (
-    Section(0.020, 0.045, 0.030, y=0.060), Section(0.050, 0.068, 0.052, y=0.056), Section(0.085, 0.081, 0.076, y=0.034),
-    Section(0.120, 0.085, 0.088, y=0.022), Section(0.150, 0.083, 0.094, y=0.012), Section(0.175, 0.074, 0.092, y=0.004),
+    Section(0.020, 0.045, 0.030, y=0.060), Section(0.050, 0.068, 0.052, y=0.056),
+    Section(0.085, 0.081, 0.076, y=0.034), Section(0.120, 0.085, 0.088, y=0.022),
+    Section(0.150, 0.083, 0.094, y=0.012), Section(0.175, 0.074, 0.092, y=0.004),
     Section(0.195, 0.053, 0.066, y=0.002), Section(0.205, 0.026, 0.032, y=0.002),
 )  # fmt: skip
 LONG_HAIR = (
-    Section(-0.075, 0.040, 0.018, y=0.070), Section(-0.050, 0.070, 0.030, y=0.068), Section(0.0, 0.078, 0.042, y=0.062),
-    Section(0.050, 0.082, 0.058, y=0.052), *SHORT_HAIR[2:],
+    Section(-0.075, 0.040, 0.018, y=0.070), Section(-0.050, 0.070, 0.030, y=0.068),
+    Section(0.0, 0.078, 0.042, y=0.062), Section(0.050, 0.082, 0.058, y=0.052), *SHORT_HAIR[2:],
 )  # fmt: skip
 
 
@@ -164,7 +173,7 @@ def _skins(sex: str, girth: Girth, h: float) -> list[tuple[str, str, str, Mesh]]
 
 
 def _hand(palm_x: float, girth: float) -> list[tuple[str, Mesh]]:
-    """A relaxed fist around a grip: palm, four curled fingers and a thumb; the palm looks along ``palm_x``."""
+    """A relaxed fist around a grip: palm, four curled fingers, a thumb; the palm looks along ``palm_x``."""
     palm = [
         Section(0.010, 0.019, 0.026), Section(-0.015, 0.018, 0.030), Section(-0.045, 0.016, 0.041),
         Section(-0.075, 0.014, 0.042), Section(-0.088, 0.008, 0.036),
@@ -172,7 +181,9 @@ def _hand(palm_x: float, girth: float) -> list[tuple[str, Mesh]]:
     parts = [("palm", _scaled(palm, girth, girth))]
     for number, y in enumerate((-0.032, -0.011, 0.010, 0.030)):
         parts.append((f"finger_{number + 1}", _finger(palm_x, y, girth)))
-    thumb = np.array([[0.0, -0.028, -0.020], [0.016, -0.046, -0.038], [0.030, -0.048, -0.058], [0.040, -0.040, -0.072]])
+    thumb = np.array(
+        [[0.0, -0.028, -0.020], [0.016, -0.046, -0.038], [0.030, -0.048, -0.058], [0.040, -0.040, -0.072]]
+    )
     parts.append(("thumb", tube(thumb * [palm_x * girth, girth, girth], 0.0105 * girth)))
     return parts
 
@@ -186,6 +197,8 @@ def _finger(palm_x: float, y: float, girth: float) -> Mesh:
 
 
 def _scaled(sections: Sequence[Section], girth: float, length: float) -> Mesh:
-    return loft([
-        Section(s.z * length, s.a * girth, s.b * girth, s.x * girth, s.y * girth, s.exponent) for s in sections
-    ])
+    scaled = [
+        replace(s, z=s.z * length, a=s.a * girth, b=s.b * girth, x=s.x * girth, y=s.y * girth)
+        for s in sections
+    ]
+    return loft(scaled)

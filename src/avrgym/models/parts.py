@@ -13,10 +13,17 @@ CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
 SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE
 
 
-def add_collision(body: mujoco.MjsBody, name: str, kind: mujoco.mjtGeom, bits: ContactBits, **attributes) -> None:
+def add_collision(
+    body: mujoco.MjsBody, name: str, kind: mujoco.mjtGeom, bits: ContactBits, **attributes
+) -> None:
     """Add an invisible geom that touches; attributes as of ``MjsBody.add_geom``."""
     body.add_geom(
-        name=name, type=kind, group=COLLISION_GROUP, contype=bits.contype, conaffinity=bits.conaffinity, **attributes
+        name=name,
+        type=kind,
+        group=COLLISION_GROUP,
+        contype=bits.contype,
+        conaffinity=bits.conaffinity,
+        **attributes,
     )
 
 
@@ -27,7 +34,9 @@ def add_visual(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, **attr
     )
 
 
-def add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, material: str, mesh: Mesh, **attributes) -> None:
+def add_skin(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, material: str, mesh: Mesh, **attributes
+) -> None:
     """Add a visible mesh made by ``shapes``; ``name`` names the mesh asset."""
     spec.add_mesh(
         name=name,

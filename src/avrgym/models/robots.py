@@ -20,10 +20,11 @@ PREFIX = "robot/"
 class Robot:
     """A robot with one moving arm.
 
-    ``arm_joints`` are named as in the model file. ``speed_limit_rad_s`` and ``torque_limit_n_m`` (7,) are those of
-    the public description. ``hand_q`` turns the end effector's frame into the frame of tools held
-    across the palm like a rod (x towards the tool, z up when the hand reaches in from the side). ``finger_angle_rad`` closes the fingers on a tool's handle. ``seed_pose_rad`` (7,) is a pose
-    with free space around it, where inverse kinematics starts.
+    ``arm_joints`` are named as in the model file. ``speed_limit_rad_s`` and ``torque_limit_n_m`` (7,) are
+    those of the public description. ``hand_q`` turns the end effector's frame into the frame of tools held
+    across the palm like a rod (x towards the tool, z up when the hand reaches in from the side).
+    ``finger_angle_rad`` closes the fingers on a tool's handle. ``seed_pose_rad`` (7,) is a pose with free
+    space around it, where inverse kinematics starts.
     """
 
     name: str
@@ -82,8 +83,8 @@ def mesh_path(robot: Robot) -> Path:
 def robot_spec(robot: Robot, *, appearance: bool) -> mujoco.MjSpec:
     """The robot alone: fingers closed, contact bits set, a velocity servo on each arm joint.
 
-    The servo integrates its command into a target angle, never past the joint's range, and pulls the joint there
-    like a spring of ``stiffness_n_m_rad`` with critical damping, within the motor's torque.
+    The servo integrates its command into a target angle, never past the joint's range, and pulls the joint
+    there like a spring of ``stiffness_n_m_rad`` with critical damping, within the motor's torque.
     """
     spec = mujoco.MjSpec.from_string(files("avrgym.models").joinpath("assets", robot.file).read_text())
     spec.meshdir = str(mesh_path(robot))
@@ -113,7 +114,11 @@ def _close_fingers(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
     limits = zip(
-        robot.arm_joints, robot.speed_limit_rad_s, robot.torque_limit_n_m, robot.stiffness_n_m_rad, strict=True
+        robot.arm_joints,
+        robot.speed_limit_rad_s,
+        robot.torque_limit_n_m,
+        robot.stiffness_n_m_rad,
+        strict=True,
     )
     for joint, speed, torque, stiffness in limits:
         actuator = spec.add_actuator(

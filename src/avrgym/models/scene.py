@@ -78,7 +78,10 @@ def robot_with_tool(stage: Stage, *, appearance: bool) -> mujoco.MjSpec:
     robot = robots.robot_spec(stage.robot, appearance=appearance)
     hand_q = stage.robot.hand_q
     tool = robot.body(stage.robot.end_effector).add_body(
-        name=TOOL_BODY, pos=transforms.rotate(hand_q, [stage.tool.reach_m, 0.0, 0.0]), quat=hand_q, gravcomp=1.0
+        name=TOOL_BODY,
+        pos=transforms.rotate(hand_q, [stage.tool.reach_m, 0.0, 0.0]),
+        quat=hand_q,
+        gravcomp=1.0,
     )
     stage.tool.build(robot, tool, appearance)
     return robot
@@ -91,8 +94,10 @@ EFFECTOR_VELOCITY_SENSOR = "end_effector_velocity"
 
 
 def _add_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """In the world's frame: net contact force on the person, by the whole robot and by the tool alone; and the
-    end effector's velocity."""
+    """The net force on the person by robot and tool and by the tool alone, and the end effector's velocity.
+
+    All in the world's frame.
+    """
     for name, first in ((ROBOT_FORCE_SENSOR, robots.PREFIX + robot.base), (TOOL_FORCE_SENSOR, TOOL)):
         spec.add_sensor(
             name=name,

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+
 SEGMENTS = 28
 
 
@@ -13,7 +15,7 @@ SEGMENTS = 28
 class Mesh:
     """Vertices (V, 3) in metres and triangles (F, 3), counter-clockwise seen from outside."""
 
-    vertices: NDArray[np.float64]
+    vertices: Array
     faces: NDArray[np.int32]
 
 
@@ -34,10 +36,10 @@ def loft(sections: Sequence[Section], segments: int = SEGMENTS) -> Mesh:
 
     A shell goes up along its outside and down along its inside.
     """
-    return _close(np.stack([_ring(section, segments) for section in sections]))
+    return _close_at_centres(np.stack([_ring(section, segments) for section in sections]))
 
 
-def tube(points: NDArray[np.float64], radius_m: float, segments: int = 10) -> Mesh:
+def tube(points: Array, radius_m: float, segments: int = 10) -> Mesh:
     """A round tube of constant radius along a polyline (P, 3), closed at both ends."""
     tangents = np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
@@ -47,7 +49,7 @@ def tube(points: NDArray[np.float64], radius_m: float, segments: int = 10) -> Me
     v = np.cross(tangents, u)
     angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)[None, :, None]
     rings = points[:, None] + radius_m * (np.cos(angle) * u[:, None] + np.sin(angle) * v[:, None])
-    return _close(rings)
+    return _close_at_centres(rings)
 
 
 def torus(radius_m: float, tube_radius_m: float, segments: int = 48, tube_segments: int = 12) -> Mesh:
@@ -56,23 +58,30 @@ def torus(radius_m: float, tube_radius_m: float, segments: int = 48, tube_segmen
     roll = np.linspace(0.0, 2.0 * np.pi, tube_segments, endpoint=False)[None, :]
     distance = radius_m + tube_radius_m * np.cos(roll)
     vertices = np.stack(
-        [np.broadcast_to(tube_radius_m * np.sin(roll), (segments, tube_segments)), distance * np.cos(turn), distance * np.sin(turn)],
+        [
+            np.broadcast_to(tube_radius_m * np.sin(roll), (segments, tube_segments)),
+            distance * np.cos(turn),
+            distance * np.sin(turn),
+        ],
         axis=-1,
     )
-    return Mesh(vertices.reshape(-1, 3), _outward(vertices.reshape(-1, 3), _band_faces(segments, tube_segments, closed=True)))
+    vertices = vertices.reshape(-1, 3)
+    return Mesh(vertices, _outward(vertices, _band_faces(segments, tube_segments, closed=True)))
 
 
 def revolve(profile: Sequence[tuple[float, float]], segments: int = 40) -> Mesh:
-    """A solid of revolution about z from its closed outline of (radius, z) points, first and last on the axis."""
+    """A solid of revolution about z; its outline (radius, z) begins and ends on the axis."""
     angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
     rings = np.stack(
-        [np.stack([r * np.cos(angle), r * np.sin(angle), np.full(segments, z)], axis=-1) for r, z in profile[1:-1]]
+        [
+            np.stack([r * np.cos(angle), r * np.sin(angle), np.full(segments, z)], axis=-1)
+            for r, z in profile[1:-1]
+        ]
     )
-    first, last = ([0.0, 0.0, profile[0][1]], [0.0, 0.0, profile[-1][1]])
-    return _close(rings, np.array(first), np.array(last))
+    return _close(rings, np.array([0.0, 0.0, profile[0][1]]), np.array([0.0, 0.0, profile[-1][1]]))
 
 
-def _ring(section: Section, segments: int) -> NDArray[np.float64]:
+def _ring(section: Section, segments: int) -> Array:
     angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
     c, s = np.cos(angle), np.sin(angle)
     power = 2.0 / section.exponent
@@ -81,10 +90,13 @@ def _ring(section: Section, segments: int) -> NDArray[np.float64]:
     return np.stack([x, y, np.full(segments, section.z)], axis=-1)
 
 
-def _close(rings: NDArray[np.float64], first: NDArray | None = None, last: NDArray | None = None) -> Mesh:
+def _close_at_centres(rings: Array) -> Mesh:
+    return _close(rings, rings[0].mean(axis=0), rings[-1].mean(axis=0))
+
+
+def _close(rings: Array, first: Array, last: Array) -> Mesh:
+    """The skin of rings (R, S, 3) with a point (3,) at either end."""
     count, segments, _ = rings.shape
-    first = rings[0].mean(axis=0) if first is None else first
-    last = rings[-1].mean(axis=0) if last is None else last
     vertices = np.concatenate([rings.reshape(-1, 3), first[None], last[None]])
     start, end = count * segments, count * segments + 1
     around = np.arange(segments)
@@ -107,7 +119,7 @@ def _band_faces(rings: int, segments: int, closed: bool) -> NDArray[np.int32]:
     return np.concatenate([first, second]).astype(np.int32)
 
 
-def _outward(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.int32]:
+def _outward(vertices: Array, faces: NDArray[np.int32]) -> NDArray[np.int32]:
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum()
     return (faces if volume > 0.0 else faces[:, ::-1]).astype(np.int32)

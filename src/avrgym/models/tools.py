@@ -97,9 +97,7 @@ def _add_bowl_walls(body: mujoco.MjsBody) -> None:
         centre = out * (half + spread) + [0, 0, _FLOOR_Z + rise] + normal * thickness
         along = half_x + 2 * spread if axis == 1 else half_y + 2 * spread
         size = np.where(np.eye(3)[axis] == 1.0, thickness, [along, along, slope])
-        add_collision(
-            body, f"spoon_{name}", BOX, contacts.TOOL, pos=centre, quat=turn, size=size, mass=0.002
-        )
+        add_collision(body, f"spoon_{name}", BOX, contacts.TOOL, pos=centre, quat=turn, size=size, mass=0.002)
 
 
 def _add_spoon_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, handle_end: float) -> None:
@@ -111,9 +109,7 @@ def _add_spoon_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, handle_end: float
     add_skin(spec, body, "spoon_bowl_skin", steel, bowl)
     x = np.linspace(-0.96 * a, handle_end, 14)
     bend = _RIM_Z + 0.006 * np.sin(np.pi * (x + a) / (handle_end + a))
-    add_skin(
-        spec, body, "spoon_handle_skin", steel, tube(np.stack([x, 0 * x, bend], axis=-1), 0.0038)
-    )
+    add_skin(spec, body, "spoon_handle_skin", steel, tube(np.stack([x, 0 * x, bend], axis=-1), 0.0038))
 
 
 SPOON = Tool(_build_spoon, reach_m=SPOON_LENGTH_M - _BOWL[0] - 0.02, particles=FOOD)

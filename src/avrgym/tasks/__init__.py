@@ -21,5 +21,7 @@ def find_environment(environment_id: str) -> tuple[str, str]:
         ValueError: naming the ids there are.
     """
     if environment_id not in ENVIRONMENTS:
-        raise ValueError(f"unknown environment {environment_id!r}; the environments are {', '.join(ENVIRONMENTS)}")
+        raise ValueError(
+            f"unknown environment {environment_id!r}; the environments are {', '.join(ENVIRONMENTS)}"
+        )
     return ENVIRONMENTS[environment_id]

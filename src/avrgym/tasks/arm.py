@@ -19,9 +19,10 @@ def arm_chain(stage: Stage) -> kinematics.Chain:
 
 
 def start_angles(stage: Stage, tool_pos_w: Array, tool_q_w: Array, uniforms: Array) -> Array:
-    """Arm angles (n, 7) that put the tool at positions (n, 3) and rotations (n, 4), starting near the seed pose.
+    """Arm angles (n, 7), near the seed pose, that put the tool at positions (n, 3) and rotations (n, 4).
 
-    ``uniforms`` (n, ``kinematics.RESTART_UNIFORMS``) drive the restarts where the seed pose does not lead there.
+    ``uniforms`` (n, ``kinematics.RESTART_UNIFORMS``) drive the restarts where the seed pose does not lead
+    there.
     """
     base_pos, base_q = transforms.invert(stage.robot_pos_w, stage.robot_q_w)
     pos, q = transforms.compose(base_pos, base_q, tool_pos_w, tool_q_w)

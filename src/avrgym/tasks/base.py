@@ -19,7 +19,7 @@ Memory = Any
 
 @dataclass(frozen=True)
 class Outcome:
-    """One control step, judged. ``terms``: unweighted, each (N,); ``gone`` (N, K): particles to take out of play."""
+    """One control step, judged. ``terms``: unweighted, (N,); ``gone`` (N, K): particles to take away."""
 
     memory: Memory
     terms: Mapping[str, Array]
@@ -32,10 +32,10 @@ class Outcome:
 class Task:
     """A task. Every function takes and gives arrays with the world axis first.
 
-    ``stage(robot)`` says what stands in the scene. ``start(stage, people, uniforms)`` draws where things begin from
-    uniform numbers (n, ``uniforms``). ``remember(n)`` is an episode's empty memory. ``observe(state)`` gives
-    (N, ``observation_size``). ``judge(state, action, memory)`` judges a control step. ``weights`` has one weight
-    for each term; the reward is their weighted sum.
+    ``stage(robot)`` says what stands in the scene. ``start(stage, people, uniforms)`` draws where things
+    begin from uniform numbers (n, ``uniforms``). ``remember(n)`` is an episode's empty memory.
+    ``observe(state)`` gives (N, ``observation_size``). ``judge(state, action, memory)`` judges a control
+    step. ``weights`` has one weight for each term; the reward is their weighted sum.
     """
 
     name: str

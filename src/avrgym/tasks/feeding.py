@@ -76,7 +76,8 @@ def remember(count: int) -> FeedingMemory:
 def observe(state: State) -> Array:
     """Observation (N, 25), positions relative to the robot's base.
 
-    tool (3), tool quaternion (4), tool − mouth (3), arm angles (7), head (3), head quaternion (4), tool force (1).
+    tool (3), tool quaternion (4), tool − mouth (3), arm angles (7), head (3), head quaternion (4), force at
+    the tool (1).
     """
     return np.concatenate(
         [
@@ -122,7 +123,8 @@ def _is_dropped(state: State) -> Bools:
     over_table = ((pos[..., :2] > TABLE_LOW_M) & (pos[..., :2] < TABLE_HIGH_M)).all(axis=-1)
     on_table = over_table & (pos[..., 2] < TABLE_HEIGHT_M + 2.0 * FOOD.radius_m)
     from_bowl = pos - state.bowl_pos_w[:, None]
-    in_bowl = (norm(from_bowl[..., :2]) < BOWL_RADIUS_M) & (from_bowl[..., 2] < BOWL_HEIGHT_M + 2.0 * FOOD.radius_m)
+    above_bowl = norm(from_bowl[..., :2]) < BOWL_RADIUS_M
+    in_bowl = above_bowl & (from_bowl[..., 2] < BOWL_HEIGHT_M + 2.0 * FOOD.radius_m)
     return (pos[..., 2] < DROPPED_HEIGHT_M) | on_table | in_bowl
 
 

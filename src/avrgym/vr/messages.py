@@ -26,10 +26,10 @@ class Message(msgspec.Struct, frozen=True, tag_field="type", forbid_unknown_fiel
     """Base of all messages."""
 
 
-# From the client ---------------------------------------------------------------------------------------------
+# From the client -------------------------------------------------------------------------------------------
 
 
-class Hello(Message, tag="hello"):
+class Hello(Message, frozen=True, tag="hello"):
     """The first message of a connection. The token is the one in the fragment of the page's address."""
 
     protocol: int
@@ -38,7 +38,7 @@ class Hello(Message, tag="hello"):
     emulated: bool
 
 
-class Tracking(Message, tag="tracking"):
+class Tracking(Message, frozen=True, tag="tracking"):
     """One XR frame. ``sequence`` counts up by one; ``client_time_ms`` is the XR frame's time stamp.
 
     Controller poses are grip poses; a pose that is not tracked is ``None``.
@@ -52,27 +52,27 @@ class Tracking(Message, tag="tracking"):
     modality: Literal["controllers", "hands", "none"]
 
 
-class Entered(Message, tag="entered"):
+class Entered(Message, frozen=True, tag="entered"):
     """The participant entered VR."""
 
 
-class Left(Message, tag="left"):
+class Left(Message, frozen=True, tag="left"):
     """The participant left VR (the connection may stay)."""
 
 
-class Ready(Message, tag="ready"):
+class Ready(Message, frozen=True, tag="ready"):
     """The participant pressed a trigger where the phase asks for it."""
 
 
-class Stop(Message, tag="stop"):
+class Stop(Message, frozen=True, tag="stop"):
     """The participant pressed a menu button or the stop key: the robot must hold at once."""
 
 
-class OriginReset(Message, tag="origin_reset"):
+class OriginReset(Message, frozen=True, tag="origin_reset"):
     """The reference space's origin jumped: earlier registration is void."""
 
 
-class Answer(Message, tag="answer"):
+class Answer(Message, frozen=True, tag="answer"):
     """The answer to one item of the questionnaire, with the time from its appearance to the press."""
 
     item: Annotated[str, msgspec.Meta(max_length=64)]
@@ -82,25 +82,33 @@ class Answer(Message, tag="answer"):
 
 ClientMessage = Hello | Tracking | Entered | Left | Ready | Stop | OriginReset | Answer
 
-# From the server ---------------------------------------------------------------------------------------------
+# From the server -------------------------------------------------------------------------------------------
 
 PhaseName = Literal[
-    "waiting", "calibration", "free_before", "countdown", "trial", "free_after", "questionnaire", "paused", "finished"
+    "waiting",
+    "calibration",
+    "free_before",
+    "countdown",
+    "trial",
+    "free_after",
+    "questionnaire",
+    "paused",
+    "finished",
 ]
 
 
-class Welcome(Message, tag="welcome"):
+class Welcome(Message, frozen=True, tag="welcome"):
     """The connection is accepted."""
 
     protocol: int
     session: str
 
 
-class Scene(Message, tag="scene"):
+class Scene(Message, frozen=True, tag="scene"):
     """A scene to draw: a GLB whose nodes carry ``extras.body``, and where the simulated world stands.
 
-    ``xr_from_world`` places the simulation's z-up world in the participant's ``local-floor`` space: apply it to
-    the root node as it is. ``bodies`` is the order of the poses in every following ``State``.
+    ``xr_from_world`` places the simulation's z-up world in the participant's ``local-floor`` space: apply it
+    to the root node as it is. ``bodies`` is the order of the poses in every following ``State``.
     ``head_bodies`` are hidden from the participant's own eyes.
     """
 
@@ -110,9 +118,10 @@ class Scene(Message, tag="scene"):
     xr_from_world: XRPose
 
 
-class State(Message, tag="state"):
-    """The world at one instant. ``poses``: little-endian float32 (bodies, 7): x, y, z, then w, x, y, z; world frame.
+class State(Message, frozen=True, tag="state"):
+    """The world at one instant.
 
+    ``poses``: little-endian float32 (bodies, 7): x, y, z, then w, x, y, z; world frame.
     ``tracking_sequence`` is the newest tracking frame that this state already follows, -1 before the first.
     """
 
@@ -122,7 +131,7 @@ class State(Message, tag="state"):
     poses: bytes
 
 
-class Phase(Message, tag="phase"):
+class Phase(Message, frozen=True, tag="phase"):
     """Where the session stands, with the words to show to the participant."""
 
     name: PhaseName
@@ -133,7 +142,7 @@ class Phase(Message, tag="phase"):
     seconds: float | None
 
 
-class Question(Message, tag="question"):
+class Question(Message, frozen=True, tag="question"):
     """One item to show and to answer by pointing and pressing the trigger."""
 
     item: str
@@ -145,7 +154,7 @@ class Question(Message, tag="question"):
     count: int
 
 
-class Problem(Message, tag="problem"):
+class Problem(Message, frozen=True, tag="problem"):
     """What was wrong with a message or a measurement, and what is allowed. The session goes on."""
 
     message: str

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from avrgym.models.contacts import VISUAL_GROUP
@@ -53,7 +54,7 @@ def _painted(model: mujoco.MjModel, material: int, parts: list[trimesh.Trimesh])
     mesh = trimesh.util.concatenate(parts)
     assert isinstance(mesh, trimesh.Trimesh)
     linear = np.append(model.mat_rgba[material][:3] ** 2.2, 1.0)
-    mesh.visual = trimesh.visual.TextureVisuals(
+    mesh.visual = TextureVisuals(
         material=PBRMaterial(
             name=model.mat(material).name,
             baseColorFactor=linear,

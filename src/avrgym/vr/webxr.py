@@ -113,7 +113,7 @@ def is_valid(pose: XRPose) -> bool:
     numbers = np.array([*pose.position, *pose.orientation])
     if not np.isfinite(numbers).all() or np.abs(numbers).max() > MAX_DISTANCE_M:
         return False
-    return abs(np.linalg.norm(numbers[3:]) - 1.0) < UNIT_TOLERANCE
+    return bool(abs(np.linalg.norm(numbers[3:]) - 1.0) < UNIT_TOLERANCE)
 
 
 def _floats(numbers: Array | list[float]) -> tuple:

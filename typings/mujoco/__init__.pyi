@@ -1,0 +1,5 @@
+"""MuJoCo's compiled modules carry no types, so all of its names count as ``Any``."""
+
+from typing import Any
+
+def __getattr__(name: str) -> Any: ...
