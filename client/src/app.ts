@@ -1,34 +1,29 @@
-import { Quaternion, Vector3 } from "three";
 import { Connection, type Link } from "./connection";
 import { isRunning, panelContent, type Display } from "./display";
-import type { Phase, Scene, ServerMessage, State } from "./messages";
+import { Immersive } from "./immersive";
+import type { ClientMessage, Phase, Scene, ServerMessage, State } from "./messages";
 import { Page, isStopKey } from "./page";
 import { Panel } from "./panel";
-import { Pointer } from "./pointer";
 import { Questionnaire } from "./questionnaire";
 import { createRoom } from "./room";
 import { ImmersiveSession, reasonAgainstVR } from "./session";
-import { BACKLOG_LIMIT_BYTES, Throttle, Tracker, findSource } from "./tracking";
 import { View, type Detail } from "./view";
 import { World } from "./world";
 
 const PROBLEM_SHOWN_MS = 6000;
-const HANDS = ["left", "right"] as const;
 
 /** The whole client: what the server says goes in, what the participant does goes out. */
 export class App {
-  readonly page = new Page({ enterOrLeave: () => void this.enterOrLeave(), answer: (value) => this.answer(value) });
   readonly view: View;
   readonly panel: Panel;
+  readonly immersive: Immersive;
   readonly questionnaire = new Questionnaire();
-  readonly tracker = new Tracker();
   phase: Phase | null = null;
   lastState: State | null = null;
   statesReceived = 0;
 
+  private readonly page: Page;
   private readonly world = new World();
-  private readonly pointers = { left: new Pointer(), right: new Pointer() };
-  private readonly throttle = new Throttle();
   private readonly session: ImmersiveSession;
   private readonly connection: Connection;
   private link: Link = "connecting";
@@ -37,37 +32,31 @@ export class App {
   private problemTimer = 0;
   private phaseEndsMs = Infinity;
   private secondsLeft: number | null = null;
-  private readonly head = new Vector3();
-  private readonly forward = new Vector3();
-  private readonly turn = new Quaternion();
 
   constructor(
     private readonly token: string,
     private readonly emulated: boolean,
     detail: Detail,
   ) {
+    this.page = new Page({
+      enterOrLeave: () => void this.enterOrLeave(),
+      answer: (value) => this.answer(value),
+    });
     this.view = new View(this.page.view, this.page.card, detail);
     this.panel = new Panel(detail.anisotropy);
+    this.connection = new Connection(socketAddress(), token, emulated, {
+      message: (message) => this.receive(message),
+      link: (link, reason) => this.linked(link, reason),
+    });
+    this.immersive = new Immersive(this.panel, this.connection);
     this.session = new ImmersiveSession(this.view.renderer, {
       entered: () => this.entered(),
       left: () => this.left(),
       selected: (source, frame) => this.selected(source, frame),
-      menuPressed: () => this.stop(),
+      menuPressed: () => this.send({ type: "stop" }),
       originReset: () => this.originReset(),
     });
-    this.world.root.rotation.x = -Math.PI / 2;
-    this.world.root.updateMatrixWorld();
-    this.world.root.add(createRoom(detail));
-    if (detail.lighting) this.view.reflect(this.world.root);
-    this.view.scene.add(this.world.root, this.panel.mesh, this.pointers.left.group, this.pointers.right.group);
-    this.view.standBefore(this.world.root);
-    const url = new URL("ws", location.href.split("#")[0]);
-    url.protocol = url.protocol.replace("http", "ws");
-    url.search = "";
-    this.connection = new Connection(url.href, token, emulated, {
-      message: (message) => this.receive(message),
-      link: (link, reason) => this.linked(link, reason),
-    });
+    this.furnish(detail);
   }
 
   get presenting(): boolean {
@@ -83,22 +72,35 @@ export class App {
     void this.checkVR();
   }
 
+  private furnish(detail: Detail): void {
+    const { root } = this.world;
+    root.add(createRoom(detail));
+    if (detail.lighting) this.view.reflect(root);
+    const { left, right } = this.immersive.pointers;
+    this.view.scene.add(root, this.panel.mesh, left.group, right.group);
+    this.view.standBefore(root);
+  }
+
+  private send(message: ClientMessage): boolean {
+    return this.connection.send(message);
+  }
+
   // From the server
 
   private receive(message: ServerMessage): void {
     if (message.type === "state") return this.stateCame(message);
+    if (message.type === "welcome") this.welcomed();
     if (message.type === "scene") void this.sceneCame(message);
     if (message.type === "phase") this.phaseCame(message);
     if (message.type === "question") this.questionnaire.show(message, performance.now());
     if (message.type === "problem") this.showProblem(message.message);
-    if (message.type === "welcome") this.welcomed();
     this.refresh();
   }
 
   /** A new connection knows nothing of the participant in VR yet. */
   private welcomed(): void {
     this.world.forgetStates();
-    if (this.presenting) this.connection.send({ type: "entered" });
+    if (this.presenting) this.send({ type: "entered" });
   }
 
   private stateCame(state: State): void {
@@ -137,23 +139,23 @@ export class App {
     if (this.emulated && !navigator.userActivation.isActive) {
       return this.showProblem("Enter VR needs a real click: a headset's browser would refuse this one.");
     }
-    try {
-      await this.session.enter(navigator.xr!);
-    } catch (error) {
-      this.showProblem(`VR could not be entered: ${words(error)}.`);
-    }
+    this.page.setReason("Entering VR …");
+    await this.session
+      .enter(navigator.xr!)
+      .catch((error) => this.showProblem(`VR could not be entered: ${words(error)}.`));
+    this.page.setReason("");
   }
 
   private entered(): void {
     this.panel.unplace();
     this.showPresenting(true);
-    this.connection.send({ type: "entered" });
+    this.send({ type: "entered" });
   }
 
   private left(): void {
-    for (const hand of HANDS) this.pointers[hand].hide();
+    this.immersive.stopPointing();
     this.showPresenting(false);
-    this.connection.send({ type: "left" });
+    this.send({ type: "left" });
   }
 
   private showPresenting(presenting: boolean): void {
@@ -163,36 +165,26 @@ export class App {
   }
 
   private selected(source: XRInputSource, frame: XRFrame): void {
-    if (this.questionnaire.question) this.answerByRay(source, frame);
-    else if (this.phase?.name === "calibration") this.connection.send({ type: "ready" });
-  }
-
-  private answerByRay(source: XRInputSource, frame: XRFrame): void {
     const space = this.view.renderer.xr.getReferenceSpace();
-    const pose = space && frame.getPose(source.targetRaySpace, space);
-    const value = pose && source.handedness !== "none" && this.pointers[source.handedness].aim(pose.transform, this.panel);
-    if (value) this.answer(value);
+    if (this.questionnaire.question && space) this.answer(this.immersive.pointedAt(source, frame, space));
+    else if (this.phase?.name === "calibration") this.send({ type: "ready" });
   }
 
-  private answer(value: number): void {
-    const sent = (answer: Parameters<Connection["send"]>[0]) => this.connection.send(answer);
-    this.questionnaire.answer(value, performance.now(), sent);
+  private answer(value: number | null): void {
+    if (value === null) return;
+    this.questionnaire.answer(value, performance.now(), (answer) => this.send(answer));
     this.refresh();
-  }
-
-  private stop(): void {
-    this.connection.send({ type: "stop" });
   }
 
   private key(event: KeyboardEvent): void {
     if (!isStopKey(event) || !(this.presenting || isRunning(this.phase))) return;
     event.preventDefault();
-    this.stop();
+    this.send({ type: "stop" });
   }
 
   private originReset(): void {
     this.panel.unplace();
-    this.connection.send({ type: "origin_reset" });
+    this.send({ type: "origin_reset" });
   }
 
   private async checkVR(): Promise<void> {
@@ -202,7 +194,7 @@ export class App {
 
   // Words
 
-  showProblem(problem: string): void {
+  private showProblem(problem: string): void {
     this.problem = problem;
     clearTimeout(this.problemTimer);
     this.problemTimer = window.setTimeout(() => this.hideProblem(), PROBLEM_SHOWN_MS);
@@ -228,7 +220,10 @@ export class App {
     this.countDown();
     this.world.update(timeMs);
     const space = this.view.renderer.xr.getReferenceSpace();
-    if (frame && space && this.presenting) this.immersiveFrame(frame, space, timeMs);
+    if (frame && space && this.presenting) {
+      this.session.watchButtons(frame.session.inputSources);
+      this.immersive.frame(frame, space, timeMs);
+    }
     this.view.render();
   }
 
@@ -238,43 +233,13 @@ export class App {
     this.secondsLeft = secondsLeft;
     this.refresh();
   }
+}
 
-  private immersiveFrame(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
-    const { session } = frame;
-    this.track(frame, space, timeMs);
-    this.session.watchButtons(session.inputSources);
-    if (this.panel.visible) this.placePanel(frame.getViewerPose(space));
-    if (this.questionnaire.question) this.point(frame, space);
-    else for (const hand of HANDS) this.pointers[hand].hide();
-  }
-
-  private track(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
-    if (frame.session.visibilityState === "hidden" || !this.connection.connected) return;
-    if (this.connection.backlog > BACKLOG_LIMIT_BYTES || !this.throttle.pass(timeMs)) return;
-    this.connection.send(this.tracker.read(frame, space, timeMs));
-  }
-
-  private placePanel(viewer: XRViewerPose | undefined): void {
-    if (!viewer) return;
-    const { position, orientation } = viewer.transform;
-    this.head.set(position.x, position.y, position.z);
-    this.turn.set(orientation.x, orientation.y, orientation.z, orientation.w);
-    this.panel.place(this.head, this.forward.set(0, 0, -1).applyQuaternion(this.turn));
-  }
-
-  private point(frame: XRFrame, space: XRReferenceSpace): void {
-    let hovered: number | null = null;
-    for (const hand of HANDS) hovered = this.pointWith(hand, frame, space) ?? hovered;
-    this.panel.hover(hovered);
-  }
-
-  private pointWith(hand: "left" | "right", frame: XRFrame, space: XRReferenceSpace): number | null {
-    const source = findSource(frame.session.inputSources, hand);
-    const pose = source && frame.getPose(source.targetRaySpace, space);
-    if (pose) return this.pointers[hand].aim(pose.transform, this.panel);
-    this.pointers[hand].hide();
-    return null;
-  }
+/** The server's socket beside this page; the token stays out of the address. */
+function socketAddress(): string {
+  const address = new URL("ws", location.origin + location.pathname);
+  address.protocol = location.protocol.replace("http", "ws");
+  return address.href;
 }
 
 function secondsUntil(endsMs: number, nowMs: number): number | null {

@@ -47,7 +47,7 @@ export class Connection {
   }
 
   get connected(): boolean {
-    return this.welcomed;
+    return this.welcomed && this.socket?.readyState === WebSocket.OPEN;
   }
 
   /** Bytes that wait to be sent. */
@@ -57,7 +57,7 @@ export class Connection {
 
   /** Sends and returns true, or returns false when there is no connection. */
   send(message: ClientMessage): boolean {
-    if (!this.welcomed) return false;
+    if (!this.connected) return false;
     this.socket?.send(encode(message));
     return true;
   }

@@ -32,7 +32,12 @@ export interface EmulatorControls {
   phase(): Phase | null;
   question(): Question | null;
   statesReceived(): number;
-  lastState(): { sequence: number; simulation_time_s: number; tracking_sequence: number; poses: number[] } | null;
+  lastState(): {
+    sequence: number;
+    simulation_time_s: number;
+    tracking_sequence: number;
+    poses: number[];
+  } | null;
   presenting(): boolean;
   trackingSent(): number;
 }
@@ -75,7 +80,7 @@ export function exposeEmulator(app: App, device: XRDevice): void {
     statesReceived: () => app.statesReceived,
     lastState: () => plainState(app),
     presenting: () => app.presenting,
-    trackingSent: () => app.tracker.count,
+    trackingSent: () => app.immersive.tracker.count,
   };
 }
 
@@ -95,7 +100,9 @@ function setGrip(device: XRDevice, hand: Hand, grip: EmulatedPose | null): void 
   const controller = controllerOf(device, hand);
   controller.connected = grip !== null;
   if (!grip) return;
-  const rayFromGrip = new Matrix4().fromArray(metaQuest3.controllerConfig!.layout[hand]!.gripOffsetMatrix!).invert();
+  const rayFromGrip = new Matrix4()
+    .fromArray(metaQuest3.controllerConfig!.layout[hand]!.gripOffsetMatrix!)
+    .invert();
   const localFromGrip = new Matrix4().compose(
     new Vector3(...grip.position),
     new Quaternion(...grip.orientation).normalize(),

@@ -32,7 +32,12 @@ export function buttonsOf(content: PanelContent | null): Button[] {
 }
 
 /** Paints the whole panel; what has no content stays transparent. */
-export function paint(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
+export function paint(
+  context: Context,
+  content: PanelContent,
+  buttons: Button[],
+  hovered: number | null,
+): void {
   context.clearRect(0, 0, WIDTH, HEIGHT);
   if (content.text) paintBackground(context);
   if (asks(content)) paintQuestion(context, content, buttons, hovered);
@@ -58,13 +63,15 @@ function paintText(context: Context, { label, text, secondsLeft }: PanelContent)
   const counting = secondsLeft !== null;
   const box = counting ? { ...TEXT_BOX, height: TEXT_BOX.height - 240 } : TEXT_BOX;
   paintLines(context, text, box, 84);
-  if (counting) paintLine(context, String(secondsLeft), WIDTH / 2, 650, `600 220px ${FONT}`, COLOUR.hovered, "center");
+  if (counting)
+    paintLine(context, String(secondsLeft), WIDTH / 2, 650, `600 220px ${FONT}`, COLOUR.hovered, "center");
 }
 
 function paintQuestion(context: Context, content: Asking, buttons: Button[], hovered: number | null): void {
   paintLabel(context, content.label);
   paintLines(context, content.text, STATEMENT_BOX, 72);
-  for (const button of buttons) paintButton(context, button, buttonColours(button.value, hovered, content.answered));
+  for (const button of buttons)
+    paintButton(context, button, buttonColours(button.value, hovered, content.answered));
   paintAnchors(context, content.question, buttons);
 }
 
@@ -90,7 +97,15 @@ function paintButton(context: Context, button: Button, [fill, ink]: [string, str
   context.strokeStyle = COLOUR.edge;
   context.stroke();
   const font = `600 ${Math.round(button.height * 0.42)}px ${FONT}`;
-  paintLine(context, String(button.value), button.x + button.width / 2, button.y + button.height / 2, font, ink, "center");
+  paintLine(
+    context,
+    String(button.value),
+    button.x + button.width / 2,
+    button.y + button.height / 2,
+    font,
+    ink,
+    "center",
+  );
 }
 
 function paintLabel(context: Context, label: string): void {
@@ -127,14 +142,23 @@ function paintLine(
 }
 
 /** Paints wrapped text centred in a box, as large as it fits but not above `size`. */
-function paintLines(context: Context, text: string, box: Box, size: number, colour = COLOUR.text, weight = 400): void {
+function paintLines(
+  context: Context,
+  text: string,
+  box: Box,
+  size: number,
+  colour = COLOUR.text,
+  weight = 400,
+): void {
   const fitting = fittingSize(context, text, box, size, weight);
   const font = `${weight} ${fitting}px ${FONT}`;
   context.font = font;
   const lines = wrap(text, box.width, (line) => context.measureText(line).width);
   const pitch = fitting * 1.3;
   const first = box.y + box.height / 2 - ((lines.length - 1) * pitch) / 2;
-  lines.forEach((line, at) => paintLine(context, line, box.x + box.width / 2, first + at * pitch, font, colour, "center"));
+  lines.forEach((line, at) =>
+    paintLine(context, line, box.x + box.width / 2, first + at * pitch, font, colour, "center"),
+  );
 }
 
 function fittingSize(context: Context, text: string, box: Box, size: number, weight: number): number {

@@ -46,6 +46,7 @@ export class Panel {
   }
 
   show(content: PanelContent | null): void {
+    if (JSON.stringify(content) === JSON.stringify(this.content)) return;
     this.content = content;
     this.buttons = buttonsOf(content);
     this.hovered = null;

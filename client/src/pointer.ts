@@ -40,5 +40,11 @@ export class Pointer {
 }
 
 function overlayMaterial(opacity: number): MeshBasicMaterial {
-  return new MeshBasicMaterial({ color: 0xbfe9f0, opacity, transparent: true, depthTest: false, toneMapped: false });
+  return new MeshBasicMaterial({
+    color: 0xbfe9f0,
+    opacity,
+    transparent: true,
+    depthTest: false,
+    toneMapped: false,
+  });
 }

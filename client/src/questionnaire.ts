@@ -36,7 +36,8 @@ export function layoutButtons(points: number, area: Box): Button[] {
 /** The value of the button at a point of the panel, or null. */
 export function hitButton(buttons: readonly Button[], x: number, y: number): number | null {
   for (const button of buttons) {
-    const inside = x >= button.x && x <= button.x + button.width && y >= button.y && y <= button.y + button.height;
+    const inside =
+      x >= button.x && x <= button.x + button.width && y >= button.y && y <= button.y + button.height;
     if (inside) return button.value;
   }
   return null;

@@ -41,7 +41,10 @@ function floor(anisotropy: number): Mesh {
 }
 
 function ceiling(): Mesh {
-  const mesh = new Mesh(new PlaneGeometry(SIZE, SIZE), new MeshStandardMaterial({ color: 0xf6f4ef, roughness: 1 }));
+  const mesh = new Mesh(
+    new PlaneGeometry(SIZE, SIZE),
+    new MeshStandardMaterial({ color: 0xf6f4ef, roughness: 1 }),
+  );
   mesh.position.z = HEIGHT;
   mesh.rotation.x = Math.PI;
   return mesh;
@@ -179,7 +182,8 @@ function paintRow(context: CanvasRenderingContext2D, random: () => number, x: nu
     const tone = 0.93 + 0.14 * random();
     const seed = Math.floor(random() * 1e9);
     const y = (offset + (board * pixels) / 2) % pixels;
-    for (const top of [y, y - pixels]) paintBoard(context, seededRandom(seed), x, top, width, pixels / 2, tone);
+    for (const top of [y, y - pixels])
+      paintBoard(context, seededRandom(seed), x, top, width, pixels / 2, tone);
   }
 }
 

@@ -38,7 +38,9 @@ export class ImmersiveSession {
       over = true;
       this.ended();
     });
-    session.addEventListener("selectstart", ({ inputSource, frame }) => this.events.selected(inputSource, frame));
+    session.addEventListener("selectstart", ({ inputSource, frame }) =>
+      this.events.selected(inputSource, frame),
+    );
     this.renderer.xr.setFoveation(FOVEATION);
     await this.renderer.xr.setSession(session);
     this.renderer.xr.getReferenceSpace()?.addEventListener("reset", () => this.events.originReset());
@@ -70,8 +72,10 @@ export class ImmersiveSession {
 
 /** Why VR cannot be entered, in words; empty when it can. */
 export async function reasonAgainstVR(): Promise<string> {
-  if (!window.isSecureContext) return "VR needs a secure address: open this page over https or from localhost.";
-  if (!navigator.xr) return "This browser cannot show VR. Use the headset's own browser, or Chrome or Edge with a headset connected.";
+  if (!window.isSecureContext)
+    return "VR needs a secure address: open this page over https or from localhost.";
+  if (!navigator.xr)
+    return "This browser cannot show VR. Use the headset's own browser, or Chrome or Edge with a headset connected.";
   const supported = await navigator.xr.isSessionSupported("immersive-vr").catch(() => false);
   return supported ? "" : "No headset found. Connect it and switch it on.";
 }
@@ -81,7 +85,8 @@ async function setFrameRate(session: XRSession): Promise<void> {
   const rates = Array.from(session.supportedFrameRates ?? []);
   const distance = (rate: number) => Math.abs(rate - WANTED_RATE_HZ);
   const [best] = rates.sort((a, b) => distance(a) - distance(b));
-  if (best && best !== session.frameRate) await session.updateTargetFrameRate(best).catch(() => console.warn(`${best} Hz was refused`));
+  if (best && best !== session.frameRate)
+    await session.updateTargetFrameRate(best).catch(() => console.warn(`${best} Hz was refused`));
 }
 
 function menuIsDown(sources: XRInputSourceArray): boolean {

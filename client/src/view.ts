@@ -1,4 +1,13 @@
-import { ACESFilmicToneMapping, PCFShadowMap, PMREMGenerator, PerspectiveCamera, Scene, Vector3, WebGLRenderer, type Object3D } from "three";
+import {
+  ACESFilmicToneMapping,
+  PCFShadowMap,
+  PMREMGenerator,
+  PerspectiveCamera,
+  Scene,
+  Vector3,
+  WebGLRenderer,
+  type Object3D,
+} from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 /** Where the spectator stands and looks, in the simulation's frame: a person sits at its origin facing -y. */
@@ -57,7 +66,14 @@ export class View {
     this.renderer.setSize(width, height);
     this.spectator.aspect = width / height;
     this.spectator.fov = besides ? 45 : 62;
-    this.spectator.setViewOffset(width, height, besides ? -card.right / 2 : 0, besides ? 0 : card.height / 2, width, height);
+    this.spectator.setViewOffset(
+      width,
+      height,
+      besides ? -card.right / 2 : 0,
+      besides ? 0 : card.height / 2,
+      width,
+      height,
+    );
   }
 
   /** Shows the person from the front right, wherever the simulation's frame stands. */
@@ -70,7 +86,10 @@ export class View {
   /** Lets metals mirror the room as it is seen from where the person sits. */
   reflect(world: Object3D): void {
     const generator = new PMREMGenerator(this.renderer);
-    const target = generator.fromScene(new Scene().add(world), 0.02, 0.1, 10, { size: 128, position: CENTRE });
+    const target = generator.fromScene(new Scene().add(world), 0.02, 0.1, 10, {
+      size: 128,
+      position: CENTRE,
+    });
     this.scene.environment = target.texture;
     this.scene.environmentIntensity = REFLECTION;
     generator.dispose();

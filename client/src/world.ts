@@ -8,7 +8,7 @@ const loader = new GLTFLoader();
 /** The simulated world: its root stands where the server says, its bodies follow the states. */
 export class World {
   /** Carries the transform from the simulation's z-up world to WebXR's `local-floor`. */
-  readonly root = new Group();
+  readonly root = uprightRoot();
   private content: Group | null = null;
   private nodes: (Object3D | undefined)[] = [];
   private heads: Material[] = [];
@@ -17,9 +17,10 @@ export class World {
   private newest: Scene | null = null;
   private seenFromInside = false;
 
-  /** Replaces the scene; until the new one is here, the earlier one stays. */
+  /** Replaces the scene; until the new one is here, the earlier one stays as it is. */
   async load(scene: Scene, token: string): Promise<void> {
     this.newest = scene;
+    this.nodes = [];
     this.states = new StateBuffer(scene.bodies.length);
     this.poses = new Float32Array(scene.bodies.length * POSE);
     placeRoot(this.root, scene.xr_from_world);
@@ -64,6 +65,14 @@ export class World {
     this.heads = scene.head_bodies.flatMap((body) => ownMaterials(byBody.get(body)));
     this.seeFromInside(this.seenFromInside);
   }
+}
+
+/** Before the server has said where the world stands, only its up is known. */
+function uprightRoot(): Group {
+  const root = new Group();
+  root.rotation.x = -Math.PI / 2;
+  root.updateMatrixWorld();
+  return root;
 }
 
 function placeRoot(root: Group, [position, orientation]: XRPose): void {

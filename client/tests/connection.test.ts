@@ -4,7 +4,9 @@ import { Connection, SUPERSEDED, retryDelayMs, type Link } from "../src/connecti
 import { PROTOCOL, type ServerMessage } from "../src/messages";
 
 class FakeSocket {
+  static readonly OPEN = 1;
   static all: FakeSocket[] = [];
+  readyState = FakeSocket.OPEN;
   binaryType = "";
   bufferedAmount = 0;
   sent: unknown[] = [];
@@ -80,6 +82,14 @@ describe("a connection", () => {
     expect(newest().sent).toHaveLength(2);
     expect(links).toEqual([["connected", ""]]);
     expect(messages).toEqual([WELCOME]);
+  });
+
+  it("sends nothing into a socket that is closing", () => {
+    const made = connection();
+    newest().receive(WELCOME);
+    newest().readyState = 2;
+    expect(made.connected).toBe(false);
+    expect(made.send({ type: "stop" })).toBe(false);
   });
 
   it("comes back within two seconds, ever more slowly while the server is away", () => {

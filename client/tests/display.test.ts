@@ -3,7 +3,16 @@ import { isRunning, linkWords, panelContent, type Display } from "../src/display
 import type { Phase, Question } from "../src/messages";
 import { wrap } from "../src/paint";
 
-const QUESTION: Question = { type: "question", item: "L1", text: "Safe?", points: 7, low: "no", high: "yes", number: 2, count: 4 };
+const QUESTION: Question = {
+  type: "question",
+  item: "L1",
+  text: "Safe?",
+  points: 7,
+  low: "no",
+  high: "yes",
+  number: 2,
+  count: 4,
+};
 
 function phase(name: Phase["name"], text = "Words"): Phase {
   return { type: "phase", name, text, trial: 3, trials: 8, practice: false, seconds: null };
@@ -17,35 +26,54 @@ function display(changes: Partial<Display>): Display {
 describe("the panel", () => {
   it("shows the words of a phase with its countdown", () => {
     const content = panelContent(display({ phase: phase("countdown"), secondsLeft: 3 }));
-    expect(content).toMatchObject({ label: "Trial 3 of 8", text: "Words", secondsLeft: 3, question: null, notice: null });
+    expect(content).toMatchObject({
+      label: "Trial 3 of 8",
+      text: "Words",
+      secondsLeft: 3,
+      question: null,
+      notice: null,
+    });
   });
 
   it("calls practice by its name", () => {
-    expect(panelContent(display({ phase: { ...phase("countdown"), practice: true } }))?.label).toBe("Practice");
+    expect(panelContent(display({ phase: { ...phase("countdown"), practice: true } }))?.label).toBe(
+      "Practice",
+    );
   });
 
   it("is away during a trial, but not when something is wrong", () => {
     expect(panelContent(display({ phase: phase("trial") }))).toBeNull();
-    expect(panelContent(display({ phase: phase("trial"), problem: "Oh" }))).toMatchObject({ text: "", notice: "Oh" });
-    expect(panelContent(display({ phase: phase("trial"), link: "lost" }))?.notice).toContain("Connection lost");
+    expect(panelContent(display({ phase: phase("trial"), problem: "Oh" }))).toMatchObject({
+      text: "",
+      notice: "Oh",
+    });
+    expect(panelContent(display({ phase: phase("trial"), link: "lost" }))?.notice).toContain(
+      "Connection lost",
+    );
   });
 
   it("puts the question in the place of the phase's words", () => {
-    const content = panelContent(display({ phase: phase("questionnaire"), question: QUESTION, secondsLeft: 9 }));
+    const content = panelContent(
+      display({ phase: phase("questionnaire"), question: QUESTION, secondsLeft: 9 }),
+    );
     expect(content).toMatchObject({ label: "2 of 4", text: "Safe?", question: QUESTION, secondsLeft: null });
   });
 });
 
 describe("the connection in words", () => {
   it("says why, when the server gave a reason", () => {
-    expect(linkWords(display({ link: "lost", linkReason: "wrong token" }))).toBe("Not connected: wrong token. Trying again …");
+    expect(linkWords(display({ link: "lost", linkReason: "wrong token" }))).toBe(
+      "Not connected: wrong token. Trying again …",
+    );
     expect(linkWords(display({ link: "connected" }))).toBe("Connected to the server");
   });
 });
 
 describe("the stop key", () => {
   it("works while person or robot may move", () => {
-    const running = (["waiting", "countdown", "trial", "free_after", "questionnaire"] as const).map((name) => isRunning(phase(name)));
+    const running = (["waiting", "countdown", "trial", "free_after", "questionnaire"] as const).map((name) =>
+      isRunning(phase(name)),
+    );
     expect(running).toEqual([false, true, true, true, false]);
     expect(isRunning(null)).toBe(false);
   });

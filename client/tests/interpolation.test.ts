@@ -48,7 +48,8 @@ describe("sampling by simulation time", () => {
   it("moves linearly between states, whatever their distance in time", () => {
     const times = [0, 0.02, 0.05, 0.06, 0.1];
     const buffer = filled(...times.map((timeS, n) => state(n, timeS, at(2 * timeS))));
-    for (let timeS = 0; timeS <= 0.1; timeS += 0.003) expect(sampled(buffer, timeS)[0]).toBeCloseTo(2 * timeS, 6);
+    for (let timeS = 0; timeS <= 0.1; timeS += 0.003)
+      expect(sampled(buffer, timeS)[0]).toBeCloseTo(2 * timeS, 6);
   });
 
   it("stays at its ends outside of its states", () => {

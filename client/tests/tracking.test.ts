@@ -35,7 +35,10 @@ function pose(seen: Seen | undefined): XRPose | null {
   if (!seen) return null;
   const position = { x: seen.x, y: 1.25, z: -0.5, w: 1 };
   const orientation = { x: 0.5, y: -0.5, z: 0.5, w: 0.5 };
-  return { transform: { position, orientation }, emulatedPosition: seen.emulatedPosition ?? false } as unknown as XRPose;
+  return {
+    transform: { position, orientation },
+    emulatedPosition: seen.emulatedPosition ?? false,
+  } as unknown as XRPose;
 }
 
 function source(handedness: XRHandedness, kind: "controller" | "hand", seen: Seen): XRInputSource {
@@ -46,7 +49,12 @@ function source(handedness: XRHandedness, kind: "controller" | "hand", seen: See
 
 function frame(head: Seen, ...inputSources: XRInputSource[]): XRFrame {
   const getPose = ({ seen }: { seen: Seen }) => pose(seen);
-  return { session: { inputSources }, getViewerPose: () => pose(head), getPose, getJointPose: getPose } as unknown as XRFrame;
+  return {
+    session: { inputSources },
+    getViewerPose: () => pose(head),
+    getPose,
+    getJointPose: getPose,
+  } as unknown as XRFrame;
 }
 
 const SPACE = {} as XRReferenceSpace;
@@ -55,7 +63,11 @@ const Q = [0.5, -0.5, 0.5, 0.5];
 describe("the tracker", () => {
   it("reads head and controllers and counts up by one", () => {
     const tracker = new Tracker();
-    const seen = frame({ x: 0 }, source("right", "controller", { x: 2 }), source("left", "controller", { x: 1 }));
+    const seen = frame(
+      { x: 0 },
+      source("right", "controller", { x: 2 }),
+      source("left", "controller", { x: 1 }),
+    );
     expect(tracker.read(seen, SPACE, 16.5)).toEqual({
       type: "tracking",
       sequence: 0,

@@ -1,0 +1,68 @@
+import { Quaternion, Vector3 } from "three";
+import type { Connection } from "./connection";
+import type { Panel } from "./panel";
+import { Pointer } from "./pointer";
+import { BACKLOG_LIMIT_BYTES, Throttle, Tracker, findSource } from "./tracking";
+
+type Hand = "left" | "right";
+
+/** What happens in every frame of VR: poses go out, the panel is placed, the hands point at it. */
+export class Immersive {
+  readonly tracker = new Tracker();
+  readonly pointers = { left: new Pointer(), right: new Pointer() };
+  private readonly throttle = new Throttle();
+  private readonly head = new Vector3();
+  private readonly forward = new Vector3();
+  private readonly turn = new Quaternion();
+
+  constructor(
+    private readonly panel: Panel,
+    private readonly connection: Connection,
+  ) {}
+
+  frame(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
+    this.track(frame, space, timeMs);
+    if (this.panel.visible) this.placePanel(frame.getViewerPose(space));
+    if (this.panel.buttons.length > 0) this.point(frame, space);
+    else this.stopPointing();
+  }
+
+  stopPointing(): void {
+    this.pointers.left.hide();
+    this.pointers.right.hide();
+  }
+
+  /** The value of the button that an input points at, or null. */
+  pointedAt(source: XRInputSource, frame: XRFrame, space: XRReferenceSpace): number | null {
+    const pose = frame.getPose(source.targetRaySpace, space);
+    if (!pose || source.handedness === "none") return null;
+    return this.pointers[source.handedness].aim(pose.transform, this.panel);
+  }
+
+  private track(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
+    if (frame.session.visibilityState === "hidden" || !this.connection.connected) return;
+    if (this.connection.backlog > BACKLOG_LIMIT_BYTES || !this.throttle.pass(timeMs)) return;
+    this.connection.send(this.tracker.read(frame, space, timeMs));
+  }
+
+  private placePanel(viewer: XRViewerPose | undefined): void {
+    if (!viewer) return;
+    const { position, orientation } = viewer.transform;
+    this.head.set(position.x, position.y, position.z);
+    this.turn.set(orientation.x, orientation.y, orientation.z, orientation.w);
+    this.panel.place(this.head, this.forward.set(0, 0, -1).applyQuaternion(this.turn));
+  }
+
+  private point(frame: XRFrame, space: XRReferenceSpace): void {
+    const left = this.pointWith("left", frame, space);
+    const right = this.pointWith("right", frame, space);
+    this.panel.hover(right ?? left);
+  }
+
+  private pointWith(hand: Hand, frame: XRFrame, space: XRReferenceSpace): number | null {
+    const source = findSource(frame.session.inputSources, hand);
+    if (source) return this.pointedAt(source, frame, space);
+    this.pointers[hand].hide();
+    return null;
+  }
+}
