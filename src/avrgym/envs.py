@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from avrgym.episodes import EPISODE_STEPS, Episodes, Step
 from avrgym.models.human import Person
 from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.rendering import Camera
 from avrgym.tasks import ENVIRONMENTS
 from avrgym.tasks.base import Task
 
@@ -22,7 +23,8 @@ METADATA = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_STE
 
 
 def _spaces(task: Task) -> tuple[gym.Space[Array], gym.Space[NDArray[np.float32]]]:
-    observation = gym.spaces.Box(-np.inf, np.inf, (task.observation_size,), np.float64)
+    bound = task.observation_bound
+    observation = gym.spaces.Box(-bound, bound, dtype=np.float64)
     return observation, gym.spaces.Box(-1.0, 1.0, (ACTIONS,), np.float32)
 
 
@@ -49,6 +51,7 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
         self.episodes = Episodes(environment_id, 1, distribution=people, person=person, num_threads=1)
         self.observation_space, self.action_space = _spaces(self.episodes.task)
         self._steps = 0
+        self._camera: Camera | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -57,6 +60,7 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
         super().reset(seed=seed)
         self._steps = 0
         observation = self.episodes.begin(np.array([0]), [self.np_random])
+        self.close()
         return observation[0], {"success": False, "reward_terms": {}, "force_on_person": 0.0}
 
     def step(self, action: NDArray[np.float32]) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -69,6 +73,24 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
             "force_on_person": float(step.force_on_person_n[0]),
         }
         return step.observation[0], float(step.reward[0]), False, self._steps >= EPISODE_STEPS, info
+
+    def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """A picture (480, 640, 3) with the render mode ``rgb_array``, else nothing.
+
+        Raises:
+            RuntimeError: where no picture can be drawn, naming what to set.
+        """
+        if self.render_mode is None:
+            return None
+        if self._camera is None:
+            self._camera = Camera(self.episodes.simulation, 0, self.episodes.person_in(0))
+        return self._camera.picture()
+
+    def close(self) -> None:
+        """Put the camera away; the next picture takes a new one."""
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
 
 
 class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
@@ -101,6 +123,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._steps = np.zeros(num_envs, dtype=int)
+        self._cameras: dict[int, Camera] = {}
         self._generators = _generators(None, num_envs)
 
     def reset(
@@ -109,8 +132,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
         """Begin episodes in all worlds. World i with seed s is the single environment with seed s + i."""
         if seed is not None:
             self._generators = _generators(seed, self.num_envs)
-        self._steps[:] = 0
-        return self.episodes.begin(np.arange(self.num_envs), self._generators), {}
+        return self._begin(np.arange(self.num_envs)), {}
 
     def step(
         self, actions: NDArray[np.float32]
@@ -130,10 +152,37 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
     ) -> tuple[Array, dict[str, Any]]:
         ids = np.nonzero(done)[0]
         observation = step.observation.copy()
-        observation[ids] = self.episodes.begin(ids, [self._generators[i] for i in ids])
-        self._steps[ids] = 0
+        observation[ids] = self._begin(ids)
         final = {"final_obs": step.observation, "_final_obs": done, "final_info": info, "_final_info": done}
         return observation, info | final
+
+    def _begin(self, ids: NDArray[np.intp]) -> Array:
+        self._steps[ids] = 0
+        for world in self._cameras.keys() & set(ids.tolist()):
+            self._cameras.pop(world).close()
+        return self.episodes.begin(ids, [self._generators[i] for i in ids])
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """One picture (480, 640, 3) of each world with the render mode ``rgb_array``, else nothing.
+
+        Every world has a model and a graphics context of its own: meant for a few worlds.
+
+        Raises:
+            RuntimeError: where no picture can be drawn, naming what to set.
+        """
+        if self.render_mode is None:
+            return None
+        for world in range(self.num_envs):
+            if world not in self._cameras:
+                person = self.episodes.person_in(world)
+                self._cameras[world] = Camera(self.episodes.simulation, world, person)
+        return tuple(self._cameras[world].picture() for world in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Put the cameras away."""
+        for camera in self._cameras.values():
+            camera.close()
+        self._cameras.clear()
 
 
 def _vector_info(step: Step) -> dict[str, Any]:

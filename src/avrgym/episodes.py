@@ -69,11 +69,13 @@ class Episodes:
             self.stage, num_worlds, moving=person if moving else None, num_threads=num_threads
         )
         self._memory = self.task.remember(num_worlds)
+        self._people = people.repeat(person or Person(), num_worlds)
 
     def begin(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
         """Begin episodes in worlds ``ids`` (n,), each drawn from its generator; give observations (n, O)."""
         uniforms = np.stack([g.random(people.UNIFORMS + self.task.uniforms) for g in generators])
         who = self._draw_people(uniforms[:, : people.UNIFORMS])
+        self._people = merge(self._people, who, ids)
         self.simulation.reset(ids, self.task.start(self.stage, who, uniforms[:, people.UNIFORMS :]))
         self._memory = merge(self._memory, self.task.remember(len(ids)), ids)
         return self.task.observe(self.simulation.state())[ids]
@@ -107,6 +109,10 @@ class Episodes:
     def observe(self) -> Array:
         """Observations (N, O) of the present state."""
         return self.task.observe(self.simulation.state())
+
+    def person_in(self, world: int) -> Person:
+        """The person of a world's present episode."""
+        return self._people.person(world)
 
     def _draw_people(self, uniforms: Array) -> People:
         if self.person is not None:

@@ -173,6 +173,10 @@ class Simulation:
         """Everything that the next step depends on, as MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
         return self.batch.state[world].copy()
 
+    def qpos(self, world: int) -> Array:
+        """The joint coordinates (nq,) of one world."""
+        return self._qpos[world].copy()
+
     def body_poses(self, world: int) -> Array:
         """Poses (bodies, 7) of one world's bodies: x, y, z, then w, x, y, z; world frame."""
         return np.concatenate([self._xpos[world], self._xquat[world]], axis=-1)

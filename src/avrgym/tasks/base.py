@@ -29,24 +29,74 @@ class Outcome:
 
 
 @dataclass(frozen=True)
+class Entry:
+    """A named part of an observation: how many numbers it has, and the bound ± that none of them leaves."""
+
+    name: str
+    size: int
+    bound: float
+
+
+REACH_M = 3.0
+"""No arm of ours reaches 1.5 m, and a person's head is less than 1.5 m from the robot's base."""
+TURN_RAD = 7.0
+"""Joint ranges end at ±2π; a soft stop lets a joint go a little beyond."""
+UNIT = 1.001
+"""A component of a unit quaternion, with room for rounding."""
+FORCE_N = 10_000.0
+"""Fifty times what the strongest joint can press with at 0.4 m."""
+
+
+def position(name: str) -> Entry:
+    """Three coordinates in metres, relative to something within reach."""
+    return Entry(name, 3, REACH_M)
+
+
+def quaternion(name: str) -> Entry:
+    """A rotation w, x, y, z."""
+    return Entry(name, 4, UNIT)
+
+
+def angles(name: str, count: int) -> Entry:
+    """Joint angles in radians."""
+    return Entry(name, count, TURN_RAD)
+
+
+def force(name: str) -> Entry:
+    """The length of a force in newtons."""
+    return Entry(name, 1, FORCE_N)
+
+
+@dataclass(frozen=True)
 class Task:
     """A task. Every function takes and gives arrays with the world axis first.
 
     ``stage(robot)`` says what stands in the scene. ``start(stage, people, uniforms)`` draws where things
     begin from uniform numbers (n, ``uniforms``). ``remember(n)`` is an episode's empty memory.
-    ``observe(state)`` gives (N, ``observation_size``). ``judge(state, action, memory)`` judges a control
-    step. ``weights`` has one weight for each term; the reward is their weighted sum.
+    ``observe(state)`` gives (N, O), the numbers that ``observed`` names in that order. ``judge(state, action,
+    memory)`` judges a control step. ``weights`` has one weight for each term; the reward is their weighted
+    sum.
     """
 
     name: str
     uniforms: int
-    observation_size: int
+    observed: tuple[Entry, ...]
     weights: Mapping[str, float]
     stage: Callable[[Robot], Stage]
     start: Callable[[Stage, People, Array], Start]
     remember: Callable[[int], Memory]
     observe: Callable[[State], Array]
     judge: Callable[[State, Array, Memory], Outcome]
+
+    @property
+    def observation_size(self) -> int:
+        """How many numbers an observation has."""
+        return sum(entry.size for entry in self.observed)
+
+    @property
+    def observation_bound(self) -> Array:
+        """What no number of an observation exceeds either way, (O,)."""
+        return np.concatenate([np.full(entry.size, entry.bound) for entry in self.observed])
 
     def reward(self, terms: Mapping[str, Array]) -> Array:
         """The weighted sum of the terms, (N,)."""

@@ -14,7 +14,7 @@ from avrgym.models.scene import Stage
 from avrgym.models.tools import FOOD, SPOON
 from avrgym.simulation import Start, State
 from avrgym.tasks.arm import start_angles
-from avrgym.tasks.base import Outcome, Task, norm
+from avrgym.tasks.base import Outcome, Task, angles, force, norm, position, quaternion
 from avrgym.tasks.particles import touching_person
 
 Array = NDArray[np.float64]
@@ -73,12 +73,19 @@ def remember(count: int) -> FeedingMemory:
     return FeedingMemory(nothing, nothing, nothing)
 
 
-def observe(state: State) -> Array:
-    """Observation (N, 25), positions relative to the robot's base.
+OBSERVED = (
+    position("tool_from_base_m"),
+    quaternion("tool_rotation"),
+    position("tool_from_mouth_m"),
+    angles("arm_angles_rad", 7),
+    position("head_from_base_m"),
+    quaternion("head_rotation"),
+    force("tool_force_n"),
+)
 
-    tool (3), tool quaternion (4), tool − mouth (3), arm angles (7), head (3), head quaternion (4), force at
-    the tool (1).
-    """
+
+def observe(state: State) -> Array:
+    """The observation (N, 25), in the order of ``OBSERVED``; in the world's axes."""
     return np.concatenate(
         [
             state.tool_pos_w - state.robot_pos_w,
@@ -135,7 +142,7 @@ def _count(events: Bools) -> Array:
 FEEDING = Task(
     name="Feeding",
     uniforms=6 + kinematics.RESTART_UNIFORMS,
-    observation_size=25,
+    observed=OBSERVED,
     weights=WEIGHTS,
     stage=stage,
     start=start,

@@ -1,0 +1,93 @@
+"""Pictures of a world: the scene with the person's clothed body, seen by a camera."""
+
+import warnings
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models.contacts import VISUAL_GROUP
+from avrgym.models.human import Person
+from avrgym.models.scene import build_spec
+from avrgym.simulation import Simulation
+
+HEIGHT_PX, WIDTH_PX = 480, 640
+LOOK_AT_W = (-0.08, -0.28, 0.92)
+DISTANCE_M, AZIMUTH_DEG, ELEVATION_DEG = 1.75, 138.0, -19.0
+"""From before the person's left, across the table from the robot: its hand hides neither tool nor face."""
+
+
+class Camera:
+    """A camera on one world for as long as its person stays."""
+
+    def __init__(self, simulation: Simulation, world: int, person: Person) -> None:
+        """Build the scene as it looks.
+
+        Raises:
+            RuntimeError: where no picture can be drawn, naming what to set.
+        """
+        self._simulation, self._world = simulation, world
+        spec = build_spec(simulation.stage, person, moving=simulation.moving, appearance=True)
+        _add_surroundings(spec)
+        self._model = spec.compile()
+        self._model.vis.global_.offheight, self._model.vis.global_.offwidth = HEIGHT_PX, WIDTH_PX
+        placed = simulation.batch.get_model(world)
+        self._model.body_pos[:], self._model.body_quat[:] = placed.body_pos, placed.body_quat
+        self._data = mujoco.MjData(self._model)
+        self._renderer = _renderer(self._model)
+
+    def picture(self) -> NDArray[np.uint8]:
+        """The world as it stands, (480, 640, 3)."""
+        self._data.qpos[:] = self._simulation.qpos(self._world)
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+        self._renderer.update_scene(self._data, _view(), _shown())
+        return self._renderer.render()
+
+    def close(self) -> None:
+        """Give the graphics memory back."""
+        self._renderer.close()
+
+
+def _add_surroundings(spec: mujoco.MjSpec) -> None:
+    """A floor and a sky that can be seen, and light from above and before the person."""
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20.0, 20.0, 0.1], rgba=[0.72, 0.71, 0.68, 1.0],
+        group=VISUAL_GROUP, contype=0, conaffinity=0,
+    )  # fmt: skip
+    spec.worldbody.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0.4, -2.6, 3.2], dir=[-0.15, 0.7, -1.0],
+        diffuse=[0.6] * 3, specular=[0.2] * 3, castshadow=True,
+    )  # fmt: skip
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.35] * 3, [0.35] * 3
+    spec.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.86, 0.89, 0.92], rgb2=[0.62, 0.66, 0.70], width=64, height=384,
+    )  # fmt: skip
+
+
+def _view() -> mujoco.MjvCamera:
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = LOOK_AT_W
+    camera.distance, camera.azimuth, camera.elevation = DISTANCE_M, AZIMUTH_DEG, ELEVATION_DEG
+    return camera
+
+
+def _shown() -> mujoco.MjvOption:
+    option = mujoco.MjvOption()
+    option.geomgroup[:] = 0
+    option.geomgroup[VISUAL_GROUP] = 1
+    option.sitegroup[:] = 0
+    return option
+
+
+def _renderer(model: mujoco.MjModel) -> mujoco.Renderer:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return mujoco.Renderer(model, HEIGHT_PX, WIDTH_PX)
+    except Exception as error:  # each graphics library has exceptions of its own
+        raise RuntimeError(
+            "no picture can be drawn here: set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa "
+            "(software) in the environment before Python starts"
+        ) from error
