@@ -1,5 +1,5 @@
 import { Connection, type Link } from "./connection";
-import { isRunning, panelContent, type Display } from "./display";
+import { awaitsReady, isRunning, panelContent, type Display } from "./display";
 import { Immersive } from "./immersive";
 import type { ClientMessage, Phase, Scene, ServerMessage, State } from "./messages";
 import { Page, isStopKey } from "./page";
@@ -167,7 +167,7 @@ export class App {
   private selected(source: XRInputSource, frame: XRFrame): void {
     const space = this.view.renderer.xr.getReferenceSpace();
     if (this.questionnaire.question && space) this.answer(this.immersive.pointedAt(source, frame, space));
-    else if (this.phase?.name === "calibration") this.send({ type: "ready" });
+    else if (awaitsReady(this.phase)) this.send({ type: "ready" });
   }
 
   private answer(value: number | null): void {

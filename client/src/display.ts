@@ -54,6 +54,11 @@ function phaseText(phase: Phase | null): string {
   return phase && phase.name !== "trial" ? phase.text : "";
 }
 
+/** Whether a press of the trigger tells the server to go on. */
+export function awaitsReady(phase: Phase | null): boolean {
+  return phase !== null && ["calibration", "paused"].includes(phase.name);
+}
+
 /** Whether the person and the robot may be moving, so that the stop key must work. */
 export function isRunning(phase: Phase | null): boolean {
   return phase !== null && ["free_before", "countdown", "trial", "free_after"].includes(phase.name);

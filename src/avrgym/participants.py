@@ -67,7 +67,11 @@ class SimulatedParticipant:
 
     def frame(self, time_s: float, *, moving: bool) -> Tracking:
         """The tracking frame at a time: upright and still, or swaying a little when ``moving``."""
-        self._data.qpos[:] = self._joint_angles(time_s, moving)
+        return self.frame_of(self._joint_angles(time_s, moving), time_s)
+
+    def frame_of(self, joint_angles_rad: Array, time_s: float) -> Tracking:
+        """The tracking frame of a pose, joint angles (20,)."""
+        self._data.qpos[:] = joint_angles_rad
         mujoco.mj_kinematics(self._model, self._data)
         self._sequence += 1
         return Tracking(

@@ -65,7 +65,7 @@ def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     paint = add_material(spec, "frame", (0.42, 0.10, 0.12), metallic=0.4, roughness=0.35)
-    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.85, roughness=0.25)
+    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
     for side, sign in (("right", -1.0), ("left", 1.0)):
         x = sign * _FRAME_X
         bars = {
@@ -89,7 +89,7 @@ def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     rubber = add_material(spec, "rubber", (0.07, 0.07, 0.075), roughness=0.9)
-    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.85, roughness=0.25)
+    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
     for side, sign in (("right", -1.0), ("left", 1.0)):
         hub = [sign * _WHEEL_X, _AXLE_Y, _WHEEL_RADIUS]
         tyre = torus(_WHEEL_RADIUS - 0.014, 0.014)

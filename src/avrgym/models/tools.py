@@ -101,7 +101,7 @@ def _add_bowl_walls(body: mujoco.MjsBody) -> None:
 
 
 def _add_spoon_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, handle_end: float) -> None:
-    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.85, roughness=0.25)
+    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
     a, b = _BOWL
     outside = [(-0.0108, 0.35), (-0.0098, 0.70), (-0.006, 0.88), (0.0, 0.97), (_RIM_Z, 1.03)]
     inside = [(_RIM_Z, 0.97), (0.0, 0.90), (-0.005, 0.80), (-0.0082, 0.62), (-0.0088, 0.30)]

@@ -13,6 +13,10 @@ from trimesh.visual.material import PBRMaterial
 from avrgym.models.contacts import VISUAL_GROUP
 from avrgym.transforms import to_matrix
 
+DETAILED_TRIANGLES = 1500
+"""Meshes with more triangles keep these and an eighth of the rest: CAD meshes have far more than a headset shows."""
+SMOOTHING_ANGLE_RAD = np.radians(35.0)
+
 
 def visible_bodies(model: mujoco.MjModel) -> tuple[str, ...]:
     """The bodies that have something to draw, in the model's order."""
@@ -91,16 +95,17 @@ def _unplaced_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
 
 
 def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
-    """A mesh with MuJoCo's normals: smooth where it is smooth, sharp at its edges."""
+    """A mesh, simplified where it has very many triangles: smooth where it is smooth, sharp at its edges."""
+    vertices = slice(model.mesh_vertadr[mesh], model.mesh_vertadr[mesh] + model.mesh_vertnum[mesh])
     faces = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
-    corners = np.stack([model.mesh_face[faces].ravel(), model.mesh_facenormal[faces].ravel()], axis=-1)
-    unique, index = np.unique(corners, axis=0, return_inverse=True)
-    return trimesh.Trimesh(
-        vertices=model.mesh_vert[model.mesh_vertadr[mesh] + unique[:, 0]],
-        vertex_normals=model.mesh_normal[model.mesh_normaladr[mesh] + unique[:, 1]],
-        faces=index.reshape(-1, 3),
-        process=False,
-    )
+    full = trimesh.Trimesh(model.mesh_vert[vertices], model.mesh_face[faces], process=False)
+    if len(full.faces) > DETAILED_TRIANGLES:
+        full = full.simplify_quadric_decimation(face_count=_kept_triangles(len(full.faces)))
+    return trimesh.graph.smooth_shade(full, angle=SMOOTHING_ANGLE_RAD)
+
+
+def _kept_triangles(count: int) -> int:
+    return DETAILED_TRIANGLES + (count - DETAILED_TRIANGLES) // 8
 
 
 def _flat(mesh: trimesh.Trimesh) -> trimesh.Trimesh:

@@ -17,7 +17,6 @@ import numpy as np
 from avrgym.episodes import EPISODE_STEPS
 from avrgym.models import human
 from avrgym.models.human import Person, Sex
-from avrgym.models.scene import Stage
 from avrgym.policies import Policy
 from avrgym.study import records
 from avrgym.study.questionnaire import LIKERT_ITEMS, Item, validate_answer
@@ -78,7 +77,12 @@ Handler = Callable[[Any, float], None]
 
 
 class Session:
-    """One participant's session."""
+    """One participant's session.
+
+    ``scenes`` holds environment and person of each scene that the client was told of, by the number in its
+    address; ``recordings`` the files of all attempts; ``succeeded`` whether the latest trial is a success so far;
+    ``registration`` where the participant's floor lies in the world, once that is known.
+    """
 
     def __init__(
         self,
@@ -99,13 +103,14 @@ class Session:
         """
         self.plan, self.identifier = plan, identifier
         self.recordings: list[Path] = []
-        self.scenes: list[tuple[Stage, Person]] = []
+        self.scenes: list[tuple[str, Person]] = []
         self.phase: PhaseName = "waiting"
+        self.succeeded = False
         self._policies, self._folder, self._send = policies, folder, send
         self._trial = 0
         self._phase_message: messages.Phase | None = None
         self._ends_at: float | None = None
-        self._registration: Registration | None = None
+        self.registration: Registration | None = None
         self._frames: list[tuple[messages.Tracking, float]] = []
         self._newest: tuple[messages.Tracking, float] | None = None
         self._followed = -1
@@ -210,7 +215,7 @@ class Session:
         assert attempt is not None
         attempt.steps += 1
         attempt.reward += float(outcome.reward[0])
-        attempt.success = bool(outcome.success[0])
+        attempt.success = self.succeeded = bool(outcome.success[0])
         control = records.Control(
             step=attempt.steps,
             observation=step.observation.tolist(),
@@ -259,7 +264,7 @@ class Session:
         self._begin_calibration(now_s)
 
     def _begin_calibration(self, now_s: float) -> None:
-        self._registration = None
+        self.registration = None
         self._frames.clear()
         self._newest = None
         text = "Sit upright, look straight ahead and rest your arms. Then press the trigger."
@@ -333,13 +338,13 @@ class Session:
         self._newest = (frame, now_s)
         if self.phase == "calibration":
             self._frames = [(f, t) for f, t in self._frames if t > now_s - CALIBRATION_S] + [self._newest]
-            if self._registration is None:
+            if self.registration is None:
                 self._place_scene(frame)
 
     def _place_scene(self, frame: messages.Tracking) -> None:
         """Put the seat under the participant as they are now, so that they see where they sit."""
         assert frame.head is not None
-        self._registration = register(frame.head, seated_head_centre(self.person))
+        self.registration = register(frame.head, seated_head_centre(self.person))
         self._send_scene()
 
     def _calibrate(self, now_s: float) -> None:
@@ -359,13 +364,13 @@ class Session:
             self._problem(str(error))
             return
         self._world = self._new_world(torso_height_m)
-        self._registration = register(heads[-1], seated_head_centre(self.person))
+        self.registration = register(heads[-1], seated_head_centre(self.person))
         self._send_scene()
         self._start_trial(now_s)
 
     def _follow(self, now_s: float) -> None:
         """Move the person to the newest tracking frame, or hold them when it is stale."""
-        if self._newest is None or self._registration is None:
+        if self._newest is None or self.registration is None:
             return
         frame, received_s = self._newest
         stale = now_s - received_s > STALE_S
@@ -376,7 +381,7 @@ class Session:
         self._holding = stale
         if stale or frame.head is None:
             return
-        self._world.follow(self._body_pose(self._registration, frame))
+        self._world.follow(self._body_pose(self.registration, frame))
         if frame.sequence != self._followed:
             self._followed = frame.sequence
             self._record_frame(frame, received_s, applied=True, held=False)
@@ -393,13 +398,13 @@ class Session:
 
     def _new_world(self, torso_height_m: float) -> LiveWorld:
         world = LiveWorld(self._current.environment, Person(self.plan.sex, torso_height_m))
-        self.scenes.append((world.stage, world.person))
+        self.scenes.append((self._current.environment, world.person))
         return world
 
     # What goes out -----------------------------------------------------------------------------------------------
 
     def _send_scene(self) -> None:
-        registration = self._registration or Registration(np.zeros(3), 0.0)
+        registration = self.registration or Registration(np.zeros(3), 0.0)
         head = human.PREFIX + "head"
         self._send(
             messages.Scene(
@@ -437,8 +442,8 @@ class Session:
                 attempt += 1
 
     def _configuration(self, plan: TrialPlan, attempt: int) -> dict[str, Any]:
-        assert self._registration is not None
-        xr_from_world = self._registration.xr_from_world()
+        assert self.registration is not None
+        xr_from_world = self.registration.xr_from_world()
         return {
             "session": self.identifier,
             "environment": plan.environment,

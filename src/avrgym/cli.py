@@ -1,0 +1,196 @@
+"""The program ``avrgym``."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from avrgym.files import write_whole
+from avrgym.models.human import SEXES
+from avrgym.policies import packaged_policies
+from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Real people meet simulated assistive robots in virtual reality.",
+)
+console = Console()
+
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.", metavar="FILE")]
+Seed = Annotated[int, typer.Option(help="The same seed gives the same figures.", min=0)]
+
+
+@contextmanager
+def _plain_errors() -> Iterator[None]:
+    """Turn an error that the user can mend into one clear line and exit code 1."""
+    try:
+        yield
+    except (ValueError, OSError, RuntimeError) as error:
+        typer.echo(f"avrgym: {error}", err=True)
+        raise typer.Exit(1) from error
+
+
+def _write_json(path: Path | None, rows: list[dict[str, Any]]) -> None:
+    if path is not None:
+        write_whole(path, (json.dumps(rows, indent=2) + "\n").encode())
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="A folder for recordings, pictures and report.")] = Path("demo"),
+    seed: Seed = 0,
+) -> None:
+    """Run a whole session of a simulated participant, then its report. Takes about a minute and a half."""
+    from avrgym.demo import run_demo
+
+    with _plain_errors():
+        folder = _free_folder(out)
+        result = run_demo(folder, seed, lambda text: console.print(f"  {text}"))
+    for recording in result.recordings:
+        console.print(f"recorded  {recording}", soft_wrap=True)
+    console.print(f"report    {result.report}", soft_wrap=True)
+    if result.without_browser:
+        console.print("There was no browser, so the report has no pictures.")
+    console.print("Open the report in a browser. `avrgym serve` starts the live server for a headset.")
+
+
+def _free_folder(wanted: Path) -> Path:
+    """The wanted folder, or the first of wanted-2, wanted-3 and so on that holds nothing yet."""
+    number, folder = 1, wanted
+    while folder.exists() and any(folder.iterdir()):
+        number += 1
+        folder = wanted.with_name(f"{wanted.name}-{number}")
+    return folder
+
+
+@app.command()
+def serve(
+    study: Annotated[Path, typer.Option(help="The folder that recordings go into.", metavar="DIR")] = Path("study"),
+    host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)] = 8000,
+    env: Annotated[str, typer.Option(help="The environment of the trials.")] = "avrgym/FeedingJaco-v1",
+    policy: Annotated[str, typer.Option(help="A packaged policy or a policy file.")] = "revised",
+    person: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")] = "woman",
+    trials: Annotated[int, typer.Option(help="Trials after the practice trial.", min=1)] = 1,
+    seed: Seed = 0,
+) -> None:
+    """Serve one participant's session to a headset: a practice trial, then trials with the questionnaire."""
+    from avrgym.demo import load_policies
+    from avrgym.vr.server import LiveServer
+    from avrgym.vr.session import Session, SessionPlan, TrialPlan
+
+    with _plain_errors():
+        if person not in SEXES:
+            raise ValueError(f"unknown person {person!r}; the body models are {' and '.join(SEXES)}")
+        plans = [TrialPlan(env, policy, seed=seed + i, practice=i == 0) for i in range(trials + 1)]
+        plan = SessionPlan(plans, person, free_movement_s=5.0, simulated=False)
+        policies = load_policies(plan)
+        with LiveServer(
+            lambda send: Session(plan, policies, study / "recordings", send, identifier=study.name), host, port
+        ) as server:
+            _explain(server.url, server.port)
+            try:
+                server.wait()
+            except KeyboardInterrupt:
+                console.print("stopped")
+            if server.loop.error is not None:
+                raise RuntimeError(f"the simulation failed: {server.loop.error!r}")
+
+
+def _explain(url: str, port: int) -> None:
+    console.print("Headset on a USB cable (Quest, Pico): run on this computer, then open the address in the headset")
+    console.print(f"    adb reverse tcp:{port} tcp:{port}")
+    console.print(f"    http://localhost:{port}/{url.partition('/#')[1][1:]}{url.partition('/#')[2]}", soft_wrap=True)
+    console.print("Headset on this computer (SteamVR, Rift S in Chrome):")
+    console.print(f"    {url}", soft_wrap=True)
+    console.print("Stop with Ctrl+C.")
+
+
+@app.command()
+def envs(json_file: JsonFile = None) -> None:
+    """List the environments."""
+    rows = [
+        {
+            "env": environment,
+            "task": task,
+            "robot": robot,
+            "observation_size": TASKS[task].observation_size,
+            "policies": sorted(packaged_policies(environment)),
+        }
+        for environment, (task, robot) in ENVIRONMENTS.items()
+    ]
+    _print_table(rows)
+    _write_json(json_file, rows)
+
+
+@app.command()
+def train(
+    env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
+    people: Annotated[str, typer.Option(help="Whom to train with: original or revised.")] = "original",
+    steps: Annotated[int, typer.Option(help="Environment steps.", min=1)] = 1_000_000,
+    out: Annotated[Path | None, typer.Option(help="A new folder for policy and log.")] = None,
+    seed: Seed = 0,
+) -> None:
+    """Train a policy with PPO. Needs the extra `train`."""
+    with _plain_errors():
+        find_environment(env)
+        try:
+            from avrgym.training import TrainingConfiguration
+            from avrgym.training import train as run_training
+        except ModuleNotFoundError as error:
+            raise RuntimeError(f"{error.name} is missing; `pip install avrgym[train]` brings what training needs") from error
+        folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{people}-{seed}"
+        run_training(TrainingConfiguration(env, people, steps, seed), folder)
+    console.print(f"policy    {folder / 'policy.safetensors'}", soft_wrap=True)
+
+
+@app.command()
+def evaluate(
+    env: Annotated[list[str] | None, typer.Argument(help="Environment ids; `avrgym envs` lists them.")] = None,
+    all_environments: Annotated[bool, typer.Option("--all", help="Every environment.")] = False,
+    policy: Annotated[str, typer.Option(help="original, revised, random, zero, or a policy file.")] = "revised",
+    people: Annotated[str, typer.Option(help="Whom to meet: original or revised.")] = "revised",
+    episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
+    seed: Seed = 0,
+    json_file: JsonFile = None,
+) -> None:
+    """Measure a policy's reward, success and force over many episodes."""
+    from avrgym.episodes import EPISODE_STEPS
+    from avrgym.evaluation import evaluate as measure
+
+    rows = []
+    with _plain_errors():
+        environments = list(ENVIRONMENTS) if all_environments else env or []
+        if not environments:
+            raise ValueError(f"name an environment or --all; the environments are {', '.join(ENVIRONMENTS)}")
+        for environment in environments:
+            with Progress(console=console, transient=True) as progress:
+                bar = progress.add_task(environment, total=episodes * EPISODE_STEPS)
+                result = measure(environment, policy, people, episodes, seed, lambda n, b=bar: progress.advance(b, n))
+            rows.append(asdict(result))
+    _print_table(rows)
+    _write_json(json_file, rows)
+
+
+def _print_table(rows: list[dict[str, Any]]) -> None:
+    table = Table(*rows[0])
+    for row in rows:
+        table.add_row(*(_cell(value) for value in row.values()))
+    console.print(table)
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(_cell(item) for item in value)
+    return str(value)

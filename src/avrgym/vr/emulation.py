@@ -1,0 +1,189 @@
+"""A simulated participant in a real browser: headless Chromium with an emulated headset on the client's page.
+
+It proves the logic of client, protocol and session. It says nothing about comfort or latency in a headset.
+"""
+
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from avrgym.participants import SimulatedParticipant
+from avrgym.vr.messages import Tracking, XRPose
+from avrgym.vr.session import Session
+
+if TYPE_CHECKING:
+    from playwright.sync_api import ViewportSize
+
+CHROMIUM_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+CHROMIUM_FLAGS = (
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+FRAME_S = 0.03
+CALIBRATION_S = 1.5
+PATIENCE_S = 60.0
+PICTURE_SIZE: "ViewportSize" = {"width": 1280, "height": 640}
+
+
+class BrowserMissingError(RuntimeError):
+    """No browser can be driven; the message says what is missing."""
+
+
+def find_chromium() -> str | None:
+    """The machine's Chromium, or ``None`` for the one that Playwright may have installed."""
+    return next((path for name in CHROMIUM_NAMES if (path := shutil.which(name))), None)
+
+
+class EmulatedHeadset:
+    """A page of the client in headless Chromium whose headset and controllers Python moves."""
+
+    def __init__(self, url: str, width: int = 320, height: int = 180) -> None:
+        """Open the page of a server's address in a window that a software renderer can keep up with.
+
+        Raises:
+            BrowserMissingError: when Playwright or Chromium is missing.
+        """
+        try:
+            from playwright.sync_api import Error, sync_playwright
+        except ImportError as error:
+            raise BrowserMissingError("Playwright is not installed; `pip install avrgym[browser]` brings it") from error
+        self._playwright = sync_playwright().start()
+        try:
+            self._browser = self._playwright.chromium.launch(
+                executable_path=find_chromium(), args=list(CHROMIUM_FLAGS)
+            )
+        except Error as error:
+            self._playwright.stop()
+            raise BrowserMissingError("no Chromium is installed, and Playwright has none of its own") from error
+        self._size: "ViewportSize" = {"width": width, "height": height}
+        self.page = self._browser.new_page(viewport=self._size)
+        self.page.goto(url.replace("/#", "/?emulate=1#"))
+
+    def __enter__(self) -> "EmulatedHeadset":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._browser.close()
+        self._playwright.stop()
+
+    def call(self, function: str, *arguments: Any) -> Any:
+        """Call a function of the page's emulator."""
+        return self.page.evaluate(
+            "([name, rest]) => window.avrgymEmulator[name](...rest)", [function, list(arguments)]
+        )
+
+    def enter_vr(self) -> None:
+        """Click Enter VR and wait until the page presents."""
+        self.page.get_by_role("button", name="Enter VR").click(timeout=1000 * PATIENCE_S)
+        self.page.wait_for_function("() => window.avrgymEmulator.presenting()", timeout=1000 * PATIENCE_S)
+
+    def set_poses(self, frame: Tracking, *, right: bool = True) -> None:
+        """Put headset and controllers where a tracking frame has them; optionally all but the right controller."""
+        poses = {"head": _plain(frame.head), "left": _plain(frame.left)}
+        self.call("setPoses", poses | ({"right": _plain(frame.right)} if right else {}))
+
+    def pull_trigger(self, hand: str) -> None:
+        """Press and release a trigger, each seen by at least one frame."""
+        for pressed in (True, False):
+            self.call("setTrigger", hand, pressed)
+            self.await_frames(2)
+
+    def await_frames(self, count: int) -> None:
+        """Wait until the page has drawn some more XR frames."""
+        sent = self.call("trackingSent")
+        self.page.wait_for_function(
+            "([sent]) => window.avrgymEmulator.trackingSent() >= sent", arg=[sent + count], timeout=1000 * PATIENCE_S
+        )
+
+    def answer(self, value: int) -> None:
+        """Point the right controller at a button of the question that is shown and press the trigger."""
+        button = next(button for button in self.call("buttons") if button["value"] == value)
+        self.call("aimAt", "right", button["centre"])
+        self.await_frames(2)
+        self.pull_trigger("right")
+
+    def screenshot(self, path: Path) -> Path:
+        """Save what the participant sees, both eyes, larger and sharper than the page runs."""
+        self.page.set_viewport_size(PICTURE_SIZE)
+        self.await_frames(2)
+        self.page.screenshot(path=path)
+        self.page.set_viewport_size(self._size)
+        return path
+
+
+PICTURE_AFTER_S = {"free_before": 2.0, "trial": 3.0, "questionnaire": 0.5}
+"""In which phases, and how long after their beginning, a picture is taken of what the participant sees."""
+
+
+class Attendance:
+    """A simulated participant who sits through a session in the browser.
+
+    They enter VR, hold still to be measured, press the trigger, move as people do during trials and answer the
+    questionnaire by pointing.
+    """
+
+    def __init__(
+        self,
+        headset: EmulatedHeadset,
+        session: Session,
+        participant: SimulatedParticipant,
+        pictures: Path,
+        say: Callable[[str], None],
+    ) -> None:
+        """``pictures`` is the folder for what the participant sees; ``say`` is told of each phase."""
+        self.taken: list[Path] = []
+        self._headset, self._session, self._participant = headset, session, participant
+        self._folder, self._say = pictures, say
+        self._phase: tuple[str, int] = ("", 0)
+        self._phase_began = 0.0
+        self._asked = ""
+
+    def run(self) -> list[Path]:
+        """Attend until the session is finished; returns the pictures."""
+        headset, began = self._headset, time.monotonic()
+        headset.set_poses(self._participant.frame(0.0, moving=False))
+        headset.enter_vr()
+        while self._phase[0] != "finished":
+            now = time.monotonic() - began
+            self._notice(headset.call("phase"), now)
+            self._act(now)
+            time.sleep(FRAME_S)
+        return self.taken
+
+    def _notice(self, phase: dict[str, Any], now_s: float) -> None:
+        found = phase["name"], phase["trial"]
+        if found != self._phase:
+            self._phase, self._phase_began = found, now_s
+            self._say(f"{found[0].replace('_', ' ')} (trial {found[1]} of {phase['trials']})")
+
+    def _act(self, now_s: float) -> None:
+        name, _ = self._phase
+        question = self._headset.call("question")
+        frame = self._participant.frame(now_s, moving=name != "calibration")
+        self._headset.set_poses(frame, right=question is None)
+        self._take_picture(now_s)
+        if name == "calibration" and now_s - self._phase_began > CALIBRATION_S:
+            self._headset.pull_trigger("right")
+            self._phase_began = now_s
+        if question is not None and question["item"] != self._asked and self._headset.call("buttons"):
+            self._asked = question["item"]
+            self._headset.answer(self._participant.answer(self._session.succeeded, question["points"]))
+
+    def _take_picture(self, now_s: float) -> None:
+        name, trial = self._phase
+        path = self._folder / f"trial-{trial:02}-{name}.png"
+        if now_s - self._phase_began > PICTURE_AFTER_S.get(name, PATIENCE_S) and path not in self.taken:
+            self.taken.append(self._headset.screenshot(path))
+
+
+def _plain(pose: XRPose | None) -> dict[str, Any] | None:
+    return None if pose is None else {"position": pose.position, "orientation": pose.orientation}

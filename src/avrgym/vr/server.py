@@ -1,0 +1,276 @@
+"""The VR server: serves the client, the scenes and the WebSocket of one participant's session."""
+
+import asyncio
+import contextlib
+import multiprocessing
+import secrets
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Executor, ProcessPoolExecutor
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import msgspec
+import uvicorn
+from fastapi import FastAPI, HTTPException, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi.staticfiles import StaticFiles
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+
+from avrgym.models.human import Person
+from avrgym.models.robots import find_robot
+from avrgym.models.scene import build_spec
+from avrgym.tasks import TASKS, find_environment
+from avrgym.vr import messages
+from avrgym.vr.loop import RealTimeLoop
+from avrgym.vr.messages import ClientMessage, Hello, Message, State
+from avrgym.vr.scene_export import export_glb
+from avrgym.vr.session import Disconnected, Session
+
+STATIC = Path(__file__).parent / "static"
+HELLO_TIMEOUT_S = 5.0
+MAX_MESSAGE_BYTES = 1 << 16
+CLIENT_TYPES = "hello, tracking, entered, left, ready, stop, origin_reset, answer"
+
+
+class ServerError(RuntimeError):
+    """The server cannot start; the message says why and what to do."""
+
+
+def render_scene(environment_id: str, person: Person) -> bytes:
+    """The GLB of an environment with a person in it."""
+    task, robot = find_environment(environment_id)
+    stage = TASKS[task].stage(find_robot(robot))
+    return export_glb(build_spec(stage, person, moving=True, appearance=True).compile())
+
+
+class _Outbox:
+    """What one connection still has to send: every message in order, but of states only the newest."""
+
+    def __init__(self) -> None:
+        self._messages: deque[Message] = deque()
+        self._state: State | None = None
+        self._filled = asyncio.Event()
+
+    def push(self, message: Message) -> None:
+        if isinstance(message, State):
+            self._state = message
+        else:
+            self._messages.append(message)
+        self._filled.set()
+
+    async def next(self) -> Message:
+        while True:
+            if self._messages:
+                return self._messages.popleft()
+            if self._state is not None:
+                state, self._state = self._state, None
+                return state
+            self._filled.clear()
+            await self._filled.wait()
+
+
+class Hub:
+    """Between the simulation's thread and the one connection of the participant."""
+
+    def __init__(self) -> None:
+        self._events: asyncio.AbstractEventLoop | None = None
+        self._outbox: _Outbox | None = None
+
+    @property
+    def taken(self) -> bool:
+        """Whether a participant is connected."""
+        return self._outbox is not None
+
+    def send(self, message: Message) -> None:
+        """Send a message to the participant, if there is one; called from the simulation's thread."""
+        events, outbox = self._events, self._outbox
+        if events is not None and outbox is not None:
+            with contextlib.suppress(RuntimeError):  # the event loop closed meanwhile
+                events.call_soon_threadsafe(outbox.push, message)
+
+    @contextlib.contextmanager
+    def connection(self):
+        """Take the participant's place; gives the outbox to send from."""
+        self._events, self._outbox = asyncio.get_running_loop(), _Outbox()
+        try:
+            yield self._outbox
+        finally:
+            self._outbox = None
+
+
+def create_app(loop: RealTimeLoop, hub: Hub, token: str, hosts: list[str], renderer: Executor) -> FastAPI:
+    """The web application of one session.
+
+    Args:
+        loop: the simulation that runs.
+        hub: where its messages go.
+        token: what a client must present.
+        hosts: the host names under which the server may be addressed.
+        renderer: where scenes are rendered, away from the real-time thread.
+    """
+    app = FastAPI(openapi_url=None)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
+    scenes: dict[int, bytes] = {}
+
+    @app.get("/scenes/{number}.glb")
+    async def scene(number: int, request: Request) -> Response:
+        if not _same(request.headers.get("authorization", ""), f"Bearer {token}"):
+            raise HTTPException(401, "the address of this page lacks the session's token")
+        known = loop.session.scenes
+        if not 0 <= number < len(known):
+            raise HTTPException(404, f"no scene {number}; there are {len(known)}")
+        if number not in scenes:
+            events = asyncio.get_running_loop()
+            scenes[number] = await events.run_in_executor(renderer, render_scene, *known[number])
+        return Response(scenes[number], media_type="model/gltf-binary")
+
+    @app.websocket("/ws")
+    async def participant(socket: WebSocket) -> None:
+        if not _from_own_page(socket):
+            await socket.close(4403)
+            return
+        await socket.accept()
+        if await _welcome(socket, token, hub):
+            await _converse(socket, loop, hub)
+
+    app.mount("/", StaticFiles(directory=STATIC, html=True))
+    return app
+
+
+def _from_own_page(socket: WebSocket) -> bool:
+    """Whether the page that opened the connection came from this server; programs send no origin."""
+    origin = socket.headers.get("origin")
+    return origin is None or urlsplit(origin).netloc == socket.headers.get("host")
+
+
+async def _welcome(socket: WebSocket, token: str, hub: Hub) -> bool:
+    """Whether the first message admits the client; if not, it is told why."""
+    refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
+    with contextlib.suppress(msgspec.DecodeError, TimeoutError, KeyError, WebSocketDisconnect):
+        hello = messages.decode_client(await asyncio.wait_for(socket.receive_bytes(), HELLO_TIMEOUT_S))
+        if isinstance(hello, Hello) and hello.protocol == messages.PROTOCOL:
+            if not _same(hello.token, token):
+                refusal = 4401, "the address of this page lacks the session's token; open the one that the server printed"
+            elif hub.taken:
+                refusal = 4409, "a participant is already connected; one at a time"
+            else:
+                return True
+    with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+        await socket.send_bytes(messages.encode(messages.Problem(message=refusal[1])))
+        await socket.close(refusal[0])
+    return False
+
+
+async def _converse(socket: WebSocket, loop: RealTimeLoop, hub: Hub) -> None:
+    with hub.connection() as outbox:
+        loop.greet()
+        tasks = [asyncio.create_task(_receive(socket, loop, outbox)), asyncio.create_task(_send(socket, outbox))]
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    loop.post(Disconnected())
+
+
+async def _receive(socket: WebSocket, loop: RealTimeLoop, outbox: _Outbox) -> None:
+    with contextlib.suppress(WebSocketDisconnect):
+        while True:
+            frame = await socket.receive()
+            if frame["type"] == "websocket.disconnect":
+                return
+            message = _understand(frame.get("bytes"), outbox.push)
+            if message is not None:
+                loop.post(message)
+
+
+def _understand(data: bytes | None, complain: Callable[[Message], None]) -> ClientMessage | None:
+    if data is None:
+        complain(messages.Problem(message=f"text is not understood; send MessagePack of type {CLIENT_TYPES}"))
+        return None
+    try:
+        return messages.decode_client(data)
+    except msgspec.DecodeError as error:
+        complain(messages.Problem(message=f"not a message ({error}); the types are {CLIENT_TYPES}"))
+        return None
+
+
+async def _send(socket: WebSocket, outbox: _Outbox) -> None:
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        while True:
+            await socket.send_bytes(messages.encode(await outbox.next()))
+
+
+def _same(given: str, wanted: str) -> bool:
+    return secrets.compare_digest(given.encode(), wanted.encode())
+
+
+class LiveServer:
+    """A session with its loop and its web server, as a context manager; ``port`` 0 takes a free one."""
+
+    def __init__(self, make_session: Callable[[Callable[[Message], None]], Session], host: str, port: int) -> None:
+        """Bind the port and make the session.
+
+        Args:
+            make_session: makes the session from the function that sends its messages.
+            host: the address to listen on.
+            port: the port to listen on.
+
+        Raises:
+            ServerError: when the client is not built or the port cannot be had.
+        """
+        if not (STATIC / "index.html").exists():
+            raise ServerError("the browser client is not built; run `make client`")
+        self._socket = _bind(host, port)
+        self.host, self.port = host, int(self._socket.getsockname()[1])
+        self.token = secrets.token_urlsafe(16)
+        hub = Hub()
+        self.loop = RealTimeLoop(make_session(hub.send))
+        self._renderer = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+        app = create_app(self.loop, hub, self.token, [host, "localhost", "127.0.0.1"], self._renderer)
+        configuration = uvicorn.Config(
+            app, log_level="warning", access_log=False, ws_max_size=MAX_MESSAGE_BYTES, ws_per_message_deflate=False
+        )
+        self._server = uvicorn.Server(configuration)
+        self._thread = threading.Thread(target=self._server.run, kwargs={"sockets": [self._socket]}, daemon=True)
+
+    @property
+    def session(self) -> Session:
+        """The session that it serves."""
+        return self.loop.session
+
+    @property
+    def url(self) -> str:
+        """The address of the participant's page, with its token in the fragment, which browsers do not send."""
+        return f"http://{self.host}:{self.port}/#token={self.token}"
+
+    def __enter__(self) -> "LiveServer":
+        self.loop.start()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._server.should_exit = True
+        self._thread.join()
+        self.loop.stop()
+        self._renderer.shutdown(cancel_futures=True)
+        self._socket.close()
+
+    def wait(self) -> None:
+        """Wait until the server ends or the simulation fails."""
+        while self._thread.is_alive() and self.loop.error is None:
+            self._thread.join(0.5)
+
+
+def _bind(host: str, port: int) -> socket.socket:
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+    except OSError as error:
+        listener.close()
+        raise ServerError(
+            f"cannot listen on {host}:{port} ({error.strerror}); choose another --port, or 0 for a free one"
+        ) from error
+    return listener
