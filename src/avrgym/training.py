@@ -25,10 +25,7 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class TrainingConfiguration:
-    """What a training run is made of. Network and algorithm are the paper's (section V); the rest is ours.
-
-    The learning rate falls linearly to zero, which settles the policy at the end.
-    """
+    """What a training run is made of. Network and algorithm are the paper's (section V); the rest is ours."""
 
     environment: str
     people: str = "original"
@@ -156,7 +153,7 @@ def _ppo(configuration: TrainingConfiguration, env: VecEnv, out: Path) -> PPO:
     return PPO(
         "MlpPolicy",
         VecNormalize(env, gamma=configuration.discount, clip_obs=5.0),
-        learning_rate=lambda remaining: remaining * configuration.learning_rate,
+        learning_rate=configuration.learning_rate,
         n_steps=configuration.steps_per_update,
         batch_size=configuration.minibatch,
         n_epochs=configuration.epochs,
