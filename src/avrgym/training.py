@@ -4,7 +4,7 @@ Needs the extra ``train``. What it leaves is a policy file that needs neither of
 """
 
 import subprocess
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,15 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from avrgym.envs import ACTIONS, AssistiveVectorEnv
+from avrgym.evaluation import evaluate
 from avrgym.files import write_whole
 from avrgym.policies import Policy, PolicyMetadata
 
 Array = NDArray[Any]
+
+
+POLICY_FILE = "policy.safetensors"
+MEASURED_EPISODES = 100
 
 
 @dataclass(frozen=True)
@@ -93,13 +98,14 @@ class SB3VectorEnv(VecEnv):
 
 
 class _Progress(BaseCallback):
-    """Gathers finished episodes, logs each update, and saves the policy as it stands."""
+    """Gathers finished episodes, logs each update, and keeps the policy that did best over the latest episodes."""
 
     def __init__(self, configuration: TrainingConfiguration, out: Path) -> None:
         super().__init__()
         self._configuration, self._out = configuration, out
         self._returns = np.zeros(configuration.worlds)
         self._finished: list[tuple[float, bool]] = []
+        self._best_reward = -np.inf
 
     def _on_step(self) -> bool:
         normalised = self.training_env
@@ -118,14 +124,17 @@ class _Progress(BaseCallback):
         self.logger.record("rollout/reward_mean", reward)
         self.logger.record("rollout/success_rate", success)
         print(f"{self.num_timesteps:>10} steps  reward {reward:8.1f}  success {success:6.1%}", flush=True)
-        assert isinstance(self.model, PPO)
-        measured = {"training_reward_mean": reward, "training_success_rate": success}
-        policy = export_policy(self.model, self._configuration, measured)
-        policy.save(self._out / "policy.safetensors", overwrite=True)
+        if reward > self._best_reward:
+            self._best_reward = reward
+            assert isinstance(self.model, PPO)
+            export_policy(self.model, self._configuration).save(self._out / POLICY_FILE, overwrite=True)
 
 
 def train(configuration: TrainingConfiguration, out: Path) -> Policy:
     """Train, and leave ``policy.safetensors``, ``configuration.json`` and TensorBoard's log in ``out``.
+
+    The policy is the one of the update that followed the best episodes. It carries what it reaches on people that
+    training never saw.
 
     Raises:
         ValueError: for an unknown environment or people.
@@ -146,7 +155,20 @@ def train(configuration: TrainingConfiguration, out: Path) -> Policy:
     model = _ppo(configuration, env, out)
     model.learn(configuration.steps, callback=_Progress(configuration, out), progress_bar=False)
     env.close()
-    return Policy.load(out / "policy.safetensors")
+    return _measure(configuration, out / POLICY_FILE)
+
+
+def _measure(configuration: TrainingConfiguration, path: Path) -> Policy:
+    """Write into a policy's file what it reaches."""
+    figures = evaluate(configuration.environment, str(path), configuration.people, MEASURED_EPISODES, seed=0)
+    measured = {
+        name: getattr(figures, name)
+        for name in ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
+    }
+    policy = Policy.load(path)
+    policy = replace(policy, metadata=msgspec.structs.replace(policy.metadata, measured=measured))
+    policy.save(path, overwrite=True)
+    return policy
 
 
 def _ppo(configuration: TrainingConfiguration, env: VecEnv, out: Path) -> PPO:
@@ -171,7 +193,7 @@ def _ppo(configuration: TrainingConfiguration, env: VecEnv, out: Path) -> PPO:
     )
 
 
-def export_policy(model: PPO, configuration: TrainingConfiguration, measured: dict[str, Any]) -> Policy:
+def export_policy(model: PPO, configuration: TrainingConfiguration) -> Policy:
     """The deterministic actor of a PPO model with its observation normaliser."""
     normaliser = model.get_env()
     assert isinstance(normaliser, VecNormalize)
@@ -191,7 +213,6 @@ def export_policy(model: PPO, configuration: TrainingConfiguration, measured: di
             steps=model.num_timesteps,
             seed=configuration.seed,
             git_commit=_git_commit(),
-            measured=measured,
         ),
     )
 

@@ -136,6 +136,11 @@ class Session:
         """Whose body the participant has."""
         return self._world.person
 
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """The order of the poses in every state."""
+        return self._world.bodies
+
     def greet(self) -> None:
         """Tell a client that has just connected where things stand."""
         self._send(messages.Welcome(protocol=messages.PROTOCOL, session=self.identifier))
