@@ -21,8 +21,9 @@ class Robot:
     """A robot with one moving arm.
 
     ``arm_joints`` are named as in the model file. ``speed_limit_rad_s`` and ``torque_limit_n_m`` (7,) are
-    those of the public description. ``hand_q`` turns the end effector's frame into the frame of tools held
-    across the palm like a rod (x towards the tool, z up when the hand reaches in from the side).
+    those of the public description. ``inertia_kg_m2`` (7,) is what each joint has to turn at the seed pose,
+    its motor included; its servo is tuned for it. ``hand_q`` turns the end effector's frame into the frame of
+    tools held across the palm like a rod (x towards the tool, z up when the hand reaches in from the side).
     ``finger_angle_rad`` closes the fingers on a tool's handle. ``seed_pose_rad`` (7,) is a pose with free
     space around it, where inverse kinematics starts.
     """
@@ -36,6 +37,7 @@ class Robot:
     speed_limit_rad_s: NDArray[np.float64]
     torque_limit_n_m: NDArray[np.float64]
     stiffness_n_m_rad: NDArray[np.float64]
+    inertia_kg_m2: NDArray[np.float64]
     hand_q: NDArray[np.float64]
     fingers: tuple[str, ...]
     finger_angle_rad: float
@@ -52,6 +54,7 @@ JACO = Robot(
     speed_limit_rad_s=np.radians([36.0, 36.0, 36.0, 36.0, 48.0, 48.0, 48.0]),
     torque_limit_n_m=np.array([40.0, 80.0, 40.0, 40.0, 20.0, 20.0, 20.0]),
     stiffness_n_m_rad=np.array([300.0, 300.0, 200.0, 200.0, 80.0, 80.0, 80.0]),
+    inertia_kg_m2=np.array([0.55, 0.92, 0.40, 0.37, 0.076, 0.085, 0.051]),
     hand_q=transforms.multiply(
         transforms.from_matrix([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
         transforms.from_axis_angle([1.0, 0.0, 0.0], np.radians(30.0)),
@@ -84,7 +87,9 @@ def robot_spec(robot: Robot, *, appearance: bool) -> mujoco.MjSpec:
     """The robot alone: fingers closed, contact bits set, a velocity servo on each arm joint.
 
     The servo integrates its command into a target angle, never past the joint's range, and pulls the joint
-    there like a spring of ``stiffness_n_m_rad`` with critical damping, within the motor's torque.
+    there like a spring of ``stiffness_n_m_rad`` with critical damping at the seed pose, within the motor's
+    torque. (MuJoCo's own damping ratio holds at angle zero, where the arm is folded and five times lighter to
+    turn: it lets the arm overshoot.)
     """
     spec = mujoco.MjSpec.from_string(files("avrgym.models").joinpath("assets", robot.file).read_text())
     spec.meshdir = str(mesh_path(robot))
@@ -113,14 +118,16 @@ def _close_fingers(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
+    damping = 2.0 * np.sqrt(robot.stiffness_n_m_rad * robot.inertia_kg_m2)
     limits = zip(
         robot.arm_joints,
         robot.speed_limit_rad_s,
         robot.torque_limit_n_m,
         robot.stiffness_n_m_rad,
+        damping,
         strict=True,
     )
-    for joint, speed, torque, stiffness in limits:
+    for joint, speed, torque, kp, kv in limits:
         actuator = spec.add_actuator(
             name=joint,
             trntype=mujoco.mjtTrn.mjTRN_JOINT,
@@ -130,4 +137,4 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
             actrange=spec.joint(joint).range,
             actlimited=True,
         )
-        actuator.set_to_intvelocity(kp=stiffness, dampratio=1.0)
+        actuator.set_to_intvelocity(kp=kp, kv=kv)

@@ -1,0 +1,31 @@
+"""What several test files share."""
+
+import ctypes.util
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+if TYPE_CHECKING:
+    from avrgym.models.scene import Stage
+
+# MuJoCo chooses how it draws when it is imported, which happens after this file has run.
+for _library, _name in (("EGL", "egl"), ("OSMesa", "osmesa")):
+    if ctypes.util.find_library(_library):
+        os.environ.setdefault("MUJOCO_GL", _name)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """A random stream of the test's own."""
+    return np.random.default_rng(20261121)
+
+
+@pytest.fixture(scope="session")
+def feeding_stage() -> "Stage":
+    """What stands in the scene when the Jaco feeds."""
+    from avrgym.models.robots import JACO
+    from avrgym.tasks import TASKS
+
+    return TASKS["Feeding"].stage(JACO)

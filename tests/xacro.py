@@ -1,0 +1,108 @@
+"""Kinova's public description of the Jaco, read from the xacro files that ``rtb-data`` ships."""
+
+import ast
+import math
+import operator
+import re
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from avrgym import transforms
+from avrgym.models.robots import JACO, mesh_path
+
+FOLDER = mesh_path(JACO).parent / "urdf"
+PREFIX = "{http://www.ros.org/wiki/xacro}"
+CONSTANTS = {"J_PI": math.pi}
+OPERATORS: dict[type, Callable[..., Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.USub: operator.neg,
+}
+
+
+def evaluate(formula: str) -> float:
+    """The value of an arithmetic formula with ``J_PI``."""
+    return _value(ast.parse(formula, mode="eval").body)
+
+
+def _value(node: ast.expr) -> float:
+    match node:
+        case ast.Constant(value=int() | float() as value):
+            return float(value)
+        case ast.Name(id=name):
+            return CONSTANTS[name]
+        case ast.BinOp(left=left, op=op, right=right):
+            return OPERATORS[type(op)](_value(left), _value(right))
+        case ast.UnaryOp(op=op, operand=operand):
+            return OPERATORS[type(op)](_value(operand))
+    raise ValueError(ast.dump(node))
+
+
+def numbers(text: str) -> np.ndarray:
+    """Numbers between blanks, each plain or with ``${formula}``."""
+    formulas = re.sub(r"\$\{([^}]*)\}", lambda found: f"({found[1].replace(' ', '')})", text)
+    return np.array([evaluate(formula) for formula in formulas.split()])
+
+
+@cache
+def _properties() -> dict[str, str]:
+    root = ElementTree.parse(FOLDER / "j2s7s300.xacro").getroot()
+    return {element.attrib["name"]: element.attrib["value"] for element in root.iter(f"{PREFIX}property")}
+
+
+def text(name: str) -> str:
+    """A property of the arm as it is written."""
+    return _properties()[name]
+
+
+def vector(name: str) -> np.ndarray:
+    """A property of the arm as numbers."""
+    return numbers(text(name))
+
+
+def number(name: str) -> float:
+    """A property of the arm that is one number."""
+    return float(vector(name)[0])
+
+
+def origin(joint: str) -> tuple[np.ndarray, np.ndarray]:
+    """A joint's frame in its parent: position (3,), quaternion (4,); its angles turn about fixed axes."""
+    roll, pitch, yaw = (
+        transforms.from_axis_angle(axis, angle)
+        for axis, angle in zip(np.eye(3), vector(f"{joint}_origin_rpy"), strict=True)
+    )
+    return vector(f"{joint}_origin_xyz"), transforms.multiply(yaw, transforms.multiply(pitch, roll))
+
+
+def forward(angles_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The end effector's poses in the base for joint angles (N, 7)."""
+    pos, q = np.zeros(3), transforms.IDENTITY_QUATERNION
+    for joint in range(1, 8):
+        pos, q = transforms.compose(pos, q, *origin(f"joint_{joint}"))
+        axis = vector(f"joint_{joint}_axis_xyz")
+        q = transforms.multiply(q, transforms.from_axis_angle(axis, angles_rad[:, joint - 1]))
+    return transforms.compose(pos, q, *origin("joint_end_effector"))
+
+
+def masses() -> dict[int, float]:
+    """The masses of links in kilograms by the number of their mesh."""
+    text = (FOLDER / "kinova_inertial.xacro").read_text()
+    found = re.findall(
+        r'<xacro:unless value="\$\{mesh_no\s*-?\s*(\d*)\}">.*?<mass value="([\d.]+)"', text, re.DOTALL
+    )
+    return {int(mesh or 0): float(mass) for mesh, mass in found}
+
+
+def arm_mass() -> float:
+    """The mass of base, seven links and three fingers of two links each."""
+    by_mesh = masses()
+    links = ["base", *range(1, 8)]
+    return sum(by_mesh[int(number(f"link_{link}_mesh_no"))] for link in links) + 3 * (
+        by_mesh[57] + by_mesh[58]
+    )
