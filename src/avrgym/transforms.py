@@ -131,11 +131,12 @@ def euler_xyz(q: ArrayLike) -> Array:
     b lies in −π/2..π/2; at its ends only a ± c is determined and c is chosen as 0.
     """
     m = to_matrix(q)
-    b = np.arcsin(np.clip(m[..., 0, 2], -1.0, 1.0))
-    regular = np.abs(m[..., 0, 2]) < 1.0 - 1e-12
-    a = np.where(regular, np.arctan2(-m[..., 1, 2], m[..., 2, 2]), np.arctan2(m[..., 2, 1], m[..., 1, 1]))
-    c = np.where(regular, np.arctan2(-m[..., 0, 1], m[..., 0, 0]), 0.0)
-    return np.stack([a, b, c], axis=-1)
+    b = np.arctan2(m[..., 0, 2], np.hypot(m[..., 1, 2], m[..., 2, 2]))
+    locked = np.hypot(m[..., 1, 2], m[..., 2, 2]) < 1e-9
+    a = np.where(locked, np.arctan2(m[..., 2, 1], m[..., 1, 1]), np.arctan2(-m[..., 1, 2], m[..., 2, 2]))
+    # Rx(−a) q = Ry(b) Rz(c), whose second row is (sin c, cos c, 0): precise however close to the lock.
+    row = np.cos(a)[..., None] * m[..., 1, :] + np.sin(a)[..., None] * m[..., 2, :]
+    return np.stack([a, b, np.where(locked, 0.0, np.arctan2(row[..., 0], row[..., 1]))], axis=-1)
 
 
 def _components(v: ArrayLike) -> tuple[Array, ...]:
