@@ -68,7 +68,9 @@ def test_a_participant_is_seated_fed_and_asked(journey: tuple[LiveServer, Emulat
     registration = server.session.registration
     assert registration is not None
     head_error, hand_errors = errors(headset, server, registration, frame)
-    print(f"head {1000 * head_error:.1f} mm, hands {[round(1000 * e, 1) for e in hand_errors]} mm from their targets")
+    print(
+        f"head {1000 * head_error:.1f} mm, hands {[round(1000 * e, 1) for e in hand_errors]} mm from their targets"
+    )
     assert head_error < 0.02
     assert max(hand_errors) < 0.03
 

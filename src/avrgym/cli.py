@@ -25,7 +25,9 @@ app = typer.Typer(
 )
 console = Console()
 
-JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.", metavar="FILE")]
+JsonFile = Annotated[
+    Path | None, typer.Option("--json", help="Write the figures to this file.", metavar="FILE")
+]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same figures.", min=0)]
 
 
@@ -74,9 +76,13 @@ def _free_folder(wanted: Path) -> Path:
 
 @app.command()
 def serve(
-    study: Annotated[Path, typer.Option(help="The folder that recordings go into.", metavar="DIR")] = Path("study"),
+    study: Annotated[Path, typer.Option(help="The folder that recordings go into.", metavar="DIR")] = Path(
+        "study"
+    ),
     host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)] = 8000,
+    port: Annotated[
+        int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
+    ] = 8000,
     env: Annotated[str, typer.Option(help="The environment of the trials.")] = "avrgym/FeedingJaco-v1",
     policy: Annotated[str, typer.Option(help="A packaged policy or a policy file.")] = "revised",
     person: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")] = "woman",
@@ -95,7 +101,9 @@ def serve(
         plan = SessionPlan(plans, person, free_movement_s=5.0, simulated=False)
         policies = load_policies(plan)
         with LiveServer(
-            lambda send: Session(plan, policies, study / "recordings", send, identifier=study.name), host, port
+            lambda send: Session(plan, policies, study / "recordings", send, identifier=study.name),
+            host,
+            port,
         ) as server:
             _explain(server.url, server.port)
             try:
@@ -107,9 +115,13 @@ def serve(
 
 
 def _explain(url: str, port: int) -> None:
-    console.print("Headset on a USB cable (Quest, Pico): run on this computer, then open the address in the headset")
+    console.print(
+        "Headset on a USB cable (Quest, Pico): run on this computer, then open the address in the headset"
+    )
     console.print(f"    adb reverse tcp:{port} tcp:{port}")
-    console.print(f"    http://localhost:{port}/{url.partition('/#')[1][1:]}{url.partition('/#')[2]}", soft_wrap=True)
+    console.print(
+        f"    http://localhost:{port}/{url.partition('/#')[1][1:]}{url.partition('/#')[2]}", soft_wrap=True
+    )
     console.print("Headset on this computer (SteamVR, Rift S in Chrome):")
     console.print(f"    {url}", soft_wrap=True)
     console.print("Stop with Ctrl+C.")
@@ -147,7 +159,9 @@ def train(
             from avrgym.training import TrainingConfiguration
             from avrgym.training import train as run_training
         except ModuleNotFoundError as error:
-            raise RuntimeError(f"{error.name} is missing; `pip install avrgym[train]` brings what training needs") from error
+            raise RuntimeError(
+                f"{error.name} is missing; `pip install avrgym[train]` brings what training needs"
+            ) from error
         folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{people}-{seed}"
         run_training(TrainingConfiguration(env, people, steps, seed), folder)
     console.print(f"policy    {folder / 'policy.safetensors'}", soft_wrap=True)
@@ -155,9 +169,13 @@ def train(
 
 @app.command()
 def evaluate(
-    env: Annotated[list[str] | None, typer.Argument(help="Environment ids; `avrgym envs` lists them.")] = None,
+    env: Annotated[
+        list[str] | None, typer.Argument(help="Environment ids; `avrgym envs` lists them.")
+    ] = None,
     all_environments: Annotated[bool, typer.Option("--all", help="Every environment.")] = False,
-    policy: Annotated[str, typer.Option(help="original, revised, random, zero, or a policy file.")] = "revised",
+    policy: Annotated[
+        str, typer.Option(help="original, revised, random, zero, or a policy file.")
+    ] = "revised",
     people: Annotated[str, typer.Option(help="Whom to meet: original or revised.")] = "revised",
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
     seed: Seed = 0,
@@ -175,7 +193,9 @@ def evaluate(
         for environment in environments:
             with Progress(console=console, transient=True) as progress:
                 bar = progress.add_task(environment, total=episodes * EPISODE_STEPS)
-                result = measure(environment, policy, people, episodes, seed, lambda n, b=bar: progress.advance(b, n))
+                result = measure(
+                    environment, policy, people, episodes, seed, lambda n, b=bar: progress.advance(b, n)
+                )
             rows.append(asdict(result))
     _print_table(rows)
     _write_json(json_file, rows)

@@ -92,7 +92,9 @@ def _actor(policy: str, world: Episodes, generators: list[np.random.Generator]) 
     if policy == "zero":
         return lambda observation: np.zeros((len(observation), ACTIONS), np.float32)
     if policy == "random":
-        return lambda observation: np.stack([g.uniform(-1.0, 1.0, ACTIONS) for g in generators]).astype(np.float32)
+        return lambda observation: np.stack([g.uniform(-1.0, 1.0, ACTIONS) for g in generators]).astype(
+            np.float32
+        )
     return load_policy(policy, world.environment_id, world.task.observation_size, ACTIONS).act
 
 

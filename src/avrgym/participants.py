@@ -56,7 +56,9 @@ class SimulatedParticipant:
         random = np.random.default_rng([seed, 1])
         self.traits = traits
         self._random = random
-        self._room = Registration(np.array([*random.uniform(-0.3, 0.3, 2), 0.0]), float(random.uniform(-np.pi, np.pi)))
+        self._room = Registration(
+            np.array([*random.uniform(-0.3, 0.3, 2), 0.0]), float(random.uniform(-np.pi, np.pi))
+        )
         self._phase = random.uniform(0.0, 2.0 * np.pi, 3)
         self._sequence = -1
         spec = mujoco.MjSpec()
@@ -94,7 +96,9 @@ class SimulatedParticipant:
         if not moving:
             return human.SEATED_RAD
         traits = self.traits
-        wave = traits.sway_deg * np.sin(2.0 * np.pi * traits.sway_hz * time_s * np.array([1.0, 0.7, 0.5]) + self._phase)
+        wave = traits.sway_deg * np.sin(
+            2.0 * np.pi * traits.sway_hz * time_s * np.array([1.0, 0.7, 0.5]) + self._phase
+        )
         lean = traits.lean_deg * min(1.0, time_s / 2.0)
         return human.joint_angles(
             waist_x=lean + wave[0],

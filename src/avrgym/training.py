@@ -98,7 +98,7 @@ class SB3VectorEnv(VecEnv):
 
 
 class _Progress(BaseCallback):
-    """Gathers finished episodes, logs each update, and keeps the policy that did best over the latest episodes."""
+    """Gathers finished episodes, logs each update, and keeps the policy that did best lately."""
 
     def __init__(self, configuration: TrainingConfiguration, out: Path) -> None:
         super().__init__()
@@ -133,7 +133,7 @@ class _Progress(BaseCallback):
 def train(configuration: TrainingConfiguration, out: Path) -> Policy:
     """Train, and leave ``policy.safetensors``, ``configuration.json`` and TensorBoard's log in ``out``.
 
-    The policy is the one of the update that followed the best episodes. It carries what it reaches on people that
+    The policy is the one with the best episodes. It carries what it reaches on people that
     training never saw.
 
     Raises:

@@ -7,14 +7,11 @@ import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avrgym.participants import SimulatedParticipant
 from avrgym.vr.messages import Tracking, XRPose
 from avrgym.vr.session import Session
-
-if TYPE_CHECKING:
-    from playwright.sync_api import ViewportSize
 
 CHROMIUM_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM_FLAGS = (
@@ -31,7 +28,7 @@ CHROMIUM_FLAGS = (
 FRAME_S = 0.03
 CALIBRATION_S = 1.5
 PATIENCE_S = 60.0
-PICTURE_SIZE: "ViewportSize" = {"width": 1280, "height": 640}
+SESSION_LIMIT_S = 600.0
 
 
 class BrowserMissingError(RuntimeError):
@@ -55,7 +52,9 @@ class EmulatedHeadset:
         try:
             from playwright.sync_api import Error, sync_playwright
         except ImportError as error:
-            raise BrowserMissingError("Playwright is not installed; `pip install avrgym[browser]` brings it") from error
+            raise BrowserMissingError(
+                "Playwright is not installed; `pip install avrgym[browser]` brings it"
+            ) from error
         self._playwright = sync_playwright().start()
         try:
             self._browser = self._playwright.chromium.launch(
@@ -63,9 +62,10 @@ class EmulatedHeadset:
             )
         except Error as error:
             self._playwright.stop()
-            raise BrowserMissingError("no Chromium is installed, and Playwright has none of its own") from error
-        self._size: "ViewportSize" = {"width": width, "height": height}
-        self.page = self._browser.new_page(viewport=self._size)
+            raise BrowserMissingError(
+                "no Chromium is installed, and Playwright has none of its own"
+            ) from error
+        self.page = self._browser.new_page(viewport={"width": width, "height": height})
         self.page.goto(url.replace("/#", "/?emulate=1#"))
 
     def __enter__(self) -> "EmulatedHeadset":
@@ -101,7 +101,9 @@ class EmulatedHeadset:
         """Wait until the page has drawn some more XR frames."""
         sent = self.call("trackingSent")
         self.page.wait_for_function(
-            "([sent]) => window.avrgymEmulator.trackingSent() >= sent", arg=[sent + count], timeout=1000 * PATIENCE_S
+            "([sent]) => window.avrgymEmulator.trackingSent() >= sent",
+            arg=[sent + count],
+            timeout=1000 * PATIENCE_S,
         )
 
     def answer(self, value: int) -> None:
@@ -112,15 +114,12 @@ class EmulatedHeadset:
         self.pull_trigger("right")
 
     def screenshot(self, path: Path) -> Path:
-        """Save what the participant sees, both eyes, larger and sharper than the page runs."""
-        self.page.set_viewport_size(PICTURE_SIZE)
-        self.await_frames(2)
+        """Save what the participant sees, both eyes."""
         self.page.screenshot(path=path)
-        self.page.set_viewport_size(self._size)
         return path
 
 
-PICTURE_AFTER_S = {"free_before": 2.0, "trial": 3.0, "questionnaire": 0.5}
+PICTURE_AFTER_S = {"free_before": 2.0, "trial": 1.2, "questionnaire": 0.5}
 """In which phases, and how long after their beginning, a picture is taken of what the participant sees."""
 
 
@@ -148,12 +147,20 @@ class Attendance:
         self._asked = ""
 
     def run(self) -> list[Path]:
-        """Attend until the session is finished; returns the pictures."""
+        """Attend until the session is finished; returns the pictures.
+
+        Raises:
+            TimeoutError: when the session does not end within ten minutes.
+        """
         headset, began = self._headset, time.monotonic()
         headset.set_poses(self._participant.frame(0.0, moving=False))
         headset.enter_vr()
         while self._phase[0] != "finished":
             now = time.monotonic() - began
+            if now > SESSION_LIMIT_S:
+                raise TimeoutError(
+                    f"the session is still in phase {self._phase[0]!r} after {SESSION_LIMIT_S:.0f} s"
+                )
             self._notice(headset.call("phase"), now)
             self._act(now)
             time.sleep(FRAME_S)
@@ -171,7 +178,7 @@ class Attendance:
         frame = self._participant.frame(now_s, moving=name != "calibration")
         self._headset.set_poses(frame, right=question is None)
         self._take_picture(now_s)
-        if name == "calibration" and now_s - self._phase_began > CALIBRATION_S:
+        if name in ("calibration", "paused") and now_s - self._phase_began > CALIBRATION_S:
             self._headset.pull_trigger("right")
             self._phase_began = now_s
         if question is not None and question["item"] != self._asked and self._headset.call("buttons"):

@@ -152,7 +152,10 @@ async def _welcome(socket: WebSocket, token: str, hub: Hub) -> bool:
         hello = messages.decode_client(await asyncio.wait_for(socket.receive_bytes(), HELLO_TIMEOUT_S))
         if isinstance(hello, Hello) and hello.protocol == messages.PROTOCOL:
             if not _same(hello.token, token):
-                refusal = 4401, "the address of this page lacks the session's token; open the one that the server printed"
+                refusal = (
+                    4401,
+                    "the address of this page lacks the session's token; open the one that the server printed",
+                )
             elif hub.taken:
                 refusal = 4409, "a participant is already connected; one at a time"
             else:
@@ -166,7 +169,10 @@ async def _welcome(socket: WebSocket, token: str, hub: Hub) -> bool:
 async def _converse(socket: WebSocket, loop: RealTimeLoop, hub: Hub) -> None:
     with hub.connection() as outbox:
         loop.greet()
-        tasks = [asyncio.create_task(_receive(socket, loop, outbox)), asyncio.create_task(_send(socket, outbox))]
+        tasks = [
+            asyncio.create_task(_receive(socket, loop, outbox)),
+            asyncio.create_task(_send(socket, outbox)),
+        ]
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in tasks:
             task.cancel()
@@ -209,7 +215,9 @@ def _same(given: str, wanted: str) -> bool:
 class LiveServer:
     """A session with its loop and its web server, as a context manager; ``port`` 0 takes a free one."""
 
-    def __init__(self, make_session: Callable[[Callable[[Message], None]], Session], host: str, port: int) -> None:
+    def __init__(
+        self, make_session: Callable[[Callable[[Message], None]], Session], host: str, port: int
+    ) -> None:
         """Bind the port and make the session.
 
         Args:
@@ -230,10 +238,16 @@ class LiveServer:
         self._renderer = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
         app = create_app(self.loop, hub, self.token, [host, "localhost", "127.0.0.1"], self._renderer)
         configuration = uvicorn.Config(
-            app, log_level="warning", access_log=False, ws_max_size=MAX_MESSAGE_BYTES, ws_per_message_deflate=False
+            app,
+            log_level="warning",
+            access_log=False,
+            ws_max_size=MAX_MESSAGE_BYTES,
+            ws_per_message_deflate=False,
         )
         self._server = uvicorn.Server(configuration)
-        self._thread = threading.Thread(target=self._server.run, kwargs={"sockets": [self._socket]}, daemon=True)
+        self._thread = threading.Thread(
+            target=self._server.run, kwargs={"sockets": [self._socket]}, daemon=True
+        )
 
     @property
     def session(self) -> Session:

@@ -71,6 +71,7 @@ class _Attempt:
     steps: int = 0
     reward: float = 0.0
     success: bool = False
+    stalled: bool = False
 
 
 Handler = Callable[[Any, float], None]
@@ -287,7 +288,9 @@ class Session:
 
     def _on_stop(self, _message: messages.Stop, now_s: float) -> None:
         if self._abandon("stopped", now_s):
-            self._enter("paused", "Stopped: the robot holds still. Press the trigger to repeat the trial.", now_s)
+            self._enter(
+                "paused", "Stopped: the robot holds still. Press the trigger to repeat the trial.", now_s
+            )
 
     def _on_origin_reset(self, _message: messages.OriginReset, now_s: float) -> None:
         if self.phase not in ("waiting", "finished"):
@@ -356,7 +359,9 @@ class Session:
         """Seat the participant: height, place and direction from the last half second of tracking."""
         heads = [f.head for f, t in self._frames if t > now_s - CALIBRATION_S and f.head is not None]
         if len(heads) < CALIBRATION_FRAMES:
-            self._problem("the headset is not tracked: look around for a moment, then press the trigger again")
+            self._problem(
+                "the headset is not tracked: look around for a moment, then press the trigger again"
+            )
             return
         spread = np.ptp([head.position for head in heads], axis=0).max()
         if spread > STEADY_M:
@@ -481,14 +486,26 @@ class Session:
             return
         state = self._world.state_vector().tolist()
         self._record("/physics", records.Physics(self._attempt.steps, self._world.time_s, state), now_s)
-        failure = self._attempt.recording.error
-        if failure is not None:
+        error = self._attempt.recording.error
+        if isinstance(error, TimeoutError):
+            self._warn_of_stall(error, now_s)
+        elif error is not None:
             self._abandon("failed", now_s)
-            self._problem(f"the trial cannot be recorded: {failure}")
+            self._problem(f"the trial cannot be recorded: {error}")
             text = "The recording failed: the robot holds still. Press the trigger to try again."
             self._enter("paused", text, now_s)
 
-    def _record_frame(self, frame: messages.Tracking, received_s: float, *, applied: bool, held: bool) -> None:
+    def _warn_of_stall(self, error: TimeoutError, now_s: float) -> None:
+        """A disk that pauses loses nothing: the records wait. Say so once a trial, and go on."""
+        attempt = self._attempt
+        if attempt is not None and not attempt.stalled:
+            attempt.stalled = True
+            self._record_event("recording_stalled", str(error), now_s)
+            self._problem(f"the recording is slow: {error}")
+
+    def _record_frame(
+        self, frame: messages.Tracking, received_s: float, *, applied: bool, held: bool
+    ) -> None:
         began_s = self._attempt.began_s if self._attempt else received_s
         if received_s < began_s:
             return
