@@ -43,7 +43,7 @@ def journey(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[LiveServ
     policies = load_policies(plan)
     with (
         LiveServer(lambda send: Session(plan, policies, folder, send, "journey"), "127.0.0.1", 0) as server,
-        EmulatedHeadset(server.url) as headset,
+        EmulatedHeadset(server.url, width=320, height=180) as headset,
     ):
         yield server, headset, folder
 

@@ -114,6 +114,7 @@ export class App {
       const loading = this.world.load(scene, this.token);
       if (!this.world.root.matrix.equals(before)) this.view.standBefore(this.world.root);
       await loading;
+      this.send({ type: "scene_loaded", url: scene.url });
     } catch (error) {
       this.showProblem(`The scene could not be loaded: ${words(error)}.`);
     }

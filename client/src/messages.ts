@@ -6,7 +6,7 @@ export type Vector3 = [number, number, number];
 
 export type Quaternion = [number, number, number, number];
 
-export type PhaseName = "calibration" | "countdown" | "finished" | "free_after" | "free_before" | "paused" | "questionnaire" | "trial" | "waiting";
+export type PhaseName = "calibration" | "countdown" | "finished" | "free_after" | "free_before" | "loading" | "paused" | "questionnaire" | "trial" | "waiting";
 
 /** A pose in WebXR's `local-floor` space: position in metres (y up), orientation x, y, z, w. */
 export type XRPose = [position: Vector3, orientation: Quaternion];
@@ -48,6 +48,12 @@ export interface Ready {
   type: "ready";
 }
 
+/** The client shows the scene of this address. */
+export interface SceneLoaded {
+  type: "scene_loaded";
+  url: string;
+}
+
 /** The participant pressed a menu button or the stop key: the robot must hold at once. */
 export interface Stop {
   type: "stop";
@@ -66,7 +72,7 @@ export interface Answer {
   response_time_s: number;
 }
 
-export type ClientMessage = Hello | Tracking | Entered | Left | Ready | Stop | OriginReset | Answer;
+export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | OriginReset | Answer;
 
 /** The connection is accepted. */
 export interface Welcome {

@@ -105,6 +105,7 @@ class InProcessParticipant:
     def __init__(self, participant: SimulatedParticipant, say: Callable[[str], None]) -> None:
         self._participant, self._say = participant, say
         self._question: messages.Question | None = None
+        self._scene_url = ""
         self._heard_s = 0.0
         self._now_s = 0.0
 
@@ -115,6 +116,8 @@ class InProcessParticipant:
             self._say(f"{message.name.replace('_', ' ')} (trial {message.trial} of {message.trials})")
         elif isinstance(message, messages.Question):
             self._heard_s, self._question = self._now_s, message
+        elif isinstance(message, messages.Scene):
+            self._scene_url = message.url
 
     def attend(self, session: Session) -> None:
         """Sit through the session until it is finished."""
@@ -134,6 +137,8 @@ class InProcessParticipant:
         waited_s = self._now_s - self._heard_s
         if session.phase == "calibration" and waited_s > CALIBRATION_S:
             session.receive(messages.Ready(), self._now_s)
+        if session.phase == "loading":
+            session.receive(messages.SceneLoaded(url=self._scene_url), self._now_s)
         question = self._question
         if question is not None and waited_s > ANSWER_AFTER_S:
             self._question = None

@@ -43,7 +43,7 @@ def find_chromium() -> str | None:
 class EmulatedHeadset:
     """A page of the client in headless Chromium whose headset and controllers Python moves."""
 
-    def __init__(self, url: str, width: int = 320, height: int = 180) -> None:
+    def __init__(self, url: str, width: int = 640, height: int = 360) -> None:
         """Open the page of a server's address in a window that a software renderer can keep up with.
 
         Raises:
@@ -115,7 +115,7 @@ class EmulatedHeadset:
 
     def screenshot(self, path: Path) -> Path:
         """Save what the participant sees, both eyes."""
-        self.page.screenshot(path=path)
+        self.page.screenshot(path=path, style="#card { display: none }")
         return path
 
 

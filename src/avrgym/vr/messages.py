@@ -64,6 +64,12 @@ class Ready(Message, frozen=True, tag="ready"):
     """The participant pressed a trigger where the phase asks for it."""
 
 
+class SceneLoaded(Message, frozen=True, tag="scene_loaded"):
+    """The client shows the scene of this address."""
+
+    url: Annotated[str, msgspec.Meta(max_length=128)]
+
+
 class Stop(Message, frozen=True, tag="stop"):
     """The participant pressed a menu button or the stop key: the robot must hold at once."""
 
@@ -80,13 +86,14 @@ class Answer(Message, frozen=True, tag="answer"):
     response_time_s: Annotated[float, msgspec.Meta(ge=0)]
 
 
-ClientMessage = Hello | Tracking | Entered | Left | Ready | Stop | OriginReset | Answer
+ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | OriginReset | Answer
 
 # From the server -------------------------------------------------------------------------------------------
 
 PhaseName = Literal[
     "waiting",
     "calibration",
+    "loading",
     "free_before",
     "countdown",
     "trial",

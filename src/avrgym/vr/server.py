@@ -31,7 +31,7 @@ from avrgym.vr.session import Disconnected, Session
 STATIC = Path(__file__).parent / "static"
 HELLO_TIMEOUT_S = 5.0
 MAX_MESSAGE_BYTES = 1 << 16
-CLIENT_TYPES = "hello, tracking, entered, left, ready, stop, origin_reset, answer"
+CLIENT_TYPES = "hello, tracking, entered, left, ready, scene_loaded, stop, origin_reset, answer"
 
 
 class ServerError(RuntimeError):

@@ -125,6 +125,7 @@ class Session:
             messages.Entered: self._on_entered,
             messages.Left: self._on_left,
             messages.Ready: self._on_ready,
+            messages.SceneLoaded: self._on_scene_loaded,
             messages.Stop: self._on_stop,
             messages.OriginReset: self._on_origin_reset,
             messages.Answer: self._on_answer,
@@ -375,8 +376,16 @@ class Session:
             return
         self._world = self._new_world(torso_height_m)
         self.registration = register(heads[-1], seated_head_centre(self.person))
+        self._enter("loading", "One moment: your seat is being prepared.", now_s)
         self._send_scene()
-        self._start_trial(now_s)
+
+    def _on_scene_loaded(self, message: messages.SceneLoaded, now_s: float) -> None:
+        if self.phase == "loading" and message.url == self._scene_url:
+            self._start_trial(now_s)
+
+    @property
+    def _scene_url(self) -> str:
+        return f"/scenes/{len(self.scenes) - 1}.glb"
 
     def _follow(self, now_s: float) -> None:
         """Move the person to the newest tracking frame, or hold them when it is stale."""
@@ -418,7 +427,7 @@ class Session:
         head = human.PREFIX + "head"
         self._send(
             messages.Scene(
-                url=f"/scenes/{len(self.scenes) - 1}.glb",
+                url=self._scene_url,
                 bodies=list(self._world.bodies),
                 head_bodies=[head],
                 xr_from_world=registration.xr_from_world(),
