@@ -131,6 +131,12 @@ class Simulation:
         )
         self._ctrl[:, names.arm_ctrl] = np.clip(action, -1.0, 1.0) * self._speed_limit
 
+    def halt_robot(self) -> None:
+        """Aim every joint of the arms at where it is now: they stop at once, and hold there."""
+        names = self._names
+        self._act[:, names.arm_act] = self._qpos[:, names.arm_qpos]
+        self._ctrl[:, names.arm_ctrl] = 0.0
+
     def command_person(self, joint_targets_rad: Array) -> None:
         """Set the targets (N, 20) of a moving person's servos."""
         self._ctrl[:, self._names.person_ctrl] = joint_targets_rad

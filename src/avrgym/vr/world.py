@@ -81,7 +81,7 @@ class LiveWorld:
     def hold(self) -> None:
         """Stop the robot where it is; a control step that had begun is dropped."""
         self._action = np.zeros(ACTIONS)
-        self._episodes.command(self._action[None])
+        self._episodes.simulation.halt_robot()
         self._substep = 0
 
     def tick(self, policy: Policy | None) -> ControlStep | None:
