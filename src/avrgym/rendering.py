@@ -12,8 +12,8 @@ from avrgym.models.scene import build_spec
 from avrgym.simulation import Simulation
 
 HEIGHT_PX, WIDTH_PX = 480, 640
-LOOK_AT_W = (-0.08, -0.28, 0.92)
-DISTANCE_M, AZIMUTH_DEG, ELEVATION_DEG = 1.75, 138.0, -19.0
+LOOK_AT_W = (-0.08, -0.30, 0.97)
+DISTANCE_M, AZIMUTH_DEG, ELEVATION_DEG = 1.55, 138.0, -28.0
 """From before the person's left, across the table from the robot: its hand hides neither tool nor face."""
 
 

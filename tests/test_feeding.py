@@ -1,0 +1,247 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from avrgym import people, transforms
+from avrgym.episodes import Episodes
+from avrgym.models.furniture import BOWL_BODY
+from avrgym.models.human import Person
+from avrgym.simulation import State
+from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks.base import Outcome
+from avrgym.tasks.feeding import OBSERVED, SPOON_Q_W, FeedingMemory
+
+FEEDING = TASKS["Feeding"]
+LEFT, _, UP = np.eye(3)
+MOUTH = np.array([0.0, -0.1, 1.2])
+SPOON = np.array([-0.1, -0.5, 1.1])
+BOWL = np.array([-0.15, -0.55, 0.75])
+ON_TABLE = np.array([0.4, -0.9, 0.755])
+IN_BOWL = BOWL + 0.03 * LEFT + 0.03 * UP
+ON_FLOOR = np.array([-0.8, 0.5, 0.005])
+IN_THE_AIR = np.array([-0.4, -0.2, 0.9])
+BESIDE_THE_CHEST = np.array([0.0, -0.106, 1.0])  # a capsule of radius 0.1 about (0, 0, 1), food of 0.005
+STILL = np.zeros((1, 7))
+
+
+def state(food: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> State:
+    """One world at rest, all food on the spoon but the pieces given."""
+    pieces = np.tile(SPOON, (8, 1))
+    for index, place in (food or {}).items():
+        pieces[index] = place
+    identity = transforms.IDENTITY_QUATERNION[None]
+    plain = State(
+        robot_pos_w=np.array([[-0.35, -0.3, 0.36]]),
+        arm_angles_rad=np.zeros((1, 7)),
+        effector_velocity_w=np.zeros((1, 3)),
+        tool_pos_w=SPOON[None],
+        tool_q_w=identity,
+        head_pos_w=np.array([[0.0, 0.03, 1.25]]),
+        head_q_w=identity,
+        mouth_pos_w=MOUTH[None],
+        bowl_pos_w=BOWL[None],
+        particle_pos_w=pieces[None],
+        particle_velocity_w=np.zeros((1, 8, 3)),
+        person_segment_w=np.array([[[[-0.1, 0.0, 1.0], [0.1, 0.0, 1.0]]]]),
+        person_radius_m=np.array([[0.1]]),
+        robot_force_n=np.zeros(1),
+        tool_force_n=np.zeros(1),
+    )
+    return replace(plain, **changes)
+
+
+def judged(seen: State, memory: FeedingMemory | None = None, action: np.ndarray = STILL) -> Outcome:
+    return FEEDING.judge(seen, action, memory or FEEDING.remember(1))
+
+
+def term(outcome: Outcome, name: str) -> float:
+    return float(outcome.terms[name][0])
+
+
+def counts(outcome: Outcome) -> tuple[float, float, float]:
+    """Food that now counts as in the mouth, as dropped and as on the person."""
+    return term(outcome, "food_in_mouth"), term(outcome, "food_dropped"), term(outcome, "food_on_person")
+
+
+# Food
+
+
+def test_food_on_the_spoon_counts_for_nothing():
+    assert counts(judged(state())) == (0, 0, 0)
+
+
+def test_food_in_the_mouth_counts_once_and_leaves_the_task():
+    seen = state({3: MOUTH + 0.019 * UP})
+    outcome = judged(seen)
+    assert counts(outcome) == (1, 0, 0)
+    assert_array_equal(np.nonzero(outcome.gone[0])[0], [3])
+    again = judged(seen, outcome.memory)
+    assert counts(again) == (0, 0, 0)
+    assert not again.gone.any()
+
+
+def test_the_mouth_is_two_centimetres_wide():
+    assert counts(judged(state({0: MOUTH + 0.0201 * UP}))) == (0, 0, 0)
+    assert counts(judged(state({0: MOUTH + 0.0199 * LEFT}))) == (1, 0, 0)
+
+
+@pytest.mark.parametrize("place", [ON_TABLE, IN_BOWL, ON_FLOOR, np.array([0.0, -0.2, 0.499])])
+def test_dropped_food_counts_once(place):
+    outcome = judged(state({5: place}))
+    assert counts(outcome) == (0, 1, 0)
+    assert counts(judged(state({5: place}), outcome.memory)) == (0, 0, 0)
+    assert not outcome.gone.any()
+
+
+def test_food_in_the_air_above_table_and_bowl_is_not_dropped():
+    for place in (
+        IN_THE_AIR,
+        ON_TABLE + 0.02 * UP,
+        BOWL + 0.08 * UP,
+        np.array([0.0, -0.2, 0.501]),
+    ):
+        assert counts(judged(state({0: place}))) == (0, 0, 0)
+
+
+def test_eaten_food_is_never_dropped_and_dropped_food_never_eaten():
+    eaten = judged(state({0: MOUTH})).memory
+    assert counts(judged(state({0: ON_FLOOR}), eaten)) == (0, 0, 0)
+    dropped = judged(state({0: ON_TABLE})).memory
+    assert counts(judged(state({0: MOUTH}), dropped)) == (0, 0, 0)
+
+
+def test_food_that_touches_the_person_counts_once():
+    outcome = judged(state({1: BESIDE_THE_CHEST, 2: BESIDE_THE_CHEST - [0.0, 0.003, 0.0]}))
+    assert counts(outcome) == (0, 0, 1)
+    assert counts(judged(state({1: BESIDE_THE_CHEST}), outcome.memory)) == (0, 0, 0)
+    assert counts(judged(state({1: MOUTH}), outcome.memory)) == (1, 0, 0)
+
+
+def test_food_in_the_mouth_is_not_on_the_person():
+    face = replace(state({0: MOUTH}), person_segment_w=np.tile(MOUTH, (1, 1, 2, 1)))
+    assert counts(judged(face)) == (1, 0, 0)
+
+
+def test_the_speed_of_food_that_enters_the_mouth_adds_up():
+    velocity = np.zeros((1, 8, 3))
+    velocity[0, :3] = [[0.3, 0.0, 0.4], [0.0, 0.0, 2.0], [0.0, 1.0, 0.0]]
+    outcome = judged(state({0: MOUTH, 2: MOUTH}, particle_velocity_w=velocity))
+    assert term(outcome, "food_entry_speed_m_s") == pytest.approx(0.5 + 1.0)
+
+
+def test_six_of_eight_pieces_are_a_success():
+    """Over any number of steps, and it lasts."""
+    five = judged(state(dict.fromkeys(range(5), MOUTH)))
+    assert not five.success[0]
+    six = judged(state({6: MOUTH}), five.memory)
+    assert six.success[0]
+    assert judged(state(), six.memory).success[0]
+
+
+# The other terms
+
+
+def test_distance_is_from_spoon_to_mouth():
+    outcome = judged(state())
+    assert (
+        term(outcome, "distance_m") == outcome.distance_m[0] == pytest.approx(np.linalg.norm(SPOON - MOUTH))
+    )
+
+
+def test_action_speed_and_force_terms():
+    seen = state(effector_velocity_w=np.array([[0.3, 0.0, -0.4]]), robot_force_n=np.array([12.0]))
+    outcome = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
+    assert term(outcome, "action_squared") == 1.5
+    assert term(outcome, "effector_speed_m_s") == pytest.approx(0.5)
+    assert term(outcome, "force_on_person_n") == 12.0
+
+
+def test_the_weights_are_those_of_the_paper():
+    assert FEEDING.weights == {
+        "distance_m": -1.0,
+        "action_squared": -0.01,
+        "food_in_mouth": 20.0,
+        "food_dropped": -5.0,
+        "effector_speed_m_s": -0.25,
+        "force_on_person_n": -0.01,
+        "food_on_person": -1.0,
+        "food_entry_speed_m_s": -1.0,
+    }
+
+
+def test_the_reward_is_the_weighted_sum():
+    velocity = np.full((1, 8, 3), 0.1)
+    seen = state(
+        {0: MOUTH, 1: MOUTH, 2: ON_TABLE, 3: BESIDE_THE_CHEST},
+        particle_velocity_w=velocity,
+        effector_velocity_w=np.array([[0.0, 0.2, 0.0]]),
+        robot_force_n=np.array([7.0]),
+    )
+    outcome = judged(seen, action=np.full((1, 7), 0.5))
+    distance, entry = np.linalg.norm(SPOON - MOUTH), 2 * np.linalg.norm([0.1] * 3)
+    expected = -distance - 0.01 * 7 * 0.25 + 2 * 20 - 5 - 0.25 * 0.2 - 0.01 * 7 - 1 - entry
+    assert FEEDING.reward(outcome.terms)[0] == pytest.approx(expected)
+    assert set(outcome.terms) == set(FEEDING.weights)
+
+
+def test_worlds_are_judged_apart():
+    worlds = [state({0: MOUTH}), state({0: ON_TABLE}), state()]
+    stacked = State(
+        **{name: np.concatenate([getattr(world, name) for world in worlds]) for name in vars(worlds[0])}
+    )
+    outcome = FEEDING.judge(stacked, np.zeros((3, 7)), FEEDING.remember(3))
+    assert_array_equal(outcome.terms["food_in_mouth"], [1, 0, 0])
+    assert_array_equal(outcome.terms["food_dropped"], [0, 1, 0])
+
+
+# Observation
+
+
+def test_the_observation_has_the_documented_order():
+    """Tool − base, tool rotation, tool − mouth, arm angles, head − base, head rotation, force at the tool."""
+    tool_q, head_q = (
+        transforms.normalize([[1.0, 2.0, 3.0, 4.0]]),
+        transforms.normalize([[4.0, 3.0, 2.0, 1.0]]),
+    )
+    seen = state(
+        arm_angles_rad=np.arange(7.0)[None], tool_q_w=tool_q, head_q_w=head_q, tool_force_n=np.array([9.0])
+    )
+    base = seen.robot_pos_w[0]
+    expected = np.concatenate(
+        [SPOON - base, tool_q[0], SPOON - MOUTH, np.arange(7.0), seen.head_pos_w[0] - base, head_q[0], [9.0]]
+    )
+    assert_allclose(FEEDING.observe(seen), expected[None])
+    assert FEEDING.observation_size == len(expected) == 25
+    assert [entry.size for entry in OBSERVED] == [3, 4, 3, 7, 3, 4, 1]
+
+
+# Start
+
+
+def test_episodes_begin_above_the_bowl_with_a_level_spoon():
+    episodes = Episodes("avrgym/FeedingJaco-v1", 64, distribution="revised", num_threads=1)
+    episodes.begin(np.arange(64), [np.random.default_rng(i) for i in range(64)])
+    seen = episodes.simulation.state()
+    bowl = seen.bowl_pos_w - [-0.15, -0.55, 0.75]
+    assert np.abs(bowl).max() <= 0.05
+    assert np.abs(bowl).max(axis=0).min() > 0.04
+    hand = seen.tool_pos_w - transforms.rotate(seen.tool_q_w, [episodes.stage.tool.reach_m, 0.0, 0.0])
+    from_bowl = hand - seen.bowl_pos_w - [0.0, -0.1, 0.4]
+    assert np.abs(from_bowl).max() <= 0.05 + 0.01
+    assert_allclose(transforms.angle_between(seen.tool_q_w, SPOON_Q_W), 0.0, atol=0.05)
+    assert_allclose(transforms.rotate(SPOON_Q_W, [1.0, 0.0, 0.0]), [0.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_a_start_says_where_the_bowl_is(rng, feeding_stage):
+    uniforms = rng.random((3, FEEDING.uniforms))
+    start = FEEDING.start(feeding_stage, people.repeat(Person(), 3), uniforms)
+    assert_allclose(
+        start.body_pos_w[BOWL_BODY], np.array([-0.15, -0.55, 0.75]) + 0.1 * (uniforms[:, :3] - 0.5)
+    )
+
+
+def test_an_unknown_environment_names_what_there_is():
+    with pytest.raises(ValueError, match=r"unknown environment 'avrgym/Flying-v1'; .*avrgym/FeedingJaco-v1"):
+        find_environment("avrgym/Flying-v1")
