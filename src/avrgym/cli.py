@@ -5,17 +5,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
+from rich.table import Column, Table
 
 from avrgym.files import write_whole
 from avrgym.models.human import SEXES
 from avrgym.policies import packaged_policies
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
+
+if TYPE_CHECKING:
+    from avrgym.vr.server import LiveServer
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -56,13 +59,13 @@ def demo(
 
     with _plain_errors():
         folder = _free_folder(out)
-        result = run_demo(folder, seed, lambda text: console.print(f"  {text}"))
+        result = run_demo(folder, seed, lambda text: _say(f"  {text}"))
     for recording in result.recordings:
-        console.print(f"recorded  {recording}", soft_wrap=True)
-    console.print(f"report    {result.report}", soft_wrap=True)
+        _say(f"recorded  {recording}")
+    _say(f"report    {result.report}")
     if result.without_browser:
-        console.print("There was no browser, so the report has no pictures.")
-    console.print("Open the report in a browser. `avrgym serve` starts the live server for a headset.")
+        _say("There was no browser, so the report has no pictures.")
+    _say("Open the report in a browser. `avrgym serve` starts the live server for a headset.")
 
 
 def _free_folder(wanted: Path) -> Path:
@@ -105,26 +108,28 @@ def serve(
             host,
             port,
         ) as server:
-            _explain(server.url, server.port)
+            _explain(server)
             try:
                 server.wait()
             except KeyboardInterrupt:
-                console.print("stopped")
+                _say("stopped")
             if server.loop.error is not None:
                 raise RuntimeError(f"the simulation failed: {server.loop.error!r}")
 
 
-def _explain(url: str, port: int) -> None:
-    console.print(
-        "Headset on a USB cable (Quest, Pico): run on this computer, then open the address in the headset"
+def _explain(server: "LiveServer") -> None:
+    _say(
+        "Headset on a USB cable (Quest, Pico): run this first, then open the address in the headset's browser"
     )
-    console.print(f"    adb reverse tcp:{port} tcp:{port}")
-    console.print(
-        f"    http://localhost:{port}/{url.partition('/#')[1][1:]}{url.partition('/#')[2]}", soft_wrap=True
-    )
-    console.print("Headset on this computer (SteamVR, Rift S in Chrome):")
-    console.print(f"    {url}", soft_wrap=True)
-    console.print("Stop with Ctrl+C.")
+    _say(f"    adb reverse tcp:{server.port} tcp:{server.port}")
+    _say("Headset connected to this computer (SteamVR, Rift S): open the address in Chrome")
+    _say(f"    {server.url}")
+    _say("Stop with Ctrl+C.")
+
+
+def _say(text: str) -> None:
+    """Print a line as it is, so that paths and addresses can be copied."""
+    console.print(text, soft_wrap=True, highlight=False)
 
 
 @app.command()
@@ -164,7 +169,7 @@ def train(
             ) from error
         folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{people}-{seed}"
         run_training(TrainingConfiguration(env, people, steps, seed), folder)
-    console.print(f"policy    {folder / 'policy.safetensors'}", soft_wrap=True)
+    _say(f"policy    {folder / 'policy.safetensors'}")
 
 
 @app.command()
@@ -202,7 +207,7 @@ def evaluate(
 
 
 def _print_table(rows: list[dict[str, Any]]) -> None:
-    table = Table(*rows[0])
+    table = Table(*(Column(name, overflow="fold") for name in rows[0]))
     for row in rows:
         table.add_row(*(_cell(value) for value in row.values()))
     console.print(table)

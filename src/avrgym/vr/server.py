@@ -257,7 +257,8 @@ class LiveServer:
     @property
     def url(self) -> str:
         """The address of the participant's page, with its token in the fragment, which browsers do not send."""
-        return f"http://{self.host}:{self.port}/#token={self.token}"
+        name = "localhost" if self.host == "127.0.0.1" else self.host
+        return f"http://{name}:{self.port}/#token={self.token}"
 
     def __enter__(self) -> "LiveServer":
         self.loop.start()
