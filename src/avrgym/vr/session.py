@@ -34,6 +34,8 @@ CALIBRATION_FRAMES = 5
 STEADY_M = 0.03
 COUNTDOWN_S = 3.0
 STATE_EVERY_TICKS = 2
+STOPPABLE: tuple[PhaseName, ...] = ("free_before", "countdown", "trial")
+"""Where a stop ends the trial; later its robot is at rest, and what it gave is kept."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,15 @@ class SessionPlan:
 @dataclass(frozen=True)
 class Disconnected:
     """The participant's connection is gone."""
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """A tracking frame and when it arrived; ``usable``: it may move the person."""
+
+    tracking: messages.Tracking
+    received_s: float
+    usable: bool
 
 
 @dataclass
@@ -112,8 +123,10 @@ class Session:
         self._phase_message: messages.Phase | None = None
         self._ends_at: float | None = None
         self.registration: Registration | None = None
-        self._frames: list[tuple[messages.Tracking, float]] = []
-        self._newest: tuple[messages.Tracking, float] | None = None
+        self._frames: list[_Frame] = []
+        self._arrived: list[_Frame] = []
+        self._newest: _Frame | None = None
+        self._pose: BodyPose | None = None
         self._followed = -1
         self._holding = False
         self._attempt: _Attempt | None = None
@@ -169,6 +182,7 @@ class Session:
         self._record_physics(now_s)
         if step is not None:
             self._finish_step(step, now_s)
+        self._watch_recording(now_s)
         if self._world.ticks % STATE_EVERY_TICKS == 0:
             self._send_state()
         if self._ends_at is not None and now_s >= self._ends_at:
@@ -209,9 +223,16 @@ class Session:
 
     def _start_trial(self, now_s: float) -> None:
         plan = self._current
+        try:
+            recording = self._open_recording(plan)
+        except OSError as error:
+            self._pause_unrecorded(error, now_s)
+            return
         self._world.begin(plan.seed)
-        self._attempt = _Attempt(self._open_recording(plan), now_s)
-        self.recordings.append(self._attempt.recording.path)
+        self._attempt = _Attempt(recording, now_s)
+        self._arrived.clear()
+        self._holding = False
+        self.recordings.append(recording.path)
         self._record_physics(now_s)
         kind = "Practice" if plan.practice else f"Trial {self._trial + 1} of {len(self.plan.trials)}"
         text = f"{kind}: move your head and arms as you like. The robot holds still."
@@ -248,7 +269,10 @@ class Session:
         self._ask()
 
     def _complete_trial(self, now_s: float) -> None:
-        self._close_recording("completed", now_s)
+        failure = self._close_recording("completed", now_s)
+        if failure is not None:
+            self._pause_unrecorded(failure, now_s)
+            return
         self._trial += 1
         if self._trial < len(self.plan.trials):
             self._start_trial(now_s)
@@ -258,9 +282,22 @@ class Session:
     def _abandon(self, result: str, now_s: float) -> bool:
         """Hold the robot and end a running trial without completing it; whether one was running."""
         self._world.hold()
-        running = self._attempt is not None
-        self._close_recording(result, now_s)
-        return running
+        if self._attempt is None:
+            return False
+        self._record_event("robot_holds", result, now_s)
+        self._record_physics(now_s)
+        failure = self._close_recording(result, now_s)
+        if failure is not None:
+            self._problem(f"the trial is not recorded completely: {failure}")
+        return True
+
+    def _pause_unrecorded(self, error: Exception, now_s: float) -> None:
+        """Hold the robot and let the participant try again, because a trial without a recording is none."""
+        self._world.hold()
+        self._close_recording("failed", now_s)
+        self._problem(f"the trial cannot be recorded: {error}")
+        text = "The recording failed: the robot holds still. Press the trigger to try again."
+        self._enter("paused", text, now_s)
 
     # What the participant does -----------------------------------------------------------------------------------
 
@@ -273,7 +310,9 @@ class Session:
     def _begin_calibration(self, now_s: float) -> None:
         self.registration = None
         self._frames.clear()
-        self._newest = None
+        self._arrived.clear()
+        self._newest, self._pose = None, None
+        self._followed, self._holding = -1, False
         text = "Sit upright, look straight ahead and rest your arms. Then press the trigger."
         self._enter("calibration", text, now_s)
 
@@ -288,7 +327,10 @@ class Session:
             self._enter("waiting", "The connection was lost. Choose Enter VR to go on.", now_s)
 
     def _on_stop(self, _message: messages.Stop, now_s: float) -> None:
-        if self._abandon("stopped", now_s):
+        if self.phase not in STOPPABLE:
+            self._problem(f"the robot holds still; it can be stopped in the phases {', '.join(STOPPABLE)}")
+        else:
+            self._abandon("stopped", now_s)
             self._enter(
                 "paused", "Stopped: the robot holds still. Press the trigger to repeat the trial.", now_s
             )
@@ -303,6 +345,8 @@ class Session:
             self._calibrate(now_s)
         elif self.phase == "paused":
             self._start_trial(now_s)
+        else:
+            self._problem("a trigger counts as ready only in the phases calibration and paused")
 
     def _on_answer(self, answer: messages.Answer, now_s: float) -> None:
         if self.phase != "questionnaire":
@@ -313,6 +357,7 @@ class Session:
             validate_answer([item], answer.item, answer.value)
         except ValueError as error:
             self._problem(str(error))
+            self._ask()
             return
         self._record("/answers", records.Answer(answer.item, answer.value, answer.response_time_s), now_s)
         self._item += 1
@@ -337,18 +382,22 @@ class Session:
 
     # Calibration and tracking ------------------------------------------------------------------------------------
 
-    def _on_tracking(self, frame: messages.Tracking, now_s: float) -> None:
-        poses = [pose for pose in (frame.head, frame.left, frame.right) if pose is not None]
-        if frame.head is None or not all(is_valid(pose) for pose in poses):
-            self._record_frame(frame, now_s, applied=False, held=True)
+    def _on_tracking(self, tracking: messages.Tracking, now_s: float) -> None:
+        frame = _Frame(tracking, now_s, self._is_usable(tracking))
+        self._arrived.append(frame)
+        if not frame.usable:
             return
-        if self._newest is not None and self._newest[0].sequence > self._followed:
-            self._record_frame(*self._newest, applied=False, held=False)
-        self._newest = (frame, now_s)
+        self._newest = frame
         if self.phase == "calibration":
-            self._frames = [(f, t) for f, t in self._frames if t > now_s - CALIBRATION_S] + [self._newest]
+            self._frames = [f for f in self._frames if f.received_s > now_s - CALIBRATION_S] + [frame]
             if self.registration is None:
-                self._place_scene(frame)
+                self._place_scene(tracking)
+
+    def _is_usable(self, frame: messages.Tracking) -> bool:
+        """Whether a frame shows where a head is, is sound in every number, and comes after those before."""
+        replayed = self._newest is not None and frame.sequence <= self._newest.tracking.sequence
+        poses = [pose for pose in (frame.head, frame.left, frame.right) if pose is not None]
+        return frame.head is not None and not replayed and all(is_valid(pose) for pose in poses)
 
     def _place_scene(self, frame: messages.Tracking) -> None:
         """Put the seat under the participant as they are now, so that they see where they sit."""
@@ -358,7 +407,8 @@ class Session:
 
     def _calibrate(self, now_s: float) -> None:
         """Seat the participant: height, place and direction from the last half second of tracking."""
-        heads = [f.head for f, t in self._frames if t > now_s - CALIBRATION_S and f.head is not None]
+        recent = [f.tracking.head for f in self._frames if f.received_s > now_s - CALIBRATION_S]
+        heads = [head for head in recent if head is not None]
         if len(heads) < CALIBRATION_FRAMES:
             self._problem(
                 "the headset is not tracked: look around for a moment, then press the trigger again"
@@ -376,6 +426,7 @@ class Session:
             return
         self._world = self._new_world(torso_height_m)
         self.registration = register(heads[-1], seated_head_centre(self.person))
+        self._pose = None
         self._enter("loading", "One moment: your seat is being prepared.", now_s)
         self._send_scene()
 
@@ -389,22 +440,23 @@ class Session:
 
     def _follow(self, now_s: float) -> None:
         """Move the person to the newest tracking frame, or hold them when it is stale."""
-        if self._newest is None or self.registration is None:
+        newest = self._newest
+        stale = newest is not None and now_s - newest.received_s > STALE_S
+        if stale != self._holding:
+            self._holding = stale
+            name, detail = _TRACKING_LOST if stale else _TRACKING_FOUND
+            self._record_event(name, detail, now_s)
+        self._record_arrived(None if stale else newest, stale=stale)
+        if newest is None or stale or self.registration is None:
             return
-        frame, received_s = self._newest
-        stale = now_s - received_s > STALE_S
-        if stale and not self._holding:
-            self._record_event("tracking_lost", f"no frame for {STALE_S} s: the person holds still", now_s)
-        if self._holding and not stale:
-            self._record_event("tracking_found", "", now_s)
-        self._holding = stale
-        if stale or frame.head is None:
-            return
-        self._world.follow(self._body_pose(self.registration, frame))
-        if frame.sequence != self._followed:
-            self._followed = frame.sequence
-            self._record_frame(frame, received_s, applied=True, held=False)
-            self._record("/body_targets", records.BodyTargets(self._world.joint_targets_rad.tolist()), now_s)
+        is_new = newest.tracking.sequence != self._followed
+        if is_new or self._pose is None:
+            self._followed = newest.tracking.sequence
+            self._pose = self._body_pose(self.registration, newest.tracking)
+        self._world.follow(self._pose)
+        if is_new:
+            targets = records.BodyTargets(self._world.joint_targets_rad.tolist())
+            self._record("/body_targets", targets, now_s)
 
     @staticmethod
     def _body_pose(registration: Registration, frame: messages.Tracking) -> BodyPose:
@@ -491,18 +543,17 @@ class Session:
         self._record("/events", records.Event(name, detail), now_s)
 
     def _record_physics(self, now_s: float) -> None:
-        if self._attempt is None:
-            return
-        state = self._world.state_vector().tolist()
-        self._record("/physics", records.Physics(self._attempt.steps, self._world.time_s, state), now_s)
-        error = self._attempt.recording.error
+        if self._attempt is not None:
+            state = self._world.state_vector().tolist()
+            self._record("/physics", records.Physics(self._attempt.steps, self._world.time_s, state), now_s)
+
+    def _watch_recording(self, now_s: float) -> None:
+        """Go no further with a trial whose recording has failed."""
+        error = None if self._attempt is None else self._attempt.recording.error
         if isinstance(error, TimeoutError):
             self._warn_of_stall(error, now_s)
         elif error is not None:
-            self._abandon("failed", now_s)
-            self._problem(f"the trial cannot be recorded: {error}")
-            text = "The recording failed: the robot holds still. Press the trigger to try again."
-            self._enter("paused", text, now_s)
+            self._pause_unrecorded(error, now_s)
 
     def _warn_of_stall(self, error: TimeoutError, now_s: float) -> None:
         """A disk that pauses loses nothing: the records wait. Say so once a trial, and go on."""
@@ -512,28 +563,35 @@ class Session:
             self._record_event("recording_stalled", str(error), now_s)
             self._problem(f"the recording is slow: {error}")
 
-    def _record_frame(
-        self, frame: messages.Tracking, received_s: float, *, applied: bool, held: bool
-    ) -> None:
-        began_s = self._attempt.began_s if self._attempt else received_s
-        if received_s < began_s:
+    def _record_arrived(self, followed: _Frame | None, *, stale: bool = False) -> None:
+        """Record the frames that came since the last tick; the person moves to ``followed``."""
+        for frame in self._arrived:
+            held = stale or not frame.usable
+            self._record_frame(frame, applied=frame is followed, held=held)
+        self._arrived.clear()
+
+    def _record_frame(self, frame: _Frame, *, applied: bool, held: bool) -> None:
+        if self._attempt is None:
             return
+        tracking = frame.tracking
         record = records.TrackingFrame(
-            sequence=frame.sequence,
-            client_time_ms=frame.client_time_ms,
-            received_time_s=received_s - began_s,
+            sequence=tracking.sequence,
+            client_time_ms=tracking.client_time_ms,
+            received_time_s=frame.received_s - self._attempt.began_s,
             applied=applied,
             held=held,
-            head=_recorded_pose(frame.head),
-            left=_recorded_pose(frame.left),
-            right=_recorded_pose(frame.right),
+            head=_recorded_pose(tracking.head),
+            left=_recorded_pose(tracking.left),
+            right=_recorded_pose(tracking.right),
         )
-        self._record("/tracking", record, received_s)
+        self._record("/tracking", record, frame.received_s)
 
-    def _close_recording(self, result: str, now_s: float) -> None:
+    def _close_recording(self, result: str, now_s: float) -> RecordingError | None:
+        """End the recording of a running trial; what keeps it from being complete, if anything does."""
+        self._record_arrived(None)
         attempt, self._attempt = self._attempt, None
         if attempt is None:
-            return
+            return None
         outcome = {
             "result": result,
             "steps": attempt.steps,
@@ -544,7 +602,12 @@ class Session:
         try:
             attempt.recording.close(outcome)
         except RecordingError as error:
-            self._problem(f"the trial is not recorded completely: {error}")
+            return error
+        return None
+
+
+_TRACKING_LOST = "tracking_lost", f"no frame for {STALE_S} s: the person holds still"
+_TRACKING_FOUND = "tracking_found", ""
 
 
 def _recorded_pose(pose: messages.XRPose | None) -> records.Pose | None:
