@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Column, Table
@@ -27,6 +28,7 @@ app = typer.Typer(
     help="Real people meet simulated assistive robots in virtual reality.",
 )
 console = Console()
+TABLE_WIDTH = 160
 
 JsonFile = Annotated[
     Path | None, typer.Option("--json", help="Write the figures to this file.", metavar="FILE")
@@ -207,10 +209,10 @@ def evaluate(
 
 
 def _print_table(rows: list[dict[str, Any]]) -> None:
-    table = Table(*(Column(name, overflow="fold") for name in rows[0]))
+    table = Table(*(Column(name, no_wrap=True) for name in rows[0]), box=SIMPLE)
     for row in rows:
         table.add_row(*(_cell(value) for value in row.values()))
-    console.print(table)
+    Console(width=max(console.width, TABLE_WIDTH)).print(table)
 
 
 def _cell(value: Any) -> str:
