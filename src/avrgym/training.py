@@ -53,8 +53,8 @@ class SB3VectorEnv(VecEnv):
     """The native vector environment as Stable-Baselines3 wants it."""
 
     def __init__(self, env: AssistiveVectorEnv) -> None:
+        self.env = env  # the base class asks it for its render mode
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-        self.env = env
         self._actions: Array = np.zeros((env.num_envs, ACTIONS))
         self._seed: int | None = None
 

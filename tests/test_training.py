@@ -1,0 +1,125 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+pytest.importorskip("stable_baselines3", reason="training is an extra")
+
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecNormalize
+
+from avrgym import training
+from avrgym.envs import AssistiveVectorEnv
+from avrgym.policies import Policy
+from avrgym.training import SB3VectorEnv, TrainingConfiguration, export_policy, train
+
+FEEDING = "avrgym/FeedingJaco-v1"
+TINY = TrainingConfiguration(FEEDING, people="revised", steps=3200, seed=4, worlds=8, epochs=2, threads=1)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> tuple[Policy, Path]:
+    """A training of two updates, and its folder."""
+    out = tmp_path_factory.mktemp("runs") / "tiny"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "MEASURED_EPISODES", 2)
+        return train(TINY, out), out
+
+
+# The wrapper
+
+
+def test_the_wrapper_tells_terminal_observations_only_at_the_end():
+    env = SB3VectorEnv(AssistiveVectorEnv(FEEDING, 3, num_threads=1))
+    reference = AssistiveVectorEnv(FEEDING, 3, num_threads=1)
+    env.seed(5)
+    assert_array_equal(env.reset(), reference.reset(seed=5)[0])
+    still = np.zeros((3, 7), np.float32)
+    for _ in range(199):
+        _, _, done, infos = env.step(still)
+        reference.step(still)
+        assert not done.any()
+        assert infos == [{}, {}, {}]
+    observation, reward, done, infos = env.step(still)
+    expected_observation, expected_reward, _, _, last = reference.step(still)
+    assert done.all()
+    assert_array_equal(observation, expected_observation)
+    assert_array_equal(reward, expected_reward)
+    for i, info in enumerate(infos):
+        assert info["TimeLimit.truncated"] is True
+        assert info["success"] is False
+        assert_array_equal(info["terminal_observation"], last["final_obs"][i])
+        assert not np.array_equal(info["terminal_observation"], np.asarray(observation)[i])
+
+
+def test_the_wrapper_goes_on_with_other_episodes():
+    env = SB3VectorEnv(AssistiveVectorEnv(FEEDING, 2, num_threads=1))
+    env.seed(5)
+    first = env.reset()
+    assert not np.array_equal(env.reset(), first)
+    env.seed(5)
+    assert_array_equal(env.reset(), first)
+
+
+# Training
+
+
+def test_a_training_leaves_a_policy_that_loads(trained):
+    policy, out = trained
+    found = Policy.load(out / "policy.safetensors")
+    assert found.metadata == policy.metadata
+    assert found.metadata.environment == FEEDING
+    assert found.metadata.people == "revised"
+    assert found.metadata.seed == 4
+    assert 0 < found.metadata.steps <= 3200
+    assert set(found.metadata.measured) >= {"success_rate", "reward_mean", "force_mean_newton"}
+    assert found.act(np.zeros((2, 25))).shape == (2, 7)
+
+
+def test_a_training_stores_its_configuration_and_its_log(trained):
+    _, out = trained
+    assert json.loads((out / "configuration.json").read_text())["minibatch"] == TINY.minibatch
+    assert list((out / "tensorboard").rglob("events.out.tfevents.*"))
+
+
+def test_a_used_folder_is_refused_and_left_alone(trained):
+    _, out = trained
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    with pytest.raises(FileExistsError, match="already holds a training; choose another folder"):
+        train(TINY, out)
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+def test_an_unknown_environment_leaves_nothing_behind(tmp_path):
+    with pytest.raises(ValueError, match="unknown environment 'avrgym/Flying-v1'"):
+        train(TrainingConfiguration("avrgym/Flying-v1"), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+# The exported policy
+
+
+def test_the_exported_policy_acts_as_the_model_does(rng):
+    """Also where observations are clipped, and after the normaliser has seen some."""
+    native = AssistiveVectorEnv(FEEDING, 4, people="revised", num_threads=1)
+    env = VecNormalize(SB3VectorEnv(native), clip_obs=5.0)
+    model = PPO("MlpPolicy", env, seed=1, device="cpu", policy_kwargs={"activation_fn": torch.nn.Tanh})
+    env.reset()
+    for action in rng.uniform(-1, 1, (20, 4, 7)).astype(np.float32):
+        env.step(action)
+    observations = np.concatenate([native.episodes.observe(), rng.uniform(-3, 3, (200, 25))])
+    normalised = np.asarray(env.normalize_obs(observations))
+    expected, _ = model.predict(normalised, deterministic=True)
+    assert_allclose(export_policy(model, TINY).act(observations), expected, atol=1e-5)
+    assert np.abs(normalised).max() == 5.0
