@@ -20,18 +20,15 @@ from avrgym.models.human import Person, Sex
 from avrgym.policies import Policy
 from avrgym.study import records
 from avrgym.study.questionnaire import LIKERT_ITEMS, Item, validate_answer
-from avrgym.study.recording import RecordingError, RecordingWriter
+from avrgym.study.recording import RecordingError
 from avrgym.vr import messages
-from avrgym.vr.body import BodyPose, seated_head_centre, torso_height
+from avrgym.vr.attempt import Attempt
+from avrgym.vr.body import BodyPose, seated_head_centre
 from avrgym.vr.messages import PhaseName
-from avrgym.vr.webxr import Registration, hand_pose, head_pose, is_valid, register
+from avrgym.vr.tracking import STALE_S, TrackingFeed, body_pose, measure_torso_height
+from avrgym.vr.webxr import Registration, register
 from avrgym.vr.world import ControlStep, LiveWorld
 
-STALE_S = 0.2
-"""A tracking frame older than this no longer moves the person."""
-CALIBRATION_S = 0.5
-CALIBRATION_FRAMES = 5
-STEADY_M = 0.03
 COUNTDOWN_S = 3.0
 STATE_EVERY_TICKS = 2
 STOPPABLE: tuple[PhaseName, ...] = ("free_before", "countdown", "trial")
@@ -62,27 +59,6 @@ class SessionPlan:
 @dataclass(frozen=True)
 class Disconnected:
     """The participant's connection is gone."""
-
-
-@dataclass(frozen=True)
-class _Frame:
-    """A tracking frame and when it arrived; ``usable``: it may move the person."""
-
-    tracking: messages.Tracking
-    received_s: float
-    usable: bool
-
-
-@dataclass
-class _Attempt:
-    """The trial that is running: its recording, when it began, and what it gave so far."""
-
-    recording: RecordingWriter
-    began_s: float
-    steps: int = 0
-    reward: float = 0.0
-    success: bool = False
-    stalled: bool = False
 
 
 Handler = Callable[[Any, float], None]
@@ -123,13 +99,11 @@ class Session:
         self._phase_message: messages.Phase | None = None
         self._ends_at: float | None = None
         self.registration: Registration | None = None
-        self._frames: list[_Frame] = []
-        self._arrived: list[_Frame] = []
-        self._newest: _Frame | None = None
+        self._feed = TrackingFeed()
         self._pose: BodyPose | None = None
         self._followed = -1
         self._holding = False
-        self._attempt: _Attempt | None = None
+        self._attempt: Attempt | None = None
         self._item = 0
         self._state_number = 0
         self._world = self._new_world(human.PROPORTIONS[plan.sex].torso_height)
@@ -179,7 +153,8 @@ class Session:
         driving = self.phase == "trial"
         policy = self._policies[self._current.policy] if driving else None
         step = self._world.tick(policy)
-        self._record_physics(now_s)
+        if self._attempt is not None:
+            self._attempt.record_physics(self._world, now_s)
         if step is not None:
             self._finish_step(step, now_s)
         self._watch_recording(now_s)
@@ -224,37 +199,25 @@ class Session:
     def _start_trial(self, now_s: float) -> None:
         plan = self._current
         try:
-            recording = self._open_recording(plan)
+            attempt = Attempt(self._folder, self._trial + 1, self._configuration, now_s)
         except OSError as error:
             self._pause_unrecorded(error, now_s)
             return
         self._world.begin(plan.seed)
-        self._attempt = _Attempt(recording, now_s)
-        self._arrived.clear()
+        self._attempt = attempt
+        self._feed.take_arrived()
         self._holding = False
-        self.recordings.append(recording.path)
-        self._record_physics(now_s)
+        self.recordings.append(attempt.path)
+        attempt.record_physics(self._world, now_s)
         kind = "Practice" if plan.practice else f"Trial {self._trial + 1} of {len(self.plan.trials)}"
         text = f"{kind}: move your head and arms as you like. The robot holds still."
         self._enter("free_before", text, now_s, self.plan.free_movement_s)
 
     def _finish_step(self, step: ControlStep, now_s: float) -> None:
-        attempt, outcome = self._attempt, step.outcome
+        attempt = self._attempt
         assert attempt is not None
-        attempt.steps += 1
-        attempt.reward += float(outcome.reward[0])
-        attempt.success = self.succeeded = bool(outcome.success[0])
-        control = records.Control(
-            step=attempt.steps,
-            observation=step.observation.tolist(),
-            action=step.action.tolist(),
-            reward=float(outcome.reward[0]),
-            reward_terms={name: float(term[0]) for name, term in outcome.reward_terms.items()},
-            success=attempt.success,
-            distance_m=float(outcome.distance_m[0]),
-            force_on_person_n=float(outcome.force_on_person_n[0]),
-        )
-        self._record("/control", control, now_s)
+        attempt.record_step(step, now_s)
+        self.succeeded = attempt.success
         if attempt.steps == EPISODE_STEPS:
             self._world.hold()
             text = "The robot has finished and holds still. Move as you like."
@@ -285,7 +248,7 @@ class Session:
         if self._attempt is None:
             return False
         self._record_event("robot_holds", result, now_s)
-        self._record_physics(now_s)
+        self._attempt.record_physics(self._world, now_s)
         failure = self._close_recording(result, now_s)
         if failure is not None:
             self._problem(f"the trial is not recorded completely: {failure}")
@@ -309,9 +272,7 @@ class Session:
 
     def _begin_calibration(self, now_s: float) -> None:
         self.registration = None
-        self._frames.clear()
-        self._arrived.clear()
-        self._newest, self._pose = None, None
+        self._feed, self._pose = TrackingFeed(), None
         self._followed, self._holding = -1, False
         text = "Sit upright, look straight ahead and rest your arms. Then press the trigger."
         self._enter("calibration", text, now_s)
@@ -383,21 +344,9 @@ class Session:
     # Calibration and tracking ------------------------------------------------------------------------------------
 
     def _on_tracking(self, tracking: messages.Tracking, now_s: float) -> None:
-        frame = _Frame(tracking, now_s, self._is_usable(tracking))
-        self._arrived.append(frame)
-        if not frame.usable:
-            return
-        self._newest = frame
-        if self.phase == "calibration":
-            self._frames = [f for f in self._frames if f.received_s > now_s - CALIBRATION_S] + [frame]
-            if self.registration is None:
-                self._place_scene(tracking)
-
-    def _is_usable(self, frame: messages.Tracking) -> bool:
-        """Whether a frame shows where a head is, is sound in every number, and comes after those before."""
-        replayed = self._newest is not None and frame.sequence <= self._newest.tracking.sequence
-        poses = [pose for pose in (frame.head, frame.left, frame.right) if pose is not None]
-        return frame.head is not None and not replayed and all(is_valid(pose) for pose in poses)
+        frame = self._feed.add(tracking, now_s)
+        if frame.usable and self.phase == "calibration" and self.registration is None:
+            self._place_scene(tracking)
 
     def _place_scene(self, frame: messages.Tracking) -> None:
         """Put the seat under the participant as they are now, so that they see where they sit."""
@@ -407,20 +356,9 @@ class Session:
 
     def _calibrate(self, now_s: float) -> None:
         """Seat the participant: height, place and direction from the last half second of tracking."""
-        recent = [f.tracking.head for f in self._frames if f.received_s > now_s - CALIBRATION_S]
-        heads = [head for head in recent if head is not None]
-        if len(heads) < CALIBRATION_FRAMES:
-            self._problem(
-                "the headset is not tracked: look around for a moment, then press the trigger again"
-            )
-            return
-        spread = np.ptp([head.position for head in heads], axis=0).max()
-        if spread > STEADY_M:
-            self._problem(f"your head moved by {100 * spread:.0f} cm; keep it within {100 * STEADY_M:.0f} cm")
-            return
-        height = float(np.median([head_pose(register(h, np.zeros(3)), h).pos_w[2] for h in heads]))
         try:
-            torso_height_m = torso_height(self.plan.sex, height)
+            heads = self._feed.steady_heads(now_s)
+            torso_height_m = measure_torso_height(self.plan.sex, heads)
         except ValueError as error:
             self._problem(str(error))
             return
@@ -440,32 +378,24 @@ class Session:
 
     def _follow(self, now_s: float) -> None:
         """Move the person to the newest tracking frame, or hold them when it is stale."""
-        newest = self._newest
-        stale = newest is not None and now_s - newest.received_s > STALE_S
+        newest, stale = self._feed.newest, self._feed.is_stale(now_s)
         if stale != self._holding:
             self._holding = stale
             name, detail = _TRACKING_LOST if stale else _TRACKING_FOUND
             self._record_event(name, detail, now_s)
-        self._record_arrived(None if stale else newest, stale=stale)
+        arrived = self._feed.take_arrived()
+        if self._attempt is not None:
+            self._attempt.record_frames(arrived, None if stale else newest, stale=stale)
         if newest is None or stale or self.registration is None:
             return
         is_new = newest.tracking.sequence != self._followed
         if is_new or self._pose is None:
             self._followed = newest.tracking.sequence
-            self._pose = self._body_pose(self.registration, newest.tracking)
+            self._pose = body_pose(self.registration, newest.tracking)
         self._world.follow(self._pose)
         if is_new:
             targets = records.BodyTargets(self._world.joint_targets_rad.tolist())
             self._record("/body_targets", targets, now_s)
-
-    @staticmethod
-    def _body_pose(registration: Registration, frame: messages.Tracking) -> BodyPose:
-        assert frame.head is not None
-        return BodyPose(
-            head_pose(registration, frame.head),
-            None if frame.left is None else hand_pose(registration, frame.left),
-            None if frame.right is None else hand_pose(registration, frame.right),
-        )
 
     def _new_world(self, torso_height_m: float) -> LiveWorld:
         world = LiveWorld(self._current.environment, Person(self.plan.sex, torso_height_m))
@@ -502,17 +432,8 @@ class Session:
 
     # Recording ---------------------------------------------------------------------------------------------------
 
-    def _open_recording(self, plan: TrialPlan) -> RecordingWriter:
-        self._folder.mkdir(parents=True, exist_ok=True)
-        attempt = 1
-        while True:
-            path = self._folder / f"trial-{self._trial + 1:02}_attempt-{attempt}.mcap"
-            try:
-                return RecordingWriter(path, self._configuration(plan, attempt))
-            except FileExistsError:
-                attempt += 1
-
-    def _configuration(self, plan: TrialPlan, attempt: int) -> dict[str, Any]:
+    def _configuration(self, attempt: int) -> dict[str, Any]:
+        plan = self._current
         assert self.registration is not None
         xr_from_world = self.registration.xr_from_world()
         return {
@@ -534,81 +455,31 @@ class Session:
         }
 
     def _record(self, topic: str, record: records.Record, now_s: float) -> None:
-        attempt = self._attempt
-        if attempt is None:
-            return
-        attempt.recording.write(topic, round((now_s - attempt.began_s) * 1e9), record)
+        if self._attempt is not None:
+            self._attempt.record(topic, record, now_s)
 
     def _record_event(self, name: str, detail: str, now_s: float) -> None:
         self._record("/events", records.Event(name, detail), now_s)
 
-    def _record_physics(self, now_s: float) -> None:
-        if self._attempt is not None:
-            state = self._world.state_vector().tolist()
-            self._record("/physics", records.Physics(self._attempt.steps, self._world.time_s, state), now_s)
-
     def _watch_recording(self, now_s: float) -> None:
-        """Go no further with a trial whose recording has failed."""
-        error = None if self._attempt is None else self._attempt.recording.error
-        if isinstance(error, TimeoutError):
-            self._warn_of_stall(error, now_s)
-        elif error is not None:
-            self._pause_unrecorded(error, now_s)
-
-    def _warn_of_stall(self, error: TimeoutError, now_s: float) -> None:
-        """A disk that pauses loses nothing: the records wait. Say so once a trial, and go on."""
-        attempt = self._attempt
-        if attempt is not None and not attempt.stalled:
-            attempt.stalled = True
-            self._record_event("recording_stalled", str(error), now_s)
-            self._problem(f"the recording is slow: {error}")
-
-    def _record_arrived(self, followed: _Frame | None, *, stale: bool = False) -> None:
-        """Record the frames that came since the last tick; the person moves to ``followed``."""
-        for frame in self._arrived:
-            held = stale or not frame.usable
-            self._record_frame(frame, applied=frame is followed, held=held)
-        self._arrived.clear()
-
-    def _record_frame(self, frame: _Frame, *, applied: bool, held: bool) -> None:
+        """Tell of a disk that pauses; go no further with a trial whose recording has failed."""
         if self._attempt is None:
             return
-        tracking = frame.tracking
-        record = records.TrackingFrame(
-            sequence=tracking.sequence,
-            client_time_ms=tracking.client_time_ms,
-            received_time_s=frame.received_s - self._attempt.began_s,
-            applied=applied,
-            held=held,
-            head=_recorded_pose(tracking.head),
-            left=_recorded_pose(tracking.left),
-            right=_recorded_pose(tracking.right),
-        )
-        self._record("/tracking", record, frame.received_s)
+        stall = self._attempt.stall()
+        if stall is not None:
+            self._record_event("recording_stalled", str(stall), now_s)
+            self._problem(f"the recording is slow: {stall}")
+        if self._attempt.failure is not None:
+            self._pause_unrecorded(self._attempt.failure, now_s)
 
     def _close_recording(self, result: str, now_s: float) -> RecordingError | None:
         """End the recording of a running trial; what keeps it from being complete, if anything does."""
-        self._record_arrived(None)
         attempt, self._attempt = self._attempt, None
         if attempt is None:
             return None
-        outcome = {
-            "result": result,
-            "steps": attempt.steps,
-            "reward": attempt.reward,
-            "success": attempt.success,
-            "seconds": now_s - attempt.began_s,
-        }
-        try:
-            attempt.recording.close(outcome)
-        except RecordingError as error:
-            return error
-        return None
+        attempt.record_frames(self._feed.take_arrived(), None, stale=False)
+        return attempt.close(result, now_s)
 
 
 _TRACKING_LOST = "tracking_lost", f"no frame for {STALE_S} s: the person holds still"
 _TRACKING_FOUND = "tracking_found", ""
-
-
-def _recorded_pose(pose: messages.XRPose | None) -> records.Pose | None:
-    return None if pose is None else records.Pose(list(pose.position), list(pose.orientation))

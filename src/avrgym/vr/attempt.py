@@ -1,0 +1,129 @@
+"""One attempt at a trial: its recording, as it happens, and what it gave so far."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from avrgym.study import records
+from avrgym.study.recording import RecordingError, RecordingWriter
+from avrgym.vr.messages import XRPose
+from avrgym.vr.tracking import Frame
+from avrgym.vr.world import ControlStep, LiveWorld
+
+Configuration = Callable[[int], Mapping[str, Any]]
+
+
+class Attempt:
+    """The attempt that is running; times are given on the session's clock and recorded from its beginning.
+
+    ``steps``, ``reward`` and ``success`` sum up its control steps.
+    """
+
+    def __init__(self, folder: Path, trial: int, configuration: Configuration, began_s: float) -> None:
+        """Open the recording of the first attempt at this trial that ``folder`` does not hold yet.
+
+        Args:
+            folder: where recordings go; made when it is missing.
+            trial: the trial's number, from 1.
+            configuration: gives what to store with an attempt of a number.
+            began_s: now.
+
+        Raises:
+            OSError: when no recording can be opened.
+        """
+        self.began_s = began_s
+        self.steps, self.reward, self.success = 0, 0.0, False
+        self._told_of_stall = False
+        self._recording = _open(folder, trial, configuration)
+
+    @property
+    def path(self) -> Path:
+        """The file of the recording."""
+        return self._recording.path
+
+    @property
+    def failure(self) -> Exception | None:
+        """What keeps the recording from being complete, if anything does. A disk that pauses loses nothing."""
+        error = self._recording.error
+        return None if isinstance(error, TimeoutError) else error
+
+    def stall(self) -> TimeoutError | None:
+        """That the disk pauses, the first time it does."""
+        error = self._recording.error
+        if not isinstance(error, TimeoutError) or self._told_of_stall:
+            return None
+        self._told_of_stall = True
+        return error
+
+    def record(self, topic: str, record: records.Record, now_s: float) -> None:
+        """Record anything that happened at ``now_s``."""
+        self._recording.write(topic, round((now_s - self.began_s) * 1e9), record)
+
+    def record_physics(self, world: LiveWorld, now_s: float) -> None:
+        """Record the simulator's whole state."""
+        state = records.Physics(self.steps, world.time_s, world.state_vector().tolist())
+        self.record("/physics", state, now_s)
+
+    def record_step(self, step: ControlStep, now_s: float) -> None:
+        """Count a finished control step and record it."""
+        outcome = step.outcome
+        self.steps += 1
+        self.reward += float(outcome.reward[0])
+        self.success = bool(outcome.success[0])
+        control = records.Control(
+            step=self.steps,
+            observation=step.observation.tolist(),
+            action=step.action.tolist(),
+            reward=float(outcome.reward[0]),
+            reward_terms={name: float(term[0]) for name, term in outcome.reward_terms.items()},
+            success=self.success,
+            distance_m=float(outcome.distance_m[0]),
+            force_on_person_n=float(outcome.force_on_person_n[0]),
+        )
+        self.record("/control", control, now_s)
+
+    def record_frames(self, frames: Sequence[Frame], followed: Frame | None, *, stale: bool) -> None:
+        """Record tracking frames in the order they came; the person moves to ``followed``."""
+        for frame in frames:
+            tracking = frame.tracking
+            record = records.TrackingFrame(
+                sequence=tracking.sequence,
+                client_time_ms=tracking.client_time_ms,
+                received_time_s=frame.received_s - self.began_s,
+                applied=frame is followed,
+                held=stale or not frame.usable,
+                head=_recorded(tracking.head),
+                left=_recorded(tracking.left),
+                right=_recorded(tracking.right),
+            )
+            self.record("/tracking", record, frame.received_s)
+
+    def close(self, result: str, now_s: float) -> RecordingError | None:
+        """End the recording; what keeps it from being complete, if anything does."""
+        outcome = {
+            "result": result,
+            "steps": self.steps,
+            "reward": self.reward,
+            "success": self.success,
+            "seconds": now_s - self.began_s,
+        }
+        try:
+            self._recording.close(outcome)
+        except RecordingError as error:
+            return error
+        return None
+
+
+def _open(folder: Path, trial: int, configuration: Configuration) -> RecordingWriter:
+    folder.mkdir(parents=True, exist_ok=True)
+    number = 1
+    while True:
+        path = folder / f"trial-{trial:02}_attempt-{number}.mcap"
+        try:
+            return RecordingWriter(path, configuration(number))
+        except FileExistsError:
+            number += 1
+
+
+def _recorded(pose: XRPose | None) -> records.Pose | None:
+    return None if pose is None else records.Pose(list(pose.position), list(pose.orientation))
