@@ -1,5 +1,6 @@
 """The stream of tracking frames: which of them count, which is the newest, and whether it is fresh."""
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,7 @@ class TrackingFeed:
     def __init__(self) -> None:
         self.newest: Frame | None = None
         self._arrived: list[Frame] = []
-        self._recent: list[Frame] = []
+        self._recent: deque[Frame] = deque()
 
     def add(self, tracking: Tracking, now_s: float) -> Frame:
         """Take a frame that arrives now."""
@@ -39,7 +40,8 @@ class TrackingFeed:
         self._arrived.append(frame)
         if frame.usable:
             self.newest = frame
-            self._recent = [f for f in self._recent if f.received_s > now_s - CALIBRATION_S] + [frame]
+            self._recent.append(frame)
+            self._forget(now_s - CALIBRATION_S)
         return frame
 
     def take_arrived(self) -> list[Frame]:
@@ -57,8 +59,8 @@ class TrackingFeed:
         Raises:
             ValueError: when they are too few or moved too much, in words for the participant.
         """
-        recent = [f.tracking.head for f in self._recent if f.received_s > now_s - CALIBRATION_S]
-        heads = [head for head in recent if head is not None]
+        self._forget(now_s - CALIBRATION_S)
+        heads = [f.tracking.head for f in self._recent if f.tracking.head is not None]
         if len(heads) < CALIBRATION_FRAMES:
             raise ValueError(
                 "the headset is not tracked: look around for a moment, then press the trigger again"
@@ -69,6 +71,10 @@ class TrackingFeed:
                 f"your head moved by {100 * spread:.0f} cm; keep it within {100 * STEADY_M:.0f} cm"
             )
         return heads
+
+    def _forget(self, until_s: float) -> None:
+        while self._recent and self._recent[0].received_s <= until_s:
+            self._recent.popleft()
 
     def _is_usable(self, frame: Tracking) -> bool:
         """Whether a frame shows where a head is, is sound in every number, and comes after those before."""

@@ -1,0 +1,151 @@
+"""A participant's client and a session that share one simulated clock: no network, no waiting."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models.human import Sex
+from avrgym.participants import SimulatedParticipant, draw_traits
+from avrgym.policies import Policy, PolicyMetadata
+from avrgym.study.recording import Recording, read_recording
+from avrgym.vr import messages
+from avrgym.vr.messages import Answer, Entered, Phase, Problem, Question, Ready, Scene, SceneLoaded, Stop
+from avrgym.vr.session import Disconnected, Session, SessionPlan, TrialPlan
+from avrgym.vr.world import TICK_S
+
+ENVIRONMENT = "avrgym/FeedingJaco-v1"
+FRAME_EVERY_TICKS = 4
+CALIBRATION_TICKS = 20
+
+DRIVE = Policy(
+    weights=(np.zeros((25, 7)),),
+    biases=(np.array([0.6, -0.6, 0.6, -0.6, 0.6, -0.6, 0.6]),),
+    observation_mean=np.zeros(25),
+    observation_variance=np.ones(25),
+    observation_clip=5.0,
+    observation_epsilon=1e-8,
+    metadata=PolicyMetadata(environment=ENVIRONMENT, people="original", steps=0, seed=0),
+)
+"""Turns every joint at 0.6 of its speed, whatever it sees."""
+
+
+def plan(
+    *, sex: Sex = "woman", free_movement_s: float = 0.1, seeds: Sequence[int] = (3,), practice: bool = False
+) -> SessionPlan:
+    """Trials with the policy ``drive``, the first of them a practice trial if wanted."""
+    trials = [TrialPlan(ENVIRONMENT, "drive", seed, practice and i == 0) for i, seed in enumerate(seeds)]
+    return SessionPlan(trials, sex, free_movement_s, simulated=True)
+
+
+class Visit:
+    """A session and whoever attends it. ``heard`` holds all that the session said.
+
+    While ``tracking`` is true the participant's frames flow; ``pose_rad`` (20,) is a pose to keep instead of
+    their own movement. While ``loads`` is true the client shows every scene at once.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        plan: SessionPlan,
+        policies: dict[str, Policy] | None = None,
+        participant: SimulatedParticipant | None = None,
+    ) -> None:
+        self.heard: list[messages.ServerMessage] = []
+        self.participant = participant or SimulatedParticipant(draw_traits(plan.sex, 1), 1)
+        self.tracking, self.loads = True, True
+        self.pose_rad: NDArray[np.float64] | None = None
+        self.session = Session(plan, policies or {"drive": DRIVE}, folder, self.heard.append, "visit")
+        self._ticks = 0
+
+    @property
+    def now_s(self) -> float:
+        """Seconds since the session began."""
+        return self._ticks * TICK_S
+
+    @property
+    def phase(self) -> str:
+        """The session's phase."""
+        return self.session.phase
+
+    def said(self, kind: type) -> list[Any]:
+        """All messages of a kind, in order."""
+        return [message for message in self.heard if isinstance(message, kind)]
+
+    @property
+    def problems(self) -> list[str]:
+        """The words of all problems, but for the warning of a busy machine that its disk is slow."""
+        return [problem.message for problem in self.said(Problem) if "slow" not in problem.message]
+
+    @property
+    def phases(self) -> list[str]:
+        """The names of all phases that were entered."""
+        return [phase.name for phase in self.said(Phase)]
+
+    def recordings(self) -> list[Recording]:
+        """All attempts so far."""
+        return [read_recording(path) for path in self.session.recordings]
+
+    def tell(self, *told: messages.ClientMessage | Disconnected) -> None:
+        """Send messages to the session, now."""
+        for message in told:
+            self.session.receive(message, self.now_s)
+
+    def frame(self) -> messages.Tracking:
+        """The participant's next frame."""
+        if self.pose_rad is not None:
+            return self.participant.frame_of(self.pose_rad, self.now_s)
+        return self.participant.frame(self.now_s, moving=self.phase != "calibration")
+
+    def tick(self, count: int = 1) -> None:
+        """Let time pass."""
+        for _ in range(count):
+            if self.tracking and self._ticks % FRAME_EVERY_TICKS == 0:
+                self.tell(self.frame())
+            if self.loads and self.phase == "loading":
+                self.tell(SceneLoaded(url=self.said(Scene)[-1].url))
+            self.session.tick(self.now_s)
+            self._ticks += 1
+
+    def until(self, phase: str, limit_s: float = 60.0) -> None:
+        """Let time pass until the session enters a phase."""
+        ends_s = self.now_s + limit_s
+        while self.phase != phase:
+            assert self.now_s < ends_s, f"still in {self.phase} after {limit_s} s; problems: {self.problems}"
+            self.tick()
+
+    def sit_down(self) -> None:
+        """Enter VR and be measured."""
+        self.tell(Entered())
+        self.tick(CALIBRATION_TICKS)
+        self.tell(Ready())
+
+    def go_to(self, phase: str) -> None:
+        """From the beginning to a phase of the first trial."""
+        if phase == "waiting":
+            return
+        if phase == "calibration":
+            self.tell(Entered())
+            self.tick(CALIBRATION_TICKS)
+            return
+        self.loads = phase != "loading"
+        self.sit_down()
+        self.until({"paused": "trial", "finished": "questionnaire"}.get(phase, phase))
+        self.tick(3)
+        if phase == "paused":
+            self.tell(Stop())
+        if phase == "finished":
+            self.answer(1, 2, 3, 4)
+
+    def answer(self, *values: int) -> None:
+        """Answer the questions that are asked, one after another."""
+        for value in values:
+            item = self.said(Question)[-1].item
+            self.tell(Answer(item=item, value=value, response_time_s=1.5))
+
+    def leave(self) -> None:
+        """End the session."""
+        self.session.close(self.now_s)
