@@ -13,7 +13,6 @@ import pytest
 from PIL import Image
 
 from avrgym import transforms
-from avrgym.demo import load_policies
 from avrgym.episodes import EPISODE_STEPS
 from avrgym.models import human
 from avrgym.participants import SimulatedParticipant, draw_traits
@@ -22,7 +21,7 @@ from avrgym.study.recording import read_recording
 from avrgym.vr.emulation import EmulatedHeadset
 from avrgym.vr.messages import Tracking
 from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session, SessionPlan, TrialPlan
+from avrgym.vr.session import Session, SessionPlan, TrialPlan, load_policies
 from avrgym.vr.webxr import Registration, hand_pose, head_pose
 
 PATIENCE_S = 90.0

@@ -14,7 +14,6 @@ import pytest
 from numpy.typing import NDArray
 
 from avrgym import transforms
-from avrgym.demo import load_policies
 from avrgym.episodes import Episodes
 from avrgym.models import human, robots
 from avrgym.models.human import Person, Sex
@@ -40,7 +39,7 @@ from avrgym.vr.messages import (
     Tracking,
     XRPose,
 )
-from avrgym.vr.session import COUNTDOWN_S, Disconnected, SessionPlan, TrialPlan
+from avrgym.vr.session import COUNTDOWN_S, Disconnected, SessionPlan, TrialPlan, load_policies
 from avrgym.vr.webxr import hand_pose, head_pose
 from avrgym.vr.world import TICK_S
 from visit import ENVIRONMENT, Visit, plan

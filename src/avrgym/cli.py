@@ -95,9 +95,8 @@ def serve(
     seed: Seed = 0,
 ) -> None:
     """Serve one participant's session to a headset: a practice trial, then trials with the questionnaire."""
-    from avrgym.demo import load_policies
     from avrgym.vr.server import LiveServer
-    from avrgym.vr.session import Session, SessionPlan, TrialPlan
+    from avrgym.vr.session import Session, SessionPlan, TrialPlan, load_policies
 
     with _plain_errors():
         if person not in SEXES:

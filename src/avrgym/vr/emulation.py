@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from avrgym.participants import SimulatedParticipant
+from avrgym.vr.attendance import CALIBRATION_S
 from avrgym.vr.messages import Tracking, XRPose
 from avrgym.vr.session import Session
 
@@ -26,7 +27,6 @@ CHROMIUM_FLAGS = (
     "--disable-sync",
 )
 FRAME_S = 0.03
-CALIBRATION_S = 1.5
 PATIENCE_S = 60.0
 SESSION_LIMIT_S = 600.0
 
@@ -123,7 +123,7 @@ PICTURE_AFTER_S = {"free_before": 2.0, "trial": 1.2, "questionnaire": 0.5}
 """In which phases, and how long after their beginning, a picture is taken of what the participant sees."""
 
 
-class Attendance:
+class BrowserAttendance:
     """A simulated participant who sits through a session in the browser.
 
     They enter VR, hold still to be measured, press the trigger, move as people do during trials and answer the

@@ -14,13 +14,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from avrgym.envs import ACTIONS
 from avrgym.episodes import EPISODE_STEPS
 from avrgym.models import human
 from avrgym.models.human import Person, Sex
-from avrgym.policies import Policy
+from avrgym.policies import Policy, load_policy
 from avrgym.study import records
 from avrgym.study.questionnaire import LIKERT_ITEMS, Item, validate_answer
 from avrgym.study.recording import RecordingError
+from avrgym.tasks import TASKS, find_environment
 from avrgym.vr import messages
 from avrgym.vr.attempt import Attempt
 from avrgym.vr.body import BodyPose, seated_head_centre
@@ -54,6 +56,20 @@ class SessionPlan:
     free_movement_s: float
     simulated: bool
     items: Sequence[Item] = LIKERT_ITEMS
+
+
+def load_policies(plan: SessionPlan) -> dict[str, Policy]:
+    """Every policy that a plan names.
+
+    Raises:
+        ValueError: for an unknown environment or a policy that cannot be loaded.
+    """
+    policies = {}
+    for trial in plan.trials:
+        task, _ = find_environment(trial.environment)
+        size = TASKS[task].observation_size
+        policies[trial.policy] = load_policy(trial.policy, trial.environment, size, ACTIONS)
+    return policies
 
 
 @dataclass(frozen=True)
