@@ -5,7 +5,7 @@ module (``python -m avrgym.vr.typescript``). Poses of the headset and the contro
 gives them: reference space ``local-floor``, metres, y up, quaternions x, y, z, w. The server converts them.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
@@ -169,6 +169,8 @@ class Problem(Message, frozen=True, tag="problem"):
 
 ServerMessage = Welcome | Scene | State | Phase | Question | Problem
 
+_Any = TypeVar("_Any")
+
 _client_decoder = msgspec.msgpack.Decoder(ClientMessage)
 _server_decoder = msgspec.msgpack.Decoder(ServerMessage)
 _encoder = msgspec.msgpack.Encoder()
@@ -181,9 +183,16 @@ def encode(message: Message) -> bytes:
 
 def decode_client(data: bytes) -> ClientMessage:
     """Decode a message from the client; raises ``msgspec.DecodeError`` when it is not one."""
-    return _client_decoder.decode(data)
+    return _decode(_client_decoder, data)
 
 
 def decode_server(data: bytes) -> ServerMessage:
     """Decode a message from the server; raises ``msgspec.DecodeError`` when it is not one."""
-    return _server_decoder.decode(data)
+    return _decode(_server_decoder, data)
+
+
+def _decode(decoder: msgspec.msgpack.Decoder[_Any], data: bytes) -> _Any:
+    try:
+        return decoder.decode(data)
+    except UnicodeDecodeError as error:
+        raise msgspec.DecodeError(f"text that is not UTF-8: {error}") from error
