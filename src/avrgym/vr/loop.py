@@ -11,6 +11,7 @@ from avrgym.vr.world import TICK_S
 CATCH_UP_TICKS = 5
 """How far the loop may run behind before it gives up the lost ticks instead of hurrying after them."""
 INBOX_MESSAGES = 1000
+"""How many messages may wait for the next tick; no headset sends as many in ten seconds."""
 
 
 class RealTimeLoop:
@@ -20,7 +21,7 @@ class RealTimeLoop:
         self.session = session
         self.missed_ticks = 0
         self.error: BaseException | None = None
-        self._inbox: deque[messages.ClientMessage | Disconnected | None] = deque(maxlen=INBOX_MESSAGES)
+        self._inbox: deque[messages.ClientMessage | Disconnected | None] = deque()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
 
@@ -33,8 +34,13 @@ class RealTimeLoop:
         self._stopping.set()
         self._thread.join()
 
+    @property
+    def full(self) -> bool:
+        """Whether so many messages wait that their sender should too."""
+        return len(self._inbox) >= INBOX_MESSAGES
+
     def post(self, message: messages.ClientMessage | Disconnected) -> None:
-        """Hand over a message from any thread; of a flood the oldest are dropped."""
+        """Hand over a message from any thread; none is ever dropped."""
         self._inbox.append(message)
 
     def greet(self) -> None:

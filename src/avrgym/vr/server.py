@@ -3,12 +3,14 @@
 import asyncio
 import contextlib
 import multiprocessing
+import os
 import secrets
 import socket
 import threading
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -24,13 +26,20 @@ from avrgym.models.scene import build_spec
 from avrgym.tasks import TASKS, find_environment
 from avrgym.vr import messages
 from avrgym.vr.loop import RealTimeLoop
-from avrgym.vr.messages import ClientMessage, Hello, Message, State
+from avrgym.vr.messages import ClientMessage, Hello, Message, State, Welcome
 from avrgym.vr.scene_export import export_glb
 from avrgym.vr.session import Disconnected, Session
+from avrgym.vr.world import TICK_S
 
 STATIC = Path(__file__).parent / "static"
 HELLO_TIMEOUT_S = 5.0
 MAX_MESSAGE_BYTES = 1 << 16
+OUTBOX_MESSAGES = 1000
+"""What a connection may still have to send; of more, which only floods lead to, the oldest are dropped."""
+PING_INTERVAL_S, PING_TIMEOUT_S = 1.0, 4.0
+"""How a connection is found dead that did not say goodbye: a headset that fell asleep or left the network."""
+FAREWELL_S = 5
+SCENES_KEPT = 4
 CLIENT_TYPES = "hello, tracking, entered, left, ready, scene_loaded, stop, origin_reset, answer"
 
 
@@ -45,15 +54,72 @@ def render_scene(environment_id: str, person: Person) -> bytes:
     return export_glb(build_spec(stage, person, moving=True, appearance=True).compile())
 
 
-class _Outbox:
-    """What one connection still has to send: every message in order, but of states only the newest."""
+class SceneRenderer:
+    """Renders scenes in a process of its own, away from the real-time thread: each once, whoever asks."""
 
     def __init__(self) -> None:
-        self._messages: deque[Message] = deque()
+        self._pool = _rendering_process()
+        self._scenes: dict[int, asyncio.Task[bytes]] = {}
+
+    async def glb(self, number: int, environment_id: str, person: Person) -> bytes:
+        """The scene of a number; a failure is raised to all who wait, and the next request tries again."""
+        if number not in self._scenes:
+            self._scenes[number] = asyncio.create_task(self._render(environment_id, person))
+            while len(self._scenes) > SCENES_KEPT:
+                del self._scenes[next(iter(self._scenes))]
+        try:
+            return await asyncio.shield(self._scenes[number])
+        except Exception:
+            self._scenes.pop(number, None)
+            raise
+
+    async def _render(self, environment_id: str, person: Person) -> bytes:
+        events = asyncio.get_running_loop()
+        try:
+            return await events.run_in_executor(self._pool, render_scene, environment_id, person)
+        except BrokenProcessPool:
+            self._pool = _rendering_process()
+            raise
+
+    def close(self) -> None:
+        """End the process."""
+        self._pool.shutdown(cancel_futures=True)
+
+
+def _rendering_process() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(
+        1, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent
+    )
+
+
+def _end_with_parent() -> None:
+    """Let this process end when its parent does, even one that was killed."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+class _Outbox:
+    """What one connection still has to send: every message in order, but of states only the newest.
+
+    It begins with the welcome; what was on its way to the connection before is not for this one.
+    """
+
+    def __init__(self) -> None:
+        self._messages: deque[Message] = deque(maxlen=OUTBOX_MESSAGES)
         self._state: State | None = None
+        self._welcomed = False
         self._filled = asyncio.Event()
 
     def push(self, message: Message) -> None:
+        self._welcomed = self._welcomed or isinstance(message, Welcome)
+        if not self._welcomed:
+            return
         if isinstance(message, State):
             self._state = message
         else:
@@ -100,7 +166,9 @@ class Hub:
             self._outbox = None
 
 
-def create_app(loop: RealTimeLoop, hub: Hub, token: str, hosts: list[str], renderer: Executor) -> FastAPI:
+def create_app(
+    loop: RealTimeLoop, hub: Hub, token: str, hosts: list[str], renderer: SceneRenderer
+) -> FastAPI:
     """The web application of one session.
 
     Args:
@@ -108,11 +176,10 @@ def create_app(loop: RealTimeLoop, hub: Hub, token: str, hosts: list[str], rende
         hub: where its messages go.
         token: what a client must present.
         hosts: the host names under which the server may be addressed.
-        renderer: where scenes are rendered, away from the real-time thread.
+        renderer: renders the scenes.
     """
     app = FastAPI(openapi_url=None)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
-    scenes: dict[int, bytes] = {}
 
     @app.get("/scenes/{number}.glb")
     async def scene(number: int, request: Request) -> Response:
@@ -121,10 +188,10 @@ def create_app(loop: RealTimeLoop, hub: Hub, token: str, hosts: list[str], rende
         known = loop.session.scenes
         if not 0 <= number < len(known):
             raise HTTPException(404, f"no scene {number}; there are {len(known)}")
-        if number not in scenes:
-            events = asyncio.get_running_loop()
-            scenes[number] = await events.run_in_executor(renderer, render_scene, *known[number])
-        return Response(scenes[number], media_type="model/gltf-binary")
+        try:
+            return Response(await renderer.glb(number, *known[number]), media_type="model/gltf-binary")
+        except Exception as error:  # whatever happened in the other process
+            raise HTTPException(500, f"scene {number} cannot be rendered: {error!r}") from error
 
     @app.websocket("/ws")
     async def participant(socket: WebSocket) -> None:
@@ -162,7 +229,7 @@ async def _welcome(socket: WebSocket, token: str, hub: Hub) -> bool:
                 return True
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
         await socket.send_bytes(messages.encode(messages.Problem(message=refusal[1])))
-        await socket.close(refusal[0])
+        await socket.close(*refusal)
     return False
 
 
@@ -188,7 +255,13 @@ async def _receive(socket: WebSocket, loop: RealTimeLoop, outbox: _Outbox) -> No
                 return
             message = _understand(frame.get("bytes"), outbox.push)
             if message is not None:
+                await _until(lambda: not loop.full)
                 loop.post(message)
+
+
+async def _until(condition: Callable[[], bool]) -> None:
+    while not condition():
+        await asyncio.sleep(TICK_S)
 
 
 def _understand(data: bytes | None, complain: Callable[[Message], None]) -> ClientMessage | None:
@@ -234,14 +307,21 @@ class LiveServer:
         self.host, self.port = host, int(self._socket.getsockname()[1])
         self.token = secrets.token_urlsafe(16)
         hub = Hub()
-        self.loop = RealTimeLoop(make_session(hub.send))
-        self._renderer = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+        try:
+            self.loop = RealTimeLoop(make_session(hub.send))
+        except BaseException:
+            self._socket.close()
+            raise
+        self._renderer = SceneRenderer()
         app = create_app(self.loop, hub, self.token, [host, "localhost", "127.0.0.1"], self._renderer)
         configuration = uvicorn.Config(
             app,
             log_level="warning",
             access_log=False,
             ws_max_size=MAX_MESSAGE_BYTES,
+            ws_ping_interval=PING_INTERVAL_S,
+            ws_ping_timeout=PING_TIMEOUT_S,
+            timeout_graceful_shutdown=FAREWELL_S,
             ws_per_message_deflate=False,
         )
         self._server = uvicorn.Server(configuration)
@@ -269,7 +349,7 @@ class LiveServer:
         self._server.should_exit = True
         self._thread.join()
         self.loop.stop()
-        self._renderer.shutdown(cancel_futures=True)
+        self._renderer.close()
         self._socket.close()
 
     def wait(self) -> None:
@@ -283,9 +363,11 @@ def _bind(host: str, port: int) -> socket.socket:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
-    except OSError as error:
+        listener.listen()
+    except (OSError, UnicodeError) as error:
         listener.close()
+        reason = getattr(error, "strerror", None) or error
         raise ServerError(
-            f"cannot listen on {host}:{port} ({error.strerror}); choose another --port, or 0 for a free one"
+            f"cannot listen on {host}:{port} ({reason}); choose another --host or --port; port 0 takes a free one"
         ) from error
     return listener

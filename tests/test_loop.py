@@ -1,0 +1,164 @@
+"""The real-time loop with a made-up session: when it ticks, what it hands over, how it ends."""
+
+import time
+from collections.abc import Callable
+from typing import cast
+
+import pytest
+
+from avrgym.vr.loop import CATCH_UP_TICKS, INBOX_MESSAGES, RealTimeLoop
+from avrgym.vr.messages import Answer, Ready, Stop
+from avrgym.vr.session import Disconnected, Session
+from avrgym.vr.world import TICK_S
+
+PATIENCE_S = 30.0
+
+
+class FakeSession:
+    """Notes what it is given; ``busy`` runs within every tick, with the number of ticks so far."""
+
+    def __init__(self, busy: Callable[[int], None] = lambda ticks: None) -> None:
+        self.ticked_s: list[float] = []
+        self.received: list[object] = []
+        self.closed_s: list[float] = []
+        self._busy = busy
+
+    def tick(self, now_s: float) -> None:
+        self.ticked_s.append(now_s)
+        self._busy(len(self.ticked_s))
+
+    def receive(self, message: object, now_s: float) -> None:
+        self.received.append(message)
+
+    def greet(self) -> None:
+        self.received.append("greet")
+
+    def close(self, now_s: float) -> None:
+        self.closed_s.append(now_s)
+
+
+class FakeClock:
+    """A clock that only sleeping and work move on."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        assert seconds >= 0.0
+        self.now_s += seconds
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    """Time as the loop sees it."""
+    clock = FakeClock()
+    monkeypatch.setattr("avrgym.vr.loop.time", clock)
+    return clock
+
+
+def run(session: FakeSession, ticks: int) -> RealTimeLoop:
+    """A loop that has ticked at least so often and stopped."""
+    loop = RealTimeLoop(cast(Session, session))
+    loop.start()
+    await_that(lambda: len(session.ticked_s) >= ticks)
+    loop.stop()
+    return loop
+
+
+def await_that(condition: Callable[[], bool]) -> None:
+    give_up = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < give_up
+        time.sleep(0.001)
+
+
+def test_it_ticks_every_10_ms_whatever_the_work_takes(clock: FakeClock) -> None:
+    session = FakeSession(lambda ticks: clock.sleep(0.001 * (ticks % 9)))
+    loop = run(session, 100)
+    assert session.ticked_s[:100] == pytest.approx([i * TICK_S for i in range(100)])
+    assert loop.missed_ticks == 0
+
+
+def test_it_hurries_after_a_short_delay(clock: FakeClock) -> None:
+    late_s = 0.9 * CATCH_UP_TICKS * TICK_S
+    session = FakeSession(lambda ticks: clock.sleep(late_s if ticks == 10 else 0.0))
+    loop = run(session, 30)
+    due = [i * TICK_S for i in range(30)]
+    assert session.ticked_s[:10] == pytest.approx(due[:10])
+    assert session.ticked_s[10] == pytest.approx(due[9] + late_s)
+    assert session.ticked_s[15:30] == pytest.approx(due[15:])
+    assert loop.missed_ticks == 0
+
+
+def test_it_gives_up_and_counts_what_a_long_delay_lost(clock: FakeClock) -> None:
+    session = FakeSession(lambda ticks: clock.sleep(1.003 if ticks == 10 else 0.0))
+    loop = run(session, 30)
+    assert loop.missed_ticks == 99
+    assert session.ticked_s[12:30] == pytest.approx([(i + 99) * TICK_S for i in range(12, 30)])
+
+
+def test_real_time_passes() -> None:
+    began = time.monotonic()
+    session = FakeSession()
+    loop = run(session, 20)
+    assert time.monotonic() - began >= 19 * TICK_S
+    assert session.ticked_s[-1] <= session.closed_s[0]
+    assert session.ticked_s[0] < 1.0
+    assert loop.error is None
+
+
+def test_messages_reach_the_session_in_order() -> None:
+    session = FakeSession()
+    loop = RealTimeLoop(cast(Session, session))
+    sent = [Answer(item=str(i), value=1, response_time_s=0.0) for i in range(50)]
+    loop.post(Ready())
+    loop.greet()
+    loop.start()
+    for message in sent:
+        loop.post(message)
+    loop.post(Disconnected())
+    await_that(lambda: len(session.received) == 53)
+    loop.stop()
+    assert session.received == [Ready(), "greet", *sent, Disconnected()]
+
+
+def test_a_flood_makes_its_sender_wait_and_loses_nothing() -> None:
+    session = FakeSession()
+    loop = RealTimeLoop(cast(Session, session))
+    assert not loop.full
+    for _ in range(INBOX_MESSAGES):
+        loop.post(Stop())
+    assert loop.full
+    loop.start()
+    await_that(lambda: not loop.full)
+    await_that(lambda: len(session.received) == INBOX_MESSAGES)
+    loop.stop()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_failure_is_kept_and_ends_the_session() -> None:
+    def fail(ticks: int) -> None:
+        if ticks == 3:
+            raise ValueError("nonsense")
+
+    session = FakeSession(fail)
+    loop = RealTimeLoop(cast(Session, session))
+    loop.start()
+    await_that(lambda: bool(session.closed_s))
+    loop.stop()
+    assert str(loop.error) == "nonsense"
+    assert len(session.ticked_s) == 3
+    assert len(session.closed_s) == 1
+
+
+def test_it_ends_the_session_when_it_is_stopped() -> None:
+    session = FakeSession()
+    loop = run(session, 3)
+    ticks = len(session.ticked_s)
+    assert len(session.closed_s) == 1
+    assert loop.error is None
+    time.sleep(5 * TICK_S)
+    assert len(session.ticked_s) == ticks

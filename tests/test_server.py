@@ -1,0 +1,689 @@
+"""The server over real sockets: who is let in, what is served, what a hostile client can do to it."""
+
+import asyncio
+import json
+import multiprocessing
+import os
+import random
+import re
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any, Self, TypeVar, cast
+
+import httpx
+import msgspec
+import pytest
+from websockets.client import ClientProtocol
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Origin
+from websockets.uri import parse_uri
+
+from avrgym.models.human import Person
+from avrgym.participants import SimulatedParticipant, draw_traits
+from avrgym.study.recording import read_recording
+from avrgym.vr import messages
+from avrgym.vr import server as server_module
+from avrgym.vr.messages import (
+    Answer,
+    Entered,
+    Hello,
+    Message,
+    Phase,
+    Problem,
+    Ready,
+    Scene,
+    SceneLoaded,
+    State,
+    Stop,
+    Welcome,
+)
+from avrgym.vr.server import LiveServer, SceneRenderer, ServerError
+from avrgym.vr.session import Session
+from visit import DRIVE, plan
+
+M = TypeVar("M", bound=Message)
+
+PATIENCE_S = 60.0
+TYPES = "hello, tracking, entered, left, ready, scene_loaded, stop, origin_reset, answer"
+
+
+def make_server(folder: Path, port: int = 0) -> LiveServer:
+    return LiveServer(
+        lambda send: Session(plan(free_movement_s=0.2), {"drive": DRIVE}, folder, send, "test"),
+        "127.0.0.1",
+        port,
+    )
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
+    """One server for all tests, each of which leaves it without a participant."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("avrgym.vr.session.COUNTDOWN_S", 0.2)
+        with make_server(tmp_path_factory.mktemp("study")) as server:
+            yield server
+
+
+class Client:
+    """A participant's client, without a picture."""
+
+    def __init__(self, server: LiveServer, host: str = "127.0.0.1", origin: str | None = None) -> None:
+        self._server = server
+        self._opened = ExitStack()
+        raw = socket.create_connection(("127.0.0.1", server.port))
+        uri = f"ws://{host}:{server.port}/ws"
+        self._socket = self._opened.enter_context(
+            connect(uri, sock=raw, origin=cast(Origin, origin), max_size=None, max_queue=None)
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._opened.close()
+
+    def send(self, *sent: Message | bytes | str) -> None:
+        for each in sent:
+            self._socket.send(messages.encode(each) if isinstance(each, Message) else each)
+
+    def hello(self, **changed: Any) -> None:
+        fields = {
+            "protocol": messages.PROTOCOL,
+            "token": self._server.token,
+            "device": "test",
+            "emulated": True,
+        }
+        self.send(Hello(**fields | changed))
+
+    def receive(self) -> Message:
+        data = self._socket.recv(timeout=PATIENCE_S)
+        assert isinstance(data, bytes)
+        return messages.decode_server(data)
+
+    def await_message(self, kind: type[M], that: Callable[[M], bool] = lambda _: True) -> M:
+        """The next message of a kind that fulfils a condition."""
+        give_up = time.monotonic() + PATIENCE_S
+        while time.monotonic() < give_up:
+            message = self.receive()
+            if isinstance(message, kind) and that(message):
+                return message
+        raise TimeoutError(f"no {kind.__name__}")
+
+    def refusal(self) -> tuple[str, int, str]:
+        """The words of the problem, then the code and the reason of the close."""
+        problem = self.await_message(Problem)
+        with pytest.raises(ConnectionClosed) as closed:
+            self.await_message(Phase)
+        assert closed.value.rcvd is not None
+        return problem.message, closed.value.rcvd.code, closed.value.rcvd.reason
+
+    def vanish(self) -> None:
+        """Break the connection without a word."""
+        self._socket.socket.shutdown(socket.SHUT_RDWR)
+
+
+@contextmanager
+def participant(server: LiveServer) -> Iterator[Client]:
+    """A client that was let in; waits until the one before is gone."""
+    give_up = time.monotonic() + PATIENCE_S
+    while True:
+        client = Client(server)
+        client.hello()
+        if isinstance(client.receive(), Welcome):
+            break
+        client.__exit__()
+        assert time.monotonic() < give_up
+    with client:
+        yield client
+
+
+def sit_down(client: Client) -> None:
+    """Let the client's participant be measured; their trial begins."""
+    person = SimulatedParticipant(draw_traits("woman", 2), 2)
+    client.send(Entered())
+    client.await_message(Phase, lambda phase: phase.name == "calibration")
+    client.send(*(person.frame(0.0, moving=False) for _ in range(6)), Ready())
+    client.await_message(Phase, lambda phase: phase.name == "loading")
+    scene = client.await_message(Scene)
+    client.send(SceneLoaded(url=scene.url))
+    client.await_message(Phase, lambda phase: phase.name == "trial")
+
+
+def await_that(condition: Callable[[], bool]) -> None:
+    give_up = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < give_up
+        time.sleep(0.005)
+
+
+# What is served ----------------------------------------------------------------------------------------------
+
+
+def get(server: LiveServer, path: str, **headers: str) -> httpx.Response:
+    return httpx.get(f"http://127.0.0.1:{server.port}{path}", headers=headers, timeout=PATIENCE_S)
+
+
+def test_the_page_and_all_that_it_names_are_served(server: LiveServer) -> None:
+    page = get(server, "/")
+    assert page.status_code == 200
+    assert "text/html" in page.headers["content-type"]
+    named = re.findall(r'(?:src|href)="([^"]+)"', page.text)
+    assert named
+    for path in named:
+        assert get(server, "/" + path.lstrip("./")).status_code == 200
+
+
+def test_a_scene_needs_the_token_and_is_a_glb(server: LiveServer) -> None:
+    assert get(server, "/scenes/0.glb").status_code == 401
+    for wrong in ("Bearer", "Bearer x", server.token, f"bearer {server.token}", f"Bearer {server.token}x"):
+        refused = get(server, "/scenes/0.glb", authorization=wrong)
+        assert refused.status_code == 401
+        assert "token" in refused.json()["detail"]
+    assert get(server, f"/scenes/0.glb?token={server.token}").status_code == 401
+    allowed = {"authorization": f"Bearer {server.token}"}
+    for unknown in (-1, 10**6, 10**30):
+        assert get(server, f"/scenes/{unknown}.glb", **allowed).status_code == 404
+
+    scene = get(server, "/scenes/0.glb", **allowed)
+    assert scene.status_code == 200
+    assert scene.headers["content-type"] == "model/gltf-binary"
+    assert scene.content.startswith(b"glTF")
+    length = int.from_bytes(scene.content[12:16], "little")
+    nodes = json.loads(scene.content[20 : 20 + length])["nodes"]
+    drawn = {node["extras"]["body"] for node in nodes if "body" in node.get("extras", {})}
+    assert drawn
+    assert drawn <= {*server.session.bodies, "world"}
+
+
+SECRETS = ("def create_app", "root:", "[project]", "SQLite")
+HOSTILE_PATHS = (
+    "/../server.py", "/../../cli.py", "/%2e%2e/server.py", "/..%2fserver.py", "/%2e%2e%2fserver.py",
+    "/assets/../../server.py", "/assets/..%5c..%5cserver.py", "/..%5cserver.py", "/....//server.py",
+    "//etc/passwd", "/%2fetc/passwd", "/%2Fetc%2Fpasswd", "///etc/passwd", "/etc/passwd",
+    "/../../../../../../../../../../etc/passwd", "/%252e%252e%252fserver.py",
+    "/scenes/../../etc/passwd.glb", "/scenes/..%2f..%2fetc%2fpasswd.glb", "/scenes/-1.glb", "/scenes/x.glb",
+    "/scenes/0.glb/../../server.py", "/scenes/1e3.glb", "/scenes/.glb", "/scenes/%00.glb", "/scenes/0.glb%00",
+    "/scenes/" + "9" * 6000 + ".glb", "/index.html%00", "/%00", "/assets/%00/../../server.py", "/a" * 3000,
+    "/%ff%fe", "/docs", "/openapi.json", "/ws", "/assets/", "/assets", "http://evil.test/../server.py",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("path", HOSTILE_PATHS, ids=lambda path: path[:40])
+def test_nothing_outside_the_page_is_read(server: LiveServer, path: str) -> None:
+    status, body = raw_get(server, path)
+    assert 300 <= status < 500
+    assert not any(secret in body for secret in SECRETS)
+    assert raw_get(server, "/")[0] == 200
+
+
+def raw_get(server: LiveServer, path: str) -> tuple[int, str]:
+    """A GET with the path exactly as it is, with the token; status and body."""
+    request = (
+        f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {server.token}\r\n"
+        "Connection: close\r\n\r\n"
+    )
+    with socket.create_connection(("127.0.0.1", server.port), PATIENCE_S) as raw:
+        raw.sendall(request.encode())
+        answer = b"".join(iter(lambda: raw.recv(1 << 16), b"")).decode("utf-8", "replace")
+    head, _, body = answer.partition("\r\n\r\n")
+    return int(head.split()[1]), body
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
+@pytest.mark.parametrize("path", ["/", "/scenes/0.glb", "/index.html", "/new"])
+def test_nothing_can_be_written(server: LiveServer, method: str, path: str) -> None:
+    headers = {"authorization": f"Bearer {server.token}", "origin": "http://evil.test"}
+    url = f"http://127.0.0.1:{server.port}{path}"
+    assert httpx.request(method, url, headers=headers, content=b"x").status_code == 405
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.test", "127.0.0.1.evil.test", "localhost.evil.test:80", "", "[::1]", "[::1"]
+)
+def test_another_host_name_is_refused(server: LiveServer, host: str) -> None:
+    for path in ("/", "/scenes/0.glb"):
+        assert get(server, path, host=host, authorization=f"Bearer {server.token}").status_code == 400
+    if "evil" in host:
+        with pytest.raises(InvalidStatus) as refused:
+            Client(server, host=host.partition(":")[0])
+        assert refused.value.response.status_code == 400
+
+
+def test_the_token_is_in_the_fragment_and_never_in_the_log(
+    server: LiveServer, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert server.url == f"http://localhost:{server.port}/#token={server.token}"
+    assert len(server.token) >= 20
+    get(server, "/scenes/0.glb", authorization=f"Bearer {server.token}x")
+    with Client(server) as client:
+        client.hello(token=server.token + "x")
+        client.refusal()
+    assert server.token not in "".join(capfd.readouterr())
+
+
+# Who is let in -----------------------------------------------------------------------------------------------
+
+GOOD_HELLO = Hello(protocol=messages.PROTOCOL, token="?", device="test", emulated=True)
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        Hello(protocol=messages.PROTOCOL + 1, token="?", device="", emulated=True),
+        Hello(protocol=0, token="?", device="", emulated=True),
+        Entered(),
+        Stop(),
+        b"",
+        b"\xc1 nonsense",
+        messages.encode(GOOD_HELLO)[:-3],
+        "hello",
+    ],
+    ids=str,
+)  # fmt: skip
+def test_whoever_does_not_begin_with_a_hello_is_refused(
+    server: LiveServer, first: Message | bytes | str
+) -> None:
+    with Client(server) as client:
+        client.send(first)
+        words, code, reason = client.refusal()
+    assert code == 4400
+    assert words == reason == f"the first message must be a hello of protocol {messages.PROTOCOL}"
+    assert server.session.phase == "waiting"
+
+
+def test_whoever_says_nothing_is_refused(server: LiveServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server_module, "HELLO_TIMEOUT_S", 0.1)
+    with Client(server) as client:
+        assert client.refusal()[1] == 4400
+
+
+@pytest.mark.parametrize("token", ["", "x", "ü", "x" * 128])
+def test_a_wrong_token_is_refused(server: LiveServer, token: str) -> None:
+    with Client(server) as client:
+        client.hello(token=token)
+        words, code, reason = client.refusal()
+    assert code == 4401
+    assert "token" in words
+    assert words == reason
+
+
+@pytest.mark.parametrize("origin", ["http://evil.test", "https://127.0.0.1", "null", "file://"])
+def test_another_page_is_refused(server: LiveServer, origin: str) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        Client(server, origin=origin)
+    assert refused.value.response.status_code == 403
+
+
+def test_the_own_page_is_let_in_by_any_of_its_names(server: LiveServer) -> None:
+    for name in ("127.0.0.1", "localhost"):
+        with Client(server, host=name, origin=f"http://{name}:{server.port}") as client:
+            client.hello(protocol=0)
+            assert client.refusal()[1] == 4400
+
+
+def test_one_participant_at_a_time(server: LiveServer) -> None:
+    with participant(server), Client(server) as second:
+        second.hello()
+        words, code, reason = second.refusal()
+    assert code == 4409
+    assert "one at a time" in words
+    assert words == reason
+    with participant(server) as third:
+        third.await_message(State)
+
+
+def test_of_many_who_come_at_once_one_is_let_in(server: LiveServer) -> None:
+    with participant(server):
+        pass
+    await_that(lambda: not connected(server))
+    clients = [Client(server) for _ in range(8)]
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda client: client.hello(), clients))
+    kinds = [type(client.receive()) for client in clients]
+    assert sorted(kind.__name__ for kind in kinds) == ["Problem"] * 7 + ["Welcome"]
+    for client in clients:
+        client.__exit__()
+
+
+def connected(server: LiveServer) -> bool:
+    """Whether somebody is let in."""
+    with Client(server) as client:
+        client.hello()
+        return isinstance(client.receive(), Problem)
+
+
+# What a client can do ----------------------------------------------------------------------------------------
+
+
+def test_a_connection_begins_with_welcome_scene_and_phase(server: LiveServer) -> None:
+    for _ in range(3):
+        with participant(server) as client:
+            assert isinstance(client.receive(), Scene)
+            phase = client.receive()
+            assert isinstance(phase, Phase)
+            assert phase.name == "waiting"
+            states = [client.await_message(State) for _ in range(5)]
+            assert [state.sequence for state in states] == sorted({state.sequence for state in states})
+            assert len(states[0].poses) == 4 * 7 * len(server.session.bodies)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ("text", "text is not understood"),
+        (b"", "not a message"),
+        (b"\xc1", "not a message"),
+        (random.Random(1).randbytes(500), "not a message"),
+        (messages.encode(Entered())[:-1], "not a message"),
+        (messages.encode(Entered()) + b"\x00", "not a message"),
+        (b"\x81\xa4type\xa4fire", "not a message"),
+        (b"\x82\xa4type\xa7entered\xa1x\x01", "not a message"),
+        (b"\x94" * 20_000, "not a message"),
+        (messages.encode(Answer(item="L1", value=4, response_time_s=1.0)).replace(b"\x04", b"\x00"), "value"),
+    ],
+)
+def test_what_is_no_message_is_answered_and_the_connection_goes_on(
+    server: LiveServer, data: bytes | str, words: str
+) -> None:
+    with participant(server) as client:
+        client.send(data)
+        problem = client.await_message(Problem)
+        assert words in problem.message
+        assert TYPES in problem.message
+        client.send(Entered())
+        assert client.await_message(Phase, lambda phase: phase.name != "waiting").name == "calibration"
+
+
+def test_too_large_a_message_closes_the_connection_and_not_the_server(server: LiveServer) -> None:
+    with participant(server) as client:
+        with suppress(ConnectionClosed):
+            client.send(b"\xc0" * (1 << 16) + b"\xc0")
+        with pytest.raises(ConnectionClosed) as closed:
+            client.await_message(Phase, lambda phase: phase.name == "finished")
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 1009
+    with participant(server) as other:
+        other.await_message(State)
+
+
+def test_damaged_messages_never_end_the_session(server: LiveServer) -> None:
+    person = SimulatedParticipant(draw_traits("woman", 2), 2)
+    chance = random.Random(7)
+    with participant(server) as client:
+        for _ in range(400):
+            sound = (person.frame(0.0, moving=True), Entered(), Ready(), Stop(), GOOD_HELLO)
+            data = bytearray(messages.encode(chance.choice(sound)))
+            for _ in range(chance.randint(1, 4)):
+                data[chance.randrange(len(data))] = chance.randrange(256)
+            client.send(bytes(data))
+        client.await_message(State)
+    assert server.loop.error is None
+
+
+def test_a_flood_is_taken_in_whole_and_memory_stays_bounded(server: LiveServer) -> None:
+    person = SimulatedParticipant(draw_traits("woman", 2), 2)
+    frame = person.frame(0.0, moving=False)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with participant(server) as client:
+        client.send(Entered())
+        reader = threading.Thread(
+            target=lambda: client.await_message(State, lambda state: state.tracking_sequence == 19_999)
+        )
+        reader.start()
+        client.send(*(msgspec.structs.replace(frame, sequence=i) for i in range(20_000)))
+        reader.join(PATIENCE_S)
+        assert not reader.is_alive()
+        client.send(Entered())
+        client.await_message(State, lambda state: state.tracking_sequence == -1)
+    assert server.loop.error is None
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 1024
+
+
+def test_a_client_that_does_not_listen_is_not_remembered_for_ever() -> None:
+    async def push() -> tuple[list[Message], int]:
+        outbox = server_module._Outbox()
+        outbox.push(Problem(message="before the welcome"))
+        outbox.push(State(sequence=0, simulation_time_s=0.0, tracking_sequence=-1, poses=b""))
+        outbox.push(Welcome(protocol=1, session="x"))
+        first = await outbox.next()
+        for i in range(10_000):
+            outbox.push(Problem(message=str(i)))
+            outbox.push(State(sequence=i, simulation_time_s=0.0, tracking_sequence=-1, poses=b""))
+        rest = [await outbox.next() for _ in range(server_module.OUTBOX_MESSAGES + 1)]
+        return [first, *rest[-2:]], len(rest)
+
+    (first, problem, state), _ = asyncio.run(push())
+    assert isinstance(first, Welcome)
+    assert problem == Problem(message="9999")
+    assert isinstance(state, State)
+    assert state.sequence == 9999
+
+
+@pytest.mark.parametrize("politely", [True, False])
+def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
+    server: LiveServer, politely: bool
+) -> None:
+    with participant(server) as client:
+        sit_down(client)
+        recording = server.session.recordings[-1]
+        client.await_message(State)
+        if not politely:
+            client.vanish()
+    await_that(lambda: server.session.phase == "waiting")
+    await_that(lambda: read_recording(recording).outcome is not None)
+    with participant(server) as client:
+        assert isinstance(client.receive(), Scene)
+        phase = client.receive()
+        assert isinstance(phase, Phase)
+        assert (phase.name, phase.text) == ("waiting", "The connection was lost. Choose Enter VR to go on.")
+    recorded = read_recording(recording)
+    assert recorded.complete
+    assert recorded.outcome is not None
+    assert recorded.outcome["result"] == "interrupted"
+    last, event = recorded.topics["/physics"][-1], recorded.topics["/events"][-1]
+    assert event[1].name == "robot_holds"
+    assert event[0] == last[0]
+
+
+def test_a_headset_that_falls_silent_is_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server_module, "PING_INTERVAL_S", 0.1)
+    monkeypatch.setattr(server_module, "PING_TIMEOUT_S", 1.0)
+    with make_server(tmp_path) as server, socket.create_connection(("127.0.0.1", server.port)) as raw:
+        speak_and_fall_silent(server, raw)
+        assert connected(server)
+        with participant(server) as client:
+            client.await_message(State)
+
+
+def speak_and_fall_silent(server: LiveServer, raw: socket.socket) -> None:
+    """Say hello over a bare socket and answer nothing from then on."""
+    protocol = ClientProtocol(parse_uri(f"ws://127.0.0.1:{server.port}/ws"))
+    protocol.send_request(protocol.connect())
+    raw.sendall(b"".join(protocol.data_to_send()))
+    protocol.receive_data(raw.recv(4096))
+    list(protocol.events_received())
+    hello = Hello(protocol=messages.PROTOCOL, token=server.token, device="", emulated=True)
+    protocol.send_binary(messages.encode(hello))
+    raw.sendall(b"".join(protocol.data_to_send()))
+    raw.recv(4096)
+
+
+# Scenes are rendered elsewhere -------------------------------------------------------------------------------
+
+
+class Rendering:
+    """Stands in for the process that renders."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.rendered: list[str] = []
+        self.pools = 0
+        self.failure: Exception | None = None
+        monkeypatch.setattr(server_module, "render_scene", self._render)
+        monkeypatch.setattr(server_module, "_rendering_process", self._make)
+
+    def _make(self) -> ThreadPoolExecutor:
+        self.pools += 1
+        return ThreadPoolExecutor(1)
+
+    def _render(self, environment: str, person: Person) -> bytes:
+        time.sleep(0.02)
+        self.rendered.append(environment)
+        if self.failure is not None:
+            raise self.failure
+        return environment.encode()
+
+
+@pytest.fixture
+def rendering(monkeypatch: pytest.MonkeyPatch) -> Rendering:
+    return Rendering(monkeypatch)
+
+
+def ask(*numbers: int, renderer: SceneRenderer) -> list[bytes | BaseException]:
+    """Ask for scenes at once."""
+
+    async def gather() -> list[bytes | BaseException]:
+        asked = [renderer.glb(number, str(number), Person()) for number in numbers]
+        return await asyncio.gather(*asked, return_exceptions=True)
+
+    return asyncio.run(gather())
+
+
+def test_a_scene_is_rendered_once_whoever_asks(rendering: Rendering) -> None:
+    renderer = SceneRenderer()
+    assert ask(0, 0, 1, 0, renderer=renderer) == [b"0", b"0", b"1", b"0"]
+    assert ask(0, 1, renderer=renderer) == [b"0", b"1"]
+    renderer.close()
+    assert rendering.rendered == ["0", "1"]
+
+
+def test_a_failure_is_told_to_all_and_tried_again(rendering: Rendering) -> None:
+    renderer = SceneRenderer()
+    rendering.failure = ValueError("no mesh")
+    assert [str(error) for error in ask(0, 0, renderer=renderer)] == ["no mesh", "no mesh"]
+    rendering.failure = BrokenProcessPool("killed")
+    ask(0, renderer=renderer)
+    rendering.failure = None
+    assert ask(0, renderer=renderer) == [b"0"]
+    renderer.close()
+    assert rendering.rendered == ["0"] * 3
+    assert rendering.pools == 2
+
+
+def test_only_the_newest_scenes_are_kept(rendering: Rendering) -> None:
+    renderer = SceneRenderer()
+    for number in range(10):
+        ask(number, renderer=renderer)
+    ask(9, 8, 0, renderer=renderer)
+    renderer.close()
+    assert rendering.rendered == [*map(str, range(10)), "0"]
+
+
+ORPHAN = """
+import os, time
+from avrgym.vr.server import _rendering_process
+if __name__ == "__main__":
+    print(_rendering_process().submit(os.getpid).result(), flush=True)
+    time.sleep(100)
+"""
+
+
+def test_a_killed_server_leaves_no_process_behind(tmp_path: Path) -> None:
+    script = tmp_path / "killed.py"
+    script.write_text(ORPHAN)
+    with subprocess.Popen(
+        [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as killed:
+        assert killed.stdout is not None
+        renderer = int(killed.stdout.readline())
+        killed.send_signal(signal.SIGKILL)
+    await_that(lambda: not is_alive(renderer))
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+
+
+# Beginning and end -------------------------------------------------------------------------------------------
+
+
+def test_a_port_in_use_is_named_with_the_way_out(server: LiveServer, tmp_path: Path) -> None:
+    with pytest.raises(ServerError, match=rf"127\.0\.0\.1:{server.port} .*--port"):
+        make_server(tmp_path, server.port)
+
+
+@pytest.mark.parametrize("host", ["no.such.host.invalid", "::1", "a" * 70, "1.2.3.4"])
+def test_an_address_that_is_not_here_is_named(host: str) -> None:
+    with pytest.raises(ServerError, match="--host"):
+        LiveServer(lambda send: cast(Session, None), host, 0)
+
+
+def test_a_missing_client_is_named_with_the_way_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(server_module, "STATIC", tmp_path)
+    with pytest.raises(ServerError, match="make client"):
+        make_server(tmp_path)
+
+
+def test_the_port_is_free_again_when_the_session_cannot_be_made() -> None:
+    ports: list[int] = []
+
+    def fail(_: object) -> Session:
+        raise ValueError("no such trial")
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        ports.append(probe.getsockname()[1])
+    with pytest.raises(ValueError, match="no such trial"):
+        LiveServer(fail, "127.0.0.1", ports[0])
+    with socket.socket() as again:
+        again.bind(("127.0.0.1", ports[0]))
+
+
+def test_nothing_is_left_when_it_ends(tmp_path: Path) -> None:
+    simulations = count_threads("simulation")
+    children = len(multiprocessing.active_children())
+    with make_server(tmp_path) as server:
+        client = Client(server)
+        client.hello()
+        client.await_message(State)
+    with client, pytest.raises(ConnectionClosed):
+        client.await_message(Phase, lambda phase: phase.name == "finished")
+    assert count_threads("simulation") == simulations
+    assert len(multiprocessing.active_children()) == children
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", server.port))
+    with make_server(tmp_path, server.port):
+        pass
+
+
+def count_threads(name: str) -> int:
+    return sum(thread.name == name for thread in threading.enumerate())
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_waiting_ends_when_the_simulation_fails(tmp_path: Path) -> None:
+    def fail(now_s: float) -> None:
+        raise ArithmeticError("the physics exploded")
+
+    def make_session(send: Callable[[Message], None]) -> Session:
+        session = Session(plan(), {"drive": DRIVE}, tmp_path, send, "test")
+        session.tick = fail
+        return session
+
+    with LiveServer(make_session, "127.0.0.1", 0) as server:
+        server.wait()
+    assert isinstance(server.loop.error, ArithmeticError)
