@@ -85,7 +85,9 @@ def wilson_interval(successes: int, count: int) -> tuple[float, float]:
     share = successes / count
     centre = (share + z * z / (2 * count)) / (1 + z * z / count)
     half = z * np.sqrt(share * (1 - share) / count + z * z / (4 * count * count)) / (1 + z * z / count)
-    return float(max(0.0, centre - half)), float(min(1.0, centre + half))
+    low = 0.0 if successes == 0 else centre - half
+    high = 1.0 if successes == count else centre + half
+    return float(low), float(high)
 
 
 def _actor(policy: str, world: Episodes, generators: list[np.random.Generator]) -> Act:

@@ -87,10 +87,10 @@ class SimulatedParticipant:
 
     def answer(self, success: bool, points: int) -> int:
         """A rating: high after a success and low after a failure, with some chance."""
-        agreed = points - 1 if success else 2
+        agreed = (points - 1 if success else 2) + self._random.integers(-1, 2)
         chance = self._random.integers(1, points + 1)
         follows = self._random.random() < self.traits.agreement
-        return int(agreed + self._random.integers(-1, 2)) if follows else int(chance)
+        return int(np.clip(agreed, 1, points)) if follows else int(chance)
 
     def _joint_angles(self, time_s: float, moving: bool) -> Array:
         if not moving:

@@ -11,6 +11,8 @@ from avrgym.vr.world import TICK_S
 CALIBRATION_S = 1.5
 """How long a participant sits still before they press the trigger to be measured."""
 ANSWER_AFTER_S = 1.5
+MOST_TRIES = 4
+"""How often a participant presses the trigger to begin a trial before they give up."""
 TRACKING_EVERY_TICKS = 2
 
 
@@ -20,7 +22,8 @@ class InProcessAttendance:
     def __init__(self, participant: SimulatedParticipant, say: Callable[[str], None]) -> None:
         self._participant, self._say = participant, say
         self._question: messages.Question | None = None
-        self._scene_url = ""
+        self._scene_url, self._problem = "", ""
+        self._trial, self._tries = 0, 0
         self._heard_s = 0.0
         self._now_s = 0.0
 
@@ -28,14 +31,22 @@ class InProcessAttendance:
         """Take a message that the session sends."""
         if isinstance(message, messages.Phase):
             self._heard_s, self._question = self._now_s, None
+            if message.trial != self._trial:
+                self._trial, self._tries = message.trial, 0
             self._say(f"{message.name.replace('_', ' ')} (trial {message.trial} of {message.trials})")
         elif isinstance(message, messages.Question):
             self._heard_s, self._question = self._now_s, message
         elif isinstance(message, messages.Scene):
             self._scene_url = message.url
+        elif isinstance(message, messages.Problem):
+            self._problem = message.message
 
     def run(self, session: Session) -> None:
-        """Sit through the session until it is finished."""
+        """Sit through the session until it is finished.
+
+        Raises:
+            RuntimeError: when the session does not get on with a trial, with what it says.
+        """
         session.receive(messages.Entered(), self._now_s)
         tick = 0
         while session.phase != "finished":
@@ -50,8 +61,8 @@ class InProcessAttendance:
 
     def _respond(self, session: Session) -> None:
         waited_s = self._now_s - self._heard_s
-        if session.phase == "calibration" and waited_s > CALIBRATION_S:
-            session.receive(messages.Ready(), self._now_s)
+        if session.phase in ("calibration", "paused") and waited_s > CALIBRATION_S:
+            self._press_trigger(session)
         if session.phase == "loading":
             session.receive(messages.SceneLoaded(url=self._scene_url), self._now_s)
         question = self._question
@@ -60,3 +71,11 @@ class InProcessAttendance:
             value = self._participant.answer(session.succeeded, question.points)
             answer = messages.Answer(item=question.item, value=value, response_time_s=waited_s)
             session.receive(answer, self._now_s)
+
+    def _press_trigger(self, session: Session) -> None:
+        self._tries += 1
+        if self._tries > MOST_TRIES:
+            session.close(self._now_s)
+            raise RuntimeError(f"trial {self._trial} does not begin: {self._problem}")
+        self._heard_s = self._now_s
+        session.receive(messages.Ready(), self._now_s)

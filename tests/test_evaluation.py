@@ -1,0 +1,102 @@
+"""Evaluation: figures that depend on the seed alone, and the interval of a share."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avrgym import evaluation
+from avrgym.episodes import EPISODE_STEPS
+from avrgym.evaluation import evaluate, wilson_interval
+from avrgym.policies import packaged_policies
+from visit import DRIVE, ENVIRONMENT
+
+
+@pytest.fixture
+def rewards(monkeypatch: pytest.MonkeyPatch) -> Callable[..., np.ndarray]:
+    """Evaluates; gives the reward of every episode."""
+    run, batches = evaluation._run, []
+
+    def noted(*arguments):
+        results = run(*arguments)
+        batches.append(results[0])
+        return results
+
+    def episodes(count: int, *, at_once: int = 64, policy: str = "random", seed: int = 0) -> np.ndarray:
+        batches.clear()
+        monkeypatch.setattr(evaluation, "MAX_WORLDS", at_once)
+        figures = evaluate(ENVIRONMENT, policy, "revised", count, seed)
+        found = np.concatenate(batches)
+        assert figures.reward_mean == pytest.approx(found.mean())
+        assert figures.reward_std == pytest.approx(found.std())
+        return found
+
+    monkeypatch.setattr(evaluation, "_run", noted)
+    return episodes
+
+
+def test_an_episode_is_the_same_however_many_there_are(rewards: Callable[..., np.ndarray]) -> None:
+    """Its figures depend on seed and number alone, not on the count nor on who runs beside it."""
+    three = rewards(3)
+    assert len(set(three)) == 3
+    assert np.array_equal(rewards(1), three[:1])
+    for at_once in (1, 2):
+        assert np.array_equal(rewards(3, at_once=at_once), three)
+    assert not np.intersect1d(rewards(3, seed=1), three).size
+
+
+def test_a_policy_file_has_the_figures_of_its_name(rewards: Callable[..., np.ndarray]) -> None:
+    path = packaged_policies(ENVIRONMENT)["revised"]
+    assert np.array_equal(rewards(2, policy=str(path)), rewards(2, policy="revised"))
+
+
+@pytest.mark.parametrize("policy", ["zero", "random"])
+def test_the_same_seed_gives_the_same_figures(policy: str) -> None:
+    one, same = (evaluate(ENVIRONMENT, policy, "original", 3, 4) for _ in range(2))
+    assert one == same
+    assert (one.env, one.policy, one.people, one.episodes) == (ENVIRONMENT, policy, "original", 3)
+
+
+def test_who_does_nothing_succeeds_never_and_touches_nobody() -> None:
+    figures = evaluate(ENVIRONMENT, "zero", "original", 4, 0)
+    assert figures.success_rate == 0.0
+    assert figures.success_ci95 == wilson_interval(0, 4)
+    assert figures.force_mean_newton == 0.0
+    assert figures.reward_mean < 0.0
+
+
+def test_progress_counts_environment_steps() -> None:
+    steps: list[int] = []
+    evaluate(ENVIRONMENT, "zero", "original", 2, 0, steps.append)
+    assert sum(steps) == 2 * EPISODE_STEPS
+
+
+def test_errors_name_what_is_allowed(tmp_path: Path) -> None:
+    file = tmp_path / "drive.safetensors"
+    DRIVE.save(file)
+    with pytest.raises(ValueError, match="at least 1"):
+        evaluate(ENVIRONMENT, "zero", "original", 0, 0)
+    with pytest.raises(ValueError, match=ENVIRONMENT):
+        evaluate("avrgym/Nope-v1", "zero", "original", 1, 0)
+    with pytest.raises(ValueError, match="original, revised"):
+        evaluate(ENVIRONMENT, "zero", "martians", 1, 0)
+    with pytest.raises(ValueError, match="revised"):
+        evaluate(ENVIRONMENT, "nope", "original", 1, 0)
+
+
+@pytest.mark.parametrize(
+    ("successes", "count", "low", "high"),
+    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
+)
+def test_the_interval_has_published_values(successes: int, count: int, low: float, high: float) -> None:
+    """Newcombe, Statistics in Medicine 17, 1998, table I, method 3."""
+    assert wilson_interval(successes, count) == pytest.approx((low, high), abs=5e-5)
+
+
+def test_the_interval_holds_the_share_and_is_symmetric() -> None:
+    for count in (1, 7, 100):
+        for successes in range(count + 1):
+            low, high = wilson_interval(successes, count)
+            assert 0.0 <= low <= successes / count <= high <= 1.0
+            assert (1.0 - high, 1.0 - low) == pytest.approx(wilson_interval(count - successes, count))

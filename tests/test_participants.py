@@ -1,0 +1,122 @@
+"""Simulated participants: sound frames of a person in a room, and answers that follow what they saw."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from avrgym.models import human
+from avrgym.models.human import SEXES, Sex
+from avrgym.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.attendance import InProcessAttendance
+from avrgym.vr.messages import Tracking, XRPose, decode_client, encode
+from avrgym.vr.session import Session
+from avrgym.vr.webxr import is_valid
+from visit import DRIVE, plan
+
+Array = NDArray[np.float64]
+
+
+def participant(seed: int, sex: Sex = "woman") -> SimulatedParticipant:
+    return SimulatedParticipant(draw_traits(sex, seed), seed)
+
+
+def poses(frame: Tracking) -> list[XRPose]:
+    return [pose for pose in (frame.head, frame.left, frame.right) if pose is not None]
+
+
+def numbers(frame: Tracking) -> list[float]:
+    return [number for pose in poses(frame) for number in (*pose.position, *pose.orientation)]
+
+
+@pytest.mark.parametrize("sex", SEXES)
+def test_frames_are_sound_at_any_time(sex: Sex) -> None:
+    for seed in range(5):
+        someone = participant(seed, sex)
+        for time_s in (0.0, 0.01, 1.0, 59.9, 3600.0):
+            for moving in (False, True):
+                frame = someone.frame(time_s, moving=moving)
+                assert len(poses(frame)) == 3
+                assert np.isfinite(numbers(frame)).all()
+                assert all(is_valid(pose) for pose in poses(frame))
+                norms = [np.linalg.norm(pose.orientation) for pose in poses(frame)]
+                assert norms == pytest.approx([1.0] * 3, abs=1e-9)
+                assert frame.client_time_ms == 1000.0 * time_s
+                assert decode_client(encode(frame)) == frame
+
+
+def test_frames_are_counted() -> None:
+    someone = participant(1)
+    frames = [someone.frame(0.1 * i, moving=bool(i % 2)) for i in range(10)]
+    frames.append(someone.frame_of(human.SEATED_RAD, 1.0))
+    assert [frame.sequence for frame in frames] == list(range(11))
+
+
+@pytest.mark.parametrize("sex", SEXES)
+def test_torso_heights_are_those_of_the_papers_participants(sex: Sex) -> None:
+    heights_m = [draw_traits(sex, seed).torso_height_m for seed in range(200)]
+    assert 0.51 <= min(heights_m) < 0.515
+    assert 0.575 < max(heights_m) <= 0.58
+
+
+@pytest.mark.parametrize("sex", SEXES)
+def test_who_sits_still_looks_level_from_the_height_of_their_head(sex: Sex) -> None:
+    someone = participant(4, sex)
+    head = someone.frame(7.0, moving=False).head
+    assert head is not None
+    height_m = human.PROPORTIONS[sex].seated_hips_height + someone.traits.torso_height_m
+    assert head.position[1] == pytest.approx(height_m, abs=1e-9)
+    assert (head.orientation[0], head.orientation[2]) == pytest.approx((0.0, 0.0), abs=1e-9)
+    still = [numbers(someone.frame(time_s, moving=False)) for time_s in (0.0, 3.0)]
+    assert still[0] == still[1]
+
+
+def test_who_moves_moves_like_a_person() -> None:
+    """Steadily, a little, and no faster than people sway."""
+    for seed in range(3):
+        someone = participant(seed)
+        times_s = np.arange(0.0, 20.0, 0.05)
+        heads = np.array([poses(someone.frame(time_s, moving=True))[0].position for time_s in times_s])
+        travelled_m = np.ptp(heads, axis=0).max()
+        assert 0.002 < travelled_m < 0.15
+        assert np.abs(np.diff(heads, axis=0)).max() / 0.05 < 0.2
+
+
+def test_the_same_seed_gives_the_same_participant() -> None:
+    def attend(seed: int) -> tuple[list[Tracking], list[int]]:
+        someone = participant(seed)
+        frames = [someone.frame(0.1 * i, moving=True) for i in range(20)]
+        return frames, [someone.answer(bool(i % 2), 7) for i in range(20)]
+
+    assert attend(3) == attend(3)
+    assert attend(3)[0] != attend(4)[0]
+    assert attend(3)[1] != attend(4)[1]
+
+
+@pytest.mark.parametrize("points", [2, 3, 5, 7, 100])
+@pytest.mark.parametrize("success", [True, False])
+def test_answers_lie_on_the_scale(points: int, success: bool) -> None:
+    someone = participant(5)
+    answers = [someone.answer(success, points) for _ in range(300)]
+    assert all(type(answer) is int for answer in answers)
+    assert 1 <= min(answers) <= max(answers) <= points
+
+
+def test_answers_follow_what_was_seen() -> None:
+    someone = participant(6)
+
+    def mean(success: bool) -> float:
+        return float(np.mean([someone.answer(success, 7) for _ in range(300)]))
+
+    assert mean(True) > 5.0
+    assert mean(False) < 3.0
+
+
+def test_a_participant_who_cannot_begin_gives_up_in_words(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    attendance = InProcessAttendance(participant(1), lambda text: None)
+    session = Session(plan(), {"drive": DRIVE}, blocked, attendance.hear, "blocked")
+    with pytest.raises(RuntimeError, match=r"trial 1 does not begin: .*cannot be recorded"):
+        attendance.run(session)
