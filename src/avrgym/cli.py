@@ -46,6 +46,12 @@ def _plain_errors() -> Iterator[None]:
         raise typer.Exit(1) from error
 
 
+def _check_folder(json_file: Path | None) -> None:
+    """Raise ``ValueError`` before long work whose figures could not be written."""
+    if json_file is not None and not json_file.parent.is_dir():
+        raise ValueError(f"cannot write {json_file}: there is no folder {json_file.parent}")
+
+
 def _write_json(path: Path | None, rows: list[dict[str, Any]]) -> None:
     if path is not None:
         write_whole(path, (json.dumps(rows, indent=2) + "\n").encode())
@@ -147,7 +153,8 @@ def envs(json_file: JsonFile = None) -> None:
         for environment, (task, robot) in ENVIRONMENTS.items()
     ]
     _print_table(rows)
-    _write_json(json_file, rows)
+    with _plain_errors():
+        _write_json(json_file, rows)
 
 
 @app.command()
@@ -193,6 +200,7 @@ def evaluate(
 
     rows = []
     with _plain_errors():
+        _check_folder(json_file)
         environments = list(ENVIRONMENTS) if all_environments else env or []
         if not environments:
             raise ValueError(f"name an environment or --all; the environments are {', '.join(ENVIRONMENTS)}")
@@ -204,7 +212,8 @@ def evaluate(
                 )
             rows.append(asdict(result))
     _print_table(rows)
-    _write_json(json_file, rows)
+    with _plain_errors():
+        _write_json(json_file, rows)
 
 
 def _print_table(rows: list[dict[str, Any]]) -> None:

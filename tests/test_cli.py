@@ -1,0 +1,212 @@
+"""The program ``avrgym``: help, figures as JSON, and one clear line for whatever the user can mend."""
+
+import inspect
+import json
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner, Result
+
+from avrgym.cli import app
+from avrgym.tasks import ENVIRONMENTS
+from visit import DRIVE, ENVIRONMENT
+
+FIGURES = [
+    "env", "policy", "people", "episodes", "reward_mean", "reward_std", "success_rate", "success_ci95",
+    "force_mean_newton",
+]  # fmt: skip
+PROGRAM = get_command(app)
+COMMANDS = sorted(PROGRAM.commands)  # type: ignore[attr-defined]
+
+
+def avrgym(*arguments: str | Path | int) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run where nothing is, so that defaults such as ``study`` leave nothing behind."""
+    monkeypatch.chdir(tmp_path)
+
+
+# Help --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself_and_its_options(command: str) -> None:
+    shown = avrgym(command, "--help")
+    assert shown.exit_code == 0
+    declared = PROGRAM.commands[command]  # type: ignore[attr-defined]
+    words = inspect.getdoc(declared.callback)
+    assert words
+    assert words.splitlines()[0].split()[0] in shown.stdout
+    assert all(option.help for option in declared.params)
+
+
+def test_without_a_command_it_lists_them() -> None:
+    shown = avrgym()
+    assert all(command in shown.output for command in COMMANDS)
+
+
+# Figures -----------------------------------------------------------------------------------------------------
+
+
+def test_evaluate_writes_a_row_for_each_environment(tmp_path: Path) -> None:
+    file = tmp_path / "figures.json"
+    result = avrgym(
+        "evaluate",
+        "--all",
+        "--policy",
+        "zero",
+        "--people",
+        "original",
+        "--episodes",
+        2,
+        "--seed",
+        3,
+        "--json",
+        file,
+    )
+    assert result.exit_code == 0
+    rows = json.loads(file.read_text())
+    assert [row["env"] for row in rows] == list(ENVIRONMENTS)
+    for row in rows:
+        assert list(row) == FIGURES
+        assert (row["policy"], row["people"], row["episodes"]) == ("zero", "original", 2)
+        assert row["success_ci95"][0] <= row["success_rate"] <= row["success_ci95"][1]
+    assert all(name in result.stdout for name in FIGURES)
+
+
+def test_evaluate_takes_a_policy_file(tmp_path: Path) -> None:
+    file = tmp_path / "drive.safetensors"
+    DRIVE.save(file)
+    result = avrgym(
+        "evaluate", ENVIRONMENT, "--policy", file, "--episodes", 1, "--json", tmp_path / "rows.json"
+    )
+    assert result.exit_code == 0
+    assert json.loads((tmp_path / "rows.json").read_text())[0]["policy"] == str(file)
+
+
+def test_envs_lists_the_environments(tmp_path: Path) -> None:
+    file = tmp_path / "envs.json"
+    assert avrgym("envs", "--json", file).exit_code == 0
+    rows = json.loads(file.read_text())
+    assert [row["env"] for row in rows] == list(ENVIRONMENTS)
+    assert list(rows[0]) == ["env", "task", "robot", "observation_size", "policies"]
+
+
+# What the user can mend --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def used_port() -> Iterator[int]:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        yield listener.getsockname()[1]
+
+
+def complaint(result: Result) -> str:
+    """The one line on stderr of a command that failed."""
+    assert result.exit_code == 1
+    assert isinstance(result.exception, SystemExit)
+    assert result.stderr.endswith("\n")
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("avrgym: ")
+    return line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "allowed"),
+    [
+        (["evaluate"], f"--all; the environments are {ENVIRONMENT}"),
+        (["evaluate", "avrgym/Nope-v1"], ENVIRONMENT),
+        (["evaluate", ENVIRONMENT, "--people", "martians"], "original, revised"),
+        (["evaluate", ENVIRONMENT, "--policy", "nope"], "original, revised, or the path"),
+        (["evaluate", ENVIRONMENT, "--policy", "no/such.safetensors"], "original, revised, or the path"),
+        (["evaluate", ENVIRONMENT, "--policy", "."], "original, revised, or the path"),
+        (["evaluate", ENVIRONMENT, "--json", "no/such/folder.json"], "no folder no/such"),
+        (["evaluate", ENVIRONMENT, "--policy", "zero", "--episodes", "1", "--json", "."], "."),
+        (["envs", "--json", "no/such/folder.json"], "no/such"),
+        (["train", "avrgym/Nope-v1"], ENVIRONMENT),
+        (["serve", "--env", "avrgym/Nope-v1"], ENVIRONMENT),
+        (["serve", "--person", "child"], "man and woman"),
+        (["serve", "--policy", "nope"], "original, revised, or the path"),
+        (["serve", "--host", "no.such.host.invalid"], "--host"),
+    ],
+    ids=lambda part: " ".join(part) if isinstance(part, list) else "",
+)
+def test_a_wrong_name_is_answered_with_the_right_ones(arguments: list[str], allowed: str) -> None:
+    assert allowed in complaint(avrgym(*arguments))
+
+
+@pytest.mark.parametrize("content", [b"", b"nonsense" * 100, b"\x08" + b"\x00" * 7 + b"{}      "])
+def test_a_file_that_is_no_policy_is_refused(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "policy.safetensors"
+    file.write_bytes(content)
+    for command in (["evaluate", ENVIRONMENT], ["serve"]):
+        line = complaint(avrgym(*command, "--policy", file))
+        assert str(file) in line
+
+
+def test_a_folder_that_holds_a_training_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    (tmp_path / "configuration.json").write_text("{}")
+    assert "choose another folder" in complaint(avrgym("train", ENVIRONMENT, "--out", tmp_path))
+    wrong = avrgym("train", ENVIRONMENT, "--people", "martians", "--out", tmp_path / "new")
+    assert "original, revised" in complaint(wrong)
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_port_in_use_is_named(used_port: int) -> None:
+    line = complaint(avrgym("serve", "--port", used_port))
+    assert f"127.0.0.1:{used_port}" in line
+    assert "--port" in line
+
+
+def test_a_demonstration_does_not_go_into_a_file(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("")
+    assert "out" in complaint(avrgym("demo", "--out", tmp_path / "out"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["evaluate", ENVIRONMENT, "--episodes", "0"], "--episodes"),
+        (["evaluate", ENVIRONMENT, "--seed", "-1"], "--seed"),
+        (["serve", "--port", "65536"], "--port"),
+        (["serve", "--trials", "0"], "--trials"),
+        (["train"], "env"),
+        (["train", ENVIRONMENT, "--steps", "many"], "--steps"),
+        (["nope"], "nope"),
+    ],
+    ids=lambda part: " ".join(part) if isinstance(part, list) else "",
+)
+def test_wrong_usage_is_named(arguments: list[str], named: str) -> None:
+    result = avrgym(*arguments)
+    assert result.exit_code == 2
+    assert named in result.stderr.partition("Error")[2].lower()
+    assert "Traceback" not in result.output
+
+
+# The program itself ------------------------------------------------------------------------------------------
+
+
+def test_serve_prints_its_address_and_stops_on_request(tmp_path: Path) -> None:
+    program = Path(sys.executable).with_name("avrgym")
+    command = [program, "serve", "--port", "0", "--study", tmp_path / "study"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None
+        address = next(line.strip() for line in running.stdout if "/#token=" in line)
+        assert httpx.get(address.partition("#")[0], timeout=60.0).status_code == 200
+        running.send_signal(signal.SIGINT)
+        rest, errors = running.communicate(timeout=60.0)
+    assert running.returncode == 0
+    assert "stopped" in rest
+    assert errors == ""
+    assert not (tmp_path / "study").exists()
