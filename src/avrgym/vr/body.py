@@ -78,7 +78,7 @@ def torso_angles(person: Person, head: Pose) -> Array:
 
 
 DAMPING = 0.08
-MAX_TURN_RAD = 0.08
+MAX_TURN_RAD = 0.033
 METRES_PER_RADIAN = 0.15
 POSTURE_GAIN = 0.02
 ITERATIONS = 3

@@ -1,0 +1,158 @@
+"""Laws of the way from head and hands to the joints of the simulated body."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from avrgym import transforms
+from avrgym.models import human
+from avrgym.models.human import JOINTS, LOWER_RAD, SEATED_RAD, SEXES, UPPER_RAD, Person
+from avrgym.vr.body import BodyPose, BodySolver, seated_head_centre, torso_angles, torso_height
+from avrgym.vr.webxr import Pose
+
+MIRROR = np.array([-1.0 if name.endswith(("_y", "_z")) else 1.0 for name in JOINTS])
+LEFT_RIGHT = [list(JOINTS).index(_swapped) for _swapped in (
+    name.replace("right_", "*").replace("left_", "right_").replace("*", "left_") for name in JOINTS
+)]  # fmt: skip
+CONVERGED_FRAMES = 80
+WORKING_RAD = np.radians([5, 5, 5, 15, 10, 20, *[10, 20, 20, 25, 20, 10, 10] * 2])
+"""How far from the seated pose people move who sit at a table."""
+
+
+class Skeleton:
+    """Forward kinematics of a person, to make poses and to measure what the solver did."""
+
+    def __init__(self, person: Person) -> None:
+        spec = mujoco.MjSpec()
+        spec.compiler.degree = False
+        human.add_person(spec, person, moving=True, appearance=False)
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+
+    def pose(self, angles_rad: np.ndarray) -> BodyPose:
+        self.data.qpos[:] = angles_rad
+        mujoco.mj_kinematics(self.model, self.data)
+        head, left, right = (
+            Pose(
+                self.data.site(f"{human.PREFIX}{site}").xpos.copy(),
+                transforms.normalize(self.data.body(f"{human.PREFIX}{body}").xquat),
+            )
+            for site, body in (
+                ("head_centre", "head"), ("left_hand_centre", "left_hand"), ("right_hand_centre", "right_hand"),
+            )
+        )  # fmt: skip
+        return BodyPose(head, left, right)
+
+
+def distance(a: Pose | None, b: Pose | None) -> float:
+    assert a is not None
+    assert b is not None
+    return float(np.linalg.norm(a.pos_w - b.pos_w))
+
+
+def turn_deg(a: Pose | None, b: Pose | None) -> float:
+    assert a is not None
+    assert b is not None
+    return float(np.degrees(transforms.angle_between(a.q_w, b.q_w)))
+
+
+def mirrored(pose: Pose) -> Pose:
+    w, x, y, z = pose.q_w
+    return Pose(pose.pos_w * [-1, 1, 1], np.array([w, x, -y, -z]))
+
+
+def working_poses(rng: np.random.Generator, count: int) -> list[np.ndarray]:
+    poses = SEATED_RAD + WORKING_RAD * rng.uniform(-1, 1, (count, len(JOINTS)))
+    poses[:, list(JOINTS).index("waist_z")] = 0.0
+    return list(np.clip(poses, LOWER_RAD, UPPER_RAD))
+
+
+@pytest.mark.parametrize("sex", SEXES)
+@pytest.mark.parametrize("height_m", [0.46, 0.54, 0.66])
+def test_upright_gives_zero(sex: human.Sex, height_m: float) -> None:
+    person = Person(sex, height_m)
+    head = Pose(seated_head_centre(person), transforms.IDENTITY_QUATERNION)
+    np.testing.assert_allclose(torso_angles(person, head), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("sex", SEXES)
+def test_the_torso_height_is_what_the_head_stands_above_the_hips(sex: human.Sex) -> None:
+    for height_m in (0.45, 0.54, 0.70):
+        assert torso_height(sex, seated_head_centre(Person(sex, height_m))[2]) == pytest.approx(height_m)
+    with pytest.raises(ValueError, match=r"3\.00 m above the floor; .* 1\.\d\d m"):
+        torso_height(sex, 3.0)
+
+
+@pytest.mark.parametrize("sex", SEXES)
+def test_head_and_hands_come_to_where_they_are(sex: human.Sex, rng: np.random.Generator) -> None:
+    person = Person(sex, 0.56)
+    skeleton, solver = Skeleton(person), BodySolver(person)
+    for wanted_rad in working_poses(rng, 12):
+        wanted = skeleton.pose(wanted_rad)
+        angles = SEATED_RAD
+        for _ in range(CONVERGED_FRAMES):
+            angles = solver.solve(wanted, angles)
+        reached = skeleton.pose(angles)
+        assert distance(reached.head, wanted.head) < 0.001
+        assert turn_deg(reached.head, wanted.head) < 0.1
+        for hand, target in ((reached.left, wanted.left), (reached.right, wanted.right)):
+            assert distance(hand, target) < 0.01
+            assert turn_deg(hand, target) < 5.0
+
+
+def test_the_head_follows_leans_along_the_arc_of_a_rigid_torso() -> None:
+    person = Person("man", 0.60)
+    skeleton, solver = Skeleton(person), BodySolver(person)
+    for forward_deg in (-25.0, 10.0, 30.0):
+        for sideways_deg in (-25.0, 0.0, 25.0):
+            wanted = skeleton.pose(human.joint_angles(waist_x=forward_deg, waist_y=sideways_deg))
+            reached = skeleton.pose(solver.solve(wanted, SEATED_RAD))
+            assert distance(reached.head, wanted.head) < 1e-6
+
+
+def test_waist_and_head_share_the_yaw_three_to_seven() -> None:
+    person = Person("woman", 0.54)
+    yaw = transforms.from_axis_angle(human.Z, np.asarray(0.5))
+    angles = torso_angles(person, Pose(seated_head_centre(person), yaw))
+    np.testing.assert_allclose(angles[[2, 5]], [0.15, 0.35], atol=1e-9)
+
+
+def test_no_frame_makes_a_joint_of_an_arm_jump(rng: np.random.Generator) -> None:
+    person = Person("woman", 0.54)
+    skeleton, solver = Skeleton(person), BodySolver(person)
+    angles = SEATED_RAD
+    for wanted_rad in working_poses(rng, 10):
+        before = angles
+        angles = solver.solve(skeleton.pose(wanted_rad), before)
+        assert np.abs(angles - before)[6:].max() <= 0.1
+
+
+def test_left_and_right_mirror_each_other(rng: np.random.Generator) -> None:
+    person = Person("woman", 0.54)
+    skeleton, solver = Skeleton(person), BodySolver(person)
+    for wanted_rad in working_poses(rng, 5):
+        wanted = skeleton.pose(wanted_rad)
+        assert wanted.left is not None
+        assert wanted.right is not None
+        reflected = BodyPose(mirrored(wanted.head), mirrored(wanted.right), mirrored(wanted.left))
+        angles, other = solver.solve(wanted, SEATED_RAD), solver.solve(reflected, SEATED_RAD)
+        np.testing.assert_allclose(other, (angles * MIRROR)[LEFT_RIGHT], atol=1e-9)
+
+
+def test_a_hand_that_is_not_tracked_stays() -> None:
+    person = Person("woman", 0.54)
+    wanted = Skeleton(person).pose(human.joint_angles(right_elbow_x=-60.0, left_elbow_x=-60.0))
+    angles = BodySolver(person).solve(BodyPose(wanted.head, None, wanted.right), SEATED_RAD)
+    left = [i for i, name in enumerate(JOINTS) if name.startswith("left_")]
+    np.testing.assert_array_equal(angles[left], SEATED_RAD[left])
+    assert not np.array_equal(angles, SEATED_RAD)
+
+
+def test_angles_stay_within_their_ranges_whatever_is_asked(rng: np.random.Generator) -> None:
+    solver, angles = BodySolver(Person()), SEATED_RAD
+    for _ in range(30):
+        poses = [Pose(rng.uniform(-2, 2, 3), transforms.normalize(rng.normal(size=4))) for _ in range(3)]
+        angles = solver.solve(BodyPose(*poses), angles)
+        assert np.isfinite(angles).all()
+        assert (angles >= LOWER_RAD).all()
+        assert (angles <= UPPER_RAD).all()
