@@ -103,8 +103,8 @@ class BodySolver:
     def solve(self, pose: BodyPose, start_rad: Array) -> Array:
         """Joint angles (20,) within their ranges that bring head and hands to ``pose``.
 
-        Waist and head follow at once; arms go at most 0.08 rad nearer per iteration, from ``start_rad``
-        (20,).
+        Waist and head follow at once; arms turn at most 0.1 rad per joint, from ``start_rad`` (20,), so that
+        no single frame makes them jump.
         """
         angles = np.array(start_rad, float)
         angles[_WAIST + _HEAD] = torso_angles(self.person, pose.head)
