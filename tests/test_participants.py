@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from avrgym.models import human
 from avrgym.models.human import SEXES, Sex
 from avrgym.participants import SimulatedParticipant, draw_traits
+from avrgym.study.questionnaire import LIKERT_ITEMS
+from avrgym.study.recording import read_recording
 from avrgym.vr.attendance import InProcessAttendance
 from avrgym.vr.messages import Tracking, XRPose, decode_client, encode
 from avrgym.vr.session import Session
@@ -111,6 +113,22 @@ def test_answers_follow_what_was_seen() -> None:
 
     assert mean(True) > 5.0
     assert mean(False) < 3.0
+
+
+def test_a_participant_sits_through_a_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("avrgym.vr.session.EPISODE_STEPS", 5)
+    phases: list[str] = []
+    attendance = InProcessAttendance(participant(1), phases.append)
+    session = Session(plan(practice=True, seeds=(1, 2)), {"drive": DRIVE}, tmp_path, attendance.hear, "whole")
+    attendance.run(session)
+    assert phases[-1] == "finished (trial 2 of 2)"
+    practice, trial = (read_recording(path) for path in session.recordings)
+    assert practice.complete
+    assert trial.complete
+    assert [answer.item for _, answer in trial.topics["/answers"]] == [item.id for item in LIKERT_ITEMS]
+    assert all(
+        answer.response_time_s == pytest.approx(1.5, abs=0.05) for _, answer in trial.topics["/answers"]
+    )
 
 
 def test_a_participant_who_cannot_begin_gives_up_in_words(tmp_path: Path) -> None:

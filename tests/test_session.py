@@ -352,6 +352,11 @@ def test_who_goes_away_is_waited_for_and_a_running_trial_is_interrupted(
     results = [recording.outcome and recording.outcome["result"] for recording in gone.recordings()]
     expected = {"paused": ["stopped"], "finished": ["completed"]} | {p: ["interrupted"] for p in RUNNING}
     assert results == expected.get(phase, [])
+    if phase == "trial":
+        (recording,) = gone.recordings()
+        driving, halted = (Replica(recording).arm_ctrl(state) for state in states(recording)[-2:])
+        assert driving.any()
+        assert not halted.any()
     gone.tick(2)
 
 
