@@ -60,7 +60,7 @@ JACO = Robot(
         transforms.from_axis_angle([1.0, 0.0, 0.0], np.radians(30.0)),
     ),
     fingers=("finger_1", "finger_2", "finger_3"),
-    finger_angle_rad=0.9,
+    finger_angle_rad=1.2,
     seed_pose_rad=np.radians([-173.0, 259.0, 0.0, 269.0, 89.0, 121.0, 79.0]),
 )
 
