@@ -90,7 +90,7 @@ def serve(
     study: Annotated[Path, typer.Option(help="The folder that recordings go into.", metavar="DIR")] = Path(
         "study"
     ),
-    host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
+    host: Annotated[str, typer.Option(help="The address to listen on: this machine only.")] = "127.0.0.1",
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
     ] = 8000,

@@ -24,7 +24,7 @@ class Robot:
     those of the public description. ``inertia_kg_m2`` (7,) is what each joint has to turn at the seed pose,
     its motor included; its servo is tuned for it. ``hand_q`` turns the end effector's frame into the frame of
     tools held across the palm like a rod (x towards the tool, z up when the hand reaches in from the side).
-    ``finger_angle_rad`` closes the fingers on a tool's handle. ``seed_pose_rad`` (7,) is a pose with free
+    ``finger_angles_rad`` turns bodies of the fingers so that their tips hold a handle. ``seed_pose_rad`` (7,) is a pose with free
     space around it, where inverse kinematics starts.
     """
 
@@ -39,8 +39,7 @@ class Robot:
     stiffness_n_m_rad: NDArray[np.float64]
     inertia_kg_m2: NDArray[np.float64]
     hand_q: NDArray[np.float64]
-    fingers: tuple[str, ...]
-    finger_angle_rad: float
+    finger_angles_rad: Mapping[str, float]
     seed_pose_rad: NDArray[np.float64]
 
 
@@ -59,8 +58,14 @@ JACO = Robot(
         transforms.from_matrix([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
         transforms.from_axis_angle([1.0, 0.0, 0.0], np.radians(30.0)),
     ),
-    fingers=("finger_1", "finger_2", "finger_3"),
-    finger_angle_rad=1.2,
+    finger_angles_rad={
+        "finger_1": 1.20,
+        "finger_tip_1": 0.90,
+        "finger_2": 0.95,
+        "finger_tip_2": 0.85,
+        "finger_3": 1.05,
+        "finger_tip_3": 0.95,
+    },  # fmt: skip
     seed_pose_rad=np.radians([-173.0, 259.0, 0.0, 269.0, 89.0, 121.0, 79.0]),
 )
 
@@ -108,13 +113,20 @@ def robot_spec(robot: Robot, *, appearance: bool) -> mujoco.MjSpec:
 
 
 def _close_fingers(spec: mujoco.MjSpec, robot: Robot) -> None:
-    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(robot.finger_angle_rad))
-    for name in robot.fingers:
+    for name, angle in robot.finger_angles_rad.items():
         body = spec.body(name)
-        orientation = np.zeros(4)
-        mujoco.mju_euler2Quat(orientation, np.asarray(body.alt.euler, float), "XYZ")
+        turn = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(angle))
+        body.quat = transforms.multiply(_orientation(body), turn)
         body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-        body.quat = transforms.multiply(orientation, turn)
+
+
+def _orientation(body: mujoco.MjsBody) -> NDArray[np.float64]:
+    """A body's quaternion (4,), whether the file gives it as such or as angles about fixed axes."""
+    if body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
+        return np.array(body.quat)
+    orientation = np.zeros(4)
+    mujoco.mju_euler2Quat(orientation, np.asarray(body.alt.euler, float), "XYZ")
+    return orientation
 
 
 def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:

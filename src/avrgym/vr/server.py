@@ -32,6 +32,7 @@ from avrgym.vr.session import Disconnected, Session
 from avrgym.vr.world import TICK_S
 
 STATIC = Path(__file__).parent / "static"
+LOOPBACK = ("127.0.0.1", "localhost")
 HELLO_TIMEOUT_S = 5.0
 MAX_MESSAGE_BYTES = 1 << 16
 OUTBOX_MESSAGES = 1000
@@ -313,7 +314,7 @@ class LiveServer:
             self._socket.close()
             raise
         self._renderer = SceneRenderer()
-        app = create_app(self.loop, hub, self.token, [host, "localhost", "127.0.0.1"], self._renderer)
+        app = create_app(self.loop, hub, self.token, list(LOOPBACK), self._renderer)
         configuration = uvicorn.Config(
             app,
             log_level="warning",
@@ -359,15 +360,19 @@ class LiveServer:
 
 
 def _bind(host: str, port: int) -> socket.socket:
+    if host not in LOOPBACK:
+        raise ServerError(
+            f"--host {host} is not this machine's own address; allowed: {' and '.join(LOOPBACK)}, which a "
+            "headset reaches over USB, because browsers allow VR only on secure pages"
+        )
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
         listener.listen()
-    except (OSError, UnicodeError) as error:
+    except OSError as error:
         listener.close()
-        reason = getattr(error, "strerror", None) or error
         raise ServerError(
-            f"cannot listen on {host}:{port} ({reason}); choose another --host or --port; port 0 takes a free one"
+            f"cannot listen on {host}:{port} ({error.strerror}); choose another --port; 0 takes a free one"
         ) from error
     return listener
