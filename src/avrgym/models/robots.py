@@ -24,8 +24,8 @@ class Robot:
     those of the public description. ``inertia_kg_m2`` (7,) is what each joint has to turn at the seed pose,
     its motor included; its servo is tuned for it. ``hand_q`` turns the end effector's frame into the frame of
     tools held across the palm like a rod (x towards the tool, z up when the hand reaches in from the side).
-    ``finger_angles_rad`` turns bodies of the fingers so that their tips hold a handle. ``seed_pose_rad`` (7,) is a pose with free
-    space around it, where inverse kinematics starts.
+    ``finger_angles_rad`` turns bodies of the fingers so that their tips hold a handle. ``seed_pose_rad`` (7,) is
+    a pose with free space around it, where inverse kinematics starts.
     """
 
     name: str
@@ -65,7 +65,7 @@ JACO = Robot(
         "finger_tip_2": 0.85,
         "finger_3": 1.05,
         "finger_tip_3": 0.95,
-    },  # fmt: skip
+    },
     seed_pose_rad=np.radians([-173.0, 259.0, 0.0, 269.0, 89.0, 121.0, 79.0]),
 )
 
