@@ -67,6 +67,7 @@ class EmulatedHeadset:
             ) from error
         self.page = self._browser.new_page(viewport={"width": width, "height": height})
         self.page.goto(url.replace("/#", "/?emulate=1#"))
+        self.page.wait_for_function("() => window.avrgymEmulator !== undefined", timeout=1000 * PATIENCE_S)
 
     def __enter__(self) -> "EmulatedHeadset":
         return self
