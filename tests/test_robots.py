@@ -2,6 +2,7 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.spatial import KDTree
 
 import xacro
 from avrgym.models.robots import JACO, find_robot, robot_spec
@@ -57,6 +58,52 @@ def test_appearance_changes_nothing_that_moves():
     assert_allclose(plain.body_inertia, dressed.body_inertia)
     assert_allclose(plain.body_pos, dressed.body_pos)
     assert_allclose(plain.body_quat, dressed.body_quat)
+
+
+@pytest.mark.parametrize("finger", [1, 2, 3])
+def test_the_fingertips_hold_the_handle(grip, finger):
+    """Each tip is within 3 mm of the spoon's handle, at angles that the real fingers have."""
+    gaps, _ = KDTree(grip["handle"]).query(grip[f"finger_tip_{finger}"])
+    assert gaps.min() < 0.003
+    assert 0.0 <= JACO.finger_angles_rad[f"finger_{finger}"] <= 1.51
+    assert 0.0 <= JACO.finger_angles_rad[f"finger_tip_{finger}"] <= 2.0
+
+
+def test_the_handle_runs_between_thumb_and_fingers(grip):
+    def side(tip: str) -> np.ndarray:
+        """Unit vector from the handle to the nearest point of a fingertip."""
+        gaps, nearest = KDTree(grip["handle"]).query(grip[tip])
+        away = grip[tip][gaps.argmin()] - grip["handle"][nearest[gaps.argmin()]]
+        return away / np.linalg.norm(away)
+
+    assert side("finger_tip_1") @ side("finger_tip_2") < -0.5
+    assert side("finger_tip_1") @ side("finger_tip_3") < -0.5
+
+
+@pytest.fixture(scope="module")
+def grip(feeding_stage) -> dict[str, np.ndarray]:
+    """Points (n, 3) on the skins of the fingertips and of the spoon's handle, metres."""
+    model = robot_with_tool(feeding_stage, appearance=True).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    points = {}
+    for geom in range(model.ngeom):
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.geom_dataid[geom]
+            name = model.body(model.geom_bodyid[geom]).name
+            name = "handle" if model.mesh(mesh).name == "spoon_handle_skin" else name
+            frame = data.geom_xmat[geom].reshape(3, 3)
+            points[name] = _on_surface(model, mesh) @ frame.T + data.geom_xpos[geom]
+    return points
+
+
+def _on_surface(model: mujoco.MjModel, mesh: int) -> np.ndarray:
+    """Twelve points along every edge of a mesh's triangles."""
+    vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+    corners = vertices[model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]]
+    share = np.linspace(0.0, 1.0, 12)[:, None, None, None]
+    along = share * corners + (1.0 - share) * np.roll(corners, 1, axis=1)
+    return along.reshape(-1, 3)
 
 
 def test_an_unknown_robot_names_the_robots():

@@ -59,12 +59,12 @@ JACO = Robot(
         transforms.from_axis_angle([1.0, 0.0, 0.0], np.radians(30.0)),
     ),
     finger_angles_rad={
-        "finger_1": 1.20,
-        "finger_tip_1": 0.90,
-        "finger_2": 0.95,
-        "finger_tip_2": 0.85,
-        "finger_3": 1.05,
-        "finger_tip_3": 0.95,
+        "finger_1": 1.40,
+        "finger_tip_1": 0.40,
+        "finger_2": 1.05,
+        "finger_tip_2": 0.35,
+        "finger_3": 1.20,
+        "finger_tip_3": 0.30,
     },
     seed_pose_rad=np.radians([-173.0, 259.0, 0.0, 269.0, 89.0, 121.0, 79.0]),
 )
