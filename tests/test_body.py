@@ -1,5 +1,7 @@
 """Laws of the way from head and hands to the joints of the simulated body."""
 
+import itertools
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import pytest
 from avrgym import transforms
 from avrgym.models import human
 from avrgym.models.human import JOINTS, LOWER_RAD, SEATED_RAD, SEXES, UPPER_RAD, Person
-from avrgym.vr.body import BodyPose, BodySolver, seated_head_centre, torso_angles, torso_height
+from avrgym.vr.body import RELAXED_RAD, BodyPose, BodySolver, seated_head_centre, torso_angles, torso_height
 from avrgym.vr.webxr import Pose
 
 MIRROR = np.array([-1.0 if name.endswith(("_y", "_z")) else 1.0 for name in JOINTS])
@@ -110,6 +112,48 @@ def test_the_head_follows_leans_along_the_arc_of_a_rigid_torso() -> None:
             assert distance(reached.head, wanted.head) < 1e-6
 
 
+WOMAN = Person("woman", 0.54)
+WAIST_TO_HEAD_M = 0.54 - 0.075
+"""The waist joints lie 7.5 cm above the hips."""
+
+
+def head_error_m(head: Pose) -> float:
+    angles = BodySolver(WOMAN).solve(BodyPose(head, None, None), SEATED_RAD)
+    return distance(Skeleton(WOMAN).pose(angles).head, head)
+
+
+def lean(direction_deg: float, shift_m: float, radius_m: float) -> Pose:
+    """The head after leaning, rigid with the torso, about a point ``radius_m`` below its centre."""
+    heading = np.radians(direction_deg)
+    axis = np.array([np.cos(heading), np.sin(heading), 0.0])
+    q = transforms.from_axis_angle(axis, np.arcsin(shift_m / radius_m))
+    pivot = seated_head_centre(WOMAN) - [0.0, 0.0, radius_m]
+    return Pose(pivot + transforms.rotate(q, [0.0, 0.0, radius_m]), q)
+
+
+@pytest.mark.parametrize(
+    ("direction_deg", "shift_m"), [(0, 0.1), (0, 0.3), (90, 0.2), (180, 0.2), (270, 0.2), (45, 0.25)]
+)
+def test_leans_about_the_waist_are_followed(direction_deg: float, shift_m: float) -> None:
+    """As far as the waist bends: 30 cm forward, 20 cm sideways and back."""
+    assert head_error_m(lean(direction_deg, shift_m, WAIST_TO_HEAD_M)) < 0.001
+
+
+def test_leans_about_the_hips_are_followed_within_one_and_a_half_centimetres() -> None:
+    """People bend at the hips too; the model's waist lies higher, so its arc is shorter."""
+    assert head_error_m(lean(0.0, 0.2, 0.54)) < 0.007
+    assert head_error_m(lean(0.0, 0.3, 0.54)) < 0.015
+
+
+@pytest.mark.parametrize(("shift_m", "error_m"), [(0.1, 0.012), (0.2, 0.047), (0.3, 0.100)])
+def test_a_head_that_shifts_level_is_out_of_reach_of_a_torso_that_cannot_stretch(
+    shift_m: float, error_m: float
+) -> None:
+    shifted = seated_head_centre(WOMAN) - np.array([0.0, shift_m, 0.0])
+    head = Pose(shifted, transforms.IDENTITY_QUATERNION)
+    assert head_error_m(head) == pytest.approx(error_m, abs=0.001)
+
+
 def test_waist_and_head_share_the_yaw_three_to_seven() -> None:
     person = Person("woman", 0.54)
     yaw = transforms.from_axis_angle(human.Z, np.asarray(0.5))
@@ -125,6 +169,55 @@ def test_no_frame_makes_a_joint_of_an_arm_jump(rng: np.random.Generator) -> None
         before = angles
         angles = solver.solve(skeleton.pose(wanted_rad), before)
         assert np.abs(angles - before)[6:].max() <= 0.1
+
+
+def both_arms(**degrees: float) -> np.ndarray:
+    """A pose of the right arm, its mirror image for the left, and other joints as named."""
+    pose = dict(degrees)
+    for name in degrees:
+        if name.startswith("right_"):
+            sign = 1.0 if name.endswith("x") else -1.0
+            pose[name.replace("right", "left")] = sign * degrees[name]
+    return human.joint_angles(**pose)
+
+
+JOURNEY = (
+    RELAXED_RAD,
+    both_arms(
+        right_shoulder_y=15, right_shoulder_x=10, right_elbow_x=-85, right_forearm_z=-20
+    ),  # on armrests
+    both_arms(
+        right_shoulder_y=10, right_shoulder_x=-75, right_elbow_x=-25, waist_x=10, head_x=-10
+    ),  # forward
+    both_arms(right_shoulder_y=25, right_shoulder_x=-120, right_elbow_x=-50),  # up
+    both_arms(right_shoulder_y=60, right_shoulder_x=-20, right_elbow_x=-40, right_wrist_y=10),  # to the side
+    both_arms(
+        right_shoulder_y=25, right_shoulder_z=30, right_shoulder_x=-20, right_elbow_x=-110
+    ),  # to the chest
+    both_arms(
+        right_shoulder_y=30, right_shoulder_x=-50, right_elbow_x=-118, head_x=10, right_wrist_x=20
+    ),  # mouth
+    both_arms(right_shoulder_y=12, right_shoulder_x=-25, right_elbow_x=-80, right_forearm_z=-70),  # palms up
+    both_arms(right_shoulder_y=10, right_shoulder_x=-20, head_z=40, waist_y=10, waist_z=15),  # looking aside
+    RELAXED_RAD,
+)
+
+
+def test_smooth_movements_are_followed_without_a_jump() -> None:
+    """From pose to pose in 1 s each at 100 Hz: no joint turns by 0.1 rad in a frame, hands stay within 1 cm and 5°."""
+    skeleton, solver = Skeleton(WOMAN), BodySolver(WOMAN)
+    angles = RELAXED_RAD
+    for start, end in itertools.pairwise(JOURNEY):
+        for share in np.linspace(0.0, 1.0, 100):
+            least_jerk = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+            wanted = skeleton.pose(start + least_jerk * (end - start))
+            before, angles = angles, solver.solve(wanted, angles)
+            reached = skeleton.pose(angles)
+            assert np.abs(angles - before).max() < 0.1
+            assert distance(reached.head, wanted.head) < 0.001
+            for hand, target in ((reached.left, wanted.left), (reached.right, wanted.right)):
+                assert distance(hand, target) < 0.01
+                assert turn_deg(hand, target) < 5.0
 
 
 def test_left_and_right_mirror_each_other(rng: np.random.Generator) -> None:

@@ -72,7 +72,7 @@ def test_the_fingertips_hold_the_handle(grip, finger):
 def test_the_handle_runs_between_thumb_and_fingers(grip):
     def side(tip: str) -> np.ndarray:
         """Unit vector from the handle to the nearest point of a fingertip."""
-        gaps, nearest = KDTree(grip["handle"]).query(grip[tip])
+        gaps, nearest = map(np.asarray, KDTree(grip["handle"]).query(grip[tip]))
         away = grip[tip][gaps.argmin()] - grip["handle"][nearest[gaps.argmin()]]
         return away / np.linalg.norm(away)
 
