@@ -37,7 +37,7 @@ needs_graphics = pytest.mark.skipif(not can_draw(), reason="no graphics library 
 @pytest.mark.parametrize("environment_id", ENVIRONMENTS)
 def test_every_environment_passes_the_checker(environment_id):
     """Warnings are errors here."""
-    check_env(gym.make(environment_id).unwrapped)
+    check_env(gym.make(environment_id).unwrapped, skip_render_check=True)
 
 
 @needs_graphics
@@ -254,11 +254,9 @@ def test_many_worlds_have_a_picture_each():
 
 
 def test_where_nothing_can_be_drawn_the_error_says_what_to_set(monkeypatch):
-    def fail(*_args):
-        raise AttributeError("no library")
-
-    monkeypatch.setattr("mujoco.Renderer", fail)
+    monkeypatch.setattr("avrgym.rendering._graphics_error", lambda: "no library")
     env = AssistiveEnv(FEEDING, render_mode="rgb_array")
     env.reset(seed=0)
-    with pytest.raises(RuntimeError, match=r"MUJOCO_GL=egl .* MUJOCO_GL=osmesa"):
-        env.render()
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match=r"MUJOCO_GL=egl .* MUJOCO_GL=osmesa .*; no library"):
+            env.render()

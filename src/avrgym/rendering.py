@@ -1,6 +1,7 @@
 """Pictures of a world: the scene with the person's clothed body, seen by a camera."""
 
 import warnings
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -82,12 +83,22 @@ def _shown() -> mujoco.MjvOption:
 
 
 def _renderer(model: mujoco.MjModel) -> mujoco.Renderer:
+    error = _graphics_error()
+    if error is not None:
+        raise RuntimeError(
+            "no picture can be drawn here: set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa "
+            f"(software) in the environment before Python starts; {error}"
+        )
+    return mujoco.Renderer(model, HEIGHT_PX, WIDTH_PX)
+
+
+@cache
+def _graphics_error() -> str | None:
+    """Why nothing can be drawn, found out once: a second try without a graphics library would end the process."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return mujoco.Renderer(model, HEIGHT_PX, WIDTH_PX)
+            mujoco.Renderer(mujoco.MjSpec().compile(), 1, 1).close()
     except Exception as error:  # each graphics library has exceptions of its own
-        raise RuntimeError(
-            "no picture can be drawn here: set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa "
-            "(software) in the environment before Python starts"
-        ) from error
+        return f"{type(error).__name__}: {error}"
+    return None
