@@ -25,10 +25,7 @@ class Skeleton:
     """Forward kinematics of a person, to make poses and to measure what the solver did."""
 
     def __init__(self, person: Person) -> None:
-        spec = mujoco.MjSpec()
-        spec.compiler.degree = False
-        human.add_person(spec, person, moving=True, appearance=False)
-        self.model = spec.compile()
+        self.model = human.person_model(person, moving=True)
         self.data = mujoco.MjData(self.model)
 
     def pose(self, angles_rad: np.ndarray) -> BodyPose:

@@ -13,13 +13,6 @@ TORSO_HEIGHTS = np.linspace(0.40, 0.75, 15)
 OTHER_SIDE = {"right": "left", "left": "right"}
 
 
-def compiled(person: Person, *, moving: bool) -> mujoco.MjModel:
-    spec = mujoco.MjSpec()
-    spec.compiler.degree = False
-    human.add_person(spec, person, moving=moving, appearance=False)
-    return spec.compile()
-
-
 def mirrored(name: str) -> str:
     """The body or joint of the same name on the other side."""
     side, _, part = name.partition("_")
@@ -44,12 +37,12 @@ def single(person: Person) -> People:
 @pytest.mark.parametrize("sex", human.SEXES)
 @pytest.mark.parametrize("torso_height", [0.44, 0.60])
 def test_a_person_weighs_what_the_table_says(sex, torso_height):
-    model = compiled(Person(sex, torso_height), moving=True)
+    model = human.person_model(Person(sex, torso_height), moving=True)
     assert model.body_mass.sum() == pytest.approx(MASSES_KG[sex], rel=1e-9)
 
 
 def test_each_part_has_its_share_of_the_mass():
-    model = compiled(Person("man", 0.6), moving=True)
+    model = human.person_model(Person("man", 0.6), moving=True)
     share = {name: model.body(PREFIX + name).mass[0] / 78.4 for name in human.BODIES}
     expected = {"hips": 0.14, "torso": 0.13 + 0.10 + 2 * 0.05 + 0.01, "head": 0.07}
     parts = {
@@ -104,7 +97,7 @@ def test_the_layout_is_that_of_the_compiled_model(rng, moving):
     people = random_people(rng, 4)
     frames = human.layout(people.is_woman, people.torso_height_m)
     for i in range(4):
-        model = compiled(people.person(i), moving=moving)
+        model = human.person_model(people.person(i), moving=moving)
         for name in human.BODIES:
             assert_allclose(model.body(PREFIX + name).pos, frames.body_pos[name][i], atol=1e-12)
         for name in human.GEOMS:
@@ -119,7 +112,7 @@ def test_the_frames_are_those_of_mujoco(rng, moving):
     people = random_people(rng, 20)
     pos, q = human.body_frames(people)
     for i in range(20):
-        model = compiled(people.person(i), moving=moving)
+        model = human.person_model(people.person(i), moving=moving)
         data = mujoco.MjData(model)
         if moving:
             for name, angle in zip(JOINTS, people.joint_angles_rad[i], strict=True):
@@ -169,7 +162,7 @@ def test_twenty_joints_have_the_ranges_of_the_table():
 
 
 def test_the_moving_person_has_these_joints_ranges_and_torques():
-    model = compiled(Person(), moving=True)
+    model = human.person_model(Person(), moving=True)
     assert model.nq == model.nu == 20
     for name, joint in JOINTS.items():
         limits = np.radians([joint.lower_deg, joint.upper_deg])
@@ -179,7 +172,7 @@ def test_the_moving_person_has_these_joints_ranges_and_torques():
 
 
 def test_the_static_person_has_none():
-    model = compiled(Person(), moving=False)
+    model = human.person_model(Person(), moving=False)
     assert model.nq == model.nu == 0
 
 

@@ -61,10 +61,7 @@ class SimulatedParticipant:
         )
         self._phase = random.uniform(0.0, 2.0 * np.pi, 3)
         self._sequence = -1
-        spec = mujoco.MjSpec()
-        spec.compiler.degree = False
-        human.add_person(spec, Person(traits.sex, traits.torso_height_m), moving=True, appearance=False)
-        self._model = spec.compile()
+        self._model = human.person_model(Person(traits.sex, traits.torso_height_m), moving=True)
         self._data = mujoco.MjData(self._model)
 
     def frame(self, time_s: float, *, moving: bool) -> Tracking:

@@ -400,6 +400,14 @@ def body_frames(people: People) -> tuple[dict[str, Array], dict[str, Array]]:
     return pos_w, q_w
 
 
+def person_model(person: Person, *, moving: bool) -> mujoco.MjModel:
+    """A person alone, without what only pictures need; see ``add_person``."""
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    add_person(spec, person, moving=moving, appearance=False)
+    return spec.compile()
+
+
 def add_person(spec: mujoco.MjSpec, person: Person, *, moving: bool, appearance: bool) -> None:
     """Add a person to a scene, hips fixed to the world.
 

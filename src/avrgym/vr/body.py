@@ -91,11 +91,8 @@ class BodySolver:
     """
 
     def __init__(self, person: Person) -> None:
-        spec = mujoco.MjSpec()
-        spec.compiler.degree = False
-        human.add_person(spec, person, moving=True, appearance=False)
         self.person = person
-        self._model = spec.compile()
+        self._model = human.person_model(person, moving=True)
         self._data = mujoco.MjData(self._model)
         self._sites = {side: self._model.site(f"{human.PREFIX}{side}_hand_centre").id for side in _ARMS}
         self._jacobian = np.zeros((6, self._model.nv))
