@@ -41,19 +41,27 @@ def state(food: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> S
         head_pos_w=np.array([[0.0, 0.03, 1.25]]),
         head_q_w=identity,
         mouth_pos_w=MOUTH[None],
-        bowl_pos_w=BOWL[None],
+        right_arm_pos_w=np.zeros((1, 3, 3)),
+        right_arm_q_w=np.tile(identity, (1, 3, 1)),
+        placed_pos_w={BOWL_BODY: BOWL[None]},
         particle_pos_w=pieces[None],
         particle_velocity_w=np.zeros((1, 8, 3)),
         person_segment_w=np.array([[[[-0.1, 0.0, 1.0], [0.1, 0.0, 1.0]]]]),
         person_radius_m=np.array([[0.1]]),
         robot_force_n=np.zeros(1),
         tool_force_n=np.zeros(1),
+        tool_contact_pos_w=np.zeros((1, 6, 3)),
+        tool_contact_force_n=np.zeros((1, 6)),
     )
     return replace(plain, **changes)
 
 
+def fresh(count: int = 1) -> FeedingMemory:
+    return FEEDING.remember(people.repeat(Person(), count), np.zeros((count, FEEDING.uniforms)))
+
+
 def judged(seen: State, memory: FeedingMemory | None = None, action: np.ndarray = STILL) -> Outcome:
-    return FEEDING.judge(seen, action, memory or FEEDING.remember(1))
+    return FEEDING.judge(seen, action, memory or fresh())
 
 
 def term(outcome: Outcome, name: str) -> float:
@@ -188,10 +196,17 @@ def test_the_reward_is_the_weighted_sum():
 
 def test_worlds_are_judged_apart():
     worlds = [state({0: MOUTH}), state({0: ON_TABLE}), state()]
-    stacked = State(
-        **{name: np.concatenate([getattr(world, name) for world in worlds]) for name in vars(worlds[0])}
+    stacked = replace(
+        worlds[0],
+        particle_pos_w=np.concatenate([world.particle_pos_w for world in worlds]),
+        particle_velocity_w=np.zeros((3, 8, 3)),
+        tool_pos_w=np.tile(SPOON, (3, 1)),
+        mouth_pos_w=np.tile(MOUTH, (3, 1)),
+        placed_pos_w={BOWL_BODY: np.tile(BOWL, (3, 1))},
+        person_segment_w=np.tile(worlds[0].person_segment_w, (3, 1, 1, 1)),
+        person_radius_m=np.full((3, 1), 0.1),
     )
-    outcome = FEEDING.judge(stacked, np.zeros((3, 7)), FEEDING.remember(3))
+    outcome = FEEDING.judge(stacked, np.zeros((3, 7)), fresh(3))
     assert_array_equal(outcome.terms["food_in_mouth"], [1, 0, 0])
     assert_array_equal(outcome.terms["food_dropped"], [0, 1, 0])
 
@@ -212,7 +227,7 @@ def test_the_observation_has_the_documented_order():
     expected = np.concatenate(
         [SPOON - base, tool_q[0], SPOON - MOUTH, np.arange(7.0), seen.head_pos_w[0] - base, head_q[0], [9.0]]
     )
-    assert_allclose(FEEDING.observe(seen), expected[None])
+    assert_allclose(FEEDING.observe(seen, fresh()), expected[None])
     assert FEEDING.observation_size == len(expected) == 25
     assert [entry.size for entry in OBSERVED] == [3, 4, 3, 7, 3, 4, 1]
 
@@ -224,11 +239,11 @@ def test_episodes_begin_above_the_bowl_with_a_level_spoon():
     episodes = Episodes("avrgym/FeedingJaco-v1", 64, distribution="revised", num_threads=1)
     episodes.begin(np.arange(64), [np.random.default_rng(i) for i in range(64)])
     seen = episodes.simulation.state()
-    bowl = seen.bowl_pos_w - [-0.15, -0.55, 0.75]
+    bowl = seen.placed_pos_w[BOWL_BODY] - [-0.15, -0.55, 0.75]
     assert np.abs(bowl).max() <= 0.05
     assert np.abs(bowl).max(axis=0).min() > 0.04
-    hand = seen.tool_pos_w - transforms.rotate(seen.tool_q_w, [episodes.stage.tool.reach_m, 0.0, 0.0])
-    from_bowl = hand - seen.bowl_pos_w - [0.0, -0.1, 0.4]
+    hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.stage.tool.grip_pos)
+    from_bowl = hand - seen.placed_pos_w[BOWL_BODY] - [0.0, -0.1, 0.4]
     assert np.abs(from_bowl).max() <= 0.05 + 0.01
     assert_allclose(transforms.angle_between(seen.tool_q_w, SPOON_Q_W), 0.0, atol=0.05)
     assert_allclose(transforms.rotate(SPOON_Q_W, [1.0, 0.0, 0.0]), [0.0, 1.0, 0.0], atol=1e-12)
@@ -238,7 +253,7 @@ def test_a_start_says_where_the_bowl_is(rng, feeding_stage):
     uniforms = rng.random((3, FEEDING.uniforms))
     start = FEEDING.start(feeding_stage, people.repeat(Person(), 3), uniforms)
     assert_allclose(
-        start.body_pos_w[BOWL_BODY], np.array([-0.15, -0.55, 0.75]) + 0.1 * (uniforms[:, :3] - 0.5)
+        start.placed_pos_w[BOWL_BODY], np.array([-0.15, -0.55, 0.75]) + 0.1 * (uniforms[:, :3] - 0.5)
     )
 
 

@@ -24,7 +24,9 @@ def random_angles(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def random_people(rng: np.random.Generator, count: int) -> People:
-    return People(rng.random(count) < 0.5, rng.uniform(0.44, 0.70, count), random_angles(rng, count))
+    return People.unimpaired(
+        rng.random(count) < 0.5, rng.uniform(0.44, 0.70, count), random_angles(rng, count)
+    )
 
 
 def single(person: Person) -> People:
@@ -135,8 +137,8 @@ def test_left_and_right_mirror_each_other(rng):
     assert (reflected >= LOWER_RAD - 1e-12).all()
     assert (reflected <= UPPER_RAD + 1e-12).all()
     is_woman, heights = rng.random(50) < 0.5, rng.uniform(0.5, 0.6, 50)
-    pos, _ = human.body_frames(People(is_woman, heights, angles))
-    reflected_pos, _ = human.body_frames(People(is_woman, heights, reflected))
+    pos, _ = human.body_frames(People.unimpaired(is_woman, heights, angles))
+    reflected_pos, _ = human.body_frames(People.unimpaired(is_woman, heights, reflected))
     for name in human.BODIES:
         assert_allclose(reflected_pos[mirrored(name)], pos[name] * [-1.0, 1.0, 1.0], atol=1e-12)
 

@@ -7,7 +7,7 @@ import xacro
 from avrgym import kinematics, transforms
 from avrgym.models.robots import JACO, robot_spec
 from avrgym.models.scene import TOOL_BODY, robot_with_tool
-from avrgym.tasks.arm import arm_chain
+from avrgym.tasks.places import arm_chain
 
 COUNT = 1000
 
@@ -21,8 +21,8 @@ def arm(feeding_stage) -> kinematics.Chain:
 @pytest.fixture(scope="module")
 def hand() -> kinematics.Chain:
     """From the Jaco's base to its end effector."""
-    model = robot_spec(JACO, appearance=False).compile()
-    return kinematics.chain_of(model, JACO.arm_joints, JACO.base, JACO.end_effector)
+    model = robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
+    return kinematics.chain_of(model, JACO.arms["right"].joints, JACO.base, JACO.arms["right"].end_effector)
 
 
 def within_ranges(rng: np.random.Generator, chain: kinematics.Chain, count: int = COUNT) -> np.ndarray:
@@ -71,16 +71,16 @@ def test_the_jacobian_is_the_derivative(rng, arm):
 
 
 def test_a_chain_needs_its_joints_in_order():
-    model = robot_spec(JACO, appearance=False).compile()
-    swapped = ("joint_2", "joint_1", *JACO.arm_joints[2:])
+    model = robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
+    swapped = ("joint_2", "joint_1", *JACO.arms["right"].joints[2:])
     with pytest.raises(ValueError, match=r"are \('joint_1', 'joint_2', .*not \('joint_2', 'joint_1'"):
-        kinematics.chain_of(model, swapped, JACO.base, JACO.end_effector)
+        kinematics.chain_of(model, swapped, JACO.base, JACO.arms["right"].end_effector)
 
 
 def test_a_chain_needs_a_tip_that_the_base_carries():
-    model = robot_spec(JACO, appearance=False).compile()
+    model = robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
     with pytest.raises(ValueError, match="'base' is not carried by 'link_3'"):
-        kinematics.chain_of(model, JACO.arm_joints, "link_3", "base")
+        kinematics.chain_of(model, JACO.arms["right"].joints, "link_3", "base")
 
 
 # Inverse
@@ -120,7 +120,7 @@ def test_angles_stay_within_the_ranges(rng, arm):
     uniforms = rng.random((200, kinematics.RESTART_UNIFORMS))
     for angles in (
         kinematics.solve(arm, pos, q, start).angles_rad,
-        kinematics.solve_with_restarts(arm, pos, q, JACO.seed_pose_rad, uniforms),
+        kinematics.solve_with_restarts(arm, pos, q, JACO.arms["right"].seed_pose_rad, uniforms),
     ):
         assert (angles >= arm.lower_rad).all()
         assert (angles <= arm.upper_rad).all()
@@ -130,10 +130,10 @@ def test_angles_stay_within_the_ranges(rng, arm):
 def test_a_row_has_the_same_bits_alone_and_among_others(rng, arm):
     pos, q = kinematics.forward(arm, within_ranges(rng, arm, 64))
     uniforms = rng.random((64, kinematics.RESTART_UNIFORMS))
-    together = kinematics.solve_with_restarts(arm, pos, q, JACO.seed_pose_rad, uniforms)
+    together = kinematics.solve_with_restarts(arm, pos, q, JACO.arms["right"].seed_pose_rad, uniforms)
     for row in range(0, 64, 5):
         only = slice(row, row + 1)
-        alone = kinematics.solve_with_restarts(arm, pos[only], q[only], JACO.seed_pose_rad, uniforms[only])
+        alone = kinematics.solve_with_restarts(arm, pos[only], q[only], JACO.arms["right"].seed_pose_rad, uniforms[only])
         assert_array_equal(alone, together[only])
 
 
@@ -145,11 +145,11 @@ def reached(chain: kinematics.Chain, angles: np.ndarray, pos: np.ndarray, q: np.
 
 def test_restarts_help_and_never_harm(rng, arm):
     """Whatever one search from the seed pose reaches, the search with restarts does; and it reaches more."""
-    angles = JACO.seed_pose_rad + rng.uniform(-1.5, 1.5, (300, 7))
+    angles = JACO.arms["right"].seed_pose_rad + rng.uniform(-1.5, 1.5, (300, 7))
     pos, q = kinematics.forward(arm, np.clip(angles, arm.lower_rad, arm.upper_rad))
-    once = kinematics.solve(arm, pos, q, np.tile(JACO.seed_pose_rad, (300, 1))).angles_rad
+    once = kinematics.solve(arm, pos, q, np.tile(JACO.arms["right"].seed_pose_rad, (300, 1))).angles_rad
     uniforms = rng.random((300, kinematics.RESTART_UNIFORMS))
-    with_restarts = kinematics.solve_with_restarts(arm, pos, q, JACO.seed_pose_rad, uniforms)
+    with_restarts = kinematics.solve_with_restarts(arm, pos, q, JACO.arms["right"].seed_pose_rad, uniforms)
     before, after = reached(arm, once, pos, q), reached(arm, with_restarts, pos, q)
     assert (after | ~before).all()
     assert after.mean() > before.mean() + 0.05

@@ -4,6 +4,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym import people
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, SEATED_RAD, UPPER_RAD, Person
+from avrgym.tasks.base import HEAD_TURNED
 
 COUNT = 4000
 WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
@@ -20,7 +21,7 @@ def name(request) -> str:
 
 
 def sampled(name: str, rng: np.random.Generator, count: int = COUNT) -> people.People:
-    return people.sample(people.find_distribution(name), rng.random((count, people.UNIFORMS)))
+    return people.sample(people.find_distribution(name), HEAD_TURNED, rng.random((count, people.UNIFORMS)))
 
 
 def assert_fills(values: np.ndarray, low: float, high: float) -> None:
@@ -67,9 +68,9 @@ def test_joints_and_torso_height_are_drawn_independently(rng):
 def test_the_same_numbers_make_the_same_person_in_any_company(rng, name):
     uniforms = rng.random((50, people.UNIFORMS))
     distribution = people.find_distribution(name)
-    together = people.sample(distribution, uniforms)
+    together = people.sample(distribution, HEAD_TURNED, uniforms)
     for i in (0, 17, 49):
-        alone = people.sample(distribution, uniforms[i : i + 1])
+        alone = people.sample(distribution, HEAD_TURNED, uniforms[i : i + 1])
         assert_array_equal(alone.is_woman, together.is_woman[[i]])
         assert_array_equal(alone.torso_height_m, together.torso_height_m[[i]])
         assert_array_equal(alone.joint_angles_rad, together.joint_angles_rad[[i]])

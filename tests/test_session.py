@@ -70,7 +70,7 @@ class Replica:
         episodes.begin(np.array([0]), [np.random.default_rng(recording.metadata["seed"])])
         self.model = episodes.simulation.batch.get_model(0)
         self.data = mujoco.MjData(self.model)
-        arm = [robots.PREFIX + joint for joint in episodes.stage.robot.arm_joints]
+        arm = [robots.PREFIX + joint for joint in episodes.stage.arm.joints]
         self._arm = Arm(
             qpos=[self.model.joint(name).qposadr[0] for name in arm],
             act=[self.model.actuator(name).actadr[0] for name in arm],

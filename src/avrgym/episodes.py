@@ -53,7 +53,7 @@ class Episodes:
             num_worlds: N.
             distribution: whom to meet, a name in ``people.DISTRIBUTIONS``.
             person: one fixed person for every episode instead.
-            moving: whether that person's joints are driven; needs ``person``.
+            moving: whether the people's joints are driven; else they are static.
             num_threads: threads for the physics; 0 takes one per core.
 
         Raises:
@@ -65,20 +65,19 @@ class Episodes:
         self.person = person
         self._distribution = people.find_distribution(distribution)
         self.stage = self.task.stage(find_robot(robot))
-        self.simulation = Simulation(
-            self.stage, num_worlds, moving=person if moving else None, num_threads=num_threads
-        )
-        self._memory = self.task.remember(num_worlds)
+        self.simulation = Simulation(self.stage, num_worlds, moving=moving, num_threads=num_threads)
         self._people = people.repeat(person or Person(), num_worlds)
+        self._memory = self.task.remember(self._people, np.zeros((num_worlds, self.task.uniforms)))
 
     def begin(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
         """Begin episodes in worlds ``ids`` (n,), each drawn from its generator; give observations (n, O)."""
         uniforms = np.stack([g.random(people.UNIFORMS + self.task.uniforms) for g in generators])
         who = self._draw_people(uniforms[:, : people.UNIFORMS])
         self._people = merge(self._people, who, ids)
-        self.simulation.reset(ids, self.task.start(self.stage, who, uniforms[:, people.UNIFORMS :]))
-        self._memory = merge(self._memory, self.task.remember(len(ids)), ids)
-        return self.task.observe(self.simulation.state())[ids]
+        uniforms = uniforms[:, people.UNIFORMS :]
+        self.simulation.reset(ids, self.task.start(self.stage, who, uniforms))
+        self._memory = merge(self._memory, self.task.remember(who, uniforms), ids)
+        return self.observe()[ids]
 
     def step(self, action: Array) -> Step:
         """One control step of 0.1 s with actions (N, 7)."""
@@ -98,7 +97,7 @@ class Episodes:
         if outcome.gone.any():
             self.simulation.park(outcome.gone)
         return Step(
-            observation=self.task.observe(state),
+            observation=self.task.observe(state, self._memory),
             reward=self.task.reward(outcome.terms),
             reward_terms=outcome.terms,
             success=outcome.success,
@@ -108,7 +107,7 @@ class Episodes:
 
     def observe(self) -> Array:
         """Observations (N, O) of the present state."""
-        return self.task.observe(self.simulation.state())
+        return self.task.observe(self.simulation.state(), self._memory)
 
     def person_in(self, world: int) -> Person:
         """The person of a world's present episode."""
@@ -117,4 +116,4 @@ class Episodes:
     def _draw_people(self, uniforms: Array) -> People:
         if self.person is not None:
             return people.repeat(self.person, len(uniforms))
-        return people.sample(self._distribution, uniforms)
+        return people.sample(self._distribution, self.task.pose, uniforms)

@@ -9,31 +9,39 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.models.human import JOINT_INDEX, SEATED_RAD, People, Person
+from avrgym.models import human
+from avrgym.models.human import JOINTS, People, Person
 
 Array = NDArray[np.float64]
 
-UNIFORMS = 8
-"""How many uniform numbers a person takes: sex, torso height, three of the waist, three of the head."""
-
-_WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
-_HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
+ATTEMPTS = 8
+UNIFORMS = 2 + ATTEMPTS * len(JOINTS)
+"""How many uniform numbers a person takes: sex, torso height, and each attempt at a pose."""
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """Ranges of uniform distributions: torso heights in metres, joint angles in degrees either way."""
+    """Ranges of uniform distributions: torso heights in metres, waist joints in degrees either way."""
 
     torso_height_man_m: tuple[float, float]
     torso_height_woman_m: tuple[float, float]
     waist_deg: float
-    head_deg: float
 
 
 DISTRIBUTIONS: Mapping[str, Distribution] = {
-    "original": Distribution((0.60, 0.60), (0.54, 0.54), waist_deg=0.0, head_deg=30.0),
-    "revised": Distribution((0.50, 0.70), (0.44, 0.64), waist_deg=10.0, head_deg=30.0),
+    "original": Distribution((0.60, 0.60), (0.54, 0.54), waist_deg=0.0),
+    "revised": Distribution((0.50, 0.70), (0.44, 0.64), waist_deg=10.0),
 }
+
+WAIST = np.array([joint.body == "torso" for joint in JOINTS.values()])
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """How a task finds people: joint angles ``rest_rad`` (20,) ± uniform ``spread_rad`` (20,)."""
+
+    rest_rad: Array
+    spread_rad: Array
 
 
 def find_distribution(name: str) -> Distribution:
@@ -47,15 +55,16 @@ def find_distribution(name: str) -> Distribution:
     return DISTRIBUTIONS[name]
 
 
-def sample(distribution: Distribution, uniforms: Array) -> People:
-    """Seated people from uniform numbers (n, 8) in 0..1, man or woman with equal chance."""
+def sample(distribution: Distribution, pose: Pose, uniforms: Array) -> People:
+    """People from uniform numbers (n, ``UNIFORMS``) in 0..1, man or woman with equal chance."""
     is_woman = uniforms[:, 0] < 0.5
     man = _between(distribution.torso_height_man_m, uniforms[:, 1])
     woman = _between(distribution.torso_height_woman_m, uniforms[:, 1])
-    angles = np.tile(SEATED_RAD, (len(uniforms), 1))
-    angles[:, _WAIST] += np.radians(distribution.waist_deg) * (2.0 * uniforms[:, 2:5] - 1.0)
-    angles[:, _HEAD] += np.radians(distribution.head_deg) * (2.0 * uniforms[:, 5:8] - 1.0)
-    return People(is_woman, np.where(is_woman, woman, man), angles)
+    spread = pose.spread_rad + np.where(WAIST, np.radians(distribution.waist_deg), 0.0)
+    angles = pose.rest_rad + spread * (2.0 * uniforms[:, 2 : 2 + len(JOINTS)] - 1.0)
+    return People.unimpaired(
+        is_woman, np.where(is_woman, woman, man), np.clip(angles, human.LOWER_RAD, human.UPPER_RAD)
+    )
 
 
 def repeat(person: Person, count: int) -> People:

@@ -1,7 +1,8 @@
 """N worlds of one scene, stepped together on threads."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -10,13 +11,14 @@ from numpy.typing import NDArray
 
 from avrgym import transforms
 from avrgym.models import human, robots
-from avrgym.models.furniture import BOWL_BODY
 from avrgym.models.human import People, Person
 from avrgym.models.scene import (
     EFFECTOR_VELOCITY_SENSOR,
     ROBOT_FORCE_SENSOR,
     SUBSTEPS,
     TOOL,
+    TOOL_CONTACT_SENSOR,
+    TOOL_CONTACTS,
     TOOL_FORCE_SENSOR,
     Stage,
     build_spec,
@@ -28,6 +30,8 @@ Ids = NDArray[np.intp]
 MAX_LEAD_RAD = 0.08
 """How far a joint's target may run ahead of the joint: it bounds what a blocked servo presses with."""
 
+RIGHT_ARM = ("right_upper_arm", "right_forearm", "right_hand")
+
 PARKING_W = np.array([4.0, 4.0, 0.005])
 """Where particles rest that have left the task: on the floor, far from everything."""
 
@@ -36,9 +40,12 @@ PARKING_W = np.array([4.0, 4.0, 0.005])
 class State:
     """What tasks see of N worlds at one instant; metres, seconds, radians, newtons, world frame.
 
-    ``particle_*`` have shape (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the axes' ends of the G
-    capsules of the person's body and ``person_radius_m`` (N, G) their radii; positions are (N, 3),
-    quaternions (N, 4).
+    Positions are (N, 3), quaternions (N, 4). ``robot_pos_w`` is the robot's torso, or its base where it has
+    none. ``right_arm_*`` (N, 3, …) are the frames of upper arm, forearm and hand: shoulder, elbow and wrist.
+    ``placed_pos_w`` holds the furniture that every episode places, by body. ``particle_*`` have shape
+    (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the axes' ends of the G capsules of the person's body,
+    in the order of ``human.GEOMS``, and ``person_radius_m`` (N, G) their radii. ``tool_contact_*``
+    (N, ``TOOL_CONTACTS``, …) are the tool's strongest contacts with the person; force zero where there is none.
     """
 
     robot_pos_w: Array
@@ -49,65 +56,74 @@ class State:
     head_pos_w: Array
     head_q_w: Array
     mouth_pos_w: Array
-    bowl_pos_w: Array
+    right_arm_pos_w: Array
+    right_arm_q_w: Array
+    placed_pos_w: Mapping[str, Array]
     particle_pos_w: Array
     particle_velocity_w: Array
     person_segment_w: Array
     person_radius_m: Array
     robot_force_n: Array
     tool_force_n: Array
+    tool_contact_pos_w: Array
+    tool_contact_force_n: Array
 
 
 @dataclass(frozen=True)
 class Start:
-    """How n worlds begin: the people, the arm's angles (n, 7) and places (n, 3) of bodies that were moved."""
+    """How n worlds begin.
+
+    The people; the robot's base, (n, 3) and (n, 4); the arm's angles (n, 7); places (n, 3) of the stage's
+    movable furniture.
+    """
 
     people: People
+    robot_pos_w: Array
+    robot_q_w: Array
     arm_angles_rad: Array
-    body_pos_w: dict[str, Array]
+    placed_pos_w: Mapping[str, Array]
 
 
 class Simulation:
-    """N worlds of a scene, all with a static person of their own or all with the same moving person."""
+    """N worlds of a scene, each with a person of its own who is set at every reset."""
 
-    def __init__(
-        self, stage: Stage, num_worlds: int, *, moving: Person | None = None, num_threads: int = 0
-    ) -> None:
+    def __init__(self, stage: Stage, num_worlds: int, *, moving: bool = False, num_threads: int = 0) -> None:
         """Compile the scene.
 
         Args:
             stage: what stands in it.
             num_worlds: N.
-            moving: the person whose joints move; without one, people are static and set at every reset.
+            moving: whether the people's joints move; else people are static.
             num_threads: threads for the physics; 0 takes one per core.
         """
         self.stage = stage
         self.num_worlds = num_worlds
-        self.moving = moving is not None
-        self.model = build_spec(stage, moving or Person(), moving=self.moving, appearance=False).compile()
+        self.moving = moving
+        self.model = build_spec(stage, Person(), moving=moving, appearance=False).compile()
         self.batch = Batch(self.model, num_worlds, num_threads, persistent=True)
         self._names = _Names(self.model, stage)
-        self._person = None if self.moving else _PersonFields(self.batch)
+        self._person = _PersonFields(self.batch, stage, moving)
         self._qpos, self._qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
         self._act, self._ctrl = self.batch.bind("act"), self.batch.bind("ctrl")
         self._xpos, self._xquat = self.batch.bind("xpos"), self.batch.bind("xquat")
         self._site_xpos, self._sensordata = self.batch.bind("site_xpos"), self.batch.bind("sensordata")
         self._geom_xpos, self._geom_xmat = self.batch.bind("geom_xpos"), self.batch.bind("geom_xmat")
-        self._body_pos = self.batch.expand("body_pos")
-        self._speed_limit = stage.robot.speed_limit_rad_s
+        self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
+        self._speed_limit = stage.arm.speed_limit_rad_s
 
     def reset(self, ids: Ids, start: Start) -> None:
         """Put worlds ``ids`` (n,) into their start: at rest, particles on the tool, the arm where it aims."""
         self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
-        for name, pos in start.body_pos_w.items():
-            self._body_pos[ids, self.model.body(name).id] = pos
         names = self._names
+        for name, body in names.placed.items():
+            self._body_pos[ids, body] = start.placed_pos_w[name]
+        self._body_pos[ids, names.robot_base] = start.robot_pos_w
+        self._body_quat[ids, names.robot_base] = start.robot_q_w
+        self._person.write(ids, start.people)
+        self.batch.set_const(ids)
         self._qpos[np.ix_(ids, names.arm_qpos)] = start.arm_angles_rad
         self._act[np.ix_(ids, names.arm_act)] = start.arm_angles_rad
-        if self._person is not None:
-            self._person.write(ids, start.people)
-            self.batch.set_const(ids)
-        else:
+        if self.moving:
             self._qpos[np.ix_(ids, names.person_qpos)] = start.people.joint_angles_rad
             self._ctrl[np.ix_(ids, names.person_ctrl)] = start.people.joint_angles_rad
         self._place_particles(ids)
@@ -157,8 +173,9 @@ class Simulation:
         """The state of all worlds, in arrays of its own."""
         names = self._names
         sensors = self._sensordata
+        contacts = sensors[:, names.tool_contacts].reshape(self.num_worlds, TOOL_CONTACTS, 6)
         return State(
-            robot_pos_w=self._xpos[:, names.robot],
+            robot_pos_w=self._xpos[:, names.robot_torso],
             arm_angles_rad=self._qpos[:, names.arm_qpos],
             effector_velocity_w=sensors[:, names.effector_velocity],
             tool_pos_w=self._xpos[:, names.tool],
@@ -166,13 +183,17 @@ class Simulation:
             head_pos_w=self._site_xpos[:, names.head_centre],
             head_q_w=self._xquat[:, names.head],
             mouth_pos_w=self._site_xpos[:, names.mouth],
-            bowl_pos_w=self._xpos[:, names.bowl],
+            right_arm_pos_w=self._xpos[:, names.right_arm],
+            right_arm_q_w=self._xquat[:, names.right_arm],
+            placed_pos_w={name: self._xpos[:, body] for name, body in names.placed.items()},
             particle_pos_w=self._qpos[:, names.particle_qpos],
             particle_velocity_w=self._qvel[:, names.particle_dof],
             person_segment_w=self._person_segments(),
-            person_radius_m=self._person_radii(),
+            person_radius_m=self._person.geom_size[:, names.person_geoms, 0],
             robot_force_n=_norm(sensors[:, names.robot_force]),
             tool_force_n=_norm(sensors[:, names.tool_force]),
+            tool_contact_pos_w=contacts[..., 3:],
+            tool_contact_force_n=_norm(contacts[..., :3]),
         )
 
     def integration_state(self, world: int = 0) -> Array:
@@ -195,29 +216,24 @@ class Simulation:
         geoms = self._names.person_geoms
         axis = self._geom_xmat[:, geoms].reshape(self.num_worlds, len(geoms), 3, 3)[..., 2]
         centre = self._geom_xpos[:, geoms]
-        reach = axis * self._geom_size(geoms)[..., 1:2]
+        reach = axis * self._person.geom_size[:, geoms, 1:2]
         return np.stack([centre - reach, centre + reach], axis=2)
-
-    def _person_radii(self) -> Array:
-        return self._geom_size(self._names.person_geoms)[..., 0]
-
-    def _geom_size(self, geoms: Ids) -> Array:
-        if self._person is not None:
-            return self._person.geom_size[:, geoms]
-        return np.broadcast_to(self.model.geom_size[geoms], (self.num_worlds, len(geoms), 3))
 
 
 class _Names:
     """Addresses of everything that is read or written, found once by name."""
 
     def __init__(self, model: mujoco.MjModel, stage: Stage) -> None:
-        arm = [robots.PREFIX + joint for joint in stage.robot.arm_joints]
+        arm = [robots.PREFIX + joint for joint in stage.arm.joints]
         self.arm_qpos = _qpos(model, arm)
         self.arm_ctrl = _actuators(model, arm)
         self.arm_act = np.array([model.actuator(name).actadr[0] for name in arm])
-        self.robot = model.body(robots.PREFIX + stage.robot.base).id
+        self.robot_base = model.body(robots.PREFIX + stage.robot.base).id
+        self.robot_torso = model.body(robots.PREFIX + stage.robot.torso).id
         self.tool = model.body(TOOL).id
-        self.head, self.bowl = model.body(human.PREFIX + "head").id, model.body(BOWL_BODY).id
+        self.head = model.body(human.PREFIX + "head").id
+        self.right_arm = np.array([model.body(human.PREFIX + name).id for name in RIGHT_ARM])
+        self.placed = {name: model.body(name).id for name in stage.movable}
         self.head_centre = model.site(human.PREFIX + "head_centre").id
         self.mouth = model.site(human.PREFIX + "mouth").id
         self.person_geoms = np.array([model.geom(human.PREFIX + name).id for name in human.GEOMS])
@@ -233,32 +249,61 @@ class _Names:
         ).reshape(-1, 3)
         self.robot_force = _sensor(model, ROBOT_FORCE_SENSOR)
         self.tool_force = _sensor(model, TOOL_FORCE_SENSOR)
+        self.tool_contacts = _sensor(model, TOOL_CONTACT_SENSOR)
         self.effector_velocity = _sensor(model, EFFECTOR_VELOCITY_SENSOR)
 
 
 class _PersonFields:
-    """Per-world model fields of static people."""
+    """Per-world model fields of the people."""
 
-    def __init__(self, batch: Batch) -> None:
+    def __init__(self, batch: Batch, stage: Stage, moving: bool) -> None:
         model = batch.get_model(0)
+        self._posture, self._moving = stage.posture, moving
         self._bodies = {name: model.body(human.PREFIX + name).id for name in human.BODIES}
         self._geoms = {name: model.geom(human.PREFIX + name).id for name in human.GEOMS}
         self._sites = {name: model.site(human.PREFIX + name).id for name in human.SITE_BODY}
-        self.body_pos, self.body_quat = batch.expand("body_pos"), batch.expand("body_quat")
-        self.geom_pos, self.geom_size = batch.expand("geom_pos"), batch.expand("geom_size")
-        self.site_pos = batch.expand("site_pos")
+        self._body_pos, self._body_quat = batch.expand("body_pos"), batch.expand("body_quat")
+        self._geom_pos, self.geom_size = batch.expand("geom_pos"), batch.expand("geom_size")
+        self._site_pos = batch.expand("site_pos")
+        if moving:
+            self._inertia = {name: batch.expand(name) for name in INERTIAL_FIELDS}
+            self._actuators = _actuators(model, [human.PREFIX + name for name in human.JOINTS])
+            self._force_range = batch.expand("actuator_forcerange")
 
     def write(self, ids: Ids, people: People) -> None:
-        layout = human.layout(people.is_woman, people.torso_height_m)
-        rotations = human.body_rotations(people.joint_angles_rad)
+        layout = human.layout(people.is_woman, people.torso_height_m, self._posture)
         for name, body in self._bodies.items():
-            self.body_pos[ids, body] = layout.body_pos[name]
-            self.body_quat[ids, body] = rotations[name]
+            self._body_pos[ids, body] = layout.body_pos[name]
         for name, geom in self._geoms.items():
-            self.geom_pos[ids, geom] = layout.geom_pos[name]
+            self._geom_pos[ids, geom] = layout.geom_pos[name]
             self.geom_size[ids, geom] = layout.geom_size[name]
         for name, site in self._sites.items():
-            self.site_pos[ids, site] = layout.site_pos[name]
+            self._site_pos[ids, site] = layout.site_pos[name]
+        if self._moving:
+            self._write_dynamics(ids, people)
+        else:
+            rotations = human.body_rotations(people.joint_angles_rad, self._posture)
+            for name, body in self._bodies.items():
+                self._body_quat[ids, body] = rotations[name]
+
+    def _write_dynamics(self, ids: Ids, people: People) -> None:
+        for row, world in enumerate(ids):
+            inertia = _inertia(human.SEXES[int(people.is_woman[row])], float(people.torso_height_m[row]))
+            for name, field in self._inertia.items():
+                field[world, list(self._bodies.values())] = inertia[name]
+        torque = people.strength_share[:, None] * human.TORQUE_N_M
+        self._force_range[ids[:, None], self._actuators] = np.stack([-torque, torque], axis=-1)
+
+
+INERTIAL_FIELDS = ("body_mass", "body_inertia", "body_ipos", "body_iquat")
+
+
+@lru_cache(maxsize=1024)
+def _inertia(sex: human.Sex, torso_height_m: float) -> dict[str, Array]:
+    """The inertial model fields of a person's bodies, in the order of ``human.BODIES``."""
+    model = human.person_model(Person(sex, torso_height_m), moving=True)
+    bodies = [model.body(human.PREFIX + name).id for name in human.BODIES]
+    return {name: getattr(model, name)[bodies] for name in INERTIAL_FIELDS}
 
 
 def _qpos(model: mujoco.MjModel, joints: Sequence[str]) -> Ids:

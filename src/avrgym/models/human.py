@@ -167,13 +167,38 @@ follow each other, the first outermost."""
 JOINT_INDEX = {name: i for i, name in enumerate(JOINTS)}
 LOWER_RAD = np.radians([joint.lower_deg for joint in JOINTS.values()])
 UPPER_RAD = np.radians([joint.upper_deg for joint in JOINTS.values()])
+TORQUE_N_M = np.array([joint.torque_n_m for joint in JOINTS.values()])
 
-SEATED_LEGS_DEG: Mapping[str, float] = {
-    f"{side}_{part}": angle
-    for side in ("right", "left")
-    for part, angle in (("thigh", -90.0), ("shin", 80.0))
-}
-"""Rotation about x of the undriven legs when seated: hips −90°, knees +80°."""
+
+@dataclass(frozen=True)
+class Posture:
+    """What carries the person: rotations about x of the hips in the world and of the undriven legs.
+
+    ``hips_pos_w`` is the origin of the hips, or ``None`` where they rest on a seat: then it depends on the sex.
+    """
+
+    hips_pos_w: tuple[float, float, float] | None
+    hips_deg: float
+    thigh_deg: float
+    shin_deg: float
+
+    def hips(self, p: Proportions) -> Array:
+        """The origin of the hips, (3,) or (N, 3), world frame."""
+        if self.hips_pos_w is None:
+            return _vector(0.0, 0.03, p.seated_hips_height)
+        return np.broadcast_to(self.hips_pos_w, (*np.shape(p.mass), 3))
+
+    def turns_deg(self) -> dict[str, float]:
+        """Rotation about x of the hips and each leg's bodies that turn, by body."""
+        legs = {"thigh": self.thigh_deg, "shin": self.shin_deg}
+        return {"hips": self.hips_deg} | {
+            f"{s}_{part}": a for s in ("right", "left") for part, a in legs.items()
+        }
+
+
+SEATED = Posture(hips_pos_w=None, hips_deg=0.0, thigh_deg=-90.0, shin_deg=80.0)
+RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, shin_deg=0.0)
+"""In a wheelchair, and in a bed whose backrest is raised by 60° (reference)."""
 
 
 def joint_angles(**degrees: float) -> Array:
@@ -223,21 +248,36 @@ def check_torso_height(torso_height_m: float) -> None:
 
 @dataclass(frozen=True)
 class People:
-    """N people as arrays: ``is_woman`` (N,) bool, ``torso_height_m`` (N,), ``joint_angles_rad`` (N, 20)."""
+    """N people as arrays: ``is_woman`` (N,) bool, ``torso_height_m`` (N,), ``joint_angles_rad`` (N, 20).
+
+    Impairments: ``range_share`` and ``strength_share`` (N,) of the joints' ranges and torques, ``tremor_rad``
+    (N, 20) by which the joints' targets tremble either way.
+    """
 
     is_woman: NDArray[np.bool_]
     torso_height_m: Array
     joint_angles_rad: Array
+    range_share: Array
+    strength_share: Array
+    tremor_rad: Array
 
     @classmethod
     def of(cls, persons: Iterable[Person]) -> "People":
         """Stack single persons."""
         persons = list(persons)
-        return cls(
+        return cls.unimpaired(
             np.array([person.sex == "woman" for person in persons]),
             np.array([person.torso_height_m for person in persons], float),
             np.stack([np.asarray(person.joint_angles_rad, float) for person in persons]),
         )
+
+    @classmethod
+    def unimpaired(
+        cls, is_woman: NDArray[np.bool_], torso_height_m: Array, joint_angles_rad: Array
+    ) -> "People":
+        """People with full ranges and strength and without tremor."""
+        full = np.ones(len(is_woman))
+        return cls(is_woman, torso_height_m, joint_angles_rad, full, full, np.zeros_like(joint_angles_rad))
 
     def person(self, index: int) -> Person:
         """One of them."""
@@ -266,17 +306,17 @@ def proportions_of(is_woman: NDArray[np.bool_]) -> Proportions:
     )
 
 
-def layout(is_woman: NDArray[np.bool_], torso_height_m: Array) -> Layout:
+def layout(is_woman: NDArray[np.bool_], torso_height_m: Array, posture: Posture = SEATED) -> Layout:
     """Where everything is in N people; lengths along the body scale with the torso height, radii do not."""
     p = proportions_of(is_woman)
     h = torso_height_m / p.torso_height
-    return Layout(_body_positions(p, h), *_geoms(p, h), _sites(p, h))
+    return Layout(_body_positions(p, h, posture), *_geoms(p, h), _sites(p, h))
 
 
-def _body_positions(p: Proportions, h: Array) -> dict[str, Array]:
+def _body_positions(p: Proportions, h: Array, posture: Posture) -> dict[str, Array]:
     shoulder_z = (p.chest_rise + p.shoulder_rise) * h
     positions = {
-        "hips": _vector(0.0, 0.03, p.seated_hips_height),
+        "hips": posture.hips(p),
         "torso": _vector(0.0, 0.0, p.waist_rise * h),
         "head": _vector(0.0, 0.0, (p.chest_rise + p.neck_rise + p.head_rise) * h),
     }
@@ -373,24 +413,24 @@ GEOMS: Mapping[str, Geom] = {
 }  # fmt: skip
 
 
-def body_rotations(joint_angles_rad: Array) -> dict[str, Array]:
-    """Each body's rotation in its parent, (N, 4), of seated people with joint angles (N, 20)."""
+def body_rotations(joint_angles_rad: Array, posture: Posture = SEATED) -> dict[str, Array]:
+    """Each body's rotation in its parent, (N, 4), of people with joint angles (N, 20)."""
     angles = np.asarray(joint_angles_rad, float)
     identity = np.broadcast_to(transforms.IDENTITY_QUATERNION, (*angles.shape[:-1], 4))
     rotations = {body: identity for body in BODIES}
     for index, joint in enumerate(JOINTS.values()):
         turn = transforms.from_axis_angle(joint.axis, angles[..., index])
         rotations[joint.body] = transforms.multiply(rotations[joint.body], turn)
-    for body, degrees in SEATED_LEGS_DEG.items():
+    for body, degrees in posture.turns_deg().items():
         turn = transforms.from_axis_angle(X, np.full(angles.shape[:-1], np.radians(degrees)))
         rotations[body] = transforms.multiply(rotations[body], turn)
     return rotations
 
 
-def body_frames(people: People) -> tuple[dict[str, Array], dict[str, Array]]:
+def body_frames(people: People, posture: Posture = SEATED) -> tuple[dict[str, Array], dict[str, Array]]:
     """World frames of all bodies of N people: positions (N, 3) and quaternions (N, 4) by body name."""
-    local_pos = layout(people.is_woman, people.torso_height_m).body_pos
-    local_q = body_rotations(people.joint_angles_rad)
+    local_pos = layout(people.is_woman, people.torso_height_m, posture).body_pos
+    local_q = body_rotations(people.joint_angles_rad, posture)
     pos_w, q_w = {"hips": local_pos["hips"]}, {"hips": local_q["hips"]}
     for body, parent in PARENTS.items():
         if parent is not None:
@@ -400,23 +440,25 @@ def body_frames(people: People) -> tuple[dict[str, Array], dict[str, Array]]:
     return pos_w, q_w
 
 
-def person_model(person: Person, *, moving: bool) -> mujoco.MjModel:
+def person_model(person: Person, posture: Posture = SEATED, *, moving: bool) -> mujoco.MjModel:
     """A person alone, without what only pictures need; see ``add_person``."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
-    add_person(spec, person, moving=moving, appearance=False)
+    add_person(spec, person, posture, moving=moving, appearance=False)
     return spec.compile()
 
 
-def add_person(spec: mujoco.MjSpec, person: Person, *, moving: bool, appearance: bool) -> None:
+def add_person(
+    spec: mujoco.MjSpec, person: Person, posture: Posture = SEATED, *, moving: bool, appearance: bool
+) -> None:
     """Add a person to a scene, hips fixed to the world.
 
     A moving person has the 20 driven joints, each with a position servo of limited torque, weightless by
     gravity compensation (muscle tone holds the posture). A static one is welded in its pose. ``appearance``
     adds the clothed body for pictures.
     """
-    frames = layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
-    rotations = body_rotations(person.joint_angles_rad[None])
+    frames = layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]), posture)
+    rotations = body_rotations(person.joint_angles_rad[None], posture)
     bodies: dict[str, mujoco.MjsBody] = {}
     for name, parent in PARENTS.items():
         owner = spec.worldbody if parent is None else bodies[parent]

@@ -1,9 +1,10 @@
 """The robots: our kinematic descriptions and the public meshes of ``rtb-data``."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -14,59 +15,67 @@ from avrgym import transforms
 from avrgym.models import contacts
 
 PREFIX = "robot/"
+Side = Literal["right", "left"]
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """An arm that may be the moving one; its joints are named as in the model file.
+
+    ``speed_limit_rad_s`` and ``torque_limit_n_m`` (7,) are those of the public description unless the robot's
+    entry says otherwise. ``inertia_kg_m2`` (7,) is what each joint has to turn at the seed pose, its motor
+    included; its servo is tuned for it. ``seed_pose_rad`` (7,) is a pose with free space around it, where
+    inverse kinematics starts. ``finger_prefix`` stands before the names of the hand's bodies in ``grips``.
+    """
+
+    joints: tuple[str, ...]
+    end_effector: str
+    finger_prefix: str
+    speed_limit_rad_s: NDArray[np.float64]
+    torque_limit_n_m: NDArray[np.float64]
+    stiffness_n_m_rad: NDArray[np.float64]
+    inertia_kg_m2: NDArray[np.float64]
+    seed_pose_rad: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A robot with one moving arm.
+    """A robot, its arms by side, and what observations are relative to: its torso, or its base without one.
 
-    ``arm_joints`` are named as in the model file. ``speed_limit_rad_s`` and ``torque_limit_n_m`` (7,) are
-    those of the public description. ``inertia_kg_m2`` (7,) is what each joint has to turn at the seed pose,
-    its motor included; its servo is tuned for it. ``hand_q`` turns the end effector's frame into the frame of
-    tools held across the palm like a rod (x towards the tool, z up when the hand reaches in from the side).
-    ``finger_angles_rad`` turns bodies of the fingers so that their tips hold a handle. ``seed_pose_rad`` (7,) is
-    a pose with free space around it, where inverse kinematics starts.
+    ``mobile`` robots drive to the place they work from, others are mounted. ``holding_rad`` are the angles of
+    joints that stay as they are while another arm moves.
     """
 
     name: str
     file: str
     mesh_folder: str
     base: str
-    end_effector: str
-    arm_joints: tuple[str, ...]
-    speed_limit_rad_s: NDArray[np.float64]
-    torque_limit_n_m: NDArray[np.float64]
-    stiffness_n_m_rad: NDArray[np.float64]
-    inertia_kg_m2: NDArray[np.float64]
-    hand_q: NDArray[np.float64]
-    finger_angles_rad: Mapping[str, float]
-    seed_pose_rad: NDArray[np.float64]
+    torso: str
+    mobile: bool
+    arms: Mapping[Side, Arm]
+    holding_rad: Mapping[str, float]
 
+
+_JACO_ARM = Arm(
+    joints=tuple(f"joint_{i}" for i in range(1, 8)),
+    end_effector="end_effector",
+    finger_prefix="",
+    speed_limit_rad_s=np.radians([36.0, 36.0, 36.0, 36.0, 48.0, 48.0, 48.0]),
+    torque_limit_n_m=np.array([40.0, 80.0, 40.0, 40.0, 20.0, 20.0, 20.0]),
+    stiffness_n_m_rad=np.array([300.0, 300.0, 200.0, 200.0, 80.0, 80.0, 80.0]),
+    inertia_kg_m2=np.array([0.55, 0.92, 0.40, 0.37, 0.076, 0.085, 0.051]),
+    seed_pose_rad=np.radians([-173.0, 259.0, 0.0, 269.0, 89.0, 121.0, 79.0]),
+)
 
 JACO = Robot(
     name="Jaco",
     file="jaco.xml",
     mesh_folder="xacro/kinova_description/meshes",
     base="base",
-    end_effector="end_effector",
-    arm_joints=tuple(f"joint_{i}" for i in range(1, 8)),
-    speed_limit_rad_s=np.radians([36.0, 36.0, 36.0, 36.0, 48.0, 48.0, 48.0]),
-    torque_limit_n_m=np.array([40.0, 80.0, 40.0, 40.0, 20.0, 20.0, 20.0]),
-    stiffness_n_m_rad=np.array([300.0, 300.0, 200.0, 200.0, 80.0, 80.0, 80.0]),
-    inertia_kg_m2=np.array([0.55, 0.92, 0.40, 0.37, 0.076, 0.085, 0.051]),
-    hand_q=transforms.multiply(
-        transforms.from_matrix([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
-        transforms.from_axis_angle([1.0, 0.0, 0.0], np.radians(30.0)),
-    ),
-    finger_angles_rad={
-        "finger_1": 1.40,
-        "finger_tip_1": 0.40,
-        "finger_2": 1.05,
-        "finger_tip_2": 0.35,
-        "finger_3": 1.20,
-        "finger_tip_3": 0.30,
-    },
-    seed_pose_rad=np.radians([-173.0, 259.0, 0.0, 269.0, 89.0, 121.0, 79.0]),
+    torso="base",
+    mobile=False,
+    arms={"right": _JACO_ARM, "left": _JACO_ARM},
+    holding_rad={},
 )
 
 ROBOTS: Mapping[str, Robot] = {robot.name: robot for robot in (JACO,)}
@@ -88,8 +97,8 @@ def mesh_path(robot: Robot) -> Path:
     return Path(next(iter(rtbdata.__path__))) / robot.mesh_folder
 
 
-def robot_spec(robot: Robot, *, appearance: bool) -> mujoco.MjSpec:
-    """The robot alone: fingers closed, contact bits set, a velocity servo on each arm joint.
+def robot_spec(robot: Robot, arm: Arm, *, appearance: bool) -> mujoco.MjSpec:
+    """The robot alone: contact bits set, a velocity servo on each joint of the arm, all else held.
 
     The servo integrates its command into a target angle, never past the joint's range, and pulls the joint
     there like a spring of ``stiffness_n_m_rad`` with critical damping at the seed pose, within the motor's
@@ -107,17 +116,23 @@ def robot_spec(robot: Robot, *, appearance: bool) -> mujoco.MjSpec:
     if not appearance:
         for mesh in list(spec.meshes):
             spec.delete(mesh)
-    _close_fingers(spec, robot)
-    _add_servos(spec, robot)
+    _hold_other_joints(spec, robot, arm)
+    _add_servos(spec, arm)
     return spec
 
 
-def _close_fingers(spec: mujoco.MjSpec, robot: Robot) -> None:
-    for name, angle in robot.finger_angles_rad.items():
-        body = spec.body(name)
-        turn = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(angle))
-        body.quat = transforms.multiply(_orientation(body), turn)
-        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+def turn_body(spec: mujoco.MjSpec, name: str, axis: Sequence[float], angle_rad: float) -> None:
+    """Turn a body about an axis of its own frame."""
+    body = spec.body(name)
+    turn = transforms.from_axis_angle(axis, np.asarray(angle_rad))
+    body.quat = transforms.multiply(_orientation(body), turn)
+    body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+
+
+def _hold_other_joints(spec: mujoco.MjSpec, robot: Robot, arm: Arm) -> None:
+    for joint in [joint for joint in spec.joints if joint.name not in arm.joints]:
+        turn_body(spec, joint.parent.name, joint.axis, robot.holding_rad[joint.name])
+        spec.delete(joint)
 
 
 def _orientation(body: mujoco.MjsBody) -> NDArray[np.float64]:
@@ -129,15 +144,10 @@ def _orientation(body: mujoco.MjsBody) -> NDArray[np.float64]:
     return orientation
 
 
-def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
-    damping = 2.0 * np.sqrt(robot.stiffness_n_m_rad * robot.inertia_kg_m2)
+def _add_servos(spec: mujoco.MjSpec, arm: Arm) -> None:
+    damping = 2.0 * np.sqrt(arm.stiffness_n_m_rad * arm.inertia_kg_m2)
     limits = zip(
-        robot.arm_joints,
-        robot.speed_limit_rad_s,
-        robot.torque_limit_n_m,
-        robot.stiffness_n_m_rad,
-        damping,
-        strict=True,
+        arm.joints, arm.speed_limit_rad_s, arm.torque_limit_n_m, arm.stiffness_n_m_rad, damping, strict=True
     )
     for joint, speed, torque, kp, kv in limits:
         actuator = spec.add_actuator(

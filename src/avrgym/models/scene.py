@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
 from avrgym import transforms
-from avrgym.models import contacts, human, robots
+from avrgym.models import contacts, grips, human, robots
 from avrgym.models.furniture import FURNITURE
-from avrgym.models.human import Person
+from avrgym.models.human import Person, Posture
 from avrgym.models.parts import add_collision
-from avrgym.models.robots import Robot
+from avrgym.models.robots import Arm, Robot
 from avrgym.models.tools import BODY as TOOL_BODY
 from avrgym.models.tools import Tool, add_particles
 
@@ -21,20 +19,32 @@ CONTROL_STEP_S = 0.1
 SUBSTEPS = round(CONTROL_STEP_S / PHYSICS_STEP_S)
 
 
+@dataclass(frozen=True)
+class BaseRange:
+    """Where the robot's base may stand: metres and radians added to its nominal place."""
+
+    x_m: tuple[float, float]
+    y_m: tuple[float, float]
+    yaw_rad: tuple[float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What stands in a scene besides the person: names of ``FURNITURE``, a robot, its place and its tool."""
+    """What stands in a scene: names of ``FURNITURE``, the person's posture, a robot with its tool.
+
+    ``movable`` are the bodies of furniture that every episode places anew. ``robot_pos_w`` and
+    ``robot_yaw_rad`` are the base's place, or the middle of where ``base_range`` searches for one.
+    """
 
     furniture: Sequence[str]
+    movable: Sequence[str]
+    posture: Posture
     robot: Robot
+    arm: Arm
+    tool: Tool
     robot_pos_w: tuple[float, float, float]
     robot_yaw_rad: float
-    tool: Tool
-
-    @property
-    def robot_q_w(self) -> NDArray[np.float64]:
-        """The rotation (4,) of the robot's base."""
-        return transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(self.robot_yaw_rad))
+    base_range: BaseRange | None = None
 
 
 def build_spec(stage: Stage, person: Person, *, moving: bool, appearance: bool) -> mujoco.MjSpec:
@@ -51,13 +61,13 @@ def build_spec(stage: Stage, person: Person, *, moving: bool, appearance: bool) 
     add_collision(
         spec.worldbody, "floor", mujoco.mjtGeom.mjGEOM_PLANE, contacts.FURNITURE, size=[5.0, 5.0, 0.1]
     )
-    human.add_person(spec, person, moving=moving, appearance=appearance)
+    human.add_person(spec, person, stage.posture, moving=moving, appearance=appearance)
     for name in stage.furniture:
         FURNITURE[name](spec, appearance)
     _add_robot(spec, stage, appearance)
     if stage.tool.particles is not None:
         add_particles(spec, stage.tool.particles, appearance)
-    _add_sensors(spec, stage.robot)
+    _add_sensors(spec, stage)
     return spec
 
 
@@ -69,20 +79,15 @@ def _set_options(spec: mujoco.MjSpec) -> None:
 
 
 def _add_robot(spec: mujoco.MjSpec, stage: Stage, appearance: bool) -> None:
-    frame = spec.worldbody.add_frame(pos=stage.robot_pos_w, quat=stage.robot_q_w)
+    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], stage.robot_yaw_rad)
+    frame = spec.worldbody.add_frame(pos=stage.robot_pos_w, quat=turn)
     spec.attach(robot_with_tool(stage, appearance=appearance), prefix=robots.PREFIX, frame=frame)
 
 
 def robot_with_tool(stage: Stage, *, appearance: bool) -> mujoco.MjSpec:
     """The stage's robot alone, with its tool in its hand."""
-    robot = robots.robot_spec(stage.robot, appearance=appearance)
-    hand_q = stage.robot.hand_q
-    tool = robot.body(stage.robot.end_effector).add_body(
-        name=TOOL_BODY,
-        pos=transforms.rotate(hand_q, [stage.tool.reach_m, 0.0, 0.0]),
-        quat=hand_q,
-        gravcomp=1.0,
-    )
+    robot = robots.robot_spec(stage.robot, stage.arm, appearance=appearance)
+    tool = grips.hold(robot, stage.robot, stage.arm, stage.tool, TOOL_BODY)
     stage.tool.build(robot, tool, appearance)
     return robot
 
@@ -90,31 +95,39 @@ def robot_with_tool(stage: Stage, *, appearance: bool) -> mujoco.MjSpec:
 TOOL = robots.PREFIX + TOOL_BODY
 ROBOT_FORCE_SENSOR = "robot_force_on_person"
 TOOL_FORCE_SENSOR = "tool_force_on_person"
+TOOL_CONTACT_SENSOR = "tool_contacts_with_person"
+TOOL_CONTACTS = 6
 EFFECTOR_VELOCITY_SENSOR = "end_effector_velocity"
 
 
-def _add_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """The net force on the person by robot and tool and by the tool alone, and the end effector's velocity.
+def _add_sensors(spec: mujoco.MjSpec, stage: Stage) -> None:
+    """Force on the person by robot and tool, the tool's contacts with the person, the end effector's velocity.
 
-    All in the world's frame.
+    All in the world's frame; the tool's contacts are its strongest ones, each with force and place.
     """
-    for name, first in ((ROBOT_FORCE_SENSOR, robots.PREFIX + robot.base), (TOOL_FORCE_SENSOR, TOOL)):
-        spec.add_sensor(
-            name=name,
-            type=mujoco.mjtSensor.mjSENS_CONTACT,
-            objtype=mujoco.mjtObj.mjOBJ_XBODY,
-            objname=first,
-            reftype=mujoco.mjtObj.mjOBJ_XBODY,
-            refname=human.PREFIX + "hips",
-            intprm=[_FORCE_ONLY, _NET_FORCE, 1],
-        )
+    _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, robots.PREFIX + stage.robot.base, _NET_FORCE, slots=1)
+    _add_contact_sensor(spec, TOOL_FORCE_SENSOR, TOOL, _NET_FORCE, slots=1)
+    _add_contact_sensor(spec, TOOL_CONTACT_SENSOR, TOOL, _STRONGEST, slots=TOOL_CONTACTS)
     spec.add_sensor(
         name=EFFECTOR_VELOCITY_SENSOR,
         type=mujoco.mjtSensor.mjSENS_FRAMELINVEL,
         objtype=mujoco.mjtObj.mjOBJ_XBODY,
-        objname=robots.PREFIX + robot.end_effector,
+        objname=robots.PREFIX + stage.arm.end_effector,
     )
 
 
-_FORCE_ONLY = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
-_NET_FORCE = 3
+_FORCE = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
+_POS = 1 << int(mujoco.mjtConDataField.mjCONDATA_POS)
+_STRONGEST, _NET_FORCE = 2, 3
+
+
+def _add_contact_sensor(spec: mujoco.MjSpec, name: str, of: str, reduction: int, slots: int) -> None:
+    spec.add_sensor(
+        name=name,
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname=of,
+        reftype=mujoco.mjtObj.mjOBJ_XBODY,
+        refname=human.PREFIX + "hips",
+        intprm=[_FORCE if reduction == _NET_FORCE else _FORCE | _POS, reduction, slots],
+    )

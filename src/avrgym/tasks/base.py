@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.models.human import People
+from avrgym.models.human import JOINTS, SEATED_RAD, People
 from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
+from avrgym.people import Pose
 from avrgym.simulation import Start, State
 
 Array = NDArray[np.float64]
@@ -36,6 +37,12 @@ class Entry:
     size: int
     bound: float
 
+
+HEAD_TURNED = Pose(
+    rest_rad=SEATED_RAD,
+    spread_rad=np.array([np.radians(30.0) if joint.body == "head" else 0.0 for joint in JOINTS.values()]),
+)
+"""Seated, the head turned up to 30° about each axis (paper, section IV)."""
 
 REACH_M = 3.0
 """No arm of ours reaches 1.5 m, and a person's head is less than 1.5 m from the robot's base."""
@@ -68,25 +75,41 @@ def force(name: str) -> Entry:
 
 
 @dataclass(frozen=True)
+class Marks:
+    """Spots that a task draws on the person; ``places(state, memory)`` (N, ``count``, 3), world frame, metres.
+
+    A spot that is not to be seen lies below the floor.
+    """
+
+    count: int
+    radius_m: float
+    rgb: tuple[float, float, float]
+    places: Callable[[State, Memory], Array]
+
+
+@dataclass(frozen=True)
 class Task:
     """A task. Every function takes and gives arrays with the world axis first.
 
-    ``stage(robot)`` says what stands in the scene. ``start(stage, people, uniforms)`` draws where things
-    begin from uniform numbers (n, ``uniforms``). ``remember(n)`` is an episode's empty memory.
-    ``observe(state)`` gives (N, O), the numbers that ``observed`` names in that order. ``judge(state, action,
-    memory)`` judges a control step. ``weights`` has one weight for each term; the reward is their weighted
-    sum.
+    ``pose`` is how people sit or lie. ``stage(robot)`` says what stands in the scene. ``start(stage, people,
+    uniforms)`` draws where things begin from uniform numbers (n, ``uniforms``). ``remember(people,
+    uniforms)``, with the same numbers, is the memory an episode begins with. ``observe(state, memory)`` gives
+    (N, O), the numbers that ``observed`` names in that order. ``judge(state, action, memory)`` judges a control
+    step. ``weights`` has one weight for each term; the reward is their weighted sum. ``marks`` are drawn on the
+    person.
     """
 
     name: str
+    pose: Pose
     uniforms: int
     observed: tuple[Entry, ...]
     weights: Mapping[str, float]
     stage: Callable[[Robot], Stage]
     start: Callable[[Stage, People, Array], Start]
-    remember: Callable[[int], Memory]
-    observe: Callable[[State], Array]
+    remember: Callable[[People, Array], Memory]
+    observe: Callable[[State, Memory], Array]
     judge: Callable[[State, Array, Memory], Outcome]
+    marks: Marks | None = None
 
     @property
     def observation_size(self) -> int:

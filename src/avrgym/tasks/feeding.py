@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import kinematics, transforms
-from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, JACO_MOUNT_M, TABLE_HEIGHT_M
+from avrgym import transforms
+from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, TABLE_HEIGHT_M
 from avrgym.models.human import People
 from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
-from avrgym.models.tools import FOOD, SPOON
+from avrgym.models.spoon import FOOD, SPOON
 from avrgym.simulation import Start, State
-from avrgym.tasks.arm import start_angles
-from avrgym.tasks.base import Outcome, Task, angles, force, norm, position, quaternion
+from avrgym.tasks import places
+from avrgym.tasks.base import HEAD_TURNED, Outcome, Task, angles, force, norm, position, quaternion
 from avrgym.tasks.particles import touching_person
 
 Array = NDArray[np.float64]
@@ -54,22 +54,25 @@ class FeedingMemory:
 
 
 def stage(robot: Robot) -> Stage:
-    """Wheelchair, table with bowl, and the Jaco mounted on the wheelchair's right side."""
-    return Stage(("wheelchair", "table", "jaco_bracket"), robot, JACO_MOUNT_M, -0.5 * np.pi, SPOON)
+    """Wheelchair and table with bowl; the right arm holds the spoon."""
+    return places.wheelchair_stage(robot, "right", SPOON, (0.1, 0.2), ("table",), (BOWL_BODY,))
 
 
 def start(stage: Stage, people: People, uniforms: Array) -> Start:
     """Bowl within ±5 cm of its place, hand within ±5 cm of a point above and before it, spoon level."""
     bowl = np.array(BOWL_START_M) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     hand = bowl + HAND_FROM_BOWL_M + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
-    tool = hand + transforms.rotate(SPOON_Q_W, [stage.tool.reach_m, 0.0, 0.0])
-    angles = start_angles(stage, tool, np.tile(SPOON_Q_W, (len(tool), 1)), uniforms[:, 6:])
-    return Start(people, angles, {BOWL_BODY: bowl})
+    tool = hand - transforms.rotate(SPOON_Q_W, stage.tool.grip_pos)
+    level = np.tile(SPOON_Q_W, (len(tool), 1))
+    mouth, head_q = places.mouth(people)
+    facing = transforms.multiply(head_q, SPOON_Q_W)
+    placed = {BOWL_BODY: bowl}
+    return places.start(stage, people, placed, tool, level, mouth[:, None], facing[:, None], uniforms[:, 6:])
 
 
-def remember(count: int) -> FeedingMemory:
+def remember(people: People, uniforms: Array) -> FeedingMemory:
     """Nothing has happened yet."""
-    nothing = np.zeros((count, len(FOOD.start)), dtype=bool)
+    nothing = np.zeros((len(uniforms), len(FOOD.start)), dtype=bool)
     return FeedingMemory(nothing, nothing, nothing)
 
 
@@ -84,7 +87,7 @@ OBSERVED = (
 )
 
 
-def observe(state: State) -> Array:
+def observe(state: State, memory: FeedingMemory) -> Array:
     """The observation (N, 25), in the order of ``OBSERVED``; in the world's axes."""
     return np.concatenate(
         [
@@ -129,7 +132,7 @@ def _is_dropped(state: State) -> Bools:
     pos = state.particle_pos_w
     over_table = ((pos[..., :2] > TABLE_LOW_M) & (pos[..., :2] < TABLE_HIGH_M)).all(axis=-1)
     on_table = over_table & (pos[..., 2] < TABLE_HEIGHT_M + 2.0 * FOOD.radius_m)
-    from_bowl = pos - state.bowl_pos_w[:, None]
+    from_bowl = pos - state.placed_pos_w[BOWL_BODY][:, None]
     above_bowl = norm(from_bowl[..., :2]) < BOWL_RADIUS_M
     in_bowl = above_bowl & (from_bowl[..., 2] < BOWL_HEIGHT_M + 2.0 * FOOD.radius_m)
     return (pos[..., 2] < DROPPED_HEIGHT_M) | on_table | in_bowl
@@ -141,7 +144,8 @@ def _count(events: Bools) -> Array:
 
 FEEDING = Task(
     name="Feeding",
-    uniforms=6 + kinematics.RESTART_UNIFORMS,
+    pose=HEAD_TURNED,
+    uniforms=6 + places.UNIFORMS,
     observed=OBSERVED,
     weights=WEIGHTS,
     stage=stage,

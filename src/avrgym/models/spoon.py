@@ -1,0 +1,80 @@
+"""The spoon, and the food that lies on it."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import transforms
+from avrgym.models import contacts
+from avrgym.models.parts import BOX, CAPSULE, add_collision, add_material, add_skin
+from avrgym.models.shapes import Section, loft, tube
+from avrgym.models.tools import Particles, Tool
+
+
+def _grid(x: list[float], y: list[float], z: float) -> NDArray[np.float64]:
+    return np.array([[px, py, z] for px in x for py in y])
+
+
+FOOD = Particles(
+    name="food",
+    start=_grid([-0.0162, -0.0054, 0.0054, 0.0162], [-0.0054, 0.0054], -0.0028),
+    radius_m=0.005,
+    mass_kg=0.001,
+    rgb=(0.86, 0.45, 0.16),
+)
+"""Eight spheres, radius 5 mm, 1 g (paper, section IV; reference)."""
+
+SPOON_LENGTH_M = 0.17
+_BOWL = (0.0325, 0.0205)  # half length, half width of the bowl at its rim
+_FLOOR_Z, _RIM_Z = -0.008, 0.005
+
+
+def _build_spoon(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
+    """A level bowl of boxes with walls tilted outward, and a handle towards the hand."""
+    _add_bowl_walls(body)
+    handle_end = -(SPOON_LENGTH_M - _BOWL[0])
+    add_collision(
+        body,
+        "spoon_handle",
+        CAPSULE,
+        contacts.TOOL,
+        fromto=[-_BOWL[0], 0, _RIM_Z, handle_end, 0, _RIM_Z],
+        size=[0.004, 0, 0],
+        mass=0.02,
+    )
+    if appearance:
+        _add_spoon_skin(spec, body, handle_end)
+
+
+def _add_bowl_walls(body: mujoco.MjsBody) -> None:
+    half_x, half_y, thickness, tilt = 0.0235, 0.0125, 0.0015, np.radians(35.0)
+    add_collision(
+        body, "spoon_floor", BOX, contacts.TOOL,
+        pos=[0, 0, _FLOOR_Z - thickness], size=[half_x, half_y, thickness], mass=0.01,
+    )  # fmt: skip
+    slope = 0.5 * (_RIM_Z - _FLOOR_Z) / np.cos(tilt)
+    rise, spread = slope * np.cos(tilt), slope * np.sin(tilt)
+    for name, axis, sign in (("left", 1, 1.0), ("right", 1, -1.0), ("front", 0, 1.0), ("back", 0, -1.0)):
+        half = (half_x, half_y)[axis]
+        out = np.eye(3)[axis] * sign
+        turn = transforms.from_axis_angle(np.cross([0.0, 0.0, 1.0], out), np.asarray(tilt))
+        normal = transforms.rotate(turn, out)
+        centre = out * (half + spread) + [0, 0, _FLOOR_Z + rise] + normal * thickness
+        along = half_x + 2 * spread if axis == 1 else half_y + 2 * spread
+        size = np.where(np.eye(3)[axis] == 1.0, thickness, [along, along, slope])
+        add_collision(body, f"spoon_{name}", BOX, contacts.TOOL, pos=centre, quat=turn, size=size, mass=0.002)
+
+
+def _add_spoon_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, handle_end: float) -> None:
+    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
+    a, b = _BOWL
+    outside = [(-0.0108, 0.35), (-0.0098, 0.70), (-0.006, 0.88), (0.0, 0.97), (_RIM_Z, 1.03)]
+    inside = [(_RIM_Z, 0.97), (0.0, 0.90), (-0.005, 0.80), (-0.0082, 0.62), (-0.0088, 0.30)]
+    bowl = loft([Section(z, a * s, b * s, exponent=2.3) for z, s in outside + inside], segments=40)
+    add_skin(spec, body, "spoon_bowl_skin", steel, bowl)
+    x = np.linspace(-0.96 * a, handle_end, 14)
+    bend = _RIM_Z + 0.006 * np.sin(np.pi * (x + a) / (handle_end + a))
+    add_skin(spec, body, "spoon_handle_skin", steel, tube(np.stack([x, 0 * x, bend], axis=-1), 0.0038))
+
+
+SPOON = Tool("spoon", _build_spoon, grip_pos=(0.02 + _BOWL[0] - SPOON_LENGTH_M, 0.0, 0.0), particles=FOOD)

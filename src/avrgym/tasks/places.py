@@ -1,0 +1,81 @@
+"""Where the robot stands and how its arm begins."""
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import kinematics, transforms
+from avrgym.models import human
+from avrgym.models.furniture import JACO_MOUNT_M
+from avrgym.models.human import SEATED, People
+from avrgym.models.robots import Robot, Side
+from avrgym.models.scene import TOOL_BODY, BaseRange, Stage, robot_with_tool
+from avrgym.models.tools import Tool
+from avrgym.simulation import Start
+
+Array = NDArray[np.float64]
+
+UNIFORMS = kinematics.RESTART_UNIFORMS
+STANDING_M = (-0.85, -0.4, 0.0)
+"""Where a mobile robot stands beside the person, facing their right side (reference)."""
+STANDING_RANGE = BaseRange((-0.5, 0.0), (-0.5, 0.5), (-np.radians(30.0), np.radians(30.0)))
+
+
+def wheelchair_stage(
+    robot: Robot,
+    side: Side,
+    tool: Tool,
+    standing_offset_m: tuple[float, float],
+    furniture: Sequence[str] = (),
+    movable: Sequence[str] = (),
+) -> Stage:
+    """A person in a wheelchair; the robot is mounted on its right side, or stands beside it.
+
+    ``standing_offset_m`` (x, y) is added to the place of a mobile robot.
+    """
+    arm = robot.arms[side]
+    if not robot.mobile:
+        around = ("wheelchair", "jaco_bracket", *furniture)
+        return Stage(around, movable, SEATED, robot, arm, tool, JACO_MOUNT_M, -0.5 * np.pi)
+    x, y, z = STANDING_M
+    place = (x + standing_offset_m[0], y + standing_offset_m[1], z)
+    return Stage(("wheelchair", *furniture), movable, SEATED, robot, arm, tool, place, 0.0, STANDING_RANGE)
+
+
+@cache
+def arm_chain(stage: Stage) -> kinematics.Chain:
+    """The moving arm of the stage's robot, from the robot's base to the tool."""
+    model = robot_with_tool(stage, appearance=False).compile()
+    return kinematics.chain_of(model, stage.arm.joints, stage.robot.base, TOOL_BODY)
+
+
+def mouth(people: People) -> tuple[Array, Array]:
+    """Where the mouths (n, 3) and how the heads (n, 4) of seated people are, world frame."""
+    pos_w, q_w = human.body_frames(people)
+    site = human.layout(people.is_woman, people.torso_height_m).site_pos["mouth"]
+    return transforms.compose(pos_w["head"], q_w["head"], site, transforms.IDENTITY_QUATERNION)
+
+
+def start(
+    stage: Stage,
+    people: People,
+    placed_pos_w: dict[str, Array],
+    tool_pos_w: Array,
+    tool_q_w: Array,
+    goal_pos_w: Array,
+    goal_q_w: Array,
+    uniforms: Array,
+) -> Start:
+    """How n worlds begin whose tool starts at positions (n, 3) and rotations (n, 4).
+
+    A base that may be chosen is placed so that the tool also reaches the goals, (n, G, 3) and (n, G, 4).
+    ``uniforms`` (n, ``UNIFORMS``) drive the restarts where the seed pose does not lead there.
+    """
+    count = len(tool_pos_w)
+    base_pos = np.tile(stage.robot_pos_w, (count, 1))
+    base_q = np.tile(transforms.from_axis_angle([0.0, 0.0, 1.0], stage.robot_yaw_rad), (count, 1))
+    pos, q = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
+    angles = kinematics.solve_with_restarts(arm_chain(stage), pos, q, stage.arm.seed_pose_rad, uniforms)
+    return Start(people, base_pos, base_q, angles, placed_pos_w)
