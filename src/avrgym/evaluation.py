@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from avrgym.envs import ACTIONS
 from avrgym.episodes import EPISODE_STEPS, Episodes
+from avrgym.oracles import ORACLES
 from avrgym.policies import load_policy
 
 Array = NDArray[np.float64]
-Act = Callable[[Array], NDArray[np.float32]]
+Act = Callable[[Array], NDArray[np.floating]]
 
 MAX_WORLDS = 64
 EVALUATION_STREAM = 1_000_003
@@ -45,7 +46,7 @@ def evaluate(
 
     Args:
         environment_id: such as ``avrgym/FeedingJaco-v1``.
-        policy: the name of a packaged policy, ``random``, ``zero``, or the path of a policy file.
+        policy: the name of a packaged policy, ``oracle``, ``random``, ``zero``, or the path of a policy file.
         people: whom to meet, a name in ``people.DISTRIBUTIONS``.
         episodes: how many, 1 or more.
         seed: of the episodes; another seed gives other people and starts.
@@ -97,7 +98,22 @@ def _actor(policy: str, world: Episodes, generators: list[np.random.Generator]) 
         return lambda observation: np.stack([g.uniform(-1.0, 1.0, ACTIONS) for g in generators]).astype(
             np.float32
         )
+    if policy == "oracle":
+        return _Scripted(world)
     return load_policy(policy, world.environment_id, world.task.observation_size, ACTIONS).act
+
+
+class _Scripted:
+    """The task's oracle, made at the first control step: then the episodes have begun."""
+
+    def __init__(self, world: Episodes) -> None:
+        self._world = world
+        self._act: Act | None = None
+
+    def __call__(self, observation: Array) -> Array:
+        if self._act is None:
+            self._act = ORACLES[self._world.task.name](self._world)
+        return self._act(observation)
 
 
 def _run(

@@ -196,6 +196,11 @@ class Simulation:
             tool_contact_force_n=_norm(contacts[..., :3]),
         )
 
+    def robot_base(self) -> tuple[Array, Array]:
+        """Where the robots' bases stand: positions (N, 3), quaternions (N, 4), world frame."""
+        body = self._names.robot_base
+        return self._body_pos[:, body].copy(), self._body_quat[:, body].copy()
+
     def integration_state(self, world: int = 0) -> Array:
         """Everything that the next step depends on, as MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
         return self.batch.state[world].copy()

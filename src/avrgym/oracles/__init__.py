@@ -1,0 +1,14 @@
+"""Scripted controllers that may look at everything: they show that a task can be done."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.episodes import Episodes
+from avrgym.oracles.feeding import FeedingOracle
+
+Array = NDArray[np.float64]
+
+ORACLES: Mapping[str, Callable[[Episodes], Callable[[Array], Array]]] = {"Feeding": FeedingOracle}
+"""By task: made when episodes have begun, then called with the observation (N, O) of every control step."""
