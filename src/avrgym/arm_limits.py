@@ -1,0 +1,92 @@
+"""How far a shoulder turns: the range of each of its rotations depends on the others.
+
+With abduction a, flexion f and external rotation of the humerus r, taken in this order, in degrees:
+
+    −9 ≤ a ≤ 160
+    −43 + a/3 ≤ f ≤ 153 − a/6
+    −90 + 7a/9 − f/9 + 2af/810 ≤ r ≤ 60 + 4a/9 − 5f/9 + 5af/810
+
+(Lenarčič and Umek, "Simple model of human arm reachable workspace", IEEE Trans. SMC 24(8), 1994.) All are zero
+when the upper arm hangs and the bent forearm points forward. The order of rotations is that of Klopčar, Tomšič
+and Lenarčič, J. Biomechanics 40(1), 2007.
+
+The coefficients were taken from memory of the literature, not from the paper's own pages. Two things speak for
+them, and for the signs and zeros used here. At f = 90° the axes of a and r coincide, so that only r − a has a
+meaning, and there the formulas bound exactly that: −100 ≤ r − a ≤ 10 for every a. And with the arm at the side
+they are close to what clinics measure (external 60°, internal 70–90°, flexion 150–180°, extension 40–60°).
+With the arm abducted by 90° they allow an internal rotation of only 20°, far less than the clinical 70°.
+
+Only these angles are judged, not the posture: a shoulder may reach the same posture with a turned by 180°.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD
+
+Array = NDArray[np.float64]
+
+ABDUCTION_RAD = (float(np.radians(-9.0)), float(np.radians(160.0)))
+
+_SHOULDER_Y, _SHOULDER_X, _SHOULDER_Z = (
+    np.array([JOINT_INDEX[f"{side}_shoulder_{axis}"] for side in ("right", "left")]) for axis in "yxz"
+)
+_SIDE = np.array([1.0, -1.0])
+_PER_DEGREE = 180.0 / np.pi
+
+
+def within_limits(joint_angles_rad: Array) -> NDArray[np.bool_]:
+    """Whether both shoulders of each pose (..., 20) can turn as they do; shape (...)."""
+    abduction, flexion, rotation = _shoulders(joint_angles_rad)
+    possible = (
+        _lies_in(abduction, ABDUCTION_RAD)
+        & _lies_in(flexion, flexion_range_rad(abduction))
+        & _lies_in(rotation, rotation_range_rad(abduction, flexion))
+    )
+    return possible.all(axis=-1)
+
+
+def clip(joint_angles_rad: Array) -> Array:
+    """Poses (..., 20) whose shoulders are moved into their limits, possible poses unchanged.
+
+    Abduction first, then flexion given the abduction, then axial rotation given both: each to its nearest
+    possible value. Other joints stay as they are.
+    """
+    abduction, flexion, rotation = _shoulders(joint_angles_rad)
+    abduction = np.clip(abduction, *ABDUCTION_RAD)
+    flexion = np.clip(flexion, *flexion_range_rad(abduction))
+    rotation = np.clip(rotation, *rotation_range_rad(abduction, flexion))
+    clipped = np.array(joint_angles_rad, float)
+    clipped[..., _SHOULDER_Y] = _SIDE * abduction
+    clipped[..., _SHOULDER_X] = -flexion
+    clipped[..., _SHOULDER_Z] = -_SIDE * rotation
+    return clipped
+
+
+def flexion_range_rad(abduction_rad: Array) -> tuple[Array, Array]:
+    """Lower and upper limit of the shoulder's flexion at an abduction, any shape."""
+    return np.radians(-43.0) + abduction_rad / 3.0, np.radians(153.0) - abduction_rad / 6.0
+
+
+def rotation_range_rad(abduction_rad: Array, flexion_rad: Array) -> tuple[Array, Array]:
+    """Lower and upper limit of the external rotation, any shape; also within the joint's own range."""
+    a, f = abduction_rad, flexion_rad
+    product = _PER_DEGREE * a * f / 810.0
+    internal = np.radians(-90.0) + 7.0 * a / 9.0 - f / 9.0 + 2.0 * product
+    external = np.radians(60.0) + 4.0 * a / 9.0 - 5.0 * f / 9.0 + 5.0 * product
+    lower, upper = LOWER_RAD[_SHOULDER_Z[0]], UPPER_RAD[_SHOULDER_Z[0]]
+    return np.maximum(internal, lower), np.minimum(external, upper)
+
+
+def _shoulders(joint_angles_rad: Array) -> tuple[Array, Array, Array]:
+    """Abduction, flexion and external rotation of the right and the left shoulder, each (..., 2).
+
+    Turning about y lifts the right arm outward and the left one inward, turning about x moves both backward,
+    turning about z brings the right hand inward and the left one outward.
+    """
+    angles = np.asarray(joint_angles_rad, float)
+    return _SIDE * angles[..., _SHOULDER_Y], -angles[..., _SHOULDER_X], -_SIDE * angles[..., _SHOULDER_Z]
+
+
+def _lies_in(angle: Array, limits: tuple[Array, Array] | tuple[float, float]) -> NDArray[np.bool_]:
+    return (angle >= limits[0]) & (angle <= limits[1])
