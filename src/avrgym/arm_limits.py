@@ -43,7 +43,7 @@ def within_limits(joint_angles_rad: Array) -> NDArray[np.bool_]:
         & _lies_in(flexion, flexion_range_rad(abduction))
         & _lies_in(rotation, rotation_range_rad(abduction, flexion))
     )
-    return possible.all(axis=-1)
+    return possible[..., 0] & possible[..., 1]
 
 
 def clip(joint_angles_rad: Array) -> Array:
