@@ -39,16 +39,19 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
         *,
         people: str = "original",
         person: Person | None = None,
+        impairment: str = "none",
         render_mode: str | None = None,
     ) -> None:
-        """See ``Episodes`` for people and person.
+        """See ``Episodes`` for people, person and impairment.
 
         Raises:
             ValueError: for an unknown name, naming what is allowed.
         """
         _check_render_mode(render_mode)
         self.render_mode = render_mode
-        self.episodes = Episodes(environment_id, 1, distribution=people, person=person, num_threads=1)
+        self.episodes = Episodes(
+            environment_id, 1, distribution=people, person=person, impairment=impairment, num_threads=1
+        )
         self.observation_space, self.action_space = _spaces(self.episodes.task)
         self._steps = 0
         self._camera: Camera | None = None
@@ -105,10 +108,11 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
         *,
         people: str = "original",
         person: Person | None = None,
+        impairment: str = "none",
         render_mode: str | None = None,
         num_threads: int = 0,
     ) -> None:
-        """See ``Episodes`` for people, person and threads.
+        """See ``Episodes`` for people, person, impairment and threads.
 
         Raises:
             ValueError: for an unknown name, naming what is allowed.
@@ -117,7 +121,12 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
         self.render_mode = render_mode
         self.num_envs = num_envs
         self.episodes = Episodes(
-            environment_id, num_envs, distribution=people, person=person, num_threads=num_threads
+            environment_id,
+            num_envs,
+            distribution=people,
+            person=person,
+            impairment=impairment,
+            num_threads=num_threads,
         )
         self.single_observation_space, self.single_action_space = _spaces(self.episodes.task)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

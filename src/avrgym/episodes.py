@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import people
+from avrgym import cooperation, impairments, people
 from avrgym.models.human import People, Person
 from avrgym.models.robots import find_robot
+from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation import Ids, Simulation
 from avrgym.tasks import TASKS, find_environment
 from avrgym.tasks.base import merge
@@ -43,6 +44,7 @@ class Episodes:
         *,
         distribution: str = "original",
         person: Person | None = None,
+        impairment: str = "none",
         moving: bool = False,
         num_threads: int = 0,
     ) -> None:
@@ -53,30 +55,40 @@ class Episodes:
             num_worlds: N.
             distribution: whom to meet, a name in ``people.DISTRIBUTIONS``.
             person: one fixed person for every episode instead.
-            moving: whether the people's joints are driven; else they are static.
+            impairment: a name in ``impairments.IMPAIRMENTS``.
+            moving: whether the people's joints are driven from outside, with ``command_person``.
             num_threads: threads for the physics; 0 takes one per core.
 
         Raises:
-            ValueError: for an unknown environment or distribution, naming what there is.
+            ValueError: for an unknown environment, distribution or impairment, naming what there is.
         """
         task, robot = find_environment(environment_id)
         self.environment_id = environment_id
         self.task = TASKS[task]
         self.person = person
         self._distribution = people.find_distribution(distribution)
+        self._impairment = impairments.find_impairment(impairment)
+        self._moved_by_themselves = not moving and (
+            self._distribution.cooperating or self._impairment in impairments.MOVING
+        )
         self.stage = self.task.stage(find_robot(robot))
-        self.simulation = Simulation(self.stage, num_worlds, moving=moving, num_threads=num_threads)
-        self._people = people.repeat(person or Person(), num_worlds)
-        self._memory = self.task.remember(self._people, np.zeros((num_worlds, self.task.uniforms)))
+        self.simulation = Simulation(
+            self.stage, num_worlds, moving=moving or self._moved_by_themselves, num_threads=num_threads
+        )
+        self.people = people.repeat(person or Person(), num_worlds)
+        self._memory = self.task.remember(self.people, np.zeros((num_worlds, self.task.uniforms)))
+        self._mind = cooperation.begin(self.people, np.zeros((num_worlds, cooperation.UNIFORMS)))
 
     def begin(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
         """Begin episodes in worlds ``ids`` (n,), each drawn from its generator; give observations (n, O)."""
-        uniforms = np.stack([g.random(people.UNIFORMS + self.task.uniforms) for g in generators])
-        who = self._draw_people(uniforms[:, : people.UNIFORMS])
-        self._people = merge(self._people, who, ids)
-        uniforms = uniforms[:, people.UNIFORMS :]
-        self.simulation.reset(ids, self.task.start(self.stage, who, uniforms))
-        self._memory = merge(self._memory, self.task.remember(who, uniforms), ids)
+        parts = np.cumsum([people.UNIFORMS, impairments.UNIFORMS, cooperation.UNIFORMS, self.task.uniforms])
+        uniforms = np.stack([generator.random(parts[-1]) for generator in generators])
+        for_people, for_impairments, for_minds, for_task = np.split(uniforms, parts[:-1], axis=1)
+        who = impairments.impair(self._draw_people(for_people), self._impairment, for_impairments)
+        self.people = merge(self.people, who, ids)
+        self._mind = merge(self._mind, cooperation.begin(who, for_minds), ids)
+        self.simulation.reset(ids, self.task.start(self.stage, who, for_task))
+        self._memory = merge(self._memory, self.task.remember(who, for_task), ids)
         return self.observe()[ids]
 
     def step(self, action: Array) -> Step:
@@ -86,8 +98,10 @@ class Episodes:
         return self.judge(action)
 
     def command(self, action: Array) -> None:
-        """Give the robots their actions (N, 7) for the coming control step."""
+        """Give the robots their actions (N, 7), and people who move by themselves their targets."""
         self.simulation.command_robot(action)
+        if self._moved_by_themselves:
+            self._command_people()
 
     def judge(self, action: Array) -> Step:
         """Judge the control step that ends now, and take out of play what has left the task."""
@@ -111,9 +125,20 @@ class Episodes:
 
     def person_in(self, world: int) -> Person:
         """The person of a world's present episode."""
-        return self._people.person(world)
+        return self.people.person(world)
 
     def _draw_people(self, uniforms: Array) -> People:
         if self.person is not None:
             return people.repeat(self.person, len(uniforms))
         return people.sample(self._distribution, self.task.pose, uniforms)
+
+    def _command_people(self) -> None:
+        """Tremor changes its direction at every control step (reference)."""
+        self._mind = cooperation.wait(self._mind)
+        direction = np.where(np.round(self._mind.time_s / CONTROL_STEP_S) % 2 == 1, 1.0, -1.0)
+        wanted = self._mind.targets_rad + direction[:, None] * self.people.tremor_rad
+        if self._distribution.cooperating:
+            state = self.simulation.state()
+            self._mind = cooperation.see(self._mind, state, self.task.offered, self.stage.posture)
+            wanted = wanted + cooperation.sway_rad(self._mind)
+        self.simulation.command_person(impairments.limit(self.people, wanted))

@@ -21,16 +21,21 @@ UNIFORMS = 2 + ATTEMPTS * len(JOINTS)
 
 @dataclass(frozen=True)
 class Distribution:
-    """Ranges of uniform distributions: torso heights in metres, waist joints in degrees either way."""
+    """Ranges of uniform distributions: torso heights in metres, waist joints in degrees either way.
+
+    ``cooperating`` people move, see ``cooperation``; others keep the pose they were found in.
+    """
 
     torso_height_man_m: tuple[float, float]
     torso_height_woman_m: tuple[float, float]
     waist_deg: float
+    cooperating: bool = False
 
 
 DISTRIBUTIONS: Mapping[str, Distribution] = {
     "original": Distribution((0.60, 0.60), (0.54, 0.54), waist_deg=0.0),
     "revised": Distribution((0.50, 0.70), (0.44, 0.64), waist_deg=10.0),
+    "participants": Distribution((0.51, 0.58), (0.51, 0.58), waist_deg=5.0, cooperating=True),
 }
 
 WAIST = np.array([joint.body == "torso" for joint in JOINTS.values()])
@@ -61,10 +66,9 @@ def sample(distribution: Distribution, pose: Pose, uniforms: Array) -> People:
     man = _between(distribution.torso_height_man_m, uniforms[:, 1])
     woman = _between(distribution.torso_height_woman_m, uniforms[:, 1])
     spread = pose.spread_rad + np.where(WAIST, np.radians(distribution.waist_deg), 0.0)
-    angles = pose.rest_rad + spread * (2.0 * uniforms[:, 2 : 2 + len(JOINTS)] - 1.0)
-    return People.unimpaired(
-        is_woman, np.where(is_woman, woman, man), np.clip(angles, human.LOWER_RAD, human.UPPER_RAD)
-    )
+    poses = uniforms[:, 2:].reshape(len(uniforms), ATTEMPTS, len(JOINTS))
+    angles = np.clip(pose.rest_rad + spread * (2.0 * poses[:, 0] - 1.0), human.LOWER_RAD, human.UPPER_RAD)
+    return People.unimpaired(is_woman, np.where(is_woman, woman, man), angles)
 
 
 def repeat(person: Person, count: int) -> People:

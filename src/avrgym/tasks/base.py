@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.cooperation import Offered
 from avrgym.models.human import JOINTS, SEATED_RAD, People
 from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
@@ -91,15 +92,16 @@ class Marks:
 class Task:
     """A task. Every function takes and gives arrays with the world axis first.
 
-    ``pose`` is how people sit or lie. ``stage(robot)`` says what stands in the scene. ``start(stage, people,
-    uniforms)`` draws where things begin from uniform numbers (n, ``uniforms``). ``remember(people,
-    uniforms)``, with the same numbers, is the memory an episode begins with. ``observe(state, memory)`` gives
-    (N, O), the numbers that ``observed`` names in that order. ``judge(state, action, memory)`` judges a control
-    step. ``weights`` has one weight for each term; the reward is their weighted sum. ``marks`` are drawn on the
-    person.
+    ``offered`` is what cooperating people bring to the tool, ``pose`` is how people sit or lie.
+    ``stage(robot)`` says what stands in the scene. ``start(stage, people, uniforms)`` draws where things begin
+    from uniform numbers (n, ``uniforms``). ``remember(people, uniforms)``, with the same numbers, is the memory
+    an episode begins with. ``observe(state, memory)`` gives (N, O), the numbers that ``observed`` names in that
+    order. ``judge(state, action, memory)`` judges a control step. ``weights`` has one weight for each term; the
+    reward is their weighted sum. ``marks`` are drawn on the person.
     """
 
     name: str
+    offered: Offered
     pose: Pose
     uniforms: int
     observed: tuple[Entry, ...]

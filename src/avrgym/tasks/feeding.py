@@ -144,6 +144,7 @@ def _count(events: Bools) -> Array:
 
 FEEDING = Task(
     name="Feeding",
+    offered="mouth",
     pose=HEAD_TURNED,
     uniforms=6 + places.UNIFORMS,
     observed=OBSERVED,
