@@ -1,30 +1,25 @@
-"""Wheelchair, table and bowl, in the world's frame: the person sits at the origin and faces −y.
+"""The wheelchair, in the world's frame: the person sits at the origin and faces −y.
 
-Wheelchair: seat height 485 mm, armrests 760 mm, push handles 915 mm, overall width 660 mm, length 1065 mm,
-seat 460 × 410 mm (accessibility tables for adult manual wheelchairs).
+Seat height 485 mm, armrests 760 mm, push handles 915 mm, overall width 660 mm, length 1065 mm, seat
+460 × 410 mm (accessibility tables for adult manual wheelchairs).
 """
-
-from collections.abc import Callable, Mapping
 
 import mujoco
 import numpy as np
 
 from avrgym.models import contacts
+from avrgym.models.furniture.bars import rounded
 from avrgym.models.parts import BOX, CAPSULE, CYLINDER, add_collision, add_material, add_skin, add_visual
-from avrgym.models.shapes import revolve, torus, tube
+from avrgym.models.shapes import torus, tube
 
 SEAT_HEIGHT_M = 0.485
-TABLE_HEIGHT_M = 0.75
-BOWL_START_M = (-0.15, -0.55, TABLE_HEIGHT_M)
-BOWL_BODY = "bowl"
-TABLE_BODY = "table"
+JACO_MOUNT_M = (-0.35, -0.30, 0.36)
 
 _BACK_Y, _FRONT_Y = 0.165, -0.245
 _HALF_SEAT = 0.23
 _WHEEL_RADIUS, _WHEEL_X, _AXLE_Y = 0.305, 0.305, 0.10
 _CASTER_RADIUS, _CASTER_Y = 0.09, -0.32
 _FRAME_X = 0.245
-JACO_MOUNT_M = (-0.35, -0.30, 0.36)
 
 
 def add_wheelchair(spec: mujoco.MjSpec, appearance: bool) -> None:
@@ -80,7 +75,7 @@ def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
                     [sign * 0.265, -0.17, 0.44]],
         }  # fmt: skip
         for name, points in bars.items():
-            add_skin(spec, body, f"wheelchair_{side}_{name}", paint, tube(_rounded(points), 0.0125))
+            add_skin(spec, body, f"wheelchair_{side}_{name}", paint, tube(rounded(points), 0.0125))
         add_visual(body, BOX, paint, pos=[sign * 0.262, -0.03, 0.60], size=[0.004, 0.12, 0.10])
     for sign in (-1.0, 1.0):
         brace = [sign * _FRAME_X, -0.05, 0.22, -sign * _FRAME_X, -0.05, 0.42]
@@ -117,53 +112,3 @@ def add_jaco_bracket(spec: mujoco.MjSpec, appearance: bool) -> None:
     add_visual(body, CYLINDER, paint, fromto=[x, y, z - 0.02, x, y, z], size=[0.055, 0, 0])
     arm = [[x, y, z - 0.015], [x + 0.03, y, z - 0.02], [-_FRAME_X, y, z - 0.02]]
     add_skin(spec, body, "jaco_bracket", paint, tube(np.array(arm), 0.016))
-
-
-def add_table(spec: mujoco.MjSpec, appearance: bool) -> None:
-    """A table in front of the person's left, with a bowl whose body carries its place."""
-    centre, half = np.array([0.35, -0.90]), np.array([0.65, 0.42])
-    table = spec.worldbody.add_body(name=TABLE_BODY)
-    top = [*centre, TABLE_HEIGHT_M - 0.015]
-    add_collision(table, TABLE_BODY, BOX, contacts.FURNITURE, pos=top, size=[*half, 0.015])
-    bowl = spec.worldbody.add_body(name=BOWL_BODY, pos=BOWL_START_M)
-    add_collision(bowl, BOWL_BODY, CYLINDER, contacts.FURNITURE, pos=[0, 0, 0.025], size=[0.07, 0.025, 0])
-    if appearance:
-        _add_table_skin(spec, table, bowl, centre, half)
-
-
-def _add_table_skin(
-    spec: mujoco.MjSpec, table: mujoco.MjsBody, bowl: mujoco.MjsBody, centre: np.ndarray, half: np.ndarray
-) -> None:
-    wood = add_material(spec, "wood", (0.66, 0.50, 0.34), roughness=0.6)
-    white = add_material(spec, "ceramic", (0.93, 0.93, 0.90), roughness=0.3)
-    food = add_material(spec, "porridge", (0.82, 0.56, 0.28), roughness=0.8)
-    add_visual(table, BOX, wood, pos=[*centre, TABLE_HEIGHT_M - 0.015], size=[*half, 0.015])
-    for corner in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
-        leg = centre + np.array(corner) * (half - 0.06)
-        add_visual(table, BOX, wood, pos=[*leg, 0.36], size=[0.025, 0.025, 0.36])
-    profile = [
-        (0.0, 0.0), (0.035, 0.0), (0.055, 0.012), (0.068, 0.032), (0.072, 0.05),
-        (0.069, 0.05), (0.064, 0.034), (0.051, 0.016), (0.030, 0.007), (0.0, 0.007),
-    ]  # fmt: skip
-    add_skin(spec, bowl, "bowl_skin", white, revolve(profile))
-    add_visual(bowl, CYLINDER, food, pos=[0, 0, 0.022], size=[0.058, 0.006, 0])
-
-
-def _rounded(points: list[list[float]], per_corner: int = 6) -> np.ndarray:
-    """A polyline with its inner corners replaced by quadratic arcs."""
-    p = np.asarray(points, float)
-    pieces = [p[:1]]
-    for before, corner, after in zip(p[:-2], p[1:-1], p[2:], strict=True):
-        reach = 0.35 * min(np.linalg.norm(corner - before), np.linalg.norm(after - corner))
-        start = corner + reach * (before - corner) / np.linalg.norm(before - corner)
-        end = corner + reach * (after - corner) / np.linalg.norm(after - corner)
-        t = np.linspace(0.0, 1.0, per_corner)[:, None]
-        pieces.append((1 - t) ** 2 * start + 2 * t * (1 - t) * corner + t**2 * end)
-    return np.concatenate([*pieces, p[-1:]])
-
-
-FURNITURE: Mapping[str, Callable[[mujoco.MjSpec, bool], None]] = {
-    "wheelchair": add_wheelchair,
-    "table": add_table,
-    "jaco_bracket": add_jaco_bracket,
-}

@@ -1,0 +1,210 @@
+"""The hospital bed with its backrest raised, and the nightstand beside it, in the world's frame.
+
+The person lies on their back, hips at (0, 0, 0.7), legs towards −y. Mattress 880 × 2000 × 150 mm, its top at
+0.55 m (makers' tables of adult hospital beds); backrest 60° above the horizontal (reference).
+"""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from avrgym import transforms
+from avrgym.models import contacts
+from avrgym.models.furniture.bars import rounded
+from avrgym.models.parts import BOX, CAPSULE, CYLINDER, add_collision, add_material, add_skin, add_visual
+from avrgym.models.shapes import Mesh, Section, loft, torus, tube
+
+MATTRESS_TOP_M = 0.55
+MATTRESS_THICKNESS_M, MATTRESS_HALF_WIDTH_M = 0.15, 0.44
+LEGS_LENGTH_M, BACK_LENGTH_M = 1.15, 0.85
+BACKREST_RAD = np.radians(60.0)
+NIGHTSTAND_BODY = "nightstand"
+NIGHTSTAND_TOP_M = (-0.75, 0.15, 0.60)
+"""Where a robot stands on the nightstand; it is the origin of its body, which may be moved with the robot."""
+
+_CREASE = (0.0, 0.05, MATTRESS_TOP_M)
+"""Where the backrest's surface leaves the seat's: 0.118 m behind the axis of a torso that leans back by 30°."""
+_HALF_THICKNESS = 0.5 * MATTRESS_THICKNESS_M
+_FOOT_Y, _HEAD_Y = _CREASE[1] - LEGS_LENGTH_M - 0.03, _CREASE[1] + BACK_LENGTH_M + 0.03
+_MIDDLE_Y, _HALF_LENGTH = 0.5 * (_FOOT_Y + _HEAD_Y), 0.5 * (_HEAD_Y - _FOOT_Y)
+_FOOTBOARD_TOP, _HEADBOARD_TOP, _BOARD_BOTTOM = 0.78, 1.02, 0.30
+_HALF_BOARD = (0.46, 0.018)
+_DECK_Z = MATTRESS_TOP_M - MATTRESS_THICKNESS_M - 0.025
+_CASTER_RADIUS, _CASTER_X, _CASTER_Y = 0.06, 0.36, 0.72
+_BACK_Q = transforms.from_axis_angle([1.0, 0.0, 0.0], BACKREST_RAD)
+_UPRIGHT_Q = transforms.from_axis_angle([1.0, 0.0, 0.0], 0.5 * np.pi)
+_NIGHTSTAND_HALF = (0.165, 0.20, 0.5 * NIGHTSTAND_TOP_M[2])
+
+
+def add_hospital_bed(spec: mujoco.MjSpec, appearance: bool) -> None:
+    """Add the bed: a mattress in two pieces, a frame on castors, boards at both ends, side rails lowered."""
+    body = spec.worldbody.add_body(name="hospital_bed")
+    _add_bed_collision(body)
+    if appearance:
+        _add_bedding(spec, body)
+        _add_boards(spec, body)
+        _add_bed_frame(spec, body)
+        _add_side_rails(spec, body)
+        _add_undercarriage(spec, body)
+
+
+def _on_backrest(x: float, along: float, above: float) -> np.ndarray:
+    """A place ``along`` the backrest from the crease and ``above`` its surface, world frame."""
+    return _CREASE + transforms.rotate(_BACK_Q, [x, along, above])
+
+
+def _add_bed_collision(body: mujoco.MjsBody) -> None:
+    legs_y, deck_half = _CREASE[1] - 0.5 * LEGS_LENGTH_M, 0.025
+    half_back = [MATTRESS_HALF_WIDTH_M, 0.5 * BACK_LENGTH_M, _HALF_THICKNESS]
+    add_collision(
+        body, "bed_backrest", BOX, contacts.FURNITURE,
+        pos=_on_backrest(0.0, 0.5 * BACK_LENGTH_M, -_HALF_THICKNESS), quat=_BACK_Q, size=half_back,
+    )  # fmt: skip
+    boxes = {
+        "mattress": (
+            [0, legs_y, MATTRESS_TOP_M - _HALF_THICKNESS],
+            [half_back[0], 0.5 * LEGS_LENGTH_M, half_back[2]],
+        ),
+        "deck": ([0, _MIDDLE_Y, _DECK_Z], [0.45, _HALF_LENGTH, deck_half]),
+        "footboard": _board(_FOOT_Y, _FOOTBOARD_TOP),
+        "headboard": _board(_HEAD_Y, _HEADBOARD_TOP),
+    }
+    for name, (pos, size) in boxes.items():
+        add_collision(body, f"bed_{name}", BOX, contacts.FURNITURE, pos=pos, size=size)
+
+
+def _board(y: float, top: float) -> tuple[list[float], list[float]]:
+    """Centre and half sizes of the board at one end."""
+    half_height = 0.5 * (top - _BOARD_BOTTOM)
+    return [0.0, y, _BOARD_BOTTOM + half_height], [_HALF_BOARD[0], _HALF_BOARD[1], half_height]
+
+
+def _add_bedding(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+    sheet = add_material(spec, "sheet", (0.70, 0.79, 0.84), roughness=0.95)
+    linen = add_material(spec, "linen", (0.93, 0.93, 0.91), roughness=0.95)
+    legs = _cushion(MATTRESS_HALF_WIDTH_M, 0.5 * LEGS_LENGTH_M, _HALF_THICKNESS)
+    back = _cushion(MATTRESS_HALF_WIDTH_M, 0.5 * BACK_LENGTH_M, _HALF_THICKNESS)
+    legs_centre = [0, _CREASE[1] - 0.5 * LEGS_LENGTH_M, MATTRESS_TOP_M - _HALF_THICKNESS]
+    back_centre = _on_backrest(0.0, 0.5 * BACK_LENGTH_M, -_HALF_THICKNESS)
+    add_skin(spec, body, "bed_mattress_skin", sheet, legs, pos=legs_centre)
+    add_skin(spec, body, "bed_backrest_skin", sheet, back, pos=back_centre, quat=_BACK_Q)
+    pillow = _on_backrest(0.0, 0.66, 0.005)
+    add_skin(spec, body, "bed_pillow", linen, _pillow(), pos=pillow, quat=_BACK_Q)
+
+
+def _cushion(half_x: float, half_y: float, half_z: float) -> Mesh:
+    """A box with rounded corners and edges; z is its thickness."""
+    edge = 0.025
+    turn = np.linspace(0.0, 0.5 * np.pi, 5)
+    inset, height = edge * (1.0 - np.cos(turn)), half_z - edge + edge * np.sin(turn)
+    rings = [*zip(-height[::-1], inset[::-1], strict=True), *zip(height, inset, strict=True)]
+    return loft([Section(z, half_x - d, half_y - d, exponent=12.0) for z, d in rings], segments=40)
+
+
+def _pillow() -> Mesh:
+    """A soft pillow, 0.60 × 0.38 m, 7 cm thick at its middle."""
+    turns = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 11)[1:-1]
+    rings = [(0.035 * np.sin(turn), np.cos(turn) ** 0.35) for turn in turns]
+    return loft([Section(z, 0.30 * share, 0.19 * share, exponent=4.0) for z, share in rings])
+
+
+def _add_boards(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+    plastic = add_material(spec, "plastic", (0.87, 0.87, 0.84), roughness=0.5)
+    wood = add_material(spec, "wood", (0.66, 0.50, 0.34), roughness=0.6)
+    for name, y, top in (("footboard", _FOOT_Y, _FOOTBOARD_TOP), ("headboard", _HEAD_Y, _HEADBOARD_TOP)):
+        pos, (half_x, half_y, half_z) = _board(y, top)
+        panel = loft([Section(z, half_x, half_z, exponent=8.0) for z in (-half_y, half_y)], segments=48)
+        inlay = loft(
+            [Section(z, half_x - 0.09, half_z - 0.09, exponent=8.0) for z in (-0.02, 0.02)], segments=48
+        )
+        add_skin(spec, body, f"bed_{name}_skin", plastic, panel, pos=pos, quat=_UPRIGHT_Q)
+        add_skin(spec, body, f"bed_{name}_inlay", wood, inlay, pos=pos, quat=_UPRIGHT_Q)
+
+
+def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+    paint = add_material(spec, "bed_frame", (0.60, 0.63, 0.66), metallic=0.3, roughness=0.4)
+    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
+    for sign in (-1.0, 1.0):
+        pos = [sign * 0.425, _MIDDLE_Y, _DECK_Z - 0.005]
+        add_visual(body, BOX, paint, pos=pos, size=[0.02, _HALF_LENGTH, 0.025])
+    for y in (-0.9, -0.45, 0.0, 0.45, 0.85):
+        add_visual(body, BOX, paint, pos=[0, y, _DECK_Z - 0.005], size=[0.41, 0.02, 0.015])
+    legs_y = _CREASE[1] - 0.5 * LEGS_LENGTH_M
+    add_visual(body, BOX, paint, pos=[0, legs_y, _DECK_Z + 0.018], size=[0.43, 0.5 * LEGS_LENGTH_M, 0.008])
+    back = _on_backrest(0.0, 0.5 * BACK_LENGTH_M, -MATTRESS_THICKNESS_M - 0.012)
+    half_back = [0.43, 0.5 * BACK_LENGTH_M - 0.02, 0.012]
+    add_visual(body, BOX, paint, pos=back, quat=_BACK_Q, size=half_back)
+    strut = [0.0, 0.80, _DECK_Z, *_on_backrest(0.0, 0.50, -MATTRESS_THICKNESS_M - 0.02)]
+    add_visual(body, CAPSULE, steel, fromto=strut, size=[0.018, 0, 0])
+
+
+def _add_side_rails(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+    """One rail on each side, hanging below the mattress's top so that a robot can reach over it."""
+    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
+    low, high, foot, head = 0.30, 0.50, -0.55, 0.30
+    for side, sign in (("right", -1.0), ("left", 1.0)):
+        x = sign * 0.456
+        loop = [[x, 0.5 * (foot + head), low], [x, foot, low], [x, foot, high], [x, head, high], [x, head, low],
+                [x, 0.5 * (foot + head), low]]  # fmt: skip
+        add_skin(spec, body, f"bed_{side}_rail", steel, tube(rounded(loop), 0.011))
+        for y in np.linspace(foot, head, 7)[1:-1]:
+            add_visual(body, CAPSULE, steel, fromto=[x, y, low, x, y, high], size=[0.007, 0, 0])
+
+
+def _add_undercarriage(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+    paint = add_material(spec, "bed_frame", (0.60, 0.63, 0.66), metallic=0.3, roughness=0.4)
+    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
+    rubber = add_material(spec, "rubber", (0.07, 0.07, 0.075), roughness=0.9)
+    low = 2.0 * _CASTER_RADIUS + 0.06
+    for y in (-0.45, 0.45):
+        column = [0.0, _MIDDLE_Y + y, low, 0.0, _MIDDLE_Y + y, _DECK_Z]
+        add_visual(body, CYLINDER, steel, fromto=column, size=[0.045, 0, 0])
+        add_visual(body, BOX, paint, pos=[0, _MIDDLE_Y + y, low], size=[_CASTER_X, 0.03, 0.02])
+    for side, sign in (("right", -1.0), ("left", 1.0)):
+        x = sign * _CASTER_X
+        add_visual(body, BOX, paint, pos=[x, _MIDDLE_Y, low], size=[0.025, _CASTER_Y + 0.04, 0.025])
+        for end, y in (("foot", _MIDDLE_Y - _CASTER_Y), ("head", _MIDDLE_Y + _CASTER_Y)):
+            _add_caster(spec, body, f"bed_{side}_{end}_caster", (x, y, low), rubber, steel)
+
+
+def _add_caster(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, top: Sequence[float], tyre: str, metal: str
+) -> None:
+    x, y, z = top
+    centre = [x, y, _CASTER_RADIUS]
+    add_skin(spec, body, name, tyre, torus(_CASTER_RADIUS - 0.014, 0.014, 32), pos=centre)
+    wheel = [x - 0.008, *centre[1:], x + 0.008, *centre[1:]]
+    add_visual(body, CYLINDER, metal, fromto=wheel, size=[_CASTER_RADIUS - 0.02, 0, 0])
+    for side in (-0.02, 0.02):
+        add_visual(body, BOX, metal, pos=[x + side, y, 0.5 * (z + centre[2])], size=[0.004, 0.016, 0.06])
+
+
+def add_nightstand(spec: mujoco.MjSpec, appearance: bool) -> None:
+    """Add the nightstand; its body's origin is the middle of its top."""
+    body = spec.worldbody.add_body(name=NIGHTSTAND_BODY, pos=NIGHTSTAND_TOP_M)
+    half_x, half_y, half_z = _NIGHTSTAND_HALF
+    add_collision(
+        body, NIGHTSTAND_BODY, BOX, contacts.FURNITURE, pos=[0, 0, -half_z], size=[half_x, half_y, half_z]
+    )
+    if appearance:
+        _add_nightstand_skin(spec, body)
+
+
+def _add_nightstand_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+    """A cabinet on a plinth with three drawers, their fronts towards the room's −y."""
+    plastic = add_material(spec, "plastic", (0.87, 0.87, 0.84), roughness=0.5)
+    wood = add_material(spec, "wood", (0.66, 0.50, 0.34), roughness=0.6)
+    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
+    half_x, half_y, half_z = _NIGHTSTAND_HALF
+    add_visual(body, BOX, plastic, pos=[0, 0, -0.0125], size=[half_x, half_y, 0.0125])
+    add_visual(
+        body, BOX, plastic, pos=[0, 0, -half_z - 0.01], size=[half_x - 0.01, half_y - 0.015, half_z - 0.05]
+    )
+    add_visual(
+        body, BOX, steel, pos=[0, 0, -2.0 * half_z + 0.025], size=[half_x - 0.03, half_y - 0.035, 0.025]
+    )
+    for z in (-0.12, -0.29, -0.46):
+        add_visual(body, BOX, wood, pos=[0, -half_y + 0.012, z], size=[half_x - 0.02, 0.008, 0.078])
+        handle = [-0.05, -half_y - 0.004, z + 0.03, 0.05, -half_y - 0.004, z + 0.03]
+        add_visual(body, CAPSULE, steel, fromto=handle, size=[0.006, 0, 0])

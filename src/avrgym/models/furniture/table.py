@@ -1,0 +1,43 @@
+"""A table with a bowl, in the world's frame: the person sits at the origin and faces −y."""
+
+import mujoco
+import numpy as np
+
+from avrgym.models import contacts
+from avrgym.models.parts import BOX, CYLINDER, add_collision, add_material, add_skin, add_visual
+from avrgym.models.shapes import revolve
+
+TABLE_BODY = "table"
+TABLE_HEIGHT_M = 0.75
+BOWL_BODY = "bowl"
+BOWL_START_M = (-0.15, -0.55, TABLE_HEIGHT_M)
+
+
+def add_table(spec: mujoco.MjSpec, appearance: bool) -> None:
+    """A table in front of the person's left, with a bowl whose body carries its place."""
+    centre, half = np.array([0.35, -0.90]), np.array([0.65, 0.42])
+    table = spec.worldbody.add_body(name=TABLE_BODY)
+    top = [*centre, TABLE_HEIGHT_M - 0.015]
+    add_collision(table, TABLE_BODY, BOX, contacts.FURNITURE, pos=top, size=[*half, 0.015])
+    bowl = spec.worldbody.add_body(name=BOWL_BODY, pos=BOWL_START_M)
+    add_collision(bowl, BOWL_BODY, CYLINDER, contacts.FURNITURE, pos=[0, 0, 0.025], size=[0.07, 0.025, 0])
+    if appearance:
+        _add_table_skin(spec, table, bowl, centre, half)
+
+
+def _add_table_skin(
+    spec: mujoco.MjSpec, table: mujoco.MjsBody, bowl: mujoco.MjsBody, centre: np.ndarray, half: np.ndarray
+) -> None:
+    wood = add_material(spec, "wood", (0.66, 0.50, 0.34), roughness=0.6)
+    white = add_material(spec, "ceramic", (0.93, 0.93, 0.90), roughness=0.3)
+    food = add_material(spec, "porridge", (0.82, 0.56, 0.28), roughness=0.8)
+    add_visual(table, BOX, wood, pos=[*centre, TABLE_HEIGHT_M - 0.015], size=[*half, 0.015])
+    for corner in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+        leg = centre + np.array(corner) * (half - 0.06)
+        add_visual(table, BOX, wood, pos=[*leg, 0.36], size=[0.025, 0.025, 0.36])
+    profile = [
+        (0.0, 0.0), (0.035, 0.0), (0.055, 0.012), (0.068, 0.032), (0.072, 0.05),
+        (0.069, 0.05), (0.064, 0.034), (0.051, 0.016), (0.030, 0.007), (0.0, 0.007),
+    ]  # fmt: skip
+    add_skin(spec, bowl, "bowl_skin", white, revolve(profile))
+    add_visual(bowl, CYLINDER, food, pos=[0, 0, 0.022], size=[0.058, 0.006, 0])
