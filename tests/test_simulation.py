@@ -303,3 +303,13 @@ def test_a_warning_would_be_seen(capfd, tmp_path, monkeypatch):
     episodes.simulation.step(1)
     assert any(warning.number for warning in episodes.simulation.batch.get_data(0).warning)
     capfd.readouterr()
+
+
+def test_a_state_does_not_change_with_the_world(rng):
+    episodes = begun(2, distribution="participants")
+    state = episodes.simulation.state()
+    before = {name: np.copy(value) for name, value in vars(state).items() if isinstance(value, np.ndarray)}
+    for action in jerky_actions(rng, 2, 10):
+        episodes.step(action)
+    for name, value in before.items():
+        assert_array_equal(getattr(state, name), value, err_msg=name)

@@ -173,19 +173,19 @@ class Simulation:
         """The state of all worlds, in arrays of its own."""
         names = self._names
         sensors = self._sensordata
-        contacts = sensors[:, names.tool_contacts].reshape(self.num_worlds, TOOL_CONTACTS, 6)
+        contacts = sensors[:, names.tool_contacts].copy().reshape(self.num_worlds, TOOL_CONTACTS, 6)
         return State(
-            robot_pos_w=self._xpos[:, names.robot_torso],
+            robot_pos_w=self._xpos[:, names.robot_torso].copy(),
             arm_angles_rad=self._qpos[:, names.arm_qpos],
-            effector_velocity_w=sensors[:, names.effector_velocity],
-            tool_pos_w=self._xpos[:, names.tool],
-            tool_q_w=self._xquat[:, names.tool],
-            head_pos_w=self._site_xpos[:, names.head_centre],
-            head_q_w=self._xquat[:, names.head],
-            mouth_pos_w=self._site_xpos[:, names.mouth],
+            effector_velocity_w=sensors[:, names.effector_velocity].copy(),
+            tool_pos_w=self._xpos[:, names.tool].copy(),
+            tool_q_w=self._xquat[:, names.tool].copy(),
+            head_pos_w=self._site_xpos[:, names.head_centre].copy(),
+            head_q_w=self._xquat[:, names.head].copy(),
+            mouth_pos_w=self._site_xpos[:, names.mouth].copy(),
             right_arm_pos_w=self._xpos[:, names.right_arm],
             right_arm_q_w=self._xquat[:, names.right_arm],
-            placed_pos_w={name: self._xpos[:, body] for name, body in names.placed.items()},
+            placed_pos_w={name: self._xpos[:, body].copy() for name, body in names.placed.items()},
             particle_pos_w=self._qpos[:, names.particle_qpos],
             particle_velocity_w=self._qvel[:, names.particle_dof],
             person_segment_w=self._person_segments(),

@@ -1,0 +1,128 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from avrgym import cooperation, people, transforms
+from avrgym.cooperation import Mind
+from avrgym.episodes import Episodes
+from avrgym.models import human
+from avrgym.models.human import JOINT_INDEX, SEATED, Person
+from avrgym.simulation import State
+
+STILL = np.zeros((1, 7))
+HEAD_Z, HEAD_X = JOINT_INDEX["head_z"], JOINT_INDEX["head_x"]
+WAIST_X, SHOULDER_Y = JOINT_INDEX["waist_x"], JOINT_INDEX["right_shoulder_y"]
+
+
+@pytest.fixture(scope="module")
+def upright() -> State:
+    """One person who sits upright and looks ahead, to −y."""
+    episodes = Episodes("avrgym/FeedingJaco-v1", 1, person=Person("man", 0.6), num_threads=1)
+    episodes.begin(np.array([0]), [np.random.default_rng(0)])
+    return episodes.simulation.state()
+
+
+def mind(uniforms: float = 0.5) -> Mind:
+    who = people.repeat(Person("man", 0.6), 1)
+    return cooperation.begin(who, np.full((1, cooperation.UNIFORMS), uniforms))
+
+
+def with_tool(state: State, offset: list[float]) -> State:
+    """The tool at an offset from the mouth, world frame."""
+    return replace(state, tool_pos_w=state.mouth_pos_w + offset)
+
+
+def after(
+    state: State, steps: int, offered: cooperation.Offered = "mouth", start: Mind | None = None
+) -> Mind:
+    now = start or mind()
+    for _ in range(steps):
+        now = cooperation.see(cooperation.wait(now), state, offered, SEATED)
+    return now
+
+
+def test_nobody_reacts_before_the_reaction_time(upright):
+    aside = with_tool(upright, [0.5, -0.5, 0.0])
+    for quickness in (0.0, 0.5, 0.99):
+        person = mind(quickness)
+        before = after(aside, int(person.reaction[0]), start=person)
+        assert_array_equal(before.targets_rad, person.targets_rad)
+        later = after(aside, int(person.reaction[0]) + 1, start=person)
+        assert not np.array_equal(later.targets_rad, person.targets_rad)
+        assert 0.2 <= 0.1 * person.reaction[0] <= 0.4
+
+
+@pytest.mark.parametrize(("side", "sign"), [(0.4, 1.0), (-0.4, -1.0)])
+def test_the_face_turns_to_the_side_of_the_tool(upright, side, sign):
+    turned = after(with_tool(upright, [side, -0.4, 0.0]), 20).targets_rad[0]
+    assert sign * turned[HEAD_Z] > 0.1
+    moved = np.flatnonzero(np.abs(turned - mind().targets_rad[0]) > 1e-9)
+    assert set(moved) <= {HEAD_X, HEAD_Z}
+
+
+def test_a_full_turn_would_look_straight_at_the_tool(upright):
+    aside = with_tool(upright, [0.2, -0.5, 0.1])
+    whole = replace(mind(), facing=np.ones(1))
+    angles = after(aside, 30, start=whole).targets_rad
+    _, q_w = human.body_frames(people.repeat(Person("man", 0.6, angles[0]), 1))
+    looks = transforms.rotate(q_w["head"], [0.0, -1.0, 0.0])[0]
+    to_tool = (aside.tool_pos_w - aside.head_pos_w)[0]
+    assert_allclose(looks, to_tool / np.linalg.norm(to_tool), atol=1e-6)
+
+
+def test_they_lean_to_a_tool_that_is_near_and_in_front(upright):
+    assert after(with_tool(upright, [0.0, -0.15, 0.0]), 30).targets_rad[0, WAIST_X] == cooperation.LEAN_RAD
+    assert after(with_tool(upright, [0.0, -0.6, 0.0]), 30).targets_rad[0, WAIST_X] == 0.0
+    assert after(with_tool(upright, [0.0, 0.4, 0.0]), 30).targets_rad[0, WAIST_X] == 0.0
+
+
+def test_the_arm_is_lifted_once_towards_a_tool_that_is_near(upright):
+    near = replace(upright, tool_pos_w=upright.right_arm_pos_w[:, 1] + [-0.2, 0.0, 0.0])
+    for steps in (30, 60):
+        lifted = after(near, steps, "arm").targets_rad[0] - mind().targets_rad[0]
+        assert lifted[SHOULDER_Y] == pytest.approx(cooperation.LIFT_RAD)
+    far = replace(upright, tool_pos_w=upright.right_arm_pos_w[:, 1] + [-0.8, 0.0, 0.0])
+    assert_array_equal(after(far, 30, "arm").targets_rad, mind().targets_rad)
+
+
+def test_nobody_moves_faster_than_people_do(upright, rng):
+    now = mind()
+    for _ in range(50):
+        state = with_tool(upright, list(rng.uniform(-0.5, 0.5, 3)))
+        later = cooperation.see(now, state, "mouth", SEATED)
+        assert (np.abs(later.targets_rad - now.targets_rad) <= 0.1 * cooperation.SPEED_RAD_S + 1e-12).all()
+        now = later
+
+
+def test_sway_begins_at_rest_and_stays_small():
+    now, most = mind(), 0.0
+    assert_allclose(cooperation.sway_rad(now), 0.0, atol=1e-12)
+    for _ in range(200):
+        now = cooperation.wait(now)
+        most = max(most, float(np.abs(cooperation.sway_rad(now)).max()))
+    assert np.radians(0.2) < most <= 2.0 * np.radians(1.0)
+
+
+def test_participants_move_and_everybody_else_does_not():
+    def head_path(distribution: str) -> float:
+        episodes = Episodes("avrgym/FeedingJaco-v1", 2, distribution=distribution, num_threads=1)
+        episodes.begin(np.arange(2), [np.random.default_rng(i) for i in range(2)])
+        begin = episodes.simulation.state().head_pos_w
+        for _ in range(20):
+            episodes.step(np.zeros((2, 7)))
+        return float(np.abs(episodes.simulation.state().head_pos_w - begin).max())
+
+    assert head_path("participants") > 0.002
+    assert head_path("revised") == 0.0
+
+
+def test_minds_do_not_depend_on_company(upright, rng):
+    uniforms = rng.random((5, cooperation.UNIFORMS))
+    who = people.repeat(Person("man", 0.6), 5)
+    together = cooperation.begin(who, uniforms)
+    for i in range(5):
+        alone = cooperation.begin(people.repeat(Person("man", 0.6), 1), uniforms[i : i + 1])
+        for name, array in vars(alone).items():
+            assert_array_equal(array, getattr(together, name)[i : i + 1])

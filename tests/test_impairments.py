@@ -1,0 +1,93 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from avrgym import impairments
+from avrgym.episodes import Episodes
+from avrgym.impairments import IMPAIRMENTS
+from avrgym.models.human import JOINT_INDEX, JOINTS, LOWER_RAD, UPPER_RAD, People
+
+COUNT = 500
+ENVIRONMENT = "avrgym/FeedingJaco-v1"
+STILL = np.zeros((4, 7))
+
+
+@pytest.fixture
+def group(rng) -> People:
+    angles = rng.uniform(LOWER_RAD, UPPER_RAD, (COUNT, len(JOINTS)))
+    return People.unimpaired(rng.random(COUNT) < 0.5, rng.uniform(0.5, 0.6, COUNT), angles)
+
+
+def impaired(group: People, name: str, rng: np.random.Generator) -> People:
+    uniforms = rng.random((COUNT, impairments.UNIFORMS))
+    return impairments.impair(group, impairments.find_impairment(name), uniforms)
+
+
+def begun(impairment: str, people: str = "original") -> Episodes:
+    episodes = Episodes(ENVIRONMENT, 4, distribution=people, impairment=impairment, num_threads=1)
+    episodes.begin(np.arange(4), [np.random.default_rng(i) for i in range(4)])
+    return episodes
+
+
+def test_without_an_impairment_nothing_changes(group, rng):
+    assert impaired(group, "none", rng) is group
+
+
+def test_limits_shrink_ranges_and_pose_to_a_share_from_half_to_all(group, rng):
+    limited = impaired(group, "limits", rng)
+    assert 0.5 <= limited.range_share.min() < 0.51
+    assert 0.99 < limited.range_share.max() <= 1.0
+    share = limited.range_share[:, None]
+    assert (limited.joint_angles_rad >= share * LOWER_RAD).all()
+    assert (limited.joint_angles_rad <= share * UPPER_RAD).all()
+    kept = (group.joint_angles_rad >= share * LOWER_RAD) & (group.joint_angles_rad <= share * UPPER_RAD)
+    assert_array_equal(limited.joint_angles_rad[kept], group.joint_angles_rad[kept])
+
+
+def test_weakness_takes_up_to_three_quarters_of_the_strength(group, rng):
+    weak = impaired(group, "weakness", rng)
+    assert 0.25 <= weak.strength_share.min() < 0.26
+    assert 0.98 < weak.strength_share.max() <= 1.0
+
+
+def test_tremor_is_up_to_20_degrees_of_the_head_and_10_of_the_arms(group, rng):
+    tremor = np.degrees(impaired(group, "tremor", rng).tremor_rad)
+    for name, joint in JOINTS.items():
+        most = {"torso": 0.0, "head": 20.0}.get(joint.body, 10.0)
+        assert 0.98 * most <= tremor[:, JOINT_INDEX[name]].max() <= most
+
+
+def test_the_tremor_of_the_head_alternates_every_control_step():
+    episodes = begun("tremor")
+    heads = []
+    for _ in range(12):
+        episodes.step(STILL)
+        heads.append(episodes.simulation.person_angles_rad()[:, JOINT_INDEX["head_z"]])
+    steps = np.diff(np.array(heads)[2:], axis=0)
+    assert (steps[1:] * steps[:-1] < 0.0).all()
+
+
+def test_weak_people_have_less_torque_and_hold_their_pose():
+    episodes = begun("weakness")
+    before = episodes.simulation.person_angles_rad()
+    torque = episodes.simulation.batch.expanded("actuator_forcerange")
+    assert torque is not None
+    actuators = [episodes.simulation.model.actuator(f"person/{name}").id for name in JOINTS]
+    expected = episodes.people.strength_share[:, None] * [joint.torque_n_m for joint in JOINTS.values()]
+    assert_allclose(torque[:, actuators, 1], expected)
+    for _ in range(10):
+        episodes.step(STILL)
+    assert_allclose(episodes.simulation.person_angles_rad(), before, atol=0.002)
+
+
+@pytest.mark.parametrize("name", IMPAIRMENTS)
+def test_the_same_seed_makes_the_same_impaired_people(name):
+    first, second = begun(name, "revised"), begun(name, "revised")
+    for _ in range(3):
+        assert_array_equal(first.step(STILL).observation, second.step(STILL).observation)
+
+
+def test_an_unknown_impairment_names_what_there_is():
+    expected = "unknown impairment 'gout'; the impairments are none, limits, weakness, tremor"
+    with pytest.raises(ValueError, match=expected):
+        Episodes(ENVIRONMENT, 1, impairment="gout")
