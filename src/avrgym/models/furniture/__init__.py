@@ -1,6 +1,7 @@
 """What stands around the person, by name, in the world's frame: they sit or lie at the origin, facing −y."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import mujoco
 
@@ -21,6 +22,7 @@ __all__ = [
 
 FURNITURE: Mapping[str, Callable[[mujoco.MjSpec, bool], None]] = {
     "wheelchair": add_wheelchair,
+    "wheelchair_without_right_armrest": partial(add_wheelchair, armrests=("left",)),
     "table": add_table,
     "jaco_bracket": add_jaco_bracket,
     "hospital_bed": add_hospital_bed,

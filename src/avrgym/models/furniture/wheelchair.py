@@ -4,6 +4,8 @@ Seat height 485 mm, armrests 760 mm, push handles 915 mm, overall width 660 mm, 
 460 × 410 mm (accessibility tables for adult manual wheelchairs).
 """
 
+from collections.abc import Collection
+
 import mujoco
 import numpy as np
 
@@ -19,27 +21,36 @@ _BACK_Y, _FRONT_Y = 0.165, -0.245
 _HALF_SEAT = 0.23
 _WHEEL_RADIUS, _WHEEL_X, _AXLE_Y = 0.305, 0.305, 0.10
 _CASTER_RADIUS, _CASTER_Y = 0.09, -0.32
-_FRAME_X = 0.245
+_FRAME_X, _ARMREST_X = 0.245, 0.265
+_SIGNS = {"right": -1.0, "left": 1.0}
 
 
-def add_wheelchair(spec: mujoco.MjSpec, appearance: bool) -> None:
-    """Add the wheelchair; the hips of a seated person rest on its cushion."""
+def add_wheelchair(
+    spec: mujoco.MjSpec, appearance: bool, *, armrests: Collection[str] = ("right", "left")
+) -> None:
+    """Add the wheelchair; the hips of a seated person rest on its cushion.
+
+    Armrests can be taken off: only those of the sides in ``armrests`` are there.
+    """
     body = spec.worldbody.add_body(name="wheelchair")
-    _add_wheelchair_collision(body)
+    _add_wheelchair_collision(body, armrests)
     if appearance:
         _add_upholstery(spec, body)
         _add_frame(spec, body)
         _add_wheels(spec, body)
+        for side in armrests:
+            _add_armrest(spec, body, side)
 
 
-def _add_wheelchair_collision(body: mujoco.MjsBody) -> None:
+def _add_wheelchair_collision(body: mujoco.MjsBody, armrests: Collection[str]) -> None:
     back_half = 0.5 * (0.90 - SEAT_HEIGHT_M)
     boxes = {
         "seat": ([0, 0.5 * (_BACK_Y + _FRONT_Y), SEAT_HEIGHT_M - 0.03], [_HALF_SEAT, 0.205, 0.03]),
         "backrest": ([0, _BACK_Y + 0.02, SEAT_HEIGHT_M + back_half], [0.215, 0.02, back_half]),
     }
-    for side, sign in (("right", -1), ("left", 1)):
-        boxes[f"{side}_armrest"] = ([sign * 0.265, -0.03, 0.745], [0.03, 0.16, 0.015])
+    for side, sign in _SIGNS.items():
+        if side in armrests:
+            boxes[f"{side}_armrest"] = ([sign * _ARMREST_X, -0.03, 0.745], [0.03, 0.16, 0.015])
         boxes[f"{side}_wheel"] = ([sign * _WHEEL_X, _AXLE_Y, _WHEEL_RADIUS], [0.02, 0.28, 0.28])
     for name, (pos, size) in boxes.items():
         add_collision(body, f"wheelchair_{name}", BOX, contacts.FURNITURE, pos=pos, size=size)
@@ -52,7 +63,6 @@ def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     add_visual(body, BOX, fabric, pos=[0, seat_y, SEAT_HEIGHT_M - 0.035], size=[_HALF_SEAT, 0.205, 0.030])
     add_visual(body, BOX, fabric, pos=[0, _BACK_Y + 0.012, 0.70], size=[0.215, 0.012, 0.185])
     for sign in (-1, 1):
-        add_visual(body, BOX, rubber, pos=[sign * 0.265, -0.03, 0.748], size=[0.028, 0.15, 0.012])
         handle = [sign * 0.222, 0.21, 0.915, sign * 0.222, 0.31, 0.905]
         add_visual(body, CAPSULE, rubber, fromto=handle, size=[0.016, 0, 0])
         add_visual(body, BOX, rubber, pos=[sign * 0.10, -0.50, 0.095], size=[0.075, 0.115, 0.008])
@@ -61,7 +71,7 @@ def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     paint = add_material(spec, "frame", (0.42, 0.10, 0.12), metallic=0.4, roughness=0.35)
     steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
-    for side, sign in (("right", -1.0), ("left", 1.0)):
+    for side, sign in _SIGNS.items():
         x = sign * _FRAME_X
         bars = {
             "back": [[x, _BACK_Y, 0.20], [x, _BACK_Y, 0.60], [x, _BACK_Y + 0.01, 0.86],
@@ -71,21 +81,29 @@ def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
                      [sign * 0.10, -0.47, 0.09]],
             "base": [[x, _BACK_Y, 0.22], [x, -0.05, 0.22], [x, _CASTER_Y, 0.22]],
             "front": [[x, _CASTER_Y, 0.44], [x, _CASTER_Y, 0.30], [x, _CASTER_Y, 0.19]],
-            "arm": [[sign * 0.265, 0.11, 0.44], [sign * 0.265, 0.11, 0.73], [sign * 0.265, -0.17, 0.73],
-                    [sign * 0.265, -0.17, 0.44]],
         }  # fmt: skip
         for name, points in bars.items():
             add_skin(spec, body, f"wheelchair_{side}_{name}", paint, tube(rounded(points), 0.0125))
-        add_visual(body, BOX, paint, pos=[sign * 0.262, -0.03, 0.60], size=[0.004, 0.12, 0.10])
     for sign in (-1.0, 1.0):
         brace = [sign * _FRAME_X, -0.05, 0.22, -sign * _FRAME_X, -0.05, 0.42]
         add_visual(body, CAPSULE, steel, fromto=brace, size=[0.010, 0, 0])
 
 
+def _add_armrest(spec: mujoco.MjSpec, body: mujoco.MjsBody, side: str) -> None:
+    rubber = add_material(spec, "rubber", (0.07, 0.07, 0.075), roughness=0.9)
+    paint = add_material(spec, "frame", (0.42, 0.10, 0.12), metallic=0.4, roughness=0.35)
+    x = _SIGNS[side] * _ARMREST_X
+    bar = [[x, 0.11, 0.44], [x, 0.11, 0.73], [x, -0.17, 0.73], [x, -0.17, 0.44]]
+    add_skin(spec, body, f"wheelchair_{side}_arm", paint, tube(rounded(bar), 0.0125))
+    guard = [_SIGNS[side] * (_ARMREST_X - 0.003), -0.03, 0.60]
+    add_visual(body, BOX, paint, pos=guard, size=[0.004, 0.12, 0.10])
+    add_visual(body, BOX, rubber, pos=[x, -0.03, 0.748], size=[0.028, 0.15, 0.012])
+
+
 def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     rubber = add_material(spec, "rubber", (0.07, 0.07, 0.075), roughness=0.9)
     steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
-    for side, sign in (("right", -1.0), ("left", 1.0)):
+    for side, sign in _SIGNS.items():
         hub = [sign * _WHEEL_X, _AXLE_Y, _WHEEL_RADIUS]
         tyre = torus(_WHEEL_RADIUS - 0.014, 0.014)
         add_skin(spec, body, f"wheelchair_{side}_tyre", rubber, tyre, pos=hub)
