@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -23,7 +24,17 @@ FIGURES = [
     "force_mean_newton",
 ]  # fmt: skip
 PROGRAM = get_command(app)
-COMMANDS = sorted(PROGRAM.commands)  # type: ignore[attr-defined]
+
+
+def _commands(group, *path: str) -> Iterator[tuple[tuple[str, ...], Any]]:
+    for name, command in sorted(group.commands.items()):
+        if hasattr(command, "commands"):
+            yield from _commands(command, *path, name)
+        else:
+            yield (*path, name), command
+
+
+COMMANDS = dict(_commands(PROGRAM))
 
 
 def avrgym(*arguments: str | Path | int) -> Result:
@@ -39,11 +50,11 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 # Help --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_explains_itself_and_its_options(command: str) -> None:
-    shown = avrgym(command, "--help")
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_every_command_explains_itself_and_its_options(command: tuple[str, ...]) -> None:
+    shown = avrgym(*command, "--help")
     assert shown.exit_code == 0
-    declared = PROGRAM.commands[command]  # type: ignore[attr-defined]
+    declared = COMMANDS[command]
     words = inspect.getdoc(declared.callback)
     assert words
     assert words.splitlines()[0].split()[0] in shown.stdout
@@ -52,7 +63,7 @@ def test_every_command_explains_itself_and_its_options(command: str) -> None:
 
 def test_without_a_command_it_lists_them() -> None:
     shown = avrgym()
-    assert all(command in shown.output for command in COMMANDS)
+    assert all(command[0] in shown.output for command in COMMANDS)
 
 
 # Figures -----------------------------------------------------------------------------------------------------
@@ -100,6 +111,18 @@ def test_envs_lists_the_environments(tmp_path: Path) -> None:
     rows = json.loads(file.read_text())
     assert [row["env"] for row in rows] == list(ENVIRONMENTS)
     assert list(rows[0]) == ["env", "task", "robot", "observation_size", "policies"]
+
+
+def test_bench_sim_measures_whole_episodes_against_bare_physics(tmp_path: Path) -> None:
+    file = tmp_path / "speed.json"
+    result = avrgym("bench", "sim", "--env", ENVIRONMENT, "--num-envs", 2, "--json", file)
+    assert result.exit_code == 0
+    (row,) = json.loads(file.read_text())
+    assert list(row) == [
+        "env", "num_envs", "threads", "steps_per_second", "reset_ms_per_env", "physics_steps_per_second", "ratio",
+    ]  # fmt: skip
+    assert (row["env"], row["num_envs"]) == (ENVIRONMENT, 2)
+    assert all(row[name] > 0 for name in list(row)[2:])
 
 
 # What the user can mend --------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from rich.table import Column, Table
 
 from avrgym.files import write_whole
 from avrgym.models.human import SEXES
+from avrgym.people import DISTRIBUTIONS
 from avrgym.policies import packaged_policies
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
 
@@ -27,6 +28,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Real people meet simulated assistive robots in virtual reality.",
 )
+bench = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine.")
+app.add_typer(bench, name="bench")
 console = Console()
 TABLE_WIDTH = 160
 
@@ -160,7 +163,9 @@ def envs(json_file: JsonFile = None) -> None:
 @app.command()
 def train(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
-    people: Annotated[str, typer.Option(help="Whom to train with: original or revised.")] = "original",
+    people: Annotated[
+        str, typer.Option(help=f"Whom to train with: {', '.join(DISTRIBUTIONS)}.")
+    ] = "original",
     steps: Annotated[int, typer.Option(help="Environment steps.", min=1)] = 1_000_000,
     out: Annotated[Path | None, typer.Option(help="A new folder for policy and log.")] = None,
     seed: Seed = 0,
@@ -187,9 +192,9 @@ def evaluate(
     ] = None,
     all_environments: Annotated[bool, typer.Option("--all", help="Every environment.")] = False,
     policy: Annotated[
-        str, typer.Option(help="original, revised, random, zero, or a policy file.")
+        str, typer.Option(help="original, revised, oracle, random, zero, or a policy file.")
     ] = "revised",
-    people: Annotated[str, typer.Option(help="Whom to meet: original or revised.")] = "revised",
+    people: Annotated[str, typer.Option(help=f"Whom to meet: {', '.join(DISTRIBUTIONS)}.")] = "revised",
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
     seed: Seed = 0,
     json_file: JsonFile = None,
@@ -201,10 +206,7 @@ def evaluate(
     rows = []
     with _plain_errors():
         _check_folder(json_file)
-        environments = list(ENVIRONMENTS) if all_environments else env or []
-        if not environments:
-            raise ValueError(f"name an environment or --all; the environments are {', '.join(ENVIRONMENTS)}")
-        for environment in environments:
+        for environment in _chosen(env, all_environments):
             with Progress(console=console, transient=True) as progress:
                 bar = progress.add_task(environment, total=episodes * EPISODE_STEPS)
                 result = measure(
@@ -214,6 +216,45 @@ def evaluate(
     _print_table(rows)
     with _plain_errors():
         _write_json(json_file, rows)
+
+
+@bench.command("sim")
+def bench_sim(
+    env: Annotated[
+        list[str] | None, typer.Option(help="An environment id, again for more; without one, all.")
+    ] = None,
+    num_envs: Annotated[int, typer.Option(help="Worlds stepped together.", min=1)] = 64,
+    json_file: JsonFile = None,
+) -> None:
+    """Measure whole episodes against their bare physics: medians of five runs. Best on an idle machine."""
+    from avrgym.benchmark import RUNS, measure_simulation
+
+    rows = []
+    with _plain_errors():
+        _check_folder(json_file)
+        for environment in _chosen(env, not env):
+            with Progress(console=console, transient=True) as progress:
+                bar = progress.add_task(environment, total=RUNS)
+                speed = measure_simulation(environment, num_envs, lambda b=bar: progress.advance(b))
+            rows.append(asdict(speed))
+    _print_table(rows)
+    with _plain_errors():
+        _write_json(json_file, rows)
+
+
+def _chosen(environments: list[str] | None, every: bool) -> list[str]:
+    """The environments that were named, or all.
+
+    Raises:
+        ValueError: when none was named or one does not exist, naming those that do.
+    """
+    if every:
+        return list(ENVIRONMENTS)
+    if not environments:
+        raise ValueError(f"name an environment or --all; the environments are {', '.join(ENVIRONMENTS)}")
+    for environment in environments:
+        find_environment(environment)
+    return environments
 
 
 def _print_table(rows: list[dict[str, Any]]) -> None:

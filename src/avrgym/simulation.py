@@ -201,6 +201,10 @@ class Simulation:
         body = self._names.robot_base
         return self._body_pos[:, body].copy(), self._body_quat[:, body].copy()
 
+    def controls(self) -> Array:
+        """What all servos are told, (N, nu)."""
+        return self._ctrl.copy()
+
     def integration_state(self, world: int = 0) -> Array:
         """Everything that the next step depends on, as MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
         return self.batch.state[world].copy()
