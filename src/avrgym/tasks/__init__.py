@@ -4,9 +4,10 @@ from collections.abc import Mapping
 
 from avrgym.models.robots import ROBOTS
 from avrgym.tasks.base import Task
+from avrgym.tasks.bed_bathing import BED_BATHING
 from avrgym.tasks.feeding import FEEDING
 
-TASKS: Mapping[str, Task] = {task.name: task for task in (FEEDING,)}
+TASKS: Mapping[str, Task] = {task.name: task for task in (FEEDING, BED_BATHING)}
 
 ENVIRONMENTS: Mapping[str, tuple[str, str]] = {
     f"avrgym/{task}{robot}-v1": (task, robot) for task in TASKS for robot in ROBOTS

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from avrgym import kinematics, transforms
 from avrgym.models import human
-from avrgym.models.furniture import JACO_MOUNT_M
-from avrgym.models.human import SEATED, People
+from avrgym.models.furniture import JACO_MOUNT_M, NIGHTSTAND_BODY, NIGHTSTAND_TOP_M
+from avrgym.models.human import RECLINED, SEATED, People
 from avrgym.models.robots import Robot, Side
 from avrgym.models.scene import TOOL_BODY, BaseRange, Stage, robot_with_tool
 from avrgym.models.tools import Tool
@@ -21,6 +21,7 @@ UNIFORMS = kinematics.RESTART_UNIFORMS
 STANDING_M = (-0.85, -0.4, 0.0)
 """Where a mobile robot stands beside the person, facing their right side (reference)."""
 STANDING_RANGE = BaseRange((-0.5, 0.0), (-0.5, 0.5), (-np.radians(30.0), np.radians(30.0)))
+NIGHTSTAND_RANGE = BaseRange((-0.1, 0.1), (-0.1, 0.1), (0.0, 0.0))
 
 
 def wheelchair_stage(
@@ -42,6 +43,17 @@ def wheelchair_stage(
     x, y, z = STANDING_M
     place = (x + standing_offset_m[0], y + standing_offset_m[1], z)
     return Stage(("wheelchair", *furniture), movable, SEATED, robot, arm, tool, place, 0.0, STANDING_RANGE)
+
+
+def bed_stage(robot: Robot, side: Side, tool: Tool) -> Stage:
+    """A person in a hospital bed; the robot stands on a nightstand that goes with it, or beside the bed."""
+    arm = robot.arms[side]
+    if robot.mobile:
+        return Stage(("hospital_bed",), (), RECLINED, robot, arm, tool, STANDING_M, 0.0, STANDING_RANGE)
+    return Stage(
+        ("hospital_bed", NIGHTSTAND_BODY), (NIGHTSTAND_BODY,), RECLINED, robot, arm, tool,
+        NIGHTSTAND_TOP_M, -0.5 * np.pi, NIGHTSTAND_RANGE,
+    )  # fmt: skip
 
 
 @cache

@@ -1,0 +1,254 @@
+"""Bed bathing: wipe the right arm of a person who lies in a hospital bed (paper, section IV).
+
+Markers cover upper arm and forearm, 3 cm apart. A marker is wiped when the cloth touches the person within 2.5 cm
+of it. The physics reports a flat pad's contact with a round limb by the ends of the line along which they touch;
+the cloth touches all along it: the touched points of a limb are the segment between the first and the last contact,
+counted along the limb, of those that lie within 2.5 cm of the limb's surface (others are too far from any of its
+markers to matter). Both ends lie on the pad's flat face, so the segment between them does.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import capsules, transforms
+from avrgym.models import human
+from avrgym.models.human import JOINTS, PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
+from avrgym.models.robots import Robot
+from avrgym.models.scene import Stage
+from avrgym.models.washcloth import PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
+from avrgym.people import Pose
+from avrgym.simulation import Start, State
+from avrgym.tasks import places
+from avrgym.tasks.base import Marks, Outcome, Task, angles, force, norm, position, quaternion
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+LIMBS = ("right_upper_arm", "right_forearm")
+MARKER_SPACING_M = 0.03
+WIPE_RADIUS_M = 0.025
+STRONG_FORCE_N = 10.0
+SUCCESS_SHARE = 0.30
+
+HAND_START_W = np.array([-0.5, -0.1, 1.0])
+START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.radians(45.0))
+"""The cloth's long side along the arm, its face towards the person and downwards."""
+
+POSE = Pose(
+    rest_rad=human.joint_angles(
+        right_shoulder_y=20.0, right_shoulder_x=-20.0, right_elbow_x=-45.0, left_elbow_x=-45.0
+    ),
+    spread_rad=np.array([np.radians(10.0) if name.startswith("right_") else 0.0 for name in JOINTS]),
+)
+"""Reclined, the right arm away from the body (reference; paper, section V)."""
+
+WEIGHTS: Mapping[str, float] = {
+    "distance_m": -1.0,
+    "action_squared": -0.01,
+    "markers_wiped": 5.0,
+    "effector_speed_m_s": -0.25,
+    "other_force_n": -0.01,
+    "strong_wiping_force_n": -0.05,
+}
+"""Task weights, then the preferences of the person (paper, section IV; reference)."""
+
+_LIMB_GEOMS = [list(human.GEOMS).index(name) for name in LIMBS]
+
+
+@dataclass(frozen=True)
+class BedBathingMemory:
+    """Markers of upper arm and forearm, as many places for them as the largest limb needs.
+
+    ``marker_pos`` (N, 2, ``MARKERS``, 3) in the frames of the two limbs, metres; ``exists`` and ``wiped``
+    (N, 2, ``MARKERS``).
+    """
+
+    marker_pos: Array
+    exists: Bools
+    wiped: Bools
+
+
+def _largest(measure: str) -> float:
+    return max(getattr(p, measure) for p in PROPORTIONS.values())
+
+
+def _most_rings() -> int:
+    tallest = TORSO_HEIGHT_RANGE_M[1]
+    lengths = [p.upper_arm_length * tallest / p.torso_height for p in PROPORTIONS.values()]
+    return int(max(lengths) / MARKER_SPACING_M)
+
+
+RINGS = _most_rings()
+AROUND = int(2.0 * np.pi * _largest("upper_arm_radius") / MARKER_SPACING_M)
+MARKERS = RINGS * AROUND
+"""Upper arms are longer and thicker than forearms."""
+
+
+def stage(robot: Robot) -> Stage:
+    """Hospital bed; the left arm holds the washcloth."""
+    return places.bed_stage(robot, "left", WASHCLOTH)
+
+
+def start(stage: Stage, people: People, uniforms: Array) -> Start:
+    """The hand right of and above the person's right arm, the base within reach of shoulder, elbow and wrist."""
+    count = len(uniforms)
+    frames_w, _ = human.body_frames(people, RECLINED)
+    goals = np.stack([frames_w[name] for name in ("right_upper_arm", "right_forearm", "right_hand")], axis=1)
+    tool = HAND_START_W - transforms.rotate(START_Q_W, WASHCLOTH.grip_pos)
+    begun = places.start(
+        stage,
+        people,
+        {},
+        np.tile(tool, (count, 1)),
+        np.tile(START_Q_W, (count, 1)),
+        goals,
+        np.tile(START_Q_W, (count, 3, 1)),
+        uniforms,
+    )
+    return replace(begun, placed_pos_w={name: begun.robot_pos_w for name in stage.movable})
+
+
+def remember(people: People, uniforms: Array) -> BedBathingMemory:
+    """All markers, none of them wiped: rings 3 cm apart, as many around as fit 3 cm apart."""
+    size = human.layout(people.is_woman, people.torso_height_m, RECLINED).geom_size
+    radius = np.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
+    length = 2.0 * np.stack([size[limb][:, 1] for limb in LIMBS], axis=1)[..., None]
+    rings, around = length // MARKER_SPACING_M, 2.0 * np.pi * radius // MARKER_SPACING_M
+    ring, spot = np.divmod(np.arange(MARKERS), AROUND)
+    along = 0.5 * length + (ring - 0.5 * (rings - 1.0)) * MARKER_SPACING_M
+    angle = 2.0 * np.pi * spot / around
+    pos = np.stack([radius * np.cos(angle), radius * np.sin(angle), -along], axis=-1)
+    exists = (ring < rings) & (spot < around)
+    return BedBathingMemory(pos, exists, np.zeros_like(exists))
+
+
+OBSERVED = (
+    position("tool_from_torso_m"),
+    quaternion("tool_rotation"),
+    angles("arm_angles_rad", 7),
+    position("shoulder_from_torso_m"),
+    position("elbow_from_torso_m"),
+    position("wrist_from_torso_m"),
+    force("tool_force_n"),
+)
+
+
+def observe(state: State, memory: BedBathingMemory) -> Array:
+    """The observation (N, 24), in the order of ``OBSERVED``; in the world's axes, from the robot's torso."""
+    joints = state.right_arm_pos_w - state.robot_pos_w[:, None]
+    return np.concatenate(
+        [
+            state.tool_pos_w - state.robot_pos_w,
+            state.tool_q_w,
+            state.arm_angles_rad,
+            joints.reshape(len(joints), -1),
+            state.tool_force_n[:, None],
+        ],
+        axis=-1,
+    )
+
+
+def judge(state: State, action: Array, memory: BedBathingMemory) -> Outcome:
+    """Force of the cloth within 2.5 cm of upper arm or forearm is at the target, any other of the robot is not."""
+    contact_pos, near = _contacts_of_limbs(state)
+    newly_wiped = memory.exists & ~memory.wiped & _touched(contact_pos, near, memory.marker_pos)
+    after = replace(memory, wiped=memory.wiped | newly_wiped)
+    wiping_force = np.where(near.any(axis=1), state.tool_contact_force_n, 0.0).sum(axis=-1)
+    distance = cloth_distance(state)
+    terms = {
+        "distance_m": distance,
+        "action_squared": (action * action).sum(axis=-1),
+        "markers_wiped": _count(newly_wiped),
+        "effector_speed_m_s": norm(state.effector_velocity_w),
+        "other_force_n": np.maximum(state.robot_force_n - wiping_force, 0.0),
+        "strong_wiping_force_n": np.where(wiping_force >= STRONG_FORCE_N, wiping_force, 0.0),
+    }
+    success = _count(after.wiped) >= SUCCESS_SHARE * _count(after.exists)
+    return Outcome(after, terms, distance, success, np.zeros((len(distance), 0), dtype=bool))
+
+
+def cloth_distance(state: State) -> Array:
+    """From the cloth to the person's body (N,), metres; 0 where they touch."""
+    centre = state.tool_pos_w + transforms.rotate(state.tool_q_w, PAD_CENTRE_M)
+    closest = capsules.segment_box_closest(
+        centre[:, None],
+        state.tool_q_w[:, None],
+        PAD_HALF_SIZE_M,
+        state.person_segment_w[:, :, 0],
+        state.person_segment_w[:, :, 1],
+    )
+    return np.maximum((closest.distance_m - state.person_radius_m).min(axis=-1), 0.0)
+
+
+def _contacts_of_limbs(state: State) -> tuple[Array, Bools]:
+    """The cloth's contacts in the frames of both limbs (N, 2, C, 3), and which lie within 2.5 cm of the limb."""
+    to_limb = transforms.conjugate(state.right_arm_q_w[:, :2, None])
+    pos = transforms.rotate(to_limb, state.tool_contact_pos_w[:, None] - state.right_arm_pos_w[:, :2, None])
+    axis = state.person_segment_w[:, _LIMB_GEOMS, 1] - state.person_segment_w[:, _LIMB_GEOMS, 0]
+    beside_axis = pos.copy()
+    beside_axis[..., 2] += np.clip(-pos[..., 2], 0.0, norm(axis)[..., None])
+    gap = norm(beside_axis) - state.person_radius_m[:, _LIMB_GEOMS, None]
+    return pos, (gap < WIPE_RADIUS_M) & (state.tool_contact_force_n[:, None] > 0.0)
+
+
+def _touched(contact_pos: Array, near: Bools, marker_pos: Array) -> Bools:
+    """Which markers (N, 2, M) are within 2.5 cm of what the cloth touches of their limb."""
+    touched = np.zeros(marker_pos.shape[:-1], dtype=bool)
+    world, limb = np.nonzero(near.any(axis=-1))
+    if len(world):
+        first, last = _ends(contact_pos[world, limb], near[world, limb])
+        distance = _distance_to_segment(marker_pos[world, limb], first[:, None], last[:, None])
+        touched[world, limb] = distance < WIPE_RADIUS_M
+    return touched
+
+
+def _ends(pos: Array, near: Bools) -> tuple[Array, Array]:
+    """The first and the last along the limb, (n, 3) each, of the near ones of contacts (n, C, 3)."""
+    row, along = np.arange(len(pos)), -pos[..., 2]
+    first = np.where(near, along, np.inf).argmin(axis=-1)
+    last = np.where(near, along, -np.inf).argmax(axis=-1)
+    return pos[row, first], pos[row, last]
+
+
+def _distance_to_segment(point: Array, start: Array, end: Array) -> Array:
+    axis, offset = end - start, point - start
+    share = (offset * axis).sum(axis=-1) / np.maximum((axis * axis).sum(axis=-1), 1e-12)
+    return norm(offset - np.clip(share, 0.0, 1.0)[..., None] * axis)
+
+
+def marker_places(state: State, memory: BedBathingMemory) -> Array:
+    """Where the markers not yet wiped are (N, 2 × ``MARKERS``, 3), world frame; the others below the floor."""
+    pos_w, _ = transforms.compose(
+        state.right_arm_pos_w[:, :2, None],
+        state.right_arm_q_w[:, :2, None],
+        memory.marker_pos,
+        transforms.IDENTITY_QUATERNION,
+    )
+    shown = memory.exists & ~memory.wiped
+    return np.where(shown[..., None], pos_w, BELOW_THE_FLOOR_W).reshape(len(pos_w), -1, 3)
+
+
+BELOW_THE_FLOOR_W = (0.0, 0.0, -1.0)
+
+
+def _count(markers: Bools) -> Array:
+    return markers.sum(axis=(-2, -1)).astype(float)
+
+
+BED_BATHING = Task(
+    name="BedBathing",
+    offered="arm",
+    pose=POSE,
+    uniforms=places.UNIFORMS,
+    observed=OBSERVED,
+    weights=WEIGHTS,
+    stage=stage,
+    start=start,
+    remember=remember,
+    observe=observe,
+    judge=judge,
+    marks=Marks(count=2 * MARKERS, radius_m=0.004, rgb=(0.85, 0.25, 0.30), places=marker_places),
+)
