@@ -173,7 +173,7 @@ def _add_caster(
 ) -> None:
     x, y, z = top
     centre = [x, y, _CASTER_RADIUS]
-    add_skin(spec, body, name, tyre, torus(_CASTER_RADIUS - 0.014, 0.014, 32), pos=centre)
+    add_skin(spec, body, name, tyre, torus(_CASTER_RADIUS - 0.014, 0.014, 24, 8), pos=centre)
     wheel = [x - 0.008, *centre[1:], x + 0.008, *centre[1:]]
     add_visual(body, CYLINDER, metal, fromto=wheel, size=[_CASTER_RADIUS - 0.02, 0, 0])
     for side in (-0.02, 0.02):

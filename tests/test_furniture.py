@@ -1,0 +1,220 @@
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from avrgym import transforms
+from avrgym.models import contacts, human
+from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, FURNITURE, NIGHTSTAND_BODY, NIGHTSTAND_TOP_M
+from avrgym.models.human import RECLINED, SEATED, Person, Posture, joint_angles
+
+BED = ("bed_mattress", "bed_backrest", "bed_deck", "bed_footboard", "bed_headboard")
+MATTRESS_TOP_M = 0.55
+SHORT_AND_TALL = [
+    ("man", 0.50),
+    ("man", 0.60),
+    ("man", 0.70),
+    ("woman", 0.44),
+    ("woman", 0.54),
+    ("woman", 0.64),
+]
+LEG_PARTS = [f"{side}_{part}" for side in ("right", "left") for part in ("thigh", "shin", "foot")]
+BACK_PARTS = ("waist", "chest", "right_shoulder", "left_shoulder")
+SCRATCHED_RAD = joint_angles(right_shoulder_y=30.0)
+ARM_SPREAD_DEG = 10.0
+FOOTPRINT_RADIUS_M = 0.09
+"""About the radius of the Jaco's foot."""
+
+
+def compiled(*names: str, appearance: bool = False) -> mujoco.MjModel:
+    spec = mujoco.MjSpec()
+    for name in names:
+        FURNITURE[name](spec, appearance)
+    return spec.compile()
+
+
+def with_what_carries_it(name: str) -> tuple[str, ...]:
+    return ("wheelchair", name) if name == "jaco_bracket" else (name,)
+
+
+def placed(model: mujoco.MjModel) -> mujoco.MjData:
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
+def with_person(furniture: str, person: Person, posture: Posture) -> mujoco.MjModel:
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    human.add_person(spec, person, posture, moving=False, appearance=False)
+    FURNITURE[furniture](spec, False)
+    return spec.compile()
+
+
+def capsule(model: mujoco.MjModel, data: mujoco.MjData, part: str) -> tuple[np.ndarray, float]:
+    """The ends (2, 3) of a body part's axis and its radius."""
+    name = human.PREFIX + part
+    radius, half, _ = model.geom(name).size
+    along = half * data.geom(name).xmat.reshape(3, 3)[:, 2]
+    centre = data.geom(name).xpos
+    return np.stack([centre - along, centre + along]), float(radius)
+
+
+def from_top_of(model: mujoco.MjModel, data: mujoco.MjData, box: str, points_w: np.ndarray) -> np.ndarray:
+    """Points (..., 3) in a box's axes, from the middle of its top."""
+    local = (points_w - data.geom(box).xpos) @ data.geom(box).xmat.reshape(3, 3)
+    return local - [0.0, 0.0, model.geom(box).size[2]]
+
+
+def distance(model: mujoco.MjModel, data: mujoco.MjData, one: str, other: str) -> float:
+    far = 1.0
+    return mujoco.mj_geomDistance(model, data, model.geom(one).id, model.geom(other).id, far, None)
+
+
+# All furniture
+
+
+@pytest.mark.parametrize("name", FURNITURE)
+def test_furniture_touches_the_same_whether_it_is_seen_or_not(name):
+    plain, seen = (compiled(*with_what_carries_it(name), appearance=shown) for shown in (False, True))
+    touching = [
+        seen.geom(i).name for i in range(seen.ngeom) if seen.geom_contype[i] or seen.geom_conaffinity[i]
+    ]
+    assert touching == [plain.geom(i).name for i in range(plain.ngeom)]
+    for geom in touching:
+        for field in ("type", "size", "pos", "quat", "contype", "conaffinity"):
+            assert_allclose(getattr(seen.geom(geom), field), getattr(plain.geom(geom), field))
+    assert (seen.geom_group[[seen.geom(geom).id for geom in touching]] == contacts.COLLISION_GROUP).all()
+    assert seen.ngeom > plain.ngeom
+
+
+@pytest.mark.parametrize("name", FURNITURE)
+def test_furniture_stands_still_and_touches_as_furniture(name):
+    model = compiled(*with_what_carries_it(name))
+    assert model.nv == 0
+    assert (model.body_weldid == 0).all()
+    assert (model.geom_contype == contacts.FURNITURE.contype).all()
+    assert (model.geom_conaffinity == contacts.FURNITURE.conaffinity).all()
+
+
+@pytest.mark.parametrize("name", FURNITURE)
+def test_furniture_stands_on_the_floor(name):
+    """What is drawn reaches the floor, give or take 1.5 cm, and nothing is below it."""
+    model = compiled(*with_what_carries_it(name), appearance=True)
+    data = placed(model)
+    turned = np.abs(data.geom_xmat.reshape(-1, 3, 3)[:, 2])
+    middle = data.geom_xpos[:, 2] + np.einsum(
+        "gi,gi->g", data.geom_xmat.reshape(-1, 3, 3)[:, 2], model.geom_aabb[:, :3]
+    )
+    lowest = (middle - np.einsum("gi,gi->g", turned, model.geom_aabb[:, 3:])).min()
+    assert -0.001 < lowest < 0.015
+
+
+def test_the_bowl_stands_where_a_task_puts_it():
+    assert_allclose(compiled("table").body(BOWL_BODY).pos, BOWL_START_M)
+
+
+# Bed
+
+
+def test_the_bed_has_the_size_of_a_hospital_bed():
+    model = compiled("hospital_bed")
+    data = placed(model)
+    legs, back = model.geom("bed_mattress").size, model.geom("bed_backrest").size
+    for half in (legs, back):
+        assert_allclose(2.0 * half[[0, 2]], [0.88, 0.15])
+    assert 2.0 * (legs[1] + back[1]) == pytest.approx(2.00)
+    assert data.geom("bed_mattress").xpos[2] + legs[2] == pytest.approx(MATTRESS_TOP_M)
+
+
+def test_the_backrest_is_raised_by_60_degrees_from_where_the_seat_ends():
+    model = compiled("hospital_bed")
+    data = placed(model)
+    turn = transforms.from_matrix(data.geom("bed_backrest").xmat.reshape(3, 3))
+    assert_allclose(transforms.to_rotation_vector(turn), [np.radians(60.0), 0.0, 0.0], atol=1e-9)
+    half = model.geom("bed_mattress").size
+    end_of_seat = data.geom("bed_mattress").xpos + half * [0.0, 1.0, 1.0]
+    corner = from_top_of(model, data, "bed_backrest", end_of_seat)
+    assert_allclose(corner, [0.0, -model.geom("bed_backrest").size[1], 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("sex", "torso_height"), SHORT_AND_TALL)
+def test_legs_lie_on_the_mattress(sex, torso_height):
+    """Thighs sink in by at most 1.5 cm, nothing floats more than 6 cm above, and feet do not stick out."""
+    model = with_person("hospital_bed", Person(sex, torso_height), RECLINED)
+    data = placed(model)
+    half_width, half_length, _ = model.geom("bed_mattress").size
+    for part in LEG_PARTS:
+        ends, radius = capsule(model, data, part)
+        lowest = from_top_of(model, data, "bed_mattress", ends).min(axis=0) - radius
+        assert -half_width < lowest[0] < half_width - 2.0 * radius
+        assert -half_length < lowest[1] < half_length
+        assert -0.015 < lowest[2] < 0.06
+
+
+@pytest.mark.parametrize(("sex", "torso_height"), SHORT_AND_TALL)
+def test_the_back_rests_on_the_backrest(sex, torso_height):
+    """The trunk sinks in by at most 1 cm; no part of it is more than 3 cm away, and the head is before it."""
+    model = with_person("hospital_bed", Person(sex, torso_height), RECLINED)
+    data = placed(model)
+    for part in BACK_PARTS:
+        ends, radius = capsule(model, data, part)
+        gap = from_top_of(model, data, "bed_backrest", ends)[:, 2] - radius
+        assert gap.min() > -0.01
+        assert gap.max() < 0.03
+    head = from_top_of(model, data, "bed_backrest", data.site(human.PREFIX + "head_centre").xpos)
+    assert (np.abs(head[:2]) < model.geom("bed_backrest").size[:2]).all()
+
+
+@pytest.mark.parametrize(("sex", "torso_height"), SHORT_AND_TALL)
+def test_nothing_of_the_bed_but_its_mattress_is_near_the_person(sex, torso_height):
+    model = with_person("hospital_bed", Person(sex, torso_height), RECLINED)
+    data = placed(model)
+    for part in human.GEOMS:
+        for board in ("bed_footboard", "bed_headboard", "bed_deck"):
+            assert distance(model, data, human.PREFIX + part, board) > 0.01
+
+
+# Nightstand
+
+
+def test_a_robot_has_room_on_the_nightstand():
+    model = compiled("nightstand")
+    half, centre = model.geom(NIGHTSTAND_BODY).size, model.geom(NIGHTSTAND_BODY).pos
+    assert_allclose(model.body(NIGHTSTAND_BODY).pos, NIGHTSTAND_TOP_M)
+    assert centre[2] + half[2] == pytest.approx(0.0)
+    assert (half[:2] - np.abs(centre[:2]) > FOOTPRINT_RADIUS_M).all()
+
+
+@pytest.mark.parametrize("dx", [-0.1, 0.1])
+@pytest.mark.parametrize("dy", [-0.1, 0.1])
+def test_the_nightstand_clears_the_bed_wherever_the_robot_is_put(dx, dy):
+    """Also what is only drawn of either."""
+    model = compiled("hospital_bed", "nightstand", appearance=True)
+    model.body_pos[model.body(NIGHTSTAND_BODY).id] += [dx, dy, 0.0]
+    data = placed(model)
+    stand = [i for i in range(model.ngeom) if model.geom_bodyid[i] == model.body(NIGHTSTAND_BODY).id]
+    bed = [i for i in range(model.ngeom) if model.geom_bodyid[i] == model.body("hospital_bed").id]
+    gaps = [mujoco.mj_geomDistance(model, data, one, other, 1.0, None) for one in stand for other in bed]
+    assert min(gaps) > 0.01
+
+
+# Wheelchair
+
+
+def test_an_armrest_can_be_taken_off():
+    whole, open_right = compiled("wheelchair"), compiled("wheelchair_without_right_armrest")
+    names = [{model.geom(i).name for i in range(model.ngeom)} for model in (whole, open_right)]
+    assert names[0] - names[1] == {"wheelchair_right_armrest"}
+
+
+@pytest.mark.parametrize(("sex", "torso_height"), SHORT_AND_TALL)
+def test_an_arm_to_be_scratched_is_clear_of_the_wheelchair_without_its_armrest(sex, torso_height, rng):
+    spread = np.array([np.radians(ARM_SPREAD_DEG) * name.startswith("right_") for name in human.JOINTS])
+    for share in rng.uniform(-1.0, 1.0, (10, len(spread))):
+        person = Person(sex, torso_height, SCRATCHED_RAD + share * spread)
+        model = with_person("wheelchair_without_right_armrest", person, SEATED)
+        data = placed(model)
+        for part in ("right_forearm", "right_hand"):
+            for piece in ("seat", "right_wheel"):
+                assert distance(model, data, human.PREFIX + part, f"wheelchair_{piece}") > 0.01
