@@ -1,16 +1,32 @@
-"""Kinematics of a chain of hinges for many poses at once: forward, Jacobian, damped least squares.
+"""Kinematics of a chain of hinges for many poses at once: forward, Jacobian, isotropy, damped least squares.
 
-Rows are independent: a row's result has the same bits alone and among others.
+Public arrays have the row first, (N, ...). Inside, rows come last, so that every operation runs along
+contiguous memory, and a rotation is its three columns, (3, 3, N). Rows meet only element-wise operations: a
+row's result has the same bits alone and among others.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, reduce
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from avrgym import transforms
+from avrgym.small_matrices import (
+    TINY,
+    combined,
+    cross,
+    diagonal,
+    eliminate,
+    norm,
+    rotation_between,
+    rows_first,
+    rows_last,
+    solved,
+    weighted_square,
+)
 
 Array = NDArray[np.float64]
 
@@ -21,7 +37,7 @@ class Chain:
 
     ``pos`` (J, 3) and ``q`` (J, 4) place each hinge's body in the one before it at angle zero, the first in
     the base; ``axis`` (J, 3) is in that body; ``tip_pos`` (3,), ``tip_q`` (4,) place the tip in the last
-    body. ``lower_rad``, ``upper_rad`` (J,) are the ranges.
+    body. ``lower_rad``, ``upper_rad`` (J,) are the ranges, infinite for a hinge that turns freely.
     """
 
     pos: Array
@@ -31,6 +47,33 @@ class Chain:
     tip_q: Array
     lower_rad: Array
     upper_rad: Array
+
+    @cached_property
+    def links(self) -> tuple[tuple[Array, Array], ...]:
+        """J + 1 fixed displacements (3,) and rotations (3, 3), the same chain with every hinge about its z.
+
+        Each leads from one hinge's frame to the next one's; the last leads to the tip.
+        """
+        turned = [np.eye(3), *(_frame_with_z(axis) for axis in self.axis)]
+        offsets, rotations = [*self.pos, self.tip_pos], transforms.to_matrix([*self.q, self.tip_q])
+        ends = [*turned[1:], np.eye(3)]
+        return tuple(
+            (_snap(before.T @ offset), _snap(before.T @ rotation @ after))
+            for before, offset, rotation, after in zip(turned, offsets, rotations, ends, strict=True)
+        )
+
+
+def _frame_with_z(axis: Array) -> Array:
+    """A rotation (3, 3) whose third column is the unit vector ``axis``; a permutation where that can be."""
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    x = transforms.normalize(helper - axis * (axis @ helper))
+    return np.stack([x, np.cross(axis, x), axis], axis=-1)
+
+
+def _snap(values: Array) -> Array:
+    """Numbers within rounding of 0, 1 or −1 become these, which cost nothing to multiply by."""
+    whole = np.round(values)
+    return np.where(np.abs(values - whole) < 1e-12, whole, values)
 
 
 def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) -> Chain:
@@ -58,7 +101,7 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
         raise ValueError(f"the hinges from {base!r} to {tip!r} are {names}, not {tuple(joints)}")
     # What was gathered after a hinge belongs before the next one; the last piece is the tip.
     before = [(pos, q), *((p, r) for _, p, r in segments[:-1])]
-    ranges = np.stack([model.joint(name).range for name in joints])
+    ranges = np.stack([_range_rad(model, name) for name in joints])
     return Chain(
         pos=np.stack([p for p, _ in before]),
         q=np.stack([r for _, r in before]),
@@ -70,10 +113,15 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
     )
 
 
+def _range_rad(model: mujoco.MjModel, joint: str) -> Array:
+    limited = model.jnt_limited[model.joint(joint).id]
+    return model.joint(joint).range if limited else np.array([-np.inf, np.inf])
+
+
 def forward(chain: Chain, angles_rad: Array) -> tuple[Array, Array]:
-    """The tip's pose in the base frame for angles (N, J): positions (N, 3) and quaternions (N, 4)."""
-    pos, q, _, _ = _frames(chain, angles_rad)
-    return pos, q
+    """The tip's pose in the base frame for angles (N, J): positions (N, 3) and quaternions (N, 4), w ≥ 0."""
+    poses = _poses(chain, rows_last(angles_rad))
+    return rows_first(poses.tip), transforms.from_matrix(rows_first(poses.columns))
 
 
 def jacobian(chain: Chain, angles_rad: Array) -> tuple[Array, Array, Array]:
@@ -82,74 +130,115 @@ def jacobian(chain: Chain, angles_rad: Array) -> tuple[Array, Array, Array]:
     Returns:
         positions (N, 3), quaternions (N, 4) and J (N, 6, J): rows 0–2 m/rad, rows 3–5 rad/rad.
     """
-    pos, q, origins, axes = _frames(chain, angles_rad)
-    linear = transforms.cross(axes, pos[:, None] - origins)
-    return pos, q, np.concatenate([linear, axes], axis=-1).swapaxes(-1, -2)
+    poses = _poses(chain, rows_last(angles_rad))
+    q = transforms.from_matrix(rows_first(poses.columns))
+    return rows_first(poses.tip), q, rows_first(_jacobian(poses))
 
 
-def _frames(chain: Chain, angles_rad: Array) -> tuple[Array, Array, Array, Array]:
-    count = len(angles_rad)
-    pos, q = np.zeros((count, 3)), np.tile(transforms.IDENTITY_QUATERNION, (count, 1))
-    origins, axes = [], []
-    for i in range(len(chain.pos)):
-        pos, q = transforms.compose(pos, q, chain.pos[i], chain.q[i])
-        origins.append(pos)
-        axes.append(transforms.rotate(q, chain.axis[i]))
-        q = transforms.multiply(q, transforms.from_axis_angle(chain.axis[i], angles_rad[:, i]))
-    pos, q = transforms.compose(pos, q, chain.tip_pos, chain.tip_q)
-    return pos, q, np.stack(origins, axis=1), np.stack(axes, axis=1)
+def reach_m(chain: Chain) -> float:
+    """No pose has its tip farther than this from the first hinge."""
+    return float(sum(np.linalg.norm(offset) for offset, _ in chain.links[1:]))
+
+
+def wrapped(chain: Chain, angles_rad: Array) -> Array:
+    """Angles (..., J) with those of freely turning hinges put within ±π."""
+    free = ~np.isfinite(chain.upper_rad)
+    return np.where(free, np.mod(angles_rad + np.pi, 2.0 * np.pi) - np.pi, angles_rad)
+
+
+LIMIT_MARGIN = 0.05
+WEIGHT_FLOOR = 0.001
+
+
+def limit_weights(chain: Chain, angles_rad: Array) -> Array:
+    """How free each joint is to turn, (N, J) for angles (N, J).
+
+    Half at an end of its range, 1 away from both, 1 for a hinge that turns freely; at least 0.001, which is
+    met only outside the range. With half the range r and the lower end l (Kapusta and Kemp, "Task-centric
+    optimization of configurations for assistive robots", Autonomous Robots 43, 2019):
+    w = 1 − 0.5^((r − |r − q + l|) / (0.05 r) + 1).
+    """
+    limited = np.isfinite(chain.upper_rad)
+    lower, upper = np.where(limited, chain.lower_rad, -1.0), np.where(limited, chain.upper_rad, 1.0)
+    half = 0.5 * (upper - lower)
+    margins = (half - np.abs(half - angles_rad + lower)) / (LIMIT_MARGIN * half)
+    bounded = np.maximum(margins, -1.0)  # the floor holds from there on; powers of less would overflow
+    return np.where(limited, np.maximum(1.0 - 0.5 ** (bounded + 1.0), WEIGHT_FLOOR), 1.0)
+
+
+def isotropy(chain: Chain, angles_rad: Array) -> Array:
+    """Joint-limit-weighted kinematic isotropy (N,) of angles (N, J): 0 where singular, at most 1.
+
+    The geometric mean over the arithmetic mean of the eigenvalues of J W Jᵀ, with metres and radians as they
+    are: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W = diag(``limit_weights``). Kapusta and Kemp (Autonomous
+    Robots 43, 2019), after the kinematic isotropy of Kim and Khosla (IROS 1991).
+    """
+    j = _jacobian(_poses(chain, rows_last(angles_rad)))
+    square = weighted_square(j, rows_last(limit_weights(chain, angles_rad)))
+    trace = reduce(np.add, diagonal(square))
+    eliminate(square)
+    determinant = reduce(np.multiply, np.maximum(diagonal(square), 0.0))
+    return 6.0 * determinant ** (1.0 / 6.0) / trace
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Angles (N, J) and what is left of the error: metres (N,) and radians (N,)."""
+    """Angles (N, J) and what is left of the error: metres (N,) and radians (N,), 0 where none was asked."""
 
     angles_rad: Array
     position_error_m: Array
     rotation_error_rad: Array
 
 
-DAMPING = 0.05
+ENOUGH_STEPS = 50
 MAX_TURN_RAD = 0.3
 METRES_PER_RADIAN = 0.3
 """An error of one radian weighs as much as 0.3 m."""
+ROWS_AT_ONCE = 2048
+"""Enough rows to make up for the cost of calling NumPy, few enough for the processor's cache."""
 
 
 def solve(
     chain: Chain,
     target_pos: Array,
-    target_q: Array,
+    target_q: Array | None,
     start_rad: Array,
     *,
-    iterations: int = 100,
+    iterations: int = ENOUGH_STEPS,
     tolerance: float = 1e-4,
 ) -> Solution:
     """Inverse kinematics by damped least squares (Wampler, IEEE Trans. SMC 16(1), 1986), within the ranges.
 
+    The damping is proportional to the squared error (Sugihara, IEEE Trans. Robotics 27(5), 2011). A joint at
+    an end of its range that the error pushes outwards stays out of the step, as in projected Newton methods
+    (Bertsekas, SIAM J. Control and Optimization 20(2), 1982). From the present angles, a few iterations
+    follow a moving target.
+
     Args:
         chain: the arm.
         target_pos: (N, 3) in the base frame, metres.
-        target_q: (N, 4).
+        target_q: (N, 4), or None where any rotation will do.
         start_rad: (N, J), the angles to start from.
-        iterations: how many steps at most.
+        iterations: how many steps at most, none of them larger than 0.3 rad in any joint.
         tolerance: a row stops moving when its weighted error is below this many metres.
     """
-    angles = np.clip(start_rad, chain.lower_rad, chain.upper_rad)
-    weight = np.array([1.0, 1.0, 1.0, METRES_PER_RADIAN, METRES_PER_RADIAN, METRES_PER_RADIAN])
-    for _ in range(iterations):
-        pos, q, j = jacobian(chain, angles)
-        error = np.concatenate([target_pos - pos, _turn(q, target_q)], axis=-1) * weight
-        moving = np.sqrt((error * error).sum(axis=-1)) > tolerance
-        if not moving.any():
-            break
-        step = _damped_step(j * weight[:, None], error)
-        step *= np.minimum(1.0, MAX_TURN_RAD / np.maximum(np.abs(step).max(axis=-1, keepdims=True), 1e-12))
-        angles = np.clip(angles + np.where(moving[:, None], step, 0.0), chain.lower_rad, chain.upper_rad)
-    pos, q = forward(chain, angles)
-    turn = _turn(q, target_q)
-    return Solution(
-        angles, np.sqrt(((target_pos - pos) ** 2).sum(axis=-1)), np.sqrt((turn * turn).sum(axis=-1))
-    )
+    target, metres_per_radian = _target(target_pos, target_q)
+    lower, upper = chain.lower_rad[:, None], chain.upper_rad[:, None]
+    angles = np.clip(rows_last(start_rad), lower, upper)
+    left, steps = np.empty((2, len(start_rad))), np.zeros(len(start_rad), dtype=int)
+    rows, waiting = np.split(np.arange(len(start_rad)), [ROWS_AT_ONCE])
+    while len(rows):
+        now = angles[:, rows]
+        poses = _poses(chain, now)
+        error = _error(poses, target[..., rows], metres_per_radian)
+        left[:, rows] = norm(error[:3]), norm(error[3:])
+        going = (norm(error) > tolerance) & (steps[rows] < iterations)
+        step = _damped_step(chain, now, _jacobian(poses, metres_per_radian), error)
+        rows, done = rows[going], len(rows) - np.count_nonzero(going)
+        angles[:, rows] = np.clip(now + step, lower, upper)[:, going]
+        steps[rows] += 1
+        rows, waiting = np.concatenate([rows, waiting[:done]]), waiting[done:]
+    return Solution(rows_first(angles), left[0], left[1] / METRES_PER_RADIAN)
 
 
 RESTARTS = 4
@@ -165,20 +254,21 @@ def solve_with_restarts(
     it.
 
     A row keeps the first solution within 5 mm and 0.05 rad, else the one that comes closest. ``uniforms``
-    (N, ``RESTART_UNIFORMS``) draw the restarts.
+    (N, ``RESTART_UNIFORMS``) draw the restarts. Hinges that turn freely end within ±π.
     """
     best = solve(chain, target_pos, target_q, np.tile(seed_rad, (len(target_pos), 1)))
     for restart in range(RESTARTS):
-        rows = np.nonzero(~_accurate(best))[0]
+        rows = np.nonzero(~accurate(best))[0]
         if not len(rows):
             break
         spread = uniforms[rows, 7 * restart : 7 * restart + len(seed_rad)]
         start = seed_rad + RESTART_SPREAD_RAD * (2.0 * spread - 1.0)
         best = _better(best, solve(chain, target_pos[rows], target_q[rows], start), rows)
-    return best.angles_rad
+    return wrapped(chain, best.angles_rad)
 
 
-def _accurate(solution: Solution) -> NDArray[np.bool_]:
+def accurate(solution: Solution) -> NDArray[np.bool_]:
+    """Which rows (N,) are within 5 mm and 0.05 rad."""
     return (solution.position_error_m < ACCURACY_M) & (solution.rotation_error_rad < ACCURACY_RAD)
 
 
@@ -192,12 +282,73 @@ def _better(old: Solution, new: Solution, rows: NDArray[np.intp]) -> Solution:
     return merged
 
 
-def _turn(q: Array, target_q: Array) -> Array:
-    """The rotation vector (N, 3), base frame, that takes q to the target."""
-    return transforms.to_rotation_vector(transforms.multiply(target_q, transforms.conjugate(q)))
+# Rows last from here on.
 
 
-def _damped_step(j: Array, error: Array) -> Array:
-    transpose = j.swapaxes(-1, -2)
-    square = j @ transpose + DAMPING**2 * np.eye(6)
-    return (transpose @ np.linalg.solve(square, error[..., None]))[..., 0]
+@dataclass(frozen=True)
+class _Poses:
+    """In the base frame: the hinges' origins and axes (J, 3, N), the tip's place (3, N) and columns (3, 3, N)."""
+
+    origins: Array
+    axes: Array
+    tip: Array
+    columns: Array
+
+
+def _poses(chain: Chain, angles: Array) -> _Poses:
+    sine, cosine = np.sin(angles), np.cos(angles)
+    pos = np.zeros((3, angles.shape[-1]))
+    columns: Sequence[Array] | Array = np.repeat(np.eye(3)[..., None], angles.shape[-1], axis=-1)
+    origins, axes = np.empty((2, len(angles), *pos.shape))
+    for i, (offset, rotation) in enumerate(chain.links[:-1]):
+        origins[i] = pos = pos + combined(columns, offset)
+        x, y, axes[i] = (combined(columns, column) for column in rotation.T)
+        columns = (cosine[i] * x + sine[i] * y, cosine[i] * y - sine[i] * x, axes[i])
+    offset, rotation = chain.links[-1]
+    tip = pos + combined(columns, offset)
+    return _Poses(origins, axes, tip, np.stack([combined(columns, column) for column in rotation.T]))
+
+
+def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> Array:
+    """J (J, 6, N), a column after the other, its rows 3–5 in so many metres per radian."""
+    j = np.empty((len(poses.axes), 6, poses.tip.shape[-1]))
+    j[:, :3] = cross(poses.axes, poses.tip - poses.origins)
+    np.multiply(metres_per_radian, poses.axes, out=j[:, 3:])
+    return j
+
+
+def _target(pos: Array, q: Array | None) -> tuple[Array, float]:
+    """A place and the columns of a rotation, (4, 3, N), and the weight of the rotation."""
+    place = rows_last(pos)[None]
+    if q is None:
+        return np.concatenate([place, np.repeat(np.eye(3)[..., None], len(pos), axis=-1)]), 0.0
+    return np.concatenate([place, rows_last(transforms.to_matrix(q))]), METRES_PER_RADIAN
+
+
+def _error(poses: _Poses, target: Array, metres_per_radian: float) -> Array:
+    turn = metres_per_radian * rotation_between(poses.columns, target[1:])
+    return np.concatenate([target[0] - poses.tip, turn])
+
+
+DAMPING_PER_SQUARED_ERROR = 0.3
+LEAST_DAMPING_M2 = 1e-5
+
+
+def _damped_step(chain: Chain, angles: Array, j: Array, error: Array) -> Array:
+    """The step (J, N) = W Jᵀ (J W Jᵀ + damping)⁻¹ error, W being 0 for joints that must stay and 1 else."""
+    free = _free(chain, angles, _times_error(j, error))
+    system = np.concatenate([weighted_square(j, free), error[:, None]], axis=1)
+    diagonal(system)[...] += DAMPING_PER_SQUARED_ERROR * norm(error) ** 2 + LEAST_DAMPING_M2
+    step = free * _times_error(j, solved(system))
+    return step * np.minimum(1.0, MAX_TURN_RAD / np.maximum(np.abs(step).max(axis=0), TINY))
+
+
+def _free(chain: Chain, angles: Array, pull: Array) -> Array:
+    """1 for joints (J, N) that may turn the way the error pulls them, 0 for others."""
+    at_lower, at_upper = angles <= chain.lower_rad[:, None], angles >= chain.upper_rad[:, None]
+    return np.where((at_lower & (pull < 0.0)) | (at_upper & (pull > 0.0)), 0.0, 1.0)
+
+
+def _times_error(j: Array, error: Array) -> Array:
+    """Jᵀ error, (J, N)."""
+    return reduce(np.add, (j[:, i] * error[i] for i in range(6)))
