@@ -86,7 +86,7 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
         if self.render_mode is None:
             return None
         if self._camera is None:
-            self._camera = Camera(self.episodes.simulation, 0, self.episodes.person_in(0))
+            self._camera = Camera(self.episodes, 0)
         return self._camera.picture()
 
     def close(self) -> None:
@@ -183,8 +183,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
             return None
         for world in range(self.num_envs):
             if world not in self._cameras:
-                person = self.episodes.person_in(world)
-                self._cameras[world] = Camera(self.episodes.simulation, world, person)
+                self._cameras[world] = Camera(self.episodes, world)
         return tuple(self._cameras[world].picture() for world in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:

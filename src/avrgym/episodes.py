@@ -123,6 +123,12 @@ class Episodes:
         """Observations (N, O) of the present state."""
         return self.task.observe(self.simulation.state(), self._memory)
 
+    def marks_w(self) -> Array:
+        """Where the task's marks are now, (N, ``task.marks.count``, 3), world frame; none without marks."""
+        if self.task.marks is None:
+            return np.zeros((self.simulation.num_worlds, 0, 3))
+        return self.task.marks.places(self.simulation.state(), self._memory)
+
     def person_in(self, world: int) -> Person:
         """The person of a world's present episode."""
         return self.people.person(world)

@@ -1,49 +1,85 @@
 """Pictures of a world: the scene with the person's clothed body, seen by a camera."""
 
 import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.episodes import Episodes
 from avrgym.models.contacts import VISUAL_GROUP
-from avrgym.models.human import Person
+from avrgym.models.human import RECLINED, SEATED, Posture
 from avrgym.models.scene import build_spec
-from avrgym.simulation import Simulation
 
 HEIGHT_PX, WIDTH_PX = 480, 640
-LOOK_AT_W = (-0.08, -0.30, 0.97)
-DISTANCE_M, AZIMUTH_DEG, ELEVATION_DEG = 1.55, 138.0, -28.0
-"""From before the person's left, across the table from the robot: its hand hides neither tool nor face."""
+
+
+@dataclass(frozen=True)
+class View:
+    """From where a scene is seen: a point (3,), world frame, and the camera's distance and angles from it."""
+
+    look_at_w: tuple[float, float, float]
+    distance_m: float
+    azimuth_deg: float
+    elevation_deg: float
+
+
+VIEWS: Mapping[tuple[Posture, bool], View] = {
+    (SEATED, False): View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
+    (SEATED, True): View((-0.30, -0.25, 0.85), 2.4, 128.0, -22.0),
+    (RECLINED, False): View((-0.25, -0.10, 0.80), 2.2, 128.0, -25.0),
+    (RECLINED, True): View((-0.40, -0.15, 0.80), 2.8, 128.0, -25.0),
+}
+"""By posture, and whether the robot is mobile; from before the person's left, across from the robot."""
 
 
 class Camera:
     """A camera on one world for as long as its person stays."""
 
-    def __init__(self, simulation: Simulation, world: int, person: Person) -> None:
-        """Build the scene as it looks.
+    def __init__(self, episodes: Episodes, world: int) -> None:
+        """Build the scene of the present episode as it looks.
 
         Raises:
             RuntimeError: where no picture can be drawn, naming what to set.
         """
-        self._simulation, self._world = simulation, world
-        spec = build_spec(simulation.stage, person, moving=simulation.moving, appearance=True)
+        self._episodes, self._world = episodes, world
+        stage, simulation = episodes.stage, episodes.simulation
+        spec = build_spec(stage, episodes.person_in(world), moving=simulation.moving, appearance=True)
         _add_surroundings(spec)
         self._model = spec.compile()
         self._model.vis.global_.offheight, self._model.vis.global_.offwidth = HEIGHT_PX, WIDTH_PX
         placed = simulation.batch.get_model(world)
         self._model.body_pos[:], self._model.body_quat[:] = placed.body_pos, placed.body_quat
         self._data = mujoco.MjData(self._model)
+        self._view = VIEWS[stage.posture, stage.robot.mobile]
         self._renderer = _renderer(self._model)
 
     def picture(self) -> NDArray[np.uint8]:
         """The world as it stands, (480, 640, 3)."""
-        self._data.qpos[:] = self._simulation.qpos(self._world)
+        self._data.qpos[:] = self._episodes.simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        self._renderer.update_scene(self._data, _view(), _shown())
+        self._renderer.update_scene(self._data, _camera(self._view), _shown())
+        self._add_marks()
         return self._renderer.render()
+
+    def _add_marks(self) -> None:
+        marks, scene = self._episodes.task.marks, self._renderer.scene
+        if marks is None:
+            return
+        for place in self._episodes.marks_w()[self._world]:
+            mujoco.mjv_initGeom(
+                scene.geoms[scene.ngeom],
+                mujoco.mjtGeom.mjGEOM_SPHERE,
+                np.full(3, marks.radius_m),
+                place,
+                np.eye(3).ravel(),
+                np.array([*marks.rgb, 1.0], dtype=np.float32),
+            )
+            scene.ngeom += 1
 
     def close(self) -> None:
         """Give the graphics memory back."""
@@ -67,10 +103,10 @@ def _add_surroundings(spec: mujoco.MjSpec) -> None:
     )  # fmt: skip
 
 
-def _view() -> mujoco.MjvCamera:
+def _camera(view: View) -> mujoco.MjvCamera:
     camera = mujoco.MjvCamera()
-    camera.lookat[:] = LOOK_AT_W
-    camera.distance, camera.azimuth, camera.elevation = DISTANCE_M, AZIMUTH_DEG, ELEVATION_DEG
+    camera.lookat[:] = view.look_at_w
+    camera.distance, camera.azimuth, camera.elevation = view.distance_m, view.azimuth_deg, view.elevation_deg
     return camera
 
 
