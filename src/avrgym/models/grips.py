@@ -55,6 +55,18 @@ GRIPS: Mapping[tuple[str, str], Grip] = {
             "finger_tip_3": -0.20,
         },
     ),
+    ("Jaco", "scratcher"): Grip(
+        pos=np.zeros(3),
+        q=transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
+        finger_angles_rad={
+            "finger_1": 1.15,
+            "finger_tip_1": 0.30,
+            "finger_2": 1.23,
+            "finger_tip_2": 0.30,
+            "finger_3": 1.23,
+            "finger_tip_3": 0.30,
+        },
+    ),
 }
 """By the names of robot and tool. Fingertips touch what they hold, within 3 mm."""
 

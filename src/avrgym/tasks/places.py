@@ -31,18 +31,19 @@ def wheelchair_stage(
     standing_offset_m: tuple[float, float],
     furniture: Sequence[str] = (),
     movable: Sequence[str] = (),
+    chair: str = "wheelchair",
 ) -> Stage:
     """A person in a wheelchair; the robot is mounted on its right side, or stands beside it.
 
-    ``standing_offset_m`` (x, y) is added to the place of a mobile robot.
+    ``standing_offset_m`` (x, y) is added to the place of a mobile robot; ``chair`` names the wheelchair.
     """
     arm = robot.arms[side]
     if not robot.mobile:
-        around = ("wheelchair", "jaco_bracket", *furniture)
+        around = (chair, "jaco_bracket", *furniture)
         return Stage(around, movable, SEATED, robot, arm, tool, JACO_MOUNT_M, -0.5 * np.pi)
     x, y, z = STANDING_M
     place = (x + standing_offset_m[0], y + standing_offset_m[1], z)
-    return Stage(("wheelchair", *furniture), movable, SEATED, robot, arm, tool, place, 0.0, STANDING_RANGE)
+    return Stage((chair, *furniture), movable, SEATED, robot, arm, tool, place, 0.0, STANDING_RANGE)
 
 
 def bed_stage(robot: Robot, side: Side, tool: Tool) -> Stage:

@@ -1,0 +1,48 @@
+"""The scratcher: a round rod with a blunt tip, held lengthwise like a pen."""
+
+import mujoco
+import numpy as np
+
+from avrgym.models import contacts
+from avrgym.models.parts import CAPSULE, add_collision, add_material, add_skin
+from avrgym.models.shapes import Section, loft
+from avrgym.models.tools import Tool
+
+PAST_FINGERS_M = 0.05
+"""How far the tip lies past the fingertips (reference)."""
+RADIUS_M, LENGTH_M = 0.005, 0.13
+_PINCH_M = 0.039  # from the end of the fingertips back to the point between the fingers that holds the rod
+
+
+def _build_scratcher(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
+    """One capsule; its round end is the tip."""
+    add_collision(
+        body,
+        "scratcher",
+        CAPSULE,
+        contacts.TOOL,
+        fromto=[-RADIUS_M, 0, 0, RADIUS_M - LENGTH_M, 0, 0],
+        size=[RADIUS_M, 0, 0],
+        mass=0.02,
+    )
+    if appearance:
+        _add_skin(spec, body)
+
+
+def _add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+    """A knob, a slimmer neck and a handle, all within the capsule."""
+    wood = add_material(spec, "scratcher_wood", (0.74, 0.53, 0.31), roughness=0.5)
+    rubber = add_material(spec, "scratcher_grip", (0.13, 0.30, 0.38), roughness=0.85)
+    along_x = [0.5**0.5, 0.0, 0.5**0.5, 0.0]
+    knob = [(-RADIUS_M * (1.0 - np.cos(a)), RADIUS_M * np.sin(a)) for a in np.linspace(0.2, 2.4, 9)]
+    neck = [(-0.0120, 0.0031), (-0.0200, 0.0033), (-0.0350, 0.0038), (-0.0360, 0.0038)]
+    handle = [(-0.0340, 0.0039), (-0.0352, 0.0049), (-0.0365, 0.0050), (0.0040 - LENGTH_M, 0.0050),
+              (0.0012 - LENGTH_M, 0.0042), (0.0002 - LENGTH_M, 0.0020)]  # fmt: skip
+    for name, material, profile in (("head", wood, knob + neck), ("handle", rubber, handle)):
+        mesh = loft([Section(x, radius, radius) for x, radius in profile], segments=24)
+        add_skin(spec, body, f"scratcher_{name}", material, mesh, quat=along_x)
+
+
+SCRATCHER = Tool(
+    "scratcher", _build_scratcher, grip_pos=(-(PAST_FINGERS_M + _PINCH_M), 0.0, 0.0), particles=None
+)

@@ -1,0 +1,196 @@
+"""Itch scratching: rub the spot of the right arm that itches, gently and to and fro (paper, section IV)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import transforms
+from avrgym.models import human
+from avrgym.models.human import JOINTS, People
+from avrgym.models.robots import Robot
+from avrgym.models.scene import Stage
+from avrgym.models.scratcher import SCRATCHER
+from avrgym.people import Pose
+from avrgym.simulation import Start, State
+from avrgym.tasks import places
+from avrgym.tasks.base import Marks, Outcome, Task, angles, force, norm, position, quaternion
+
+Array = NDArray[np.float64]
+
+ITCH_RADIUS_M = 0.025
+STROKE_M = 0.01
+STRONG_FORCE_N = 10.0
+SUCCESS_SCRATCHES = 25
+CHAIR = "wheelchair_without_right_armrest"
+LIMBS = ("right_upper_arm", "right_forearm")
+HAND_M, MOBILE_HAND_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
+HAND_SPREAD_M = 0.05
+SCRATCHER_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
+"""Pointing 45° upwards at the person's shoulder, past their elbow."""
+
+POSE = Pose(
+    rest_rad=human.joint_angles(right_shoulder_y=30.0),
+    spread_rad=np.array([np.radians(10.0) if name.startswith("right_") else 0.0 for name in JOINTS]),
+)
+"""Seated, the right arm spread by 30°, each of its joints within ±10° (paper, section V; reference)."""
+
+WEIGHTS: Mapping[str, float] = {
+    "distance_m": -1.0,
+    "action_squared": -0.01,
+    "force_at_itch_n": 0.01,
+    "scratch_force_n": 2.0,
+    "effector_speed_m_s": -0.25,
+    "force_elsewhere_n": -0.01,
+    "strong_force_at_itch_n": -0.05,
+}
+"""Task weights, then the preferences of the person (paper, section IV; reference)."""
+
+
+@dataclass(frozen=True)
+class ScratchItchMemory:
+    """Where it itches and how often it was scratched.
+
+    ``limb`` (N,) counts in ``LIMBS``. ``itch`` and ``last_scratch`` (N, 3), metres, are places in the frame of
+    that limb: they move with the person. ``scratches`` (N,).
+    """
+
+    limb: NDArray[np.intp]
+    itch: Array
+    last_scratch: Array
+    scratches: NDArray[np.intp]
+
+
+def stage(robot: Robot) -> Stage:
+    """A wheelchair whose right armrest is taken off, where the person's arm hangs; the left arm scratches."""
+    return places.wheelchair_stage(robot, "left", SCRATCHER, (0.1, 0.0), chair=CHAIR)
+
+
+def start(stage: Stage, people: People, uniforms: Array) -> Start:
+    """Hand within ±5 cm of a point beside the person's elbow; the goals are shoulder, elbow and wrist."""
+    place = MOBILE_HAND_M if stage.robot.mobile else HAND_M
+    hand = np.array(place) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    tool = hand - transforms.rotate(SCRATCHER_Q_W, stage.tool.grip_pos)
+    tool_q = np.tile(SCRATCHER_Q_W, (len(tool), 1))
+    pos_w, _ = human.body_frames(people, stage.posture)
+    goals = np.stack([pos_w[name] for name in (*LIMBS, "right_hand")], axis=1)
+    goals_q = np.tile(SCRATCHER_Q_W, (*goals.shape[:2], 1))
+    return places.start(stage, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
+
+
+def remember(people: People, uniforms: Array) -> ScratchItchMemory:
+    """An itch on the upper arm or the forearm: anywhere along the limb, on any side of it."""
+    limb = (uniforms[:, 3] < 0.5).astype(np.intp)
+    layout = human.layout(people.is_woman, people.torso_height_m)
+    sizes = np.stack([layout.geom_size[name] for name in LIMBS], axis=1)[np.arange(len(limb)), limb]
+    radius, length = sizes[:, 0], 2.0 * sizes[:, 1]
+    around = 2.0 * np.pi * uniforms[:, 5]
+    itch = np.stack([radius * np.cos(around), radius * np.sin(around), -length * uniforms[:, 4]], axis=-1)
+    return ScratchItchMemory(limb, itch, np.zeros_like(itch), np.zeros_like(limb))
+
+
+OBSERVED = (
+    position("tool_from_torso_m"),
+    quaternion("tool_rotation"),
+    position("tool_from_itch_m"),
+    position("itch_from_torso_m"),
+    angles("arm_angles_rad", 7),
+    position("shoulder_from_torso_m"),
+    position("elbow_from_torso_m"),
+    position("wrist_from_torso_m"),
+    force("tool_force_n"),
+)
+
+
+def observe(state: State, memory: ScratchItchMemory) -> Array:
+    """The observation (N, 30), in the order of ``OBSERVED``; in the world's axes."""
+    itch_w = itch_pos_w(state, memory)
+    person_arm = state.right_arm_pos_w - state.robot_pos_w[:, None]
+    return np.concatenate(
+        [
+            state.tool_pos_w - state.robot_pos_w,
+            state.tool_q_w,
+            state.tool_pos_w - itch_w,
+            itch_w - state.robot_pos_w,
+            state.arm_angles_rad,
+            person_arm.reshape(len(person_arm), 9),
+            state.tool_force_n[:, None],
+        ],
+        axis=-1,
+    )
+
+
+def judge(state: State, action: Array, memory: ScratchItchMemory) -> Outcome:
+    """At most one scratch in a control step.
+
+    It is a contact of the tool within 2.5 cm of the itch, softer than 10 N, whose place (the mean of such
+    contacts, weighted by their forces) has moved more than 1 cm in the limb's frame since the last scratch.
+    """
+    itch_w = itch_pos_w(state, memory)
+    force_n, place = _touch(state, memory, itch_w)
+    moved = norm(place - memory.last_scratch) > STROKE_M
+    scratch = (force_n > 0.0) & (force_n < STRONG_FORCE_N) & (moved | (memory.scratches == 0))
+    after = ScratchItchMemory(
+        memory.limb,
+        memory.itch,
+        np.where(scratch[:, None], place, memory.last_scratch),
+        memory.scratches + scratch,
+    )
+    distance = norm(state.tool_pos_w - itch_w)
+    terms = {
+        "distance_m": distance,
+        "action_squared": (action * action).sum(axis=-1),
+        "force_at_itch_n": force_n,
+        "scratch_force_n": np.where(scratch, force_n, 0.0),
+        "effector_speed_m_s": norm(state.effector_velocity_w),
+        "force_elsewhere_n": np.maximum(state.robot_force_n - force_n, 0.0),
+        "strong_force_at_itch_n": np.where(force_n >= STRONG_FORCE_N, force_n, 0.0),
+    }
+    success = after.scratches >= SUCCESS_SCRATCHES
+    return Outcome(after, terms, distance, success, np.zeros((len(distance), 0), dtype=bool))
+
+
+def itch_pos_w(state: State, memory: ScratchItchMemory) -> Array:
+    """Where it itches, (N, 3), world frame."""
+    limb_pos_w, limb_q_w = limb_frame(state, memory)
+    return limb_pos_w + transforms.rotate(limb_q_w, memory.itch)
+
+
+def limb_frame(state: State, memory: ScratchItchMemory) -> tuple[Array, Array]:
+    """The frame of the limb that itches: (N, 3) and (N, 4), world frame."""
+    worlds = np.arange(len(memory.limb))
+    return state.right_arm_pos_w[worlds, memory.limb], state.right_arm_q_w[worlds, memory.limb]
+
+
+def _touch(state: State, memory: ScratchItchMemory, itch_w: Array) -> tuple[Array, Array]:
+    """How strongly the tool touches the itch, (N,) newtons, and where, (N, 3) in the limb's frame."""
+    near = norm(state.tool_contact_pos_w - itch_w[:, None]) < ITCH_RADIUS_M
+    forces = np.where(near, state.tool_contact_force_n, 0.0)
+    force_n = forces.sum(axis=-1)
+    place_w = (forces[..., None] * state.tool_contact_pos_w).sum(axis=1) / np.maximum(force_n, 1e-9)[:, None]
+    limb_pos_w, limb_q_w = limb_frame(state, memory)
+    return force_n, transforms.rotate(transforms.conjugate(limb_q_w), place_w - limb_pos_w)
+
+
+MARKS = Marks(
+    count=1,
+    radius_m=0.008,
+    rgb=(0.85, 0.10, 0.12),
+    places=lambda state, memory: itch_pos_w(state, memory)[:, None],
+)
+
+SCRATCH_ITCH = Task(
+    name="ScratchItch",
+    offered="arm",
+    pose=POSE,
+    uniforms=6 + places.UNIFORMS,
+    observed=OBSERVED,
+    weights=WEIGHTS,
+    stage=stage,
+    start=start,
+    remember=remember,
+    observe=observe,
+    judge=judge,
+    marks=MARKS,
+)
