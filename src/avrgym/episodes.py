@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym import cooperation, impairments, people
+from avrgym.impairments import Impairment
 from avrgym.models.human import People, Person
 from avrgym.models.robots import find_robot
 from avrgym.models.scene import CONTROL_STEP_S
@@ -67,7 +68,7 @@ class Episodes:
         self.task = TASKS[task]
         self.person = person
         self._distribution = people.find_distribution(distribution)
-        self._impairment = impairments.find_impairment(impairment)
+        self._impairment: Impairment = impairments.find_impairment(impairment)
         self._moved_by_themselves = not moving and (
             self._distribution.cooperating or self._impairment in impairments.MOVING
         )
