@@ -22,8 +22,8 @@ LEG_PARTS = [f"{side}_{part}" for side in ("right", "left") for part in ("thigh"
 BACK_PARTS = ("waist", "chest", "right_shoulder", "left_shoulder")
 SCRATCHED_RAD = joint_angles(right_shoulder_y=30.0)
 ARM_SPREAD_DEG = 10.0
-FOOTPRINT_RADIUS_M = 0.09
-"""About the radius of the Jaco's foot."""
+FOOTPRINT_RADIUS_M = 0.05
+"""The Jaco's foot is 8.5 cm across."""
 
 
 def compiled(*names: str, appearance: bool = False) -> mujoco.MjModel:
