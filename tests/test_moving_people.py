@@ -1,0 +1,73 @@
+"""The static and the moving person are one: the same body in the same pose, and the moving one has its weight."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from avrgym.episodes import Episodes
+from avrgym.models import human
+from avrgym.models.human import JOINTS
+from avrgym.models.scene import build_spec
+from avrgym.simulation import INERTIAL_FIELDS
+from avrgym.tasks import ENVIRONMENTS
+
+WORLDS = 4
+
+
+def begun(environment: str, *, moving: bool) -> Episodes:
+    episodes = Episodes(environment, WORLDS, distribution="revised", moving=moving, num_threads=1)
+    episodes.begin(np.arange(WORLDS), [np.random.default_rng(i) for i in range(WORLDS)])
+    return episodes
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_static_and_moving_people_have_head_and_arm_in_the_same_place(environment):
+    static, moving = (begun(environment, moving=moves).simulation.state() for moves in (False, True))
+    for part in ("head_pos_w", "head_q_w", "mouth_pos_w", "right_arm_pos_w", "right_arm_q_w"):
+        assert_allclose(getattr(moving, part), getattr(static, part), atol=1e-6, err_msg=part)
+    assert_allclose(moving.person_segment_w, static.person_segment_w, atol=1e-6)
+    assert_allclose(moving.person_radius_m, static.person_radius_m, atol=1e-12)
+
+
+@pytest.mark.parametrize("environment", ["avrgym/FeedingJaco-v1", "avrgym/BedBathingJaco-v1"])
+def test_a_moving_person_in_a_world_is_the_one_that_would_be_compiled(environment):
+    episodes = begun(environment, moving=True)
+    for world in range(WORLDS):
+        person = episodes.person_in(world)
+        alone = build_spec(episodes.stage, person, moving=True, appearance=False).compile()
+        here = episodes.simulation.batch.get_model(world)
+        bodies = [alone.body(human.PREFIX + name).id for name in human.BODIES]
+        for field in (*INERTIAL_FIELDS, "body_pos", "body_quat"):
+            expected, found = getattr(alone, field)[bodies], getattr(here, field)[bodies]
+            assert_allclose(found, expected, atol=1e-12, err_msg=field)
+        actuators = [alone.actuator(human.PREFIX + name).id for name in JOINTS]
+        assert_allclose(here.actuator_forcerange[actuators], alone.actuator_forcerange[actuators])
+
+
+def test_the_whole_body_weighs_what_the_table_says():
+    episodes = begun("avrgym/FeedingJaco-v1", moving=True)
+    for world in range(WORLDS):
+        model = episodes.simulation.batch.get_model(world)
+        mass = sum(float(model.body(human.PREFIX + name).mass[0]) for name in human.BODIES)
+        sex = episodes.person_in(world).sex
+        assert mass == pytest.approx(human.PROPORTIONS[sex].mass, rel=1e-9)
+
+
+def test_robot_and_arm_push_each_other():
+    """A person's hand that wants to go through the robot's arm moves it, and is held off."""
+    episodes = begun("avrgym/FeedingJaco-v1", moving=True)
+    simulation = episodes.simulation
+    targets = episodes.people.joint_angles_rad.copy()
+    reach = [human.JOINT_INDEX["right_shoulder_x"], human.JOINT_INDEX["right_elbow_x"]]
+    targets[:, reach] = np.radians([-75.0, -10.0])
+    simulation.command_person(targets)
+    before, felt = simulation.state(), np.zeros(WORLDS)
+    for _ in range(30):
+        episodes.step(np.zeros((WORLDS, 7)))
+        felt = np.maximum(felt, simulation.state().robot_force_n)
+    pushed = felt > 1.0
+    assert pushed.any()
+    moved = np.abs(simulation.state().arm_angles_rad - before.arm_angles_rad).max(axis=1)
+    held_off = np.abs(simulation.person_angles_rad() - targets)[:, reach].max(axis=1)
+    assert (moved[pushed] > 0.005).all()
+    assert (held_off[pushed] > 0.005).all()
