@@ -4,7 +4,7 @@ import ast
 import math
 import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 from xml.etree import ElementTree
@@ -26,28 +26,28 @@ OPERATORS: dict[type, Callable[..., Any]] = {
 }
 
 
-def evaluate(formula: str) -> float:
-    """The value of an arithmetic formula with ``J_PI``."""
-    return _value(ast.parse(formula, mode="eval").body)
+def evaluate(formula: str, names: Mapping[str, float]) -> float:
+    """The value of an arithmetic formula with named numbers."""
+    return _value(ast.parse(formula, mode="eval").body, names)
 
 
-def _value(node: ast.expr) -> float:
+def _value(node: ast.expr, names: Mapping[str, float]) -> float:
     match node:
         case ast.Constant(value=int() | float() as value):
             return float(value)
         case ast.Name(id=name):
-            return CONSTANTS[name]
+            return names[name]
         case ast.BinOp(left=left, op=op, right=right):
-            return OPERATORS[type(op)](_value(left), _value(right))
+            return OPERATORS[type(op)](_value(left, names), _value(right, names))
         case ast.UnaryOp(op=op, operand=operand):
-            return OPERATORS[type(op)](_value(operand))
+            return OPERATORS[type(op)](_value(operand, names))
     raise ValueError(ast.dump(node))
 
 
 def numbers(text: str) -> np.ndarray:
     """Numbers between blanks, each plain or with ``${formula}``."""
     formulas = re.sub(r"\$\{([^}]*)\}", lambda found: f"({found[1].replace(' ', '')})", text)
-    return np.array([evaluate(formula) for formula in formulas.split()])
+    return np.array([evaluate(formula, CONSTANTS) for formula in formulas.split()])
 
 
 @cache
@@ -73,11 +73,15 @@ def number(name: str) -> float:
 
 def origin(joint: str) -> tuple[np.ndarray, np.ndarray]:
     """A joint's frame in its parent: position (3,), quaternion (4,); its angles turn about fixed axes."""
+    return vector(f"{joint}_origin_xyz"), from_fixed_angles(vector(f"{joint}_origin_rpy"))
+
+
+def from_fixed_angles(angles_rad: np.ndarray) -> np.ndarray:
+    """The quaternion (4,) of turns about the fixed axes x, then y, then z."""
     roll, pitch, yaw = (
-        transforms.from_axis_angle(axis, angle)
-        for axis, angle in zip(np.eye(3), vector(f"{joint}_origin_rpy"), strict=True)
+        transforms.from_axis_angle(axis, angle) for axis, angle in zip(np.eye(3), angles_rad, strict=True)
     )
-    return vector(f"{joint}_origin_xyz"), transforms.multiply(yaw, transforms.multiply(pitch, roll))
+    return transforms.multiply(yaw, transforms.multiply(pitch, roll))
 
 
 def forward(angles_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

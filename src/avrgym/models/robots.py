@@ -78,6 +78,53 @@ JACO = Robot(
     holding_rad={},
 )
 
+_SIDES: tuple[Side, ...] = ("right", "left")
+_PR2_JOINTS = (
+    "shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll",
+)  # fmt: skip
+_PR2_HOLDING_RAD = np.array([1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0])
+_PR2_SEED_RAD = np.array([0.7, 0.2, 1.5, -1.85, -3.1, -1.45, 0.0])
+"""Of the left arm; the right arm's poses are their mirror images."""
+_PR2_MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+
+
+def _pr2_joints(side: Side) -> tuple[str, ...]:
+    return tuple(f"{side[0]}_{joint}_joint" for joint in _PR2_JOINTS)
+
+
+def _pr2_pose(side: Side, left_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    return left_rad if side == "left" else _PR2_MIRROR * left_rad
+
+
+def _pr2_arm(side: Side) -> Arm:
+    """Its speeds are the Jaco's: the PR2's own, 119 to 206 °/s, are too fast for comfort beside a person."""
+    return Arm(
+        joints=_pr2_joints(side),
+        end_effector=f"{side[0]}_gripper_tool_frame",
+        finger_prefix=f"{side[0]}_gripper_",
+        speed_limit_rad_s=_JACO_ARM.speed_limit_rad_s,
+        torque_limit_n_m=np.array([30.0, 30.0, 30.0, 30.0, 30.0, 10.0, 10.0]),
+        stiffness_n_m_rad=np.array([900.0, 550.0, 220.0, 220.0, 80.0, 80.0, 80.0]),
+        inertia_kg_m2=np.array([2.80, 1.39, 0.445, 0.435, 0.089, 0.0735, 0.0629]),
+        seed_pose_rad=_pr2_pose(side, _PR2_SEED_RAD),
+    )
+
+
+PR2 = Robot(
+    name="PR2",
+    file="pr2.xml",
+    mesh_folder="xacro/pr2_description/meshes",
+    base="base",
+    torso="torso_lift_link",
+    mobile=True,
+    arms={side: _pr2_arm(side) for side in _SIDES},
+    holding_rad={
+        joint: float(angle)
+        for side in _SIDES
+        for joint, angle in zip(_pr2_joints(side), _pr2_pose(side, _PR2_HOLDING_RAD), strict=True)
+    },
+)
+
 ROBOTS: Mapping[str, Robot] = {robot.name: robot for robot in (JACO,)}
 
 
