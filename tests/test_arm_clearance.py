@@ -1,0 +1,162 @@
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from avrgym import transforms
+from avrgym.arm_clearance import ARM, PAIRS, Boxes, clearance, furniture_boxes, person_capsules
+from avrgym.models import human
+from avrgym.models.human import (
+    GEOMS,
+    JOINT_INDEX,
+    JOINTS,
+    LOWER_RAD,
+    PREFIX,
+    RECLINED,
+    SEATED,
+    UPPER_RAD,
+    People,
+    Person,
+    joint_angles,
+)
+
+NAMES = list(GEOMS)
+POSTURES = {"seated": SEATED, "reclined": RECLINED}
+SCRATCHING = joint_angles(right_shoulder_y=30.0)
+BATHING = joint_angles(
+    right_shoulder_y=20.0, right_shoulder_x=-20.0, right_elbow_x=-45.0,
+    left_shoulder_y=-20.0, left_shoulder_x=-20.0, left_elbow_x=-45.0,
+)  # fmt: skip
+
+
+def random_people(rng: np.random.Generator, count: int) -> People:
+    angles = rng.uniform(LOWER_RAD, UPPER_RAD, (count, len(JOINTS)))
+    return People.unimpaired(rng.random(count) < 0.5, rng.uniform(0.44, 0.70, count), angles)
+
+
+def people_about(rng: np.random.Generator, pose: np.ndarray, count: int) -> People:
+    """People of any size in a pose, ± 10° in every joint of the waist and the right arm."""
+    moved = [i for name, i in JOINT_INDEX.items() if name.startswith(("waist", "right"))]
+    angles = np.tile(pose, (count, 1))
+    angles[:, moved] += np.radians(rng.uniform(-10.0, 10.0, (count, len(moved))))
+    is_woman = rng.random(count) < 0.5
+    height = np.where(is_woman, rng.uniform(0.44, 0.64, count), rng.uniform(0.50, 0.70, count))
+    return People.unimpaired(is_woman, height, angles)
+
+
+# Capsules
+
+
+@pytest.mark.parametrize("posture", POSTURES.values(), ids=POSTURES)
+def test_the_capsules_are_those_of_mujoco(rng, posture):
+    people = random_people(rng, 15)
+    segments, radii = person_capsules(people, posture)
+    assert segments.shape == (15, len(GEOMS), 2, 3)
+    for i in range(15):
+        model, data = compiled(people.person(i), posture)
+        for j, name in enumerate(GEOMS):
+            geom = data.geom(PREFIX + name)
+            reach = geom.xmat.reshape(3, 3)[:, 2] * model.geom(PREFIX + name).size[1]
+            assert_allclose(segments[i, j], [geom.xpos - reach, geom.xpos + reach], atol=1e-9)
+            assert radii[i, j] == pytest.approx(model.geom(PREFIX + name).size[0], abs=1e-12)
+
+
+def compiled(person: Person, posture: human.Posture) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = human.person_model(person, posture, moving=False)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return model, data
+
+
+# Clearance
+
+
+@pytest.mark.parametrize("posture", POSTURES.values(), ids=POSTURES)
+def test_the_clearance_is_the_smallest_distance_that_mujoco_finds(rng, posture):
+    people = random_people(rng, 15)
+    expected = [nearest_pair(people.person(i), posture) for i in range(15)]
+    assert_allclose(clearance(*person_capsules(people, posture)), expected, atol=1e-6)
+
+
+def nearest_pair(person: Person, posture: human.Posture) -> float:
+    model, data = compiled(person, posture)
+    ids = {name: model.geom(PREFIX + name).id for name in GEOMS}
+    return min(mujoco.mj_geomDistance(model, data, ids[a], ids[b], 10.0, None) for a, b in PAIRS)
+
+
+def test_every_part_of_the_arm_keeps_away_from_head_hips_legs_and_the_other_arm():
+    for part in ARM:
+        others = {other for arm, other in PAIRS if arm == part}
+        assert not others & set(ARM)
+        assert others >= {"hips", "waist", "neck", "cranium", "jaw", "right_thigh", "left_thigh", "left_hand"}
+    assert ("right_forearm", "chest") in PAIRS
+
+
+def test_a_hand_in_the_face_overlaps_and_a_raised_arm_is_free():
+    face = joint_angles(right_shoulder_x=-80.0, right_shoulder_z=40.0, right_elbow_x=-128.0)
+    raised = joint_angles(right_shoulder_y=90.0, right_elbow_x=0.0)
+    gap = clearance(*person_capsules(People.of([Person("man", 0.6, face), Person("man", 0.6, raised)])))
+    assert gap[0] < 0.0
+    assert gap[1] > 0.05
+
+
+def test_furniture_counts_where_it_is_closer_than_the_body():
+    people = People.of([Person("man", 0.6, joint_angles(right_shoulder_y=90.0, right_elbow_x=0.0))])
+    segments, radii = person_capsules(people)
+    forearm = NAMES.index("right_forearm")
+    above = segments[0, forearm].mean(axis=0)
+    above[2] += 0.10 + radii[0, forearm]
+    far = np.array([5.0, 5.0, 5.0])
+    turn = transforms.from_axis_angle(human.Z, np.asarray(0.7))
+    boxes = Boxes(np.stack([above, far]), np.stack([turn, turn]), np.array([[0.01, 0.01, 0.05], [0.1] * 3]))
+    assert clearance(segments, radii)[0] > 0.06
+    assert clearance(segments, radii, boxes)[0] == pytest.approx(0.05, abs=1e-9)
+    only_far = Boxes(boxes.pos_w[1:], boxes.q_w[1:], boxes.half_size_m[1:])
+    assert_array_equal(clearance(segments, radii, only_far), clearance(segments, radii))
+
+
+def test_a_person_does_not_depend_on_others(rng):
+    people = random_people(rng, 9)
+    segments, radii = person_capsules(people)
+    alone = People.of([people.person(4)])
+    alone_segments, alone_radii = person_capsules(alone)
+    assert_array_equal(alone_segments[0], segments[4])
+    boxes = Boxes(*(rng.uniform(0.1, 1.0, (2, 3)), transforms.normalize(rng.normal(size=(2, 4)))),
+                  rng.uniform(0.1, 0.2, (2, 3)))  # fmt: skip
+    among = clearance(segments, radii, boxes)
+    assert_array_equal(clearance(alone_segments, alone_radii, boxes)[0], among[4])
+
+
+# Furniture and the poses of the tasks
+
+
+def test_furniture_is_found_where_it_stands():
+    boxes = furniture_boxes(["wheelchair"])
+    tops = boxes.pos_w[:, 2] + boxes.half_size_m[:, 2]
+    armrests = np.abs(tops - 0.76) < 1e-9
+    assert_allclose(np.sort(boxes.pos_w[armrests, 0]), [-0.265, 0.265])
+    assert_allclose(boxes.q_w, np.tile(transforms.IDENTITY_QUATERNION, (len(tops), 1)))
+
+
+def test_leaning_furniture_leans():
+    up_the_backrest = transforms.rotate(furniture_boxes(["hospital_bed"]).q_w, human.Y)
+    slope = np.degrees(np.arctan2(up_the_backrest[:, 2], up_the_backrest[:, 1]))
+    assert np.isclose(slope, 60.0).sum() == 1
+
+
+@pytest.mark.parametrize(
+    ("pose", "posture", "furniture"),
+    [
+        (SCRATCHING, SEATED, ["wheelchair_without_right_armrest"]),
+        (BATHING, RECLINED, ["hospital_bed", "nightstand"]),
+    ],
+)
+def test_most_poses_of_the_tasks_are_free(rng, pose, posture, furniture):
+    capsules = person_capsules(people_about(rng, pose, 500), posture)
+    assert (clearance(*capsules, furniture_boxes(furniture)) > 0.01).mean() > 0.95
+
+
+def test_an_armrest_is_in_the_way_of_the_arm_to_be_scratched(rng):
+    capsules = person_capsules(people_about(rng, SCRATCHING, 500))
+    assert (clearance(*capsules) > 0.01).mean() > 0.95
+    assert (clearance(*capsules, furniture_boxes(["wheelchair"])) < 0.0).mean() > 0.5
