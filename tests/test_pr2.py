@@ -26,7 +26,12 @@ def description() -> urdf.Description:
 @pytest.fixture(scope="module")
 def models() -> dict[Side, mujoco.MjModel]:
     """The PR2 by its moving arm."""
-    return {side: robot_spec(PR2, PR2.arms[side], appearance=False).compile() for side in SIDES}
+    models: dict[Side, mujoco.MjModel] = {}
+    for side in SIDES:
+        models[side] = robot_spec(PR2, PR2.arms[side], appearance=False).compile()
+        models[side].opt.timestep = PHYSICS_STEP_S
+        models[side].opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    return models
 
 
 @pytest.fixture(scope="module")
@@ -122,22 +127,26 @@ def test_right_and_left_mirror_each_other(rng, pose, chains):
 
 
 def test_every_body_weighs_what_its_links_do(models, description):
+    """A body stands for the links that it is named after and carries rigidly."""
     model = models["right"]
-    names = {model.body(i).name for i in range(1, model.nbody)} - {"base"} | {"base_footprint"}
-    parts: dict[str, list[str]] = {name: [] for name in names}
+    bodies = {link_name(model.body(i).name): model.body(i) for i in range(1, model.nbody)}
+    carried: dict[str, list[str]] = {name: [] for name in bodies}
     for link in description.links:
         carrier = link
-        while carrier not in names:
+        while carrier not in bodies:
             carrier = description.joints[description.joint_above(carrier)].parent
-        parts[carrier].append(link)
-    for name, links in parts.items():
-        if not name.endswith("tool_frame"):
-            body = model.body(name.replace("base_footprint", "base"))
-            expected = description.rigid_union(name, links)
-            frame = transforms.to_matrix(body.iquat)
-            assert body.mass[0] == pytest.approx(expected.mass, rel=1e-9)
-            assert_allclose(body.ipos, expected.com, atol=1e-9)
-            assert_allclose(frame @ np.diag(body.inertia) @ frame.T, expected.inertia, rtol=1e-6, atol=1e-9)
+        carried[carrier].append(link)
+    for name in [name for name in bodies if not name.endswith("tool_frame")]:
+        body, expected = bodies[name], description.rigid_union(name, carried[name])
+        frame = transforms.to_matrix(body.iquat)
+        assert body.mass[0] == pytest.approx(expected.mass, rel=1e-9)
+        assert_allclose(body.ipos, expected.com, atol=1e-9)
+        assert_allclose(frame @ np.diag(body.inertia) @ frame.T, expected.inertia, rtol=1e-6, atol=1e-9)
+
+
+def link_name(body: str) -> str:
+    """The link that a body is named after; the base's frame is on the floor."""
+    return "base_footprint" if body == PR2.base else body
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -191,7 +200,6 @@ def test_the_servos_are_critically_damped_for_the_inertia_at_the_seed_pose(side,
 def test_a_joint_follows_its_command_and_stops(side, index, models):
     """At full speed it lags 0.11 s or less; it does not swing past its target, and moves nothing else."""
     arm, model = PR2.arms[side], models[side]
-    model.opt.timestep, model.opt.integrator = PHYSICS_STEP_S, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     data = mujoco.MjData(model)
     data.qpos[:], data.act[:] = arm.seed_pose_rad, arm.seed_pose_rad
     data.ctrl[index] = arm.speed_limit_rad_s[index]
@@ -249,15 +257,22 @@ def test_it_can_be_drawn_in_a_headset(dressed):
 
 
 @pytest.mark.parametrize("hand", ["r", "l"])
-def test_closed_fingertips_meet(hand):
-    model = robot_spec(PR2, PR2.arms["right"], appearance=True).compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
+def test_closed_fingertips_meet_at_the_tool_frame(hand, dressed):
+    data = mujoco.MjData(dressed)
+    mujoco.mj_kinematics(dressed, data)
     tool = data.body(f"{hand}_gripper_tool_frame")
     left, right = (
-        (points(model, f"{hand}_gripper_{finger}_finger_tip_link") - tool.xpos) @ tool.xmat.reshape(3, 3)
+        (points(dressed, f"{hand}_gripper_{finger}_finger_tip_link") - tool.xpos) @ tool.xmat.reshape(3, 3)
         for finger in "lr"
     )
-    assert -0.003 < left[:, 1].min() < 0.003
+    assert abs(left[:, 1].min()) < 0.001
     assert_allclose(left[:, 1].min(), -right[:, 1].max(), atol=1e-6)
     assert left[:, 0].min() < 0.0 < left[:, 0].max()
+
+
+def test_it_stands_on_its_wheels(dressed):
+    wheels = [
+        geom for geom in range(dressed.ngeom) if dressed.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER
+    ]
+    assert len(wheels) == 8
+    assert_allclose(dressed.geom_pos[wheels, 2], dressed.geom_size[wheels, 0], atol=0.001)

@@ -105,7 +105,7 @@ def _pr2_arm(side: Side) -> Arm:
         speed_limit_rad_s=_JACO_ARM.speed_limit_rad_s,
         torque_limit_n_m=np.array([30.0, 30.0, 30.0, 30.0, 30.0, 10.0, 10.0]),
         stiffness_n_m_rad=np.array([900.0, 550.0, 220.0, 220.0, 80.0, 80.0, 80.0]),
-        inertia_kg_m2=np.array([2.80, 1.39, 0.445, 0.435, 0.089, 0.0735, 0.0629]),
+        inertia_kg_m2=np.array([2.81, 1.395, 0.447, 0.437, 0.0899, 0.0741, 0.0631]),
         seed_pose_rad=_pr2_pose(side, _PR2_SEED_RAD),
     )
 
