@@ -12,7 +12,8 @@ import numpy as np
 from avrgym import transforms
 from avrgym.models import contacts
 from avrgym.models.furniture.bars import rounded
-from avrgym.models.parts import BOX, CAPSULE, CYLINDER, add_collision, add_material, add_skin, add_visual
+from avrgym.models.furniture.finishes import finish
+from avrgym.models.parts import BOX, CAPSULE, CYLINDER, add_collision, add_skin, add_visual
 from avrgym.models.shapes import Mesh, Section, loft, torus, tube
 
 MATTRESS_TOP_M = 0.55
@@ -25,7 +26,9 @@ NIGHTSTAND_TOP_M = (-0.75, 0.15, 0.60)
 
 _CREASE = (0.0, 0.05, MATTRESS_TOP_M)
 """Where the backrest's surface leaves the seat's: 0.118 m behind the axis of a torso that leans back by 30°."""
-_HALF_THICKNESS = 0.5 * MATTRESS_THICKNESS_M
+_LEGS_HALF = (MATTRESS_HALF_WIDTH_M, 0.5 * LEGS_LENGTH_M, 0.5 * MATTRESS_THICKNESS_M)
+_BACK_HALF = (MATTRESS_HALF_WIDTH_M, 0.5 * BACK_LENGTH_M, 0.5 * MATTRESS_THICKNESS_M)
+_LEGS_CENTRE = (0.0, _CREASE[1] - _LEGS_HALF[1], MATTRESS_TOP_M - _LEGS_HALF[2])
 _FOOT_Y, _HEAD_Y = _CREASE[1] - LEGS_LENGTH_M - 0.03, _CREASE[1] + BACK_LENGTH_M + 0.03
 _MIDDLE_Y, _HALF_LENGTH = 0.5 * (_FOOT_Y + _HEAD_Y), 0.5 * (_HEAD_Y - _FOOT_Y)
 _FOOTBOARD_TOP, _HEADBOARD_TOP, _BOARD_BOTTOM = 0.78, 1.02, 0.30
@@ -38,7 +41,7 @@ _NIGHTSTAND_HALF = (0.165, 0.20, 0.5 * NIGHTSTAND_TOP_M[2])
 
 
 def add_hospital_bed(spec: mujoco.MjSpec, appearance: bool) -> None:
-    """Add the bed: a mattress in two pieces, a frame on castors, boards at both ends, side rails lowered."""
+    """Add the bed: a mattress in two pieces, a frame on casters, boards at both ends, side rails lowered."""
     body = spec.worldbody.add_body(name="hospital_bed")
     _add_bed_collision(body)
     if appearance:
@@ -49,29 +52,22 @@ def add_hospital_bed(spec: mujoco.MjSpec, appearance: bool) -> None:
         _add_undercarriage(spec, body)
 
 
-def _on_backrest(x: float, along: float, above: float) -> np.ndarray:
-    """A place ``along`` the backrest from the crease and ``above`` its surface, world frame."""
-    return _CREASE + transforms.rotate(_BACK_Q, [x, along, above])
+def _on_backrest(along: float, above: float) -> np.ndarray:
+    """A place ``along`` the backrest's middle from the crease and ``above`` its surface, world frame."""
+    return _CREASE + transforms.rotate(_BACK_Q, [0.0, along, above])
 
 
 def _add_bed_collision(body: mujoco.MjsBody) -> None:
-    legs_y, deck_half = _CREASE[1] - 0.5 * LEGS_LENGTH_M, 0.025
-    half_back = [MATTRESS_HALF_WIDTH_M, 0.5 * BACK_LENGTH_M, _HALF_THICKNESS]
-    add_collision(
-        body, "bed_backrest", BOX, contacts.FURNITURE,
-        pos=_on_backrest(0.0, 0.5 * BACK_LENGTH_M, -_HALF_THICKNESS), quat=_BACK_Q, size=half_back,
-    )  # fmt: skip
     boxes = {
-        "mattress": (
-            [0, legs_y, MATTRESS_TOP_M - _HALF_THICKNESS],
-            [half_back[0], 0.5 * LEGS_LENGTH_M, half_back[2]],
-        ),
-        "deck": ([0, _MIDDLE_Y, _DECK_Z], [0.45, _HALF_LENGTH, deck_half]),
+        "mattress": (_LEGS_CENTRE, _LEGS_HALF),
+        "deck": ([0, _MIDDLE_Y, _DECK_Z], [0.45, _HALF_LENGTH, 0.025]),
         "footboard": _board(_FOOT_Y, _FOOTBOARD_TOP),
         "headboard": _board(_HEAD_Y, _HEADBOARD_TOP),
     }
     for name, (pos, size) in boxes.items():
         add_collision(body, f"bed_{name}", BOX, contacts.FURNITURE, pos=pos, size=size)
+    back = _on_backrest(0.5 * BACK_LENGTH_M, -_BACK_HALF[2])
+    add_collision(body, "bed_backrest", BOX, contacts.FURNITURE, pos=back, quat=_BACK_Q, size=_BACK_HALF)
 
 
 def _board(y: float, top: float) -> tuple[list[float], list[float]]:
@@ -81,15 +77,12 @@ def _board(y: float, top: float) -> tuple[list[float], list[float]]:
 
 
 def _add_bedding(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    sheet = add_material(spec, "sheet", (0.70, 0.79, 0.84), roughness=0.95)
-    linen = add_material(spec, "linen", (0.93, 0.93, 0.91), roughness=0.95)
-    legs = _cushion(MATTRESS_HALF_WIDTH_M, 0.5 * LEGS_LENGTH_M, _HALF_THICKNESS)
-    back = _cushion(MATTRESS_HALF_WIDTH_M, 0.5 * BACK_LENGTH_M, _HALF_THICKNESS)
-    legs_centre = [0, _CREASE[1] - 0.5 * LEGS_LENGTH_M, MATTRESS_TOP_M - _HALF_THICKNESS]
-    back_centre = _on_backrest(0.0, 0.5 * BACK_LENGTH_M, -_HALF_THICKNESS)
-    add_skin(spec, body, "bed_mattress_skin", sheet, legs, pos=legs_centre)
-    add_skin(spec, body, "bed_backrest_skin", sheet, back, pos=back_centre, quat=_BACK_Q)
-    pillow = _on_backrest(0.0, 0.66, 0.005)
+    sheet = finish(spec, "sheet")
+    linen = finish(spec, "linen")
+    add_skin(spec, body, "bed_mattress_skin", sheet, _cushion(*_LEGS_HALF), pos=_LEGS_CENTRE)
+    back = _on_backrest(0.5 * BACK_LENGTH_M, -_BACK_HALF[2])
+    add_skin(spec, body, "bed_backrest_skin", sheet, _cushion(*_BACK_HALF), pos=back, quat=_BACK_Q)
+    pillow = _on_backrest(0.66, 0.005)
     add_skin(spec, body, "bed_pillow", linen, _pillow(), pos=pillow, quat=_BACK_Q)
 
 
@@ -110,38 +103,40 @@ def _pillow() -> Mesh:
 
 
 def _add_boards(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    plastic = add_material(spec, "plastic", (0.87, 0.87, 0.84), roughness=0.5)
-    wood = add_material(spec, "wood", (0.66, 0.50, 0.34), roughness=0.6)
+    plastic = finish(spec, "plastic")
+    wood = finish(spec, "wood")
     for name, y, top in (("footboard", _FOOT_Y, _FOOTBOARD_TOP), ("headboard", _HEAD_Y, _HEADBOARD_TOP)):
         pos, (half_x, half_y, half_z) = _board(y, top)
-        panel = loft([Section(z, half_x, half_z, exponent=8.0) for z in (-half_y, half_y)], segments=48)
-        inlay = loft(
-            [Section(z, half_x - 0.09, half_z - 0.09, exponent=8.0) for z in (-0.02, 0.02)], segments=48
-        )
+        panel = _panel(half_x, half_z, half_y)
+        inlay = _panel(half_x - 0.09, half_z - 0.09, half_y + 0.002)
         add_skin(spec, body, f"bed_{name}_skin", plastic, panel, pos=pos, quat=_UPRIGHT_Q)
         add_skin(spec, body, f"bed_{name}_inlay", wood, inlay, pos=pos, quat=_UPRIGHT_Q)
 
 
+def _panel(half_x: float, half_y: float, half_z: float) -> Mesh:
+    """A flat board with rounded corners; z is its thickness."""
+    return loft([Section(z, half_x, half_y, exponent=8.0) for z in (-half_z, half_z)], segments=48)
+
+
 def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    paint = add_material(spec, "bed_frame", (0.60, 0.63, 0.66), metallic=0.3, roughness=0.4)
-    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
+    paint = finish(spec, "bed_frame")
+    steel = finish(spec, "steel")
     for sign in (-1.0, 1.0):
         pos = [sign * 0.425, _MIDDLE_Y, _DECK_Z - 0.005]
         add_visual(body, BOX, paint, pos=pos, size=[0.02, _HALF_LENGTH, 0.025])
     for y in (-0.9, -0.45, 0.0, 0.45, 0.85):
         add_visual(body, BOX, paint, pos=[0, y, _DECK_Z - 0.005], size=[0.41, 0.02, 0.015])
-    legs_y = _CREASE[1] - 0.5 * LEGS_LENGTH_M
-    add_visual(body, BOX, paint, pos=[0, legs_y, _DECK_Z + 0.018], size=[0.43, 0.5 * LEGS_LENGTH_M, 0.008])
-    back = _on_backrest(0.0, 0.5 * BACK_LENGTH_M, -MATTRESS_THICKNESS_M - 0.012)
-    half_back = [0.43, 0.5 * BACK_LENGTH_M - 0.02, 0.012]
-    add_visual(body, BOX, paint, pos=back, quat=_BACK_Q, size=half_back)
-    strut = [0.0, 0.80, _DECK_Z, *_on_backrest(0.0, 0.50, -MATTRESS_THICKNESS_M - 0.02)]
+    legs = [0, _LEGS_CENTRE[1], _DECK_Z + 0.018]
+    add_visual(body, BOX, paint, pos=legs, size=[0.43, _LEGS_HALF[1], 0.008])
+    back = _on_backrest(0.5 * BACK_LENGTH_M, -MATTRESS_THICKNESS_M - 0.012)
+    add_visual(body, BOX, paint, pos=back, quat=_BACK_Q, size=[0.43, _BACK_HALF[1] - 0.02, 0.012])
+    strut = [0.0, 0.80, _DECK_Z, *_on_backrest(0.50, -MATTRESS_THICKNESS_M - 0.02)]
     add_visual(body, CAPSULE, steel, fromto=strut, size=[0.018, 0, 0])
 
 
 def _add_side_rails(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     """One rail on each side, hanging below the mattress's top so that a robot can reach over it."""
-    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
+    steel = finish(spec, "steel")
     low, high, foot, head = 0.30, 0.50, -0.55, 0.30
     for side, sign in (("right", -1.0), ("left", 1.0)):
         x = sign * 0.456
@@ -153,9 +148,9 @@ def _add_side_rails(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def _add_undercarriage(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    paint = add_material(spec, "bed_frame", (0.60, 0.63, 0.66), metallic=0.3, roughness=0.4)
-    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
-    rubber = add_material(spec, "rubber", (0.07, 0.07, 0.075), roughness=0.9)
+    paint = finish(spec, "bed_frame")
+    steel = finish(spec, "steel")
+    rubber = finish(spec, "rubber")
     low = 2.0 * _CASTER_RADIUS + 0.06
     for y in (-0.45, 0.45):
         column = [0.0, _MIDDLE_Y + y, low, 0.0, _MIDDLE_Y + y, _DECK_Z]
@@ -193,9 +188,9 @@ def add_nightstand(spec: mujoco.MjSpec, appearance: bool) -> None:
 
 def _add_nightstand_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     """A cabinet on a plinth with three drawers, their fronts towards the room's −y."""
-    plastic = add_material(spec, "plastic", (0.87, 0.87, 0.84), roughness=0.5)
-    wood = add_material(spec, "wood", (0.66, 0.50, 0.34), roughness=0.6)
-    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
+    plastic = finish(spec, "plastic")
+    wood = finish(spec, "wood")
+    steel = finish(spec, "steel")
     half_x, half_y, half_z = _NIGHTSTAND_HALF
     add_visual(body, BOX, plastic, pos=[0, 0, -0.0125], size=[half_x, half_y, 0.0125])
     add_visual(

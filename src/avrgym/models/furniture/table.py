@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 
 from avrgym.models import contacts
-from avrgym.models.parts import BOX, CYLINDER, add_collision, add_material, add_skin, add_visual
+from avrgym.models.furniture.finishes import finish
+from avrgym.models.parts import BOX, CYLINDER, add_collision, add_skin, add_visual
 from avrgym.models.shapes import revolve
 
 TABLE_BODY = "table"
@@ -28,9 +29,9 @@ def add_table(spec: mujoco.MjSpec, appearance: bool) -> None:
 def _add_table_skin(
     spec: mujoco.MjSpec, table: mujoco.MjsBody, bowl: mujoco.MjsBody, centre: np.ndarray, half: np.ndarray
 ) -> None:
-    wood = add_material(spec, "wood", (0.66, 0.50, 0.34), roughness=0.6)
-    white = add_material(spec, "ceramic", (0.93, 0.93, 0.90), roughness=0.3)
-    food = add_material(spec, "porridge", (0.82, 0.56, 0.28), roughness=0.8)
+    wood = finish(spec, "wood")
+    white = finish(spec, "ceramic")
+    food = finish(spec, "porridge")
     add_visual(table, BOX, wood, pos=[*centre, TABLE_HEIGHT_M - 0.015], size=[*half, 0.015])
     for corner in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         leg = centre + np.array(corner) * (half - 0.06)

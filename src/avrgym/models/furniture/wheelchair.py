@@ -11,7 +11,8 @@ import numpy as np
 
 from avrgym.models import contacts
 from avrgym.models.furniture.bars import rounded
-from avrgym.models.parts import BOX, CAPSULE, CYLINDER, add_collision, add_material, add_skin, add_visual
+from avrgym.models.furniture.finishes import finish
+from avrgym.models.parts import BOX, CAPSULE, CYLINDER, add_collision, add_skin, add_visual
 from avrgym.models.shapes import torus, tube
 
 SEAT_HEIGHT_M = 0.485
@@ -57,8 +58,8 @@ def _add_wheelchair_collision(body: mujoco.MjsBody, armrests: Collection[str]) -
 
 
 def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    fabric = add_material(spec, "fabric", (0.10, 0.12, 0.15), roughness=0.95)
-    rubber = add_material(spec, "rubber", (0.07, 0.07, 0.075), roughness=0.9)
+    fabric = finish(spec, "fabric")
+    rubber = finish(spec, "rubber")
     seat_y = 0.5 * (_BACK_Y + _FRONT_Y)
     add_visual(body, BOX, fabric, pos=[0, seat_y, SEAT_HEIGHT_M - 0.035], size=[_HALF_SEAT, 0.205, 0.030])
     add_visual(body, BOX, fabric, pos=[0, _BACK_Y + 0.012, 0.70], size=[0.215, 0.012, 0.185])
@@ -69,8 +70,8 @@ def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    paint = add_material(spec, "frame", (0.42, 0.10, 0.12), metallic=0.4, roughness=0.35)
-    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
+    paint = finish(spec, "frame")
+    steel = finish(spec, "steel")
     for side, sign in _SIGNS.items():
         x = sign * _FRAME_X
         bars = {
@@ -90,8 +91,8 @@ def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def _add_armrest(spec: mujoco.MjSpec, body: mujoco.MjsBody, side: str) -> None:
-    rubber = add_material(spec, "rubber", (0.07, 0.07, 0.075), roughness=0.9)
-    paint = add_material(spec, "frame", (0.42, 0.10, 0.12), metallic=0.4, roughness=0.35)
+    rubber = finish(spec, "rubber")
+    paint = finish(spec, "frame")
     x = _SIGNS[side] * _ARMREST_X
     bar = [[x, 0.11, 0.44], [x, 0.11, 0.73], [x, -0.17, 0.73], [x, -0.17, 0.44]]
     add_skin(spec, body, f"wheelchair_{side}_arm", paint, tube(rounded(bar), 0.0125))
@@ -101,8 +102,8 @@ def _add_armrest(spec: mujoco.MjSpec, body: mujoco.MjsBody, side: str) -> None:
 
 
 def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    rubber = add_material(spec, "rubber", (0.07, 0.07, 0.075), roughness=0.9)
-    steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
+    rubber = finish(spec, "rubber")
+    steel = finish(spec, "steel")
     for side, sign in _SIGNS.items():
         hub = [sign * _WHEEL_X, _AXLE_Y, _WHEEL_RADIUS]
         tyre = torus(_WHEEL_RADIUS - 0.014, 0.014)
@@ -124,7 +125,7 @@ def add_jaco_bracket(spec: mujoco.MjSpec, appearance: bool) -> None:
     """The bracket on the wheelchair's right side that carries the Jaco."""
     if not appearance:
         return
-    paint = add_material(spec, "bracket", (0.25, 0.26, 0.28), metallic=0.5, roughness=0.4)
+    paint = finish(spec, "bracket")
     x, y, z = JACO_MOUNT_M
     body = spec.body("wheelchair")
     add_visual(body, CYLINDER, paint, fromto=[x, y, z - 0.02, x, y, z], size=[0.055, 0, 0])

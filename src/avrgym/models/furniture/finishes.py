@@ -1,0 +1,39 @@
+"""What furniture is made of, as it looks."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+
+from avrgym.models.parts import add_material
+
+
+@dataclass(frozen=True)
+class Finish:
+    """Colour (red, green, blue), how metallic and how rough a surface is; each 0 to 1."""
+
+    rgb: tuple[float, float, float]
+    roughness: float
+    metallic: float = 0.0
+
+
+FINISHES: Mapping[str, Finish] = {
+    "bed_frame": Finish((0.60, 0.63, 0.66), 0.4, metallic=0.3),
+    "bracket": Finish((0.25, 0.26, 0.28), 0.4, metallic=0.5),
+    "ceramic": Finish((0.93, 0.93, 0.90), 0.3),
+    "fabric": Finish((0.10, 0.12, 0.15), 0.95),
+    "frame": Finish((0.42, 0.10, 0.12), 0.35, metallic=0.4),
+    "linen": Finish((0.93, 0.93, 0.91), 0.95),
+    "plastic": Finish((0.87, 0.87, 0.84), 0.5),
+    "porridge": Finish((0.82, 0.56, 0.28), 0.8),
+    "rubber": Finish((0.07, 0.07, 0.075), 0.9),
+    "sheet": Finish((0.70, 0.79, 0.84), 0.95),
+    "steel": Finish((0.80, 0.81, 0.83), 0.3, metallic=0.4),
+    "wood": Finish((0.66, 0.50, 0.34), 0.6),
+}
+
+
+def finish(spec: mujoco.MjSpec, name: str) -> str:
+    """The material of that name in ``FINISHES``, added to the scene where it is not yet there."""
+    look = FINISHES[name]
+    return add_material(spec, name, look.rgb, metallic=look.metallic, roughness=look.roughness)
