@@ -43,6 +43,18 @@ GRIPS: Mapping[tuple[str, str], Grip] = {
             "finger_tip_3": 0.30,
         },
     ),
+    ("Jaco", "cup"): Grip(
+        pos=np.zeros(3),
+        q=transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+        finger_angles_rad={
+            "finger_1": 0.54,
+            "finger_tip_1": 0.61,
+            "finger_2": 0.38,
+            "finger_tip_2": 0.78,
+            "finger_3": 0.59,
+            "finger_tip_3": 0.50,
+        },
+    ),
     ("Jaco", "washcloth"): Grip(
         pos=np.zeros(3),
         q=transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),

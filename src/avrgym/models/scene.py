@@ -12,11 +12,12 @@ from avrgym.models.human import Person, Posture
 from avrgym.models.parts import add_collision
 from avrgym.models.robots import Arm, Robot
 from avrgym.models.tools import BODY as TOOL_BODY
-from avrgym.models.tools import Tool, add_particles
+from avrgym.models.tools import Particles, Tool, add_particles
 
 PHYSICS_STEP_S = 0.01
 CONTROL_STEP_S = 0.1
 SUBSTEPS = round(CONTROL_STEP_S / PHYSICS_STEP_S)
+FLUID_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ def build_spec(stage: Stage, person: Person, *, moving: bool, appearance: bool) 
         appearance: whether to add what only pictures need.
     """
     spec = mujoco.MjSpec()
-    _set_options(spec)
+    _set_options(spec, stage.tool.particles)
     add_collision(
         spec.worldbody, "floor", mujoco.mjtGeom.mjGEOM_PLANE, contacts.FURNITURE, size=[5.0, 5.0, 0.1]
     )
@@ -71,11 +72,15 @@ def build_spec(stage: Stage, person: Person, *, moving: bool, appearance: bool) 
     return spec
 
 
-def _set_options(spec: mujoco.MjSpec) -> None:
+def _set_options(spec: mujoco.MjSpec, particles: Particles | None) -> None:
     spec.option.timestep = PHYSICS_STEP_S
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     spec.compiler.degree = False
+    if particles is not None and particles.fluid:
+        spec.option.solver = mujoco.mjtSolver.mjSOL_CG
+        spec.option.tolerance = FLUID_TOLERANCE
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
 
 
 def _add_robot(spec: mujoco.MjSpec, stage: Stage, appearance: bool) -> None:

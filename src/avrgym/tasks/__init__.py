@@ -5,10 +5,11 @@ from collections.abc import Mapping
 from avrgym.models.robots import ROBOTS
 from avrgym.tasks.base import Task
 from avrgym.tasks.bed_bathing import BED_BATHING
+from avrgym.tasks.drinking import DRINKING
 from avrgym.tasks.feeding import FEEDING
 from avrgym.tasks.scratch_itch import SCRATCH_ITCH
 
-TASKS: Mapping[str, Task] = {task.name: task for task in (FEEDING, SCRATCH_ITCH, BED_BATHING)}
+TASKS: Mapping[str, Task] = {task.name: task for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING)}
 
 ENVIRONMENTS: Mapping[str, tuple[str, str]] = {
     f"avrgym/{task}{robot}-v1": (task, robot) for task in TASKS for robot in ROBOTS

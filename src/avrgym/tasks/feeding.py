@@ -108,7 +108,7 @@ def judge(state: State, action: Array, memory: FeedingMemory) -> Outcome:
     in_play = ~(memory.eaten | memory.dropped)
     newly_eaten = in_play & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
     newly_dropped = in_play & ~newly_eaten & _is_dropped(state)
-    newly_on_person = in_play & ~newly_eaten & ~memory.on_person & touching_person(state, FOOD.radius_m)
+    newly_on_person = touching_person(state, FOOD.radius_m, in_play & ~newly_eaten & ~memory.on_person)
     after = FeedingMemory(
         memory.eaten | newly_eaten, memory.dropped | newly_dropped, memory.on_person | newly_on_person
     )

@@ -1,0 +1,144 @@
+"""Drinking: bring a cup to the person's mouth and tilt it until they have drunk (paper, section IV)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import transforms
+from avrgym.models.cup import AXIS_X_M, CUP, HEIGHT_M, RIM_RADIUS_M, WATER
+from avrgym.models.human import People
+from avrgym.models.robots import Robot
+from avrgym.models.scene import Stage
+from avrgym.simulation import Start, State
+from avrgym.tasks import places
+from avrgym.tasks.base import HEAD_TURNED, Outcome, Task, norm
+from avrgym.tasks.feeding import OBSERVED, observe
+from avrgym.tasks.particles import count, touching_person
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+MOUTH_RADIUS_M = 0.03
+SUCCESS_SHARE = 0.75
+HAND_START_W = (-0.2, -0.5, 1.0)
+HAND_SPREAD_M = 0.05
+GROUND_M = 0.03
+"""Water that is lower has reached the floor."""
+CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
+"""Upright, its pouring edge towards the person."""
+
+WEIGHTS: Mapping[str, float] = {
+    "distance_m": -1.0,
+    "action_squared": -0.01,
+    "tilt_rad": 0.1,
+    "water_in_mouth": 10.0,
+    "water_spilled": -1.0,
+    "effector_speed_m_s": -0.25,
+    "force_on_person_n": -0.01,
+    "water_on_person": -1.0,
+    "water_entry_speed_m_s": -1.0,
+}
+"""Task weights, then the preferences of the person (paper, section IV; reference).
+
+The distance is that of the rim's pouring edge to the mouth; the tilt is the angle between the cup's axis and the
+vertical. The reference counts the tilt as how far it is from a quarter turn, which up to there is the same but
+for a constant.
+"""
+
+
+@dataclass(frozen=True)
+class DrinkingMemory:
+    """What happened to each particle of water, (N, 64) each; what is gone has left the scene."""
+
+    drunk: Bools
+    spilled: Bools
+    on_person: Bools
+    gone: Bools
+
+
+def stage(robot: Robot) -> Stage:
+    """Wheelchair; the right arm holds the cup."""
+    return places.wheelchair_stage(robot, "right", CUP, (0.2, 0.2))
+
+
+def start(stage: Stage, people: People, uniforms: Array) -> Start:
+    """Hand within ±5 cm of a point before the person, cup upright."""
+    hand = np.array(HAND_START_W) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    tool = hand - transforms.rotate(CUP_Q_W, stage.tool.grip_pos)
+    upright = np.tile(CUP_Q_W, (len(tool), 1))
+    mouth, _ = places.mouth(people)
+    return places.start(stage, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:])
+
+
+def remember(people: People, uniforms: Array) -> DrinkingMemory:
+    """All water is in the cup."""
+    nothing = np.zeros((len(uniforms), len(WATER.start)), dtype=bool)
+    return DrinkingMemory(nothing, nothing, nothing, nothing)
+
+
+def judge(state: State, action: Array, memory: DrinkingMemory) -> Outcome:
+    """Water that is out of the cup and within 3 cm of the mouth is drunk; fallen below both it is spilled."""
+    outside = ~(memory.gone | _in_cup(state))
+    drinkable = outside & ~memory.spilled
+    drunk = drinkable & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
+    spilled = drinkable & ~drunk & _fallen(state)
+    on_person = touching_person(state, WATER.radius_m, outside & ~drunk & ~memory.on_person)
+    gone = drunk | (outside & (state.particle_pos_w[..., 2] < GROUND_M))
+    after = DrinkingMemory(
+        memory.drunk | drunk, memory.spilled | spilled, memory.on_person | on_person, memory.gone | gone
+    )
+    distance = norm(state.tool_pos_w - state.mouth_pos_w)
+    terms = {
+        "distance_m": distance,
+        "action_squared": (action * action).sum(axis=-1),
+        "tilt_rad": _tilt_rad(state),
+        "water_in_mouth": count(drunk),
+        "water_spilled": count(spilled),
+        "effector_speed_m_s": norm(state.effector_velocity_w),
+        "force_on_person_n": state.robot_force_n,
+        "water_on_person": count(on_person),
+        "water_entry_speed_m_s": np.where(drunk, norm(state.particle_velocity_w), 0.0).sum(axis=-1),
+    }
+    success = after.drunk.sum(axis=-1) >= SUCCESS_SHARE * len(WATER.start)
+    return Outcome(after, terms, distance, success, gone)
+
+
+def _in_cup(state: State) -> Bools:
+    """Which water (N, 64) is between the cup's walls, below its rim."""
+    to_cup = transforms.conjugate(state.tool_q_w)[:, None]
+    pos = transforms.rotate(to_cup, state.particle_pos_w - state.tool_pos_w[:, None])
+    beside = (pos[..., 0] - AXIS_X_M) ** 2 + pos[..., 1] ** 2 > RIM_RADIUS_M**2
+    return ~beside & (pos[..., 2] < 0.0) & (pos[..., 2] > -HEIGHT_M)
+
+
+def _fallen(state: State) -> Bools:
+    """Which water (N, 64) is lower than all of the cup and the mouth: it cannot come back."""
+    middle = (
+        transforms.rotate(state.tool_q_w, [AXIS_X_M, 0.0, -0.5 * HEIGHT_M])[:, 2] + state.tool_pos_w[:, 2]
+    )
+    cup_low = middle - np.hypot(RIM_RADIUS_M, 0.5 * HEIGHT_M)
+    mouth_low = state.mouth_pos_w[:, 2] - MOUTH_RADIUS_M
+    return state.particle_pos_w[..., 2] < np.minimum(cup_low, mouth_low)[:, None]
+
+
+def _tilt_rad(state: State) -> Array:
+    """The angle (N,) between the cup's axis and the vertical."""
+    up = transforms.rotate(state.tool_q_w, [0.0, 0.0, 1.0])[:, 2]
+    return np.arccos(np.clip(up, -1.0, 1.0))
+
+
+DRINKING = Task(
+    name="Drinking",
+    offered="mouth",
+    pose=HEAD_TURNED,
+    uniforms=3 + places.UNIFORMS,
+    observed=OBSERVED,
+    weights=WEIGHTS,
+    stage=stage,
+    start=start,
+    remember=remember,
+    observe=observe,
+    judge=judge,
+)
