@@ -125,7 +125,7 @@ PR2 = Robot(
     },
 )
 
-ROBOTS: Mapping[str, Robot] = {robot.name: robot for robot in (JACO,)}
+ROBOTS: Mapping[str, Robot] = {robot.name: robot for robot in (JACO, PR2)}
 
 
 def find_robot(name: str) -> Robot:
