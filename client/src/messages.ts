@@ -1,12 +1,12 @@
 // Written by `python -m avrgym.vr.typescript` from messages.py. Do not edit.
 
-export const PROTOCOL = 1;
+export const PROTOCOL = 2;
 
 export type Vector3 = [number, number, number];
 
 export type Quaternion = [number, number, number, number];
 
-export type PhaseName = "calibration" | "countdown" | "finished" | "free_after" | "free_before" | "loading" | "paused" | "questionnaire" | "trial" | "waiting";
+export type PhaseName = "calibration" | "countdown" | "finished" | "free_after" | "free_before" | "loading" | "paused" | "questionnaire" | "trial" | "viewing" | "waiting";
 
 /** A pose in WebXR's `local-floor` space: position in metres (y up), orientation x, y, z, w. */
 export type XRPose = [position: Vector3, orientation: Quaternion];
@@ -84,19 +84,23 @@ export interface Welcome {
 /** A scene to draw: a GLB whose nodes carry `extras.body`, and where the simulated world stands.
  *
  * `xr_from_world` places the simulation's z-up world in the participant's `local-floor` space: apply it
- * to the root node as it is. `bodies` is the order of the poses in every following `State`.
+ * to the root node as it is. `bodies` is the order of the poses in every following `State`; those of
+ * `marks` spots on the person follow, of one radius and one colour (red, green, blue in 0..1).
  * `head_bodies` are hidden from the participant's own eyes. */
 export interface Scene {
   type: "scene";
   url: string;
   bodies: string[];
   head_bodies: string[];
+  marks: number;
+  mark_radius_m: number;
+  mark_rgb: Vector3;
   xr_from_world: XRPose;
 }
 
 /** The world at one instant.
  *
- * `poses`: little-endian float32 (bodies, 7): x, y, z, then w, x, y, z; world frame.
+ * `poses`: little-endian float32 (bodies + marks, 7): x, y, z, then w, x, y, z; world frame.
  * `tracking_sequence` is the newest tracking frame that this state already follows, -1 before the first. */
 export interface State {
   type: "state";

@@ -1,4 +1,15 @@
-import { Group, Material, Mesh, type Object3D, type Texture } from "three";
+import {
+  Group,
+  InstancedMesh,
+  Material,
+  Matrix4,
+  Mesh,
+  MeshStandardMaterial,
+  type Object3D,
+  SphereGeometry,
+  SRGBColorSpace,
+  type Texture,
+} from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { POSE, StateBuffer } from "./interpolation";
 import type { Scene, State, XRPose } from "./messages";
@@ -14,6 +25,7 @@ export class World {
   private heads: Material[] = [];
   private states: StateBuffer | null = null;
   private poses = new Float32Array();
+  private marks: InstancedMesh | null = null;
   private newest: Scene | null = null;
   private seenFromInside = false;
 
@@ -21,8 +33,8 @@ export class World {
   async load(scene: Scene, token: string): Promise<void> {
     this.newest = scene;
     this.nodes = [];
-    this.states = new StateBuffer(scene.bodies.length);
-    this.poses = new Float32Array(scene.bodies.length * POSE);
+    this.states = new StateBuffer(posesIn(scene));
+    this.poses = new Float32Array(posesIn(scene) * POSE);
     placeRoot(this.root, scene.xr_from_world);
     const content = await loadContent(scene.url, token);
     if (scene === this.newest) this.replace(content, scene);
@@ -36,12 +48,13 @@ export class World {
 
   /** A restarted server counts its states from the beginning. */
   forgetStates(): void {
-    if (this.newest) this.states = new StateBuffer(this.newest.bodies.length);
+    if (this.newest) this.states = new StateBuffer(posesIn(this.newest));
   }
 
   update(nowMs: number): void {
     if (!this.states?.drawn(nowMs / 1000, this.poses)) return;
     for (let body = 0; body < this.nodes.length; body++) this.place(this.nodes[body], body * POSE);
+    this.placeMarks();
   }
 
   /** From inside, the participant's own head is not drawn, but it still casts its shadow. */
@@ -56,15 +69,44 @@ export class World {
     node?.quaternion.set(poses[at + 4]!, poses[at + 5]!, poses[at + 6]!, poses[at + 3]!);
   }
 
+  /** The poses of the marks follow those of the bodies. */
+  private placeMarks(): void {
+    const { marks, poses } = this;
+    if (!marks) return;
+    for (let mark = 0; mark < marks.count; mark++) {
+      const at = (this.nodes.length + mark) * POSE;
+      marks.setMatrixAt(mark, matrix.makeTranslation(poses[at]!, poses[at + 1]!, poses[at + 2]!));
+    }
+    marks.instanceMatrix.needsUpdate = true;
+  }
+
   private replace(content: Group, scene: Scene): void {
     if (this.content) dispose(this.content);
     this.root.add(content);
     this.content = content;
     const byBody = nodesByBody(content);
+    this.marks = spots(scene);
+    if (this.marks) content.add(this.marks);
     this.nodes = scene.bodies.map((body) => byBody.get(body));
     this.heads = scene.head_bodies.flatMap((body) => ownMaterials(byBody.get(body)));
     this.seeFromInside(this.seenFromInside);
   }
+}
+
+const matrix = new Matrix4();
+
+function posesIn(scene: Scene): number {
+  return scene.bodies.length + scene.marks;
+}
+
+/** All spots that the task draws on the person, in one draw call. */
+function spots(scene: Scene): InstancedMesh | null {
+  if (!scene.marks) return null;
+  const material = new MeshStandardMaterial({ roughness: 0.8 });
+  material.color.setRGB(...scene.mark_rgb, SRGBColorSpace);
+  const found = new InstancedMesh(new SphereGeometry(scene.mark_radius_m, 12, 8), material, scene.marks);
+  found.frustumCulled = false;
+  return found;
 }
 
 /** Before the server has said where the world stands, only its up is known. */

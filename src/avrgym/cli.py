@@ -119,12 +119,7 @@ def serve(
             port,
         ) as server:
             _explain(server)
-            try:
-                server.wait()
-            except KeyboardInterrupt:
-                _say("stopped")
-            if server.loop.error is not None:
-                raise RuntimeError(f"the simulation failed: {server.loop.error!r}")
+            _wait(server)
 
 
 def _explain(server: "LiveServer") -> None:
@@ -140,6 +135,40 @@ def _explain(server: "LiveServer") -> None:
 def _say(text: str) -> None:
     """Print a line as it is, so that paths and addresses can be copied."""
     console.print(text, soft_wrap=True, highlight=False)
+
+
+@app.command()
+def view(
+    env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
+    policy: Annotated[
+        str, typer.Option(help="original, revised, oracle, random, zero, or a policy file.")
+    ] = "oracle",
+    people: Annotated[str, typer.Option(help=f"Whom to meet: {', '.join(DISTRIBUTIONS)}.")] = "revised",
+    port: Annotated[
+        int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
+    ] = 8000,
+    seed: Seed = 0,
+) -> None:
+    """Show an environment live in a browser, episode after episode."""
+    from avrgym.vr.server import LiveServer
+    from avrgym.vr.viewing import Viewing
+
+    with (
+        _plain_errors(),
+        LiveServer(lambda send: Viewing(env, policy, people, seed, send), "127.0.0.1", port) as server,
+    ):
+        _say("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
+        _say(f"    {server.url}")
+        _wait(server)
+
+
+def _wait(server: "LiveServer") -> None:
+    try:
+        server.wait()
+    except KeyboardInterrupt:
+        _say("stopped")
+    if server.loop.error is not None:
+        raise RuntimeError(f"the simulation failed: {server.loop.error!r}")
 
 
 @app.command()

@@ -62,7 +62,7 @@ def evaluate(
         batch = range(first, min(first + MAX_WORLDS, episodes))
         world = Episodes(environment_id, len(batch), distribution=people)
         generators = [np.random.default_rng([EVALUATION_STREAM, seed, episode]) for episode in batch]
-        reward, success, force = _run(world, _actor(policy, world, generators), generators, progress)
+        reward, success, force = _run(world, actor(policy, world, generators), generators, progress)
         rewards.append(reward)
         successes.append(success)
         forces.append(force)
@@ -91,7 +91,8 @@ def wilson_interval(successes: int, count: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _actor(policy: str, world: Episodes, generators: list[np.random.Generator]) -> Act:
+def actor(policy: str, world: Episodes, generators: list[np.random.Generator]) -> Act:
+    """What turns observations (N, O) into actions (N, 7); ``policy`` as for ``evaluate``."""
     if policy == "zero":
         return lambda observation: np.zeros((len(observation), ACTIONS), np.float32)
     if policy == "random":
@@ -110,7 +111,7 @@ class _Scripted:
         self._world = world
         self._act: Act | None = None
 
-    def __call__(self, observation: Array) -> Array:
+    def __call__(self, observation: Array) -> NDArray[np.floating]:
         if self._act is None:
             self._act = ORACLES[self._world.task.name](self._world)
         return self._act(observation)

@@ -32,8 +32,8 @@ MAX_LEAD_RAD = 0.08
 
 RIGHT_ARM = ("right_upper_arm", "right_forearm", "right_hand")
 
-PARKING_W = np.array([4.0, 4.0, 0.005])
-"""Where particles rest that have left the task: on the floor, far from everything."""
+PARKING_W = np.array([4.0, 4.0, 0.1])
+"""Where particles stay that have left the task: far from everything, weightless, so that they touch nothing."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +100,13 @@ class Simulation:
         self.num_worlds = num_worlds
         self.moving = moving
         self.model = build_spec(stage, Person(), moving=moving, appearance=False).compile()
+        self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
         self.batch = Batch(self.model, num_worlds, num_threads, persistent=True)
         self._names = _Names(self.model, stage)
         self._person = _PersonFields(self.batch, stage, moving)
         self._qpos, self._qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
         self._act, self._ctrl = self.batch.bind("act"), self.batch.bind("ctrl")
+        self._qfrc_applied = self.batch.bind("qfrc_applied")
         self._xpos, self._xquat = self.batch.bind("xpos"), self.batch.bind("xquat")
         self._site_xpos, self._sensordata = self.batch.bind("site_xpos"), self.batch.bind("sensordata")
         self._geom_xpos, self._geom_xmat = self.batch.bind("geom_xpos"), self.batch.bind("geom_xmat")
@@ -163,11 +165,16 @@ class Simulation:
 
     def park(self, gone: NDArray[np.bool_]) -> None:
         """Take particles (N, K) out of play."""
+        particles = self.stage.tool.particles
+        if particles is None:
+            return
         world, particle = np.nonzero(gone)
         columns = self._names.particle_qpos[particle]
         spots = PARKING_W + np.stack([0.02 * particle, 0.0 * particle, 0.0 * particle], axis=-1)
         self._qpos[world[:, None], columns] = spots
-        self._qvel[world[:, None], self._names.particle_dof[particle]] = 0.0
+        dof = self._names.particle_dof[particle]
+        self._qvel[world[:, None], dof] = 0.0
+        self._qfrc_applied[world, dof[:, 2]] = -self.model.opt.gravity[2] * particles.mass_kg
 
     def state(self) -> State:
         """The state of all worlds, in arrays of its own."""
@@ -214,8 +221,8 @@ class Simulation:
         return self._qpos[world].copy()
 
     def body_poses(self, world: int) -> Array:
-        """Poses (bodies, 7) of one world's bodies: x, y, z, then w, x, y, z; world frame."""
-        return np.concatenate([self._xpos[world], self._xquat[world]], axis=-1)
+        """Poses (B, 7) of one world's ``bodies``: x, y, z, then w, x, y, z; world frame."""
+        return np.concatenate([self._xpos[world, 1:], self._xquat[world, 1:]], axis=-1)
 
     def person_angles_rad(self) -> Array:
         """The joint angles (N, 20) of the moving person."""

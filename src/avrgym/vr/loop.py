@@ -3,9 +3,11 @@
 import threading
 import time
 from collections import deque
+from typing import Generic, Protocol, TypeVar
 
+from avrgym.models.human import Person
 from avrgym.vr import messages
-from avrgym.vr.session import Disconnected, Session
+from avrgym.vr.session import Disconnected
 from avrgym.vr.world import TICK_S
 
 CATCH_UP_TICKS = 5
@@ -14,10 +16,38 @@ INBOX_MESSAGES = 1000
 """How many messages may wait for the next tick; no headset sends as many in ten seconds."""
 
 
-class RealTimeLoop:
+class Runnable(Protocol):
+    """What a loop can run and a server can serve: a participant's session, or an environment on show.
+
+    ``scenes`` holds environment and person of each scene that the client was told of, by the number in its address.
+    """
+
+    scenes: list[tuple[str, Person]]
+
+    def greet(self) -> None:
+        """Tell a client that has just connected where things stand."""
+        ...
+
+    def receive(self, message: messages.ClientMessage | Disconnected, now_s: float) -> None:
+        """Take a message of the client."""
+        ...
+
+    def tick(self, now_s: float) -> None:
+        """Advance by 10 ms."""
+        ...
+
+    def close(self, now_s: float) -> None:
+        """End."""
+        ...
+
+
+S = TypeVar("S", bound=Runnable)
+
+
+class RealTimeLoop(Generic[S]):
     """Owns a session while it runs: after ``start`` only its thread touches it."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: S) -> None:
         self.session = session
         self.missed_ticks = 0
         self.error: BaseException | None = None

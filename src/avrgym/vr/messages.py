@@ -9,7 +9,7 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
-PROTOCOL = 1
+PROTOCOL = 2
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -101,6 +101,7 @@ PhaseName = Literal[
     "questionnaire",
     "paused",
     "finished",
+    "viewing",
 ]
 
 
@@ -115,20 +116,24 @@ class Scene(Message, frozen=True, tag="scene"):
     """A scene to draw: a GLB whose nodes carry ``extras.body``, and where the simulated world stands.
 
     ``xr_from_world`` places the simulation's z-up world in the participant's ``local-floor`` space: apply it
-    to the root node as it is. ``bodies`` is the order of the poses in every following ``State``.
+    to the root node as it is. ``bodies`` is the order of the poses in every following ``State``; those of
+    ``marks`` spots on the person follow, of one radius and one colour (red, green, blue in 0..1).
     ``head_bodies`` are hidden from the participant's own eyes.
     """
 
     url: str
     bodies: list[str]
     head_bodies: list[str]
+    marks: int
+    mark_radius_m: float
+    mark_rgb: Vector3
     xr_from_world: XRPose
 
 
 class State(Message, frozen=True, tag="state"):
     """The world at one instant.
 
-    ``poses``: little-endian float32 (bodies, 7): x, y, z, then w, x, y, z; world frame.
+    ``poses``: little-endian float32 (bodies + marks, 7): x, y, z, then w, x, y, z; world frame.
     ``tracking_sequence`` is the newest tracking frame that this state already follows, -1 before the first.
     """
 

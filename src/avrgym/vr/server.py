@@ -12,6 +12,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from typing import Generic
 from urllib.parse import urlsplit
 
 import msgspec
@@ -25,10 +26,10 @@ from avrgym.models.robots import find_robot
 from avrgym.models.scene import build_spec
 from avrgym.tasks import TASKS, find_environment
 from avrgym.vr import messages
-from avrgym.vr.loop import RealTimeLoop
+from avrgym.vr.loop import RealTimeLoop, S
 from avrgym.vr.messages import ClientMessage, Hello, Message, State, Welcome
 from avrgym.vr.scene_export import export_glb
-from avrgym.vr.session import Disconnected, Session
+from avrgym.vr.session import Disconnected
 from avrgym.vr.world import TICK_S
 
 STATIC = Path(__file__).parent / "static"
@@ -286,12 +287,10 @@ def _same(given: str, wanted: str) -> bool:
     return secrets.compare_digest(given.encode(), wanted.encode())
 
 
-class LiveServer:
+class LiveServer(Generic[S]):
     """A session with its loop and its web server, as a context manager; ``port`` 0 takes a free one."""
 
-    def __init__(
-        self, make_session: Callable[[Callable[[Message], None]], Session], host: str, port: int
-    ) -> None:
+    def __init__(self, make_session: Callable[[Callable[[Message], None]], S], host: str, port: int) -> None:
         """Bind the port and make the session.
 
         Args:
@@ -331,7 +330,7 @@ class LiveServer:
         )
 
     @property
-    def session(self) -> Session:
+    def session(self) -> S:
         """The session that it serves."""
         return self.loop.session
 
@@ -341,7 +340,7 @@ class LiveServer:
         name = "localhost" if self.host == "127.0.0.1" else self.host
         return f"http://{name}:{self.port}/#token={self.token}"
 
-    def __enter__(self) -> "LiveServer":
+    def __enter__(self) -> "LiveServer[S]":
         self.loop.start()
         self._thread.start()
         return self

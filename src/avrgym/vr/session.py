@@ -29,7 +29,7 @@ from avrgym.vr.body import BodyPose, seated_head_centre
 from avrgym.vr.messages import PhaseName
 from avrgym.vr.tracking import STALE_S, TrackingFeed, body_pose, measure_torso_height
 from avrgym.vr.webxr import Registration, register
-from avrgym.vr.world import ControlStep, LiveWorld
+from avrgym.vr.world import ControlStep, LiveWorld, scene_url
 
 COUNTDOWN_S = 3.0
 STATE_EVERY_TICKS = 2
@@ -385,12 +385,8 @@ class Session:
         self._send_scene()
 
     def _on_scene_loaded(self, message: messages.SceneLoaded, now_s: float) -> None:
-        if self.phase == "loading" and message.url == self._scene_url:
+        if self.phase == "loading" and message.url == scene_url(len(self.scenes) - 1):
             self._start_trial(now_s)
-
-    @property
-    def _scene_url(self) -> str:
-        return f"/scenes/{len(self.scenes) - 1}.glb"
 
     def _follow(self, now_s: float) -> None:
         """Move the person to the newest tracking frame, or hold them when it is stale."""
@@ -422,15 +418,7 @@ class Session:
 
     def _send_scene(self) -> None:
         registration = self.registration or Registration(np.zeros(3), 0.0)
-        head = human.PREFIX + "head"
-        self._send(
-            messages.Scene(
-                url=self._scene_url,
-                bodies=list(self._world.bodies),
-                head_bodies=[head],
-                xr_from_world=registration.xr_from_world(),
-            )
-        )
+        self._send(self._world.scene(len(self.scenes) - 1, registration))
 
     def _send_state(self) -> None:
         self._state_number += 1

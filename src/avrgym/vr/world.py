@@ -5,13 +5,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym import transforms
 from avrgym.envs import ACTIONS
 from avrgym.episodes import Episodes, Step
+from avrgym.models import human
 from avrgym.models.human import Person
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, Stage
 from avrgym.policies import Policy
 from avrgym.tasks.base import Task
+from avrgym.vr import messages
 from avrgym.vr.body import BodyPose, BodySolver
+from avrgym.vr.webxr import Registration
 
 Array = NDArray[np.float64]
 
@@ -47,9 +51,12 @@ class LiveWorld:
         self.person = person
         self.joint_targets_rad = person.joint_angles_rad
         self.ticks = 0
-        model = self._episodes.simulation.model
-        self.bodies = tuple(model.body(body).name for body in range(1, model.nbody))
         self.begin(seed=0)
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """The bodies of the scene, in the order of their poses."""
+        return self._episodes.simulation.bodies
 
     @property
     def stage(self) -> Stage:
@@ -104,5 +111,36 @@ class LiveWorld:
         return self._episodes.simulation.integration_state()
 
     def body_poses(self) -> bytes:
-        """Poses of ``bodies`` as the protocol's ``State`` wants them."""
-        return self._episodes.simulation.body_poses(0)[1:].astype("<f4").tobytes()
+        """Poses of ``bodies`` and marks as the protocol's ``State`` wants them."""
+        return poses(self._episodes)
+
+    def scene(self, number: int, registration: Registration) -> messages.Scene:
+        """What the client has to draw; ``number`` is that of the scene in its address."""
+        return scene_message(number, self._episodes, registration)
+
+
+def scene_message(number: int, episodes: Episodes, registration: Registration) -> messages.Scene:
+    """What a client has to draw of the first world; see ``messages.Scene``."""
+    marks = episodes.task.marks
+    return messages.Scene(
+        url=scene_url(number),
+        bodies=list(episodes.simulation.bodies),
+        head_bodies=[human.PREFIX + "head"],
+        marks=marks.count if marks else 0,
+        mark_radius_m=marks.radius_m if marks else 0.0,
+        mark_rgb=marks.rgb if marks else (0.0, 0.0, 0.0),
+        xr_from_world=registration.xr_from_world(),
+    )
+
+
+def scene_url(number: int) -> str:
+    """The address of a scene on its server."""
+    return f"/scenes/{number}.glb"
+
+
+def poses(episodes: Episodes) -> bytes:
+    """Bodies and marks of the first world as ``messages.State`` wants them."""
+    marks_w = episodes.marks_w()[0]
+    unturned = np.broadcast_to(transforms.IDENTITY_QUATERNION, (len(marks_w), 4))
+    spots = np.concatenate([marks_w, unturned], axis=-1)
+    return np.concatenate([episodes.simulation.body_poses(0), spots]).astype("<f4").tobytes()
