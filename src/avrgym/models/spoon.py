@@ -25,7 +25,10 @@ FOOD = Particles(
 """Eight spheres, radius 5 mm, 1 g (paper, section IV; reference)."""
 
 SPOON_LENGTH_M = 0.17
-_BOWL = (0.0325, 0.0205)  # half length, half width of the bowl at its rim
+_BOWL = (0.0275, 0.0205)  # half length, half width of the bowl at its rim
+_FLOOR = (0.0222, 0.0125)  # the same of its level floor
+_LEAN = (0.003, 0.0091)  # how far its walls lean outwards, before and behind, and beside
+_WALL = 0.003
 _FLOOR_Z, _RIM_Z = -0.008, 0.005
 
 
@@ -47,21 +50,19 @@ def _build_spoon(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) ->
 
 
 def _add_bowl_walls(body: mujoco.MjsBody) -> None:
-    half_x, half_y, thickness, tilt = 0.0235, 0.0125, 0.0015, np.radians(35.0)
+    half_wall, height = 0.5 * _WALL, _RIM_Z - _FLOOR_Z
     add_collision(
         body, "spoon_floor", BOX, contacts.TOOL,
-        pos=[0, 0, _FLOOR_Z - thickness], size=[half_x, half_y, thickness], mass=0.01,
+        pos=[0, 0, _FLOOR_Z - half_wall], size=[*_FLOOR, half_wall], mass=0.01,
     )  # fmt: skip
-    slope = 0.5 * (_RIM_Z - _FLOOR_Z) / np.cos(tilt)
-    rise, spread = slope * np.cos(tilt), slope * np.sin(tilt)
     for name, axis, sign in (("left", 1, 1.0), ("right", 1, -1.0), ("front", 0, 1.0), ("back", 0, -1.0)):
-        half = (half_x, half_y)[axis]
+        lean = _LEAN[axis]
         out = np.eye(3)[axis] * sign
-        turn = transforms.from_axis_angle(np.cross([0.0, 0.0, 1.0], out), np.asarray(tilt))
+        turn = transforms.from_axis_angle(np.cross([0.0, 0.0, 1.0], out), np.arctan2(lean, height))
         normal = transforms.rotate(turn, out)
-        centre = out * (half + spread) + [0, 0, _FLOOR_Z + rise] + normal * thickness
-        along = half_x + 2 * spread if axis == 1 else half_y + 2 * spread
-        size = np.where(np.eye(3)[axis] == 1.0, thickness, [along, along, slope])
+        centre = out * (_FLOOR[axis] + 0.5 * lean) + [0, 0, _FLOOR_Z + 0.5 * height] + normal * half_wall
+        along = _FLOOR[1 - axis] + _LEAN[1 - axis]
+        size = np.where(np.eye(3)[axis] == 1.0, half_wall, [along, along, 0.5 * np.hypot(lean, height)])
         add_collision(body, f"spoon_{name}", BOX, contacts.TOOL, pos=centre, quat=turn, size=size, mass=0.002)
 
 
@@ -78,3 +79,11 @@ def _add_spoon_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, handle_end: float
 
 
 SPOON = Tool("spoon", _build_spoon, grip_pos=(0.02 + _BOWL[0] - SPOON_LENGTH_M, 0.0, 0.0), particles=FOOD)
+
+OUTLINE = np.concatenate(
+    [
+        _grid([-0.0282, -0.0141, 0.0, 0.0141, 0.0282], [-0.0241, 0.0, 0.0241], _RIM_Z),
+        _grid([-_FLOOR[0], _FLOOR[0]], [-_FLOOR[1], _FLOOR[1]], _FLOOR_Z - _WALL),
+    ]
+)
+"""Points (P, 3) of the bowl's outside, in the tool's frame."""

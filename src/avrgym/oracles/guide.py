@@ -6,52 +6,159 @@ from numpy.typing import NDArray
 from avrgym import kinematics, transforms
 from avrgym.episodes import Episodes
 from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.oracles.clearance import Clearance
+from avrgym.simulation import MAX_LEAD_RAD
 from avrgym.tasks import places
 
 Array = NDArray[np.float64]
 
 ITERATIONS = 8
+POSTURE_SHARE = 0.1
+"""How much of the way to its posture the arm goes in a control step, where the tool leaves it free to."""
+
+STARTS = np.concatenate([np.zeros((1, 7)), np.random.default_rng(0).uniform(-1.5, 1.5, (9, 7))])
+"""Where the search for angles begins, radians from where the arm is."""
+PARTS_OF_THE_WAY = (0.25, 0.5, 0.75, 1.0)
+BLOCKED_S, MARGIN_M = 20.0, 0.03
+"""What it costs when the arm would touch something, and how far from it that begins."""
+ACCURACY_M, ACCURACY_RAD = 0.003, 0.03
+UP = (0.0, 0.0, 1.0)
 
 
 class Guide:
-    """Inverse kinematics of the moving arms of N worlds, from one control step to the next.
+    """The moving arms of N worlds and the angles they are asked for, from one control step to the next.
 
-    It remembers the angles that it has asked for, so that the servos' lag does not slow the tool down.
+    What is asked for runs ahead of the arm, so that the servos' lag does not slow the tool down, but no farther
+    than the servos' own targets do. ``pos_w`` (N, 3) and ``q_w`` (N, 4) are the tool's pose at these angles.
+    ``posture_rad`` (N, 7), the arm's first angles until an oracle sets others, draws the arm wherever the tool
+    leaves it free.
     """
 
     def __init__(self, episodes: Episodes) -> None:
-        self._episodes = episodes
+        """Begin where the arms are."""
+        self._simulation = episodes.simulation
         self._chain = places.arm_chain(episodes.stage)
-        self._limit = episodes.stage.arm.speed_limit_rad_s
-        state = episodes.simulation.state()
-        self._asked_rad = state.arm_angles_rad
-        self.pos_w, self.q_w = state.tool_pos_w, state.tool_q_w
+        self._reach_rad = episodes.stage.arm.speed_limit_rad_s * CONTROL_STEP_S
+        self._clearance = Clearance(self._simulation)
+        self._base_w = self._simulation.robot_base()
+        self._to_base = transforms.invert(*self._base_w)
+        self._put(self._simulation.state().arm_angles_rad)
+        self.posture_rad = self.angles_rad
 
-    def toward(self, target_pos_w: Array, target_q_w: Array, speed_m_s: Array, turn_rad_s: float) -> Array:
+    def toward(
+        self, target_pos_w: Array, target_q_w: Array, speed_m_s: Array | float, turn_rad_s: float
+    ) -> Array:
         """Actions (N, 7) that bring the tool nearer to its target along a straight line.
 
         ``target_pos_w`` (N, 3) and ``target_q_w`` (N, 4); the tool moves and turns no faster than given, and as
         fast as the arm's joints allow.
         """
-        step = target_pos_w - self.pos_w
-        length = np.sqrt((step * step).sum(axis=-1))
-        share = np.minimum(1.0, CONTROL_STEP_S * speed_m_s / np.maximum(length, 1e-9))
-        turn = transforms.to_rotation_vector(transforms.multiply(target_q_w, transforms.conjugate(self.q_w)))
-        angle = np.sqrt((turn * turn).sum(axis=-1))
-        turn_share = np.minimum(1.0, CONTROL_STEP_S * turn_rad_s / np.maximum(angle, 1e-9))
-        pos_w = self.pos_w + share[:, None] * step
-        q_w = transforms.multiply(transforms.from_rotation_vector(turn_share[:, None] * turn), self.q_w)
-        return self._ask(pos_w, q_w)
+        return self.ask(self.straight(target_pos_w, target_q_w, speed_m_s, turn_rad_s))
 
-    def _ask(self, pos_w: Array, q_w: Array) -> Array:
-        base_pos, base_q = self._episodes.simulation.robot_base()
-        to_base = transforms.invert(base_pos, base_q)
-        pos, q = transforms.compose(*to_base, pos_w, q_w)
-        angles = kinematics.solve(self._chain, pos, q, self._asked_rad, iterations=ITERATIONS).angles_rad
-        reach = self._limit * CONTROL_STEP_S
-        step = angles - self._asked_rad
-        step /= np.maximum(1.0, np.abs(step / reach).max(axis=-1, keepdims=True))
-        self._asked_rad = self._asked_rad + step
-        pos, q = kinematics.forward(self._chain, self._asked_rad)
-        self.pos_w, self.q_w = transforms.compose(base_pos, base_q, pos, q)
-        return step / reach
+    def straight(
+        self, target_pos_w: Array, target_q_w: Array, speed_m_s: Array | float, turn_rad_s: float
+    ) -> Array:
+        """The angles (N, 7) of the next pose on the straight line to a target; see ``toward``."""
+        self._see()
+        step = target_pos_w - self.pos_w
+        turn = transforms.to_rotation_vector(transforms.multiply(target_q_w, transforms.conjugate(self.q_w)))
+        step = step * _share(step, CONTROL_STEP_S * speed_m_s)
+        turn = turn * _share(turn, CONTROL_STEP_S * turn_rad_s)
+        q_w = transforms.multiply(transforms.from_rotation_vector(turn), self.q_w)
+        pull = POSTURE_SHARE * (self.posture_rad - self.angles_rad)
+        pull *= _share(pull, np.full(len(pull), POSTURE_SHARE))
+        return self.angles_at(self.pos_w + step, q_w, self.angles_rad + pull)
+
+    def swing(self, target_rad: Array, speed_m_s: Array | float, tilt_rad: float) -> Array:
+        """The angles (N, 7) of the next pose on the way to others, all joints together.
+
+        The tool moves no faster than given, and its z axis stays within ``tilt_rad`` of the vertical.
+        """
+        self._see()
+        step = self._within_limits(target_rad - self.angles_rad)
+        pos, _ = self._pose(self.angles_rad + step)
+        step *= _share(pos - self.pos_w, CONTROL_STEP_S * speed_m_s)
+        pos_w, q_w = self._pose(self.angles_rad + step)
+        return self.angles_at(pos_w, _upright(q_w, tilt_rad), self.angles_rad + step)
+
+    def ask(self, angles_rad: Array) -> Array:
+        """Actions (N, 7) that bring the arms towards angles (N, 7), all joints together, within their limits."""
+        self._see()
+        step = self._within_limits(angles_rad - self.angles_rad)
+        self._put(self.angles_rad + step)
+        return step / self._reach_rad
+
+    def find(self, pos_w: Array, q_w: Array) -> tuple[Array, Array]:
+        """Angles (N, K, 7) for K tool poses per world, (N, K, 3) and (N, K, 4): near, and clear of all else.
+
+        Returns:
+            The angles, and what they cost, (N, K): how many seconds a swing there takes at least, and up to
+            ``BLOCKED_S`` more where the arm comes close to person or furniture; infinite where no angles were found.
+        """
+        worlds, poses = q_w.shape[:2]
+        to_base_pos, to_base_q = (part[:, None] for part in self._to_base)
+        pos, q = transforms.compose(to_base_pos, to_base_q, pos_w, q_w)
+        starts = np.tile(self.angles_rad[:, None, None] + STARTS, (1, poses, 1, 1)).reshape(-1, 7)
+        pos, q = (np.repeat(part.reshape(worlds * poses, -1), len(STARTS), axis=0) for part in (pos, q))
+        solution = kinematics.solve(self._chain, pos, q, starts)
+        angles = self._unwound(solution.angles_rad.reshape(worlds, -1, 7))
+        missed = (solution.position_error_m > ACCURACY_M) | (solution.rotation_error_rad > ACCURACY_RAD)
+        cost = np.where(missed.reshape(worlds, -1), np.inf, self._cost_s(angles))
+        cost, angles = cost.reshape(worlds, poses, -1), angles.reshape(worlds, poses, -1, 7)
+        best = cost.argmin(axis=-1)[..., None]
+        angles = np.take_along_axis(angles, best[..., None], axis=2)[:, :, 0]
+        return angles, np.take_along_axis(cost, best, axis=2)[..., 0]
+
+    def _cost_s(self, angles_rad: Array) -> Array:
+        """What swings to angles (N, M, 7) cost, (N, M); see ``find``."""
+        way = angles_rad - self.angles_rad[:, None]
+        state = self._simulation.state()
+        gap = np.full(way.shape[:2], np.inf)
+        for share in PARTS_OF_THE_WAY:
+            there = self.angles_rad[:, None] + share * way
+            gap = np.minimum(gap, self._clearance.least_m(there, state))
+        seconds = CONTROL_STEP_S * np.abs(way / self._reach_rad).max(axis=-1)
+        return seconds + BLOCKED_S * (1.0 - np.clip(gap / MARGIN_M, 0.0, 1.0))
+
+    def angles_at(self, pos_w: Array, q_w: Array, near_rad: Array) -> Array:
+        """Angles (N, 7) for a tool pose not far from that of other angles."""
+        pos, q = transforms.compose(*self._to_base, pos_w, q_w)
+        return kinematics.solve(self._chain, pos, q, near_rad, iterations=ITERATIONS).angles_rad
+
+    def _unwound(self, angles_rad: Array) -> Array:
+        """The same angles (N, M, 7) plus whole turns, as near to where the arm is as their ranges allow."""
+        turns = np.round((self.angles_rad[:, None] - angles_rad) / (2.0 * np.pi))
+        turned = angles_rad + 2.0 * np.pi * turns
+        inside = (turned >= self._chain.lower_rad) & (turned <= self._chain.upper_rad)
+        return np.where(inside, turned, angles_rad)
+
+    def _see(self) -> None:
+        """Take back what was asked of joints that did not follow, as the servos do."""
+        angles = self._simulation.state().arm_angles_rad
+        self._put(np.clip(self.angles_rad, angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD))
+
+    def _put(self, angles_rad: Array) -> None:
+        self.angles_rad = angles_rad
+        self.pos_w, self.q_w = self._pose(angles_rad)
+
+    def _pose(self, angles_rad: Array) -> tuple[Array, Array]:
+        return transforms.compose(*self._base_w, *kinematics.forward(self._chain, angles_rad))
+
+    def _within_limits(self, step_rad: Array) -> Array:
+        return step_rad / np.maximum(1.0, np.abs(step_rad / self._reach_rad).max(axis=-1, keepdims=True))
+
+
+def _share(step: Array, longest: Array | float) -> Array:
+    """What share (N, 1) of steps (N, k) keeps them no longer than (N,)."""
+    length = np.sqrt((step * step).sum(axis=-1))
+    return np.minimum(1.0, longest / np.maximum(length, 1e-9))[:, None]
+
+
+def _upright(q_w: Array, tilt_rad: float) -> Array:
+    """Rotations (N, 4) turned back, the shortest way, to where their z axis is within a tilt of the vertical."""
+    z_w = transforms.rotate(q_w, UP)
+    axis = transforms.cross(z_w, UP)
+    sine = np.sqrt((axis * axis).sum(axis=-1))
+    excess = np.maximum(0.0, np.arctan2(sine, z_w[:, 2]) - tilt_rad)
+    back = axis * (excess / np.maximum(sine, 1e-9))[:, None]
+    return transforms.multiply(transforms.from_rotation_vector(back), q_w)

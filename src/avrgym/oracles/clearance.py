@@ -1,0 +1,146 @@
+"""How near the moving arm would come to person and furniture, for many poses of the arm at once."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import capsules, kinematics, transforms
+from avrgym.models import contacts
+from avrgym.models.scene import TOOL_BODY, Stage, robot_with_tool
+from avrgym.simulation import Simulation, State
+from avrgym.tasks import places
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ArmShape:
+    """The capsules of arm and hand without the tool.
+
+    ``links`` lead from the robot's base to each moving body, in the order of the joints; ``link`` (C,) says which
+    of them carries a capsule, ``ends`` (C, 2, 3) where its axis ends there, ``radius_m`` (C,).
+    """
+
+    links: tuple[kinematics.Chain, ...]
+    link: NDArray[np.intp]
+    ends: Array
+    radius_m: Array
+
+
+@cache
+def arm_shape(stage: Stage) -> ArmShape:
+    """The capsules about the collision geoms of the stage's moving arm."""
+    model = robot_with_tool(stage, appearance=False).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    bodies = [int(model.joint(name).bodyid[0]) for name in stage.arm.joints]
+    link, ends, radius = [], [], []
+    for geom in np.nonzero(model.geom_group == contacts.COLLISION_GROUP)[0]:
+        carrier = _carrier(model, int(model.geom_bodyid[geom]), bodies)
+        if carrier is None:
+            continue
+        body = bodies[carrier]
+        axis, r = _capsule(model.geom_type[geom], model.geom_size[geom])
+        centre_w, rotation_w = data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)
+        ends_w = centre_w + np.array([-1.0, 1.0])[:, None] * (rotation_w @ axis)
+        link.append(carrier)
+        ends.append((ends_w - data.xpos[body]) @ data.xmat[body].reshape(3, 3))
+        radius.append(r)
+    chain = places.arm_chain(stage)
+    links = tuple(_part(chain, count) for count in range(1, len(bodies) + 1))
+    return ArmShape(links, np.array(link), np.array(ends), np.array(radius))
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Boxes about the furniture that stays where it is: centres (B, 3), rotations (B, 4), half edges (B, 3)."""
+
+    pos_w: Array
+    q_w: Array
+    half_m: Array
+
+
+def furniture_boxes(simulation: Simulation) -> Boxes:
+    """The boxes about the collision geoms of a simulation's furniture, the floor and what is movable left out."""
+    model, movable = simulation.model, simulation.stage.movable
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    geoms = [
+        geom
+        for geom in np.nonzero(model.geom_contype == contacts.FURNITURE.contype)[0]
+        if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
+        and model.body(model.geom_bodyid[geom]).name not in movable
+    ]
+    centre, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
+    q_w = transforms.from_matrix(data.geom_xmat[geoms].reshape(-1, 3, 3))
+    return Boxes(data.geom_xpos[geoms] + transforms.rotate(q_w, centre), q_w, half)
+
+
+class Clearance:
+    """The room that the arms of N worlds have at any angles."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        """Remember the arm's shape, and where base and furniture are now."""
+        self._shape, self._boxes = arm_shape(simulation.stage), furniture_boxes(simulation)
+        self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in simulation.robot_base())
+
+    def least_m(self, angles_rad: Array, state: State) -> Array:
+        """The smallest distance (N, M) of arm and hand from person or furniture at angles (N, M, 7), metres.
+
+        Below 0 inside the person; 0 where the axis of a part of the arm is inside furniture, less its radius.
+        """
+        start, end = np.moveaxis(self._ends_w(angles_rad)[:, :, :, None], -2, 0)
+        person = state.person_segment_w[:, None, None]
+        to_person = capsules.segment_distance(start, end, person[..., 0, :], person[..., 1, :])
+        to_person = (to_person - state.person_radius_m[:, None, None]).min(axis=-1)
+        boxes = self._boxes
+        closest = capsules.segment_box_closest(boxes.pos_w, boxes.q_w, boxes.half_m, start, end)
+        return (np.minimum(to_person, closest.distance_m.min(axis=-1)) - self._shape.radius_m).min(axis=-1)
+
+    def _ends_w(self, angles_rad: Array) -> Array:
+        """The ends (N, M, C, 2, 3) of the arm's capsules."""
+        worlds, poses, joints = angles_rad.shape
+        ends_w = np.empty((worlds, poses, len(self._shape.link), 2, 3))
+        for number, chain in enumerate(self._shape.links):
+            on_link = np.nonzero(self._shape.link == number)[0]
+            pos, q = kinematics.forward(chain, angles_rad.reshape(-1, joints)[:, : number + 1])
+            pos, q = (part.reshape(worlds, poses, 1, 1, -1) for part in (pos, q))
+            ends = pos + transforms.rotate(q, self._shape.ends[on_link])
+            ends_w[:, :, on_link] = self._base_pos_w + transforms.rotate(self._base_q_w, ends)
+        return ends_w
+
+
+def _carrier(model: mujoco.MjModel, body: int, bodies: list[int]) -> int | None:
+    """Which moving body carries this one; none carries the tool's geoms or what stands still."""
+    while body not in bodies:
+        if body == 0 or model.body(body).name == TOOL_BODY:
+            return None
+        body = int(model.body_parentid[body])
+    return bodies.index(body)
+
+
+def _capsule(kind: int, size: Array) -> tuple[Array, float]:
+    """Half the axis (3,) and the radius of a capsule about a geom of this type and size."""
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return np.zeros(3), float(size[0])
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        longest = int(np.argmax(size))
+        return np.eye(3)[longest] * size[longest], float(np.linalg.norm(np.delete(size, longest)))
+    return np.array([0.0, 0.0, size[1]]), float(size[0])
+
+
+def _part(chain: kinematics.Chain, count: int) -> kinematics.Chain:
+    """The first hinges of a chain; its tip is the body of the last of them."""
+    return replace(
+        chain,
+        pos=chain.pos[:count],
+        q=chain.q[:count],
+        axis=chain.axis[:count],
+        tip_pos=np.zeros(3),
+        tip_q=transforms.IDENTITY_QUATERNION,
+        lower_rad=chain.lower_rad[:count],
+        upper_rad=chain.upper_rad[:count],
+    )
