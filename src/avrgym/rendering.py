@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from avrgym.episodes import Episodes
 from avrgym.models.contacts import VISUAL_GROUP
-from avrgym.models.human import RECLINED, SEATED, Posture
 from avrgym.models.scene import build_spec
 
 HEIGHT_PX, WIDTH_PX = 480, 640
@@ -27,13 +26,18 @@ class View:
     elevation_deg: float
 
 
-VIEWS: Mapping[tuple[Posture, bool], View] = {
-    (SEATED, False): View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
-    (SEATED, True): View((-0.30, -0.25, 0.85), 2.4, 128.0, -22.0),
-    (RECLINED, False): View((-0.25, -0.10, 0.80), 2.2, 128.0, -25.0),
-    (RECLINED, True): View((-0.40, -0.15, 0.80), 2.8, 128.0, -25.0),
+_BESIDE_WHEELCHAIR = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
+VIEWS: Mapping[tuple[str, bool], View] = {
+    ("Feeding", False): View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
+    ("Drinking", False): View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
+    ("ScratchItch", False): View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
+    ("BedBathing", False): View((-0.25, -0.02, 0.92), 1.85, 70.0, -28.0),
+    ("Feeding", True): _BESIDE_WHEELCHAIR,
+    ("Drinking", True): _BESIDE_WHEELCHAIR,
+    ("ScratchItch", True): View((-0.35, -0.20, 0.92), 2.5, 70.0, -24.0),
+    ("BedBathing", True): View((-0.35, -0.05, 0.85), 2.6, 112.0, -28.0),
 }
-"""By posture, and whether the robot is mobile; from before the person's left, across from the robot."""
+"""By task, and whether the robot is mobile; what the robot does is not hidden by its arm or the person."""
 
 
 class Camera:
@@ -54,7 +58,7 @@ class Camera:
         placed = simulation.batch.get_model(world)
         self._model.body_pos[:], self._model.body_quat[:] = placed.body_pos, placed.body_quat
         self._data = mujoco.MjData(self._model)
-        self._view = VIEWS[stage.posture, stage.robot.mobile]
+        self._view = VIEWS[episodes.task.name, stage.robot.mobile]
         self._renderer = _renderer(self._model)
 
     def picture(self) -> NDArray[np.uint8]:
