@@ -56,17 +56,18 @@ def segment_box_closest(
     Where they intersect the distance is 0 and both points are one. Where many pairs are equally close, as with
     a segment parallel to a face, they are from the middle of the stretch.
     """
-    x_w, y_w, z_w = np.moveaxis(transforms.to_matrix(box_q_w), -1, 0)
-    centre_w, x_w, y_w, z_w, half, s0_w, s1_w = _axis_first(box_pos_w, x_w, y_w, z_w, half_size_m, s0_w, s1_w)
+    rows = np.moveaxis(transforms.to_matrix(box_q_w), -2, 0)
+    centre_w, half, s0_w, s1_w, *rows = _axis_first(box_pos_w, half_size_m, s0_w, s1_w, *rows)
+    to_world = np.array(rows)
     reach_w = s1_w - s0_w
-    start, along = (np.array([_dot(axis, v) for axis in (x_w, y_w, z_w)]) for v in (s0_w - centre_w, reach_w))
+    start, along = _dot(to_world, s0_w - centre_w), _dot(to_world, reach_w)
     share = _closest_share(start, along, half)
     segment_point = start + share * along
     box_point = _clamp(segment_point, -half, half)
-    box_point_w = centre_w + box_point[0] * x_w + box_point[1] * y_w + box_point[2] * z_w
+    box_offset_w = np.stack([_dot(row, box_point) for row in to_world])
     return Closest(
         _length(segment_point - box_point),
-        np.moveaxis(box_point_w, 0, -1),
+        np.moveaxis(centre_w + box_offset_w, 0, -1),
         np.moveaxis(s0_w + share * reach_w, 0, -1),
     )
 
@@ -75,31 +76,23 @@ def _closest_share(start: Array, along: Array, half: Array) -> Array:
     """Where along segments, 0 to 1, boxes at the origin are closest: shape (...); arguments (3, ...).
 
     The squared distance is convex in the share. Along each axis its slope is zero between the shares at which
-    the segment enters and leaves the box's slab, and linear outside: so the zero of the whole lies between two
-    of these shares.
+    the segment enters and leaves the box's slab, and linear outside. So the zero of the whole lies between two
+    of these shares that follow each other, and one step of Newton's method from between them finds it.
     """
     moving = np.where(np.abs(along) > VANISHING, along, VANISHING)
     middle, reach = -start / moving, half / np.abs(moving)
-    enter, leave = middle - reach, middle + reach
+    enter, leave, weight = middle - reach, middle + reach, along * along
     shares = _clamp(np.concatenate([enter, leave]), 0.0, 1.0)
     slope = np.zeros_like(shares)
     for axis in range(3):
-        slope += along[axis] * along[axis] * (shares - _clamp(shares, enter[axis], leave[axis]))
-    return _zero(shares, slope)
-
-
-def _zero(shares: Array, slope: Array) -> Array:
-    """Where a rising slope is zero that is linear between its values (K, ...) at shares from 0 to 1.
-
-    The middle where it is zero along a stretch, an end where it is zero nowhere.
-    """
-    falls, rises = slope <= 0.0, slope >= 0.0
-    low, high = np.where(falls, shares, 0.0).max(axis=0), np.where(rises, shares, 1.0).min(axis=0)
-    slope_low = np.where(falls, slope, -np.inf).max(axis=0)
-    slope_high = np.where(rises, slope, np.inf).min(axis=0)
-    middle = np.full_like(low, 0.5)
-    weight = np.divide(-slope_low, slope_high - slope_low, out=middle, where=low < high)
-    return low + weight * (high - low)
+        slope += weight[axis] * (shares - _clamp(shares, enter[axis], leave[axis]))
+    last_falling = np.where(slope <= 0.0, shares, 0.0).max(axis=0)
+    first_rising = np.where(slope >= 0.0, shares, 1.0).min(axis=0)
+    between = 0.5 * (last_falling + first_rising)
+    beyond = between - _clamp(between, enter, leave)
+    curvature = _dot(weight, beyond != 0.0)
+    step = _dot(weight, beyond) / np.where(curvature > 0.0, curvature, np.inf)
+    return _clamp(between - step, 0.0, 1.0)
 
 
 def _share(numerator: Array, denominator: Array) -> Array:
@@ -119,10 +112,12 @@ def _clamp(x: Array, low: Array | float, high: Array | float) -> Array:
 def _axis_first(*vectors: Array) -> list[Array]:
     """Vectors (..., 3), as many leading axes as they have, as (3, ...) with equally many axes."""
     axes = max(v.ndim for v in vectors)
-    return [np.moveaxis(v.reshape((1,) * (axes - v.ndim) + v.shape), -1, 0).copy() for v in vectors]
+    order = (axes - 1, *range(axes - 1))
+    return [v.reshape((1,) * (axes - v.ndim) + v.shape).transpose(order).copy() for v in vectors]
 
 
 def _dot(a: Array, b: Array) -> Array:
+    """The sum over the first axis of both, of vectors (3, ...) or of matrices (3, 3, ...) with vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
