@@ -77,7 +77,7 @@ class Episodes:
             self.stage, num_worlds, moving=moving or self._moved_by_themselves, num_threads=num_threads
         )
         self.people = people.repeat(person or Person(), num_worlds)
-        self._memory = self.task.remember(self.people, np.zeros((num_worlds, self.task.uniforms)))
+        self.memory = self.task.remember(self.people, np.zeros((num_worlds, self.task.uniforms)))
         self._mind = cooperation.begin(self.people, np.zeros((num_worlds, cooperation.UNIFORMS)))
 
     def begin(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
@@ -89,7 +89,7 @@ class Episodes:
         self.people = merge(self.people, who, ids)
         self._mind = merge(self._mind, cooperation.begin(who, for_minds), ids)
         self.simulation.reset(ids, self.task.start(self.stage, who, for_task))
-        self._memory = merge(self._memory, self.task.remember(who, for_task), ids)
+        self.memory = merge(self.memory, self.task.remember(who, for_task), ids)
         return self.observe()[ids]
 
     def step(self, action: Array) -> Step:
@@ -107,12 +107,12 @@ class Episodes:
     def judge(self, action: Array) -> Step:
         """Judge the control step that ends now, and take out of play what has left the task."""
         state = self.simulation.state()
-        outcome = self.task.judge(state, action, self._memory)
-        self._memory = outcome.memory
+        outcome = self.task.judge(state, action, self.memory)
+        self.memory = outcome.memory
         if outcome.gone.any():
             self.simulation.park(outcome.gone)
         return Step(
-            observation=self.task.observe(state, self._memory),
+            observation=self.task.observe(state, self.memory),
             reward=self.task.reward(outcome.terms),
             reward_terms=outcome.terms,
             success=outcome.success,
@@ -122,13 +122,13 @@ class Episodes:
 
     def observe(self) -> Array:
         """Observations (N, O) of the present state."""
-        return self.task.observe(self.simulation.state(), self._memory)
+        return self.task.observe(self.simulation.state(), self.memory)
 
     def marks_w(self) -> Array:
         """Where the task's marks are now, (N, ``task.marks.count``, 3), world frame; none without marks."""
         if self.task.marks is None:
             return np.zeros((self.simulation.num_worlds, 0, 3))
-        return self.task.marks.places(self.simulation.state(), self._memory)
+        return self.task.marks.places(self.simulation.state(), self.memory)
 
     def person_in(self, world: int) -> Person:
         """The person of a world's present episode."""
