@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import cooperation, impairments, people
+from avrgym import arm_limits, cooperation, impairments, people
+from avrgym.arm_clearance import furniture_boxes
 from avrgym.impairments import Impairment
 from avrgym.models.human import People, Person
 from avrgym.models.robots import find_robot
@@ -73,6 +74,7 @@ class Episodes:
             self._distribution.cooperating or self._impairment in impairments.MOVING
         )
         self.stage = self.task.stage(find_robot(robot))
+        self._furniture = furniture_boxes(self.stage.furniture)
         self.simulation = Simulation(
             self.stage, num_worlds, moving=moving or self._moved_by_themselves, num_threads=num_threads
         )
@@ -137,7 +139,9 @@ class Episodes:
     def _draw_people(self, uniforms: Array) -> People:
         if self.person is not None:
             return people.repeat(self.person, len(uniforms))
-        return people.sample(self._distribution, self.task.pose, uniforms)
+        return people.sample(
+            self._distribution, self.task.pose, self.stage.posture, self._furniture, uniforms
+        )
 
     def _command_people(self) -> None:
         """Tremor changes its direction at every control step (reference)."""
@@ -148,4 +152,4 @@ class Episodes:
             state = self.simulation.state()
             self._mind = cooperation.see(self._mind, state, self.task.offered, self.stage.posture)
             wanted = wanted + cooperation.sway_rad(self._mind)
-        self.simulation.command_person(impairments.limit(self.people, wanted))
+        self.simulation.command_person(arm_limits.clip(impairments.limit(self.people, wanted)))

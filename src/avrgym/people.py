@@ -4,13 +4,15 @@ Every person comes from one row of uniform numbers, so that a world's person doe
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym import arm_limits
+from avrgym.arm_clearance import Boxes, clearance, person_capsules
 from avrgym.models import human
-from avrgym.models.human import JOINTS, People, Person
+from avrgym.models.human import JOINTS, People, Person, Posture
 
 Array = NDArray[np.float64]
 
@@ -38,15 +40,27 @@ DISTRIBUTIONS: Mapping[str, Distribution] = {
     "participants": Distribution((0.51, 0.58), (0.51, 0.58), waist_deg=5.0, cooperating=True),
 }
 
+ROOM_M = 0.01
+"""What a random arm keeps from the rest of the body and from the furniture (reference)."""
+
+RIGHT_ARM = np.array([name.startswith("right_") for name in JOINTS])
 WAIST = np.array([joint.body == "torso" for joint in JOINTS.values()])
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """How a task finds people: joint angles ``rest_rad`` (20,) ± uniform ``spread_rad`` (20,)."""
+    """How a task finds people: joint angles ``rest_rad`` (20,) ± uniform ``spread_rad`` (20,).
+
+    Where the right arm is spread, poses are sought that its shoulder allows and that leave it room.
+    """
 
     rest_rad: Array
     spread_rad: Array
+
+    @property
+    def spreads_arm(self) -> bool:
+        """Whether the right arm's pose is random."""
+        return bool(self.spread_rad[RIGHT_ARM].any())
 
 
 def find_distribution(name: str) -> Distribution:
@@ -60,15 +74,42 @@ def find_distribution(name: str) -> Distribution:
     return DISTRIBUTIONS[name]
 
 
-def sample(distribution: Distribution, pose: Pose, uniforms: Array) -> People:
-    """People from uniform numbers (n, ``UNIFORMS``) in 0..1, man or woman with equal chance."""
+def sample(
+    distribution: Distribution, pose: Pose, posture: Posture, furniture: Boxes | None, uniforms: Array
+) -> People:
+    """People from uniform numbers (n, ``UNIFORMS``) in 0..1, man or woman with equal chance.
+
+    A random arm is drawn again, up to ``ATTEMPTS`` times, until the shoulder can turn like that and nothing of
+    the arm is within 1 cm of the body or of the furniture; then the last attempt stays, its shoulder clipped.
+    """
     is_woman = uniforms[:, 0] < 0.5
     man = _between(distribution.torso_height_man_m, uniforms[:, 1])
     woman = _between(distribution.torso_height_woman_m, uniforms[:, 1])
     spread = pose.spread_rad + np.where(WAIST, np.radians(distribution.waist_deg), 0.0)
-    poses = uniforms[:, 2:].reshape(len(uniforms), ATTEMPTS, len(JOINTS))
-    angles = np.clip(pose.rest_rad + spread * (2.0 * poses[:, 0] - 1.0), human.LOWER_RAD, human.UPPER_RAD)
-    return People.unimpaired(is_woman, np.where(is_woman, woman, man), angles)
+    shares = uniforms[:, 2:].reshape(len(uniforms), ATTEMPTS, len(JOINTS))
+    poses = np.clip(pose.rest_rad + spread * (2.0 * shares - 1.0), human.LOWER_RAD, human.UPPER_RAD)
+    people = People.unimpaired(is_woman, np.where(is_woman, woman, man), poses[:, 0])
+    return _make_room(people, poses, posture, furniture) if pose.spreads_arm else people
+
+
+def _make_room(people: People, poses: Array, posture: Posture, furniture: Boxes | None) -> People:
+    """The people in the first of their poses (n, ``ATTEMPTS``, 20) that leaves the right arm room."""
+    angles = poses[:, 0].copy()
+    crowded = np.nonzero(~_has_room(people, posture, furniture))[0]
+    for attempt in range(1, ATTEMPTS):
+        if not len(crowded):
+            break
+        angles[crowded] = poses[crowded, attempt]
+        again = People.unimpaired(people.is_woman[crowded], people.torso_height_m[crowded], angles[crowded])
+        crowded = crowded[~_has_room(again, posture, furniture)]
+    angles[crowded] = arm_limits.clip(angles[crowded])
+    return replace(people, joint_angles_rad=angles)
+
+
+def _has_room(people: People, posture: Posture, furniture: Boxes | None) -> NDArray[np.bool_]:
+    segments_w, radii_m = person_capsules(people, posture)
+    room = clearance(segments_w, radii_m, furniture) >= ROOM_M
+    return room & arm_limits.within_limits(people.joint_angles_rad)
 
 
 def repeat(person: Person, count: int) -> People:
