@@ -10,11 +10,11 @@ With abduction a, flexion f and external rotation of the humerus r, taken in thi
 when the upper arm hangs and the bent forearm points forward. The order of rotations is that of Klopčar, Tomšič
 and Lenarčič, J. Biomechanics 40(1), 2007.
 
-The coefficients were taken from memory of the literature, not from the paper's own pages. Two things speak for
-them, and for the signs and zeros used here. At f = 90° the axes of a and r coincide, so that only r − a has a
-meaning, and there the formulas bound exactly that: −100 ≤ r − a ≤ 10 for every a. And with the arm at the side
-they are close to what clinics measure (external 60°, internal 70–90°, flexion 150–180°, extension 40–60°).
-With the arm abducted by 90° they allow an internal rotation of only 20°, far less than the clinical 70°.
+The paper's own pages were not at hand to compare the coefficients with. Two things speak for them, and for the
+signs and zeros used here. At f = 90° the axes of a and r coincide, so that only r − a has a meaning, and there
+the formulas bound exactly that: −100 ≤ r − a ≤ 10 for every a. And with the arm at the side they allow about
+what clinical tables give (flexion 180°, extension 60°, external rotation 60–90°, internal 70–90°). With the arm
+abducted by 90°, though, they allow an internal rotation of only 20°, where clinics measure 70°.
 
 Only these angles are judged, not the posture: a shoulder may reach the same posture with a turned by 180°.
 """
