@@ -75,7 +75,7 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[Array, A
 def clearance(segments_w: Array, radii_m: Array, furniture: Boxes | None = None) -> Array:
     """The smallest gap (N,) in metres between the right arm and what it must keep away from.
 
-    Negative where they overlap, by how much; in furniture never below minus the arm's radius.
+    Negative where they overlap; it does not go on falling once an axis meets the other's axis or a box.
 
     Args:
         segments_w: the axes (N, G, 2, 3) of the bodies' capsules, in the order of ``human.GEOMS``.
