@@ -114,12 +114,13 @@ class Replica:
         return self.data.body(TOOL).xpos.copy()
 
     def food_entries(self, size: int) -> NDArray[np.intp]:
-        """Which numbers of a state are positions and speeds of the food."""
+        """Which numbers of a state are positions, speeds and loads of the food."""
         place = self.put(range(size))
         joints = [self.model.joint(name) for name in self._food]
         qpos = [place.qpos[joint.qposadr[0]] for joint in joints]
         qvel = [place.qvel[joint.dofadr[0]] for joint in joints]
-        return np.array(qpos + qvel, np.intp)
+        load = [place.qfrc_applied[joint.dofadr[0]] for joint in joints]
+        return np.array(qpos + qvel + load, np.intp)
 
 
 @dataclass(frozen=True)
