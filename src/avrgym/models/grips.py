@@ -79,6 +79,16 @@ GRIPS: Mapping[tuple[str, str], Grip] = {
             "finger_tip_3": 0.30,
         },
     ),
+    ("PR2", "washcloth"): Grip(
+        pos=np.array([-0.021, 0.0, 0.0]),
+        q=transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+        finger_angles_rad={
+            "l_finger_link": 0.075,
+            "l_finger_tip_link": -0.075,
+            "r_finger_link": -0.075,
+            "r_finger_tip_link": 0.075,
+        },
+    ),
 }
 """By the names of robot and tool. Fingertips touch what they hold, within 3 mm."""
 
