@@ -55,7 +55,7 @@ WEIGHTS: Mapping[str, float] = {
 }
 """Task weights, then the preferences of the person (paper, section IV; reference)."""
 
-_LIMB_GEOMS = [list(human.GEOMS).index(name) for name in LIMBS]
+LIMB_GEOMS = [list(human.GEOMS).index(name) for name in LIMBS]
 
 
 @dataclass(frozen=True)
@@ -187,10 +187,10 @@ def _contacts_of_limbs(state: State) -> tuple[Array, Bools]:
     """The cloth's contacts in the frames of both limbs (N, 2, C, 3), and which lie within 2.5 cm of the limb."""
     to_limb = transforms.conjugate(state.right_arm_q_w[:, :2, None])
     pos = transforms.rotate(to_limb, state.tool_contact_pos_w[:, None] - state.right_arm_pos_w[:, :2, None])
-    axis = state.person_segment_w[:, _LIMB_GEOMS, 1] - state.person_segment_w[:, _LIMB_GEOMS, 0]
+    axis = state.person_segment_w[:, LIMB_GEOMS, 1] - state.person_segment_w[:, LIMB_GEOMS, 0]
     beside_axis = pos.copy()
     beside_axis[..., 2] += np.clip(-pos[..., 2], 0.0, norm(axis)[..., None])
-    gap = norm(beside_axis) - state.person_radius_m[:, _LIMB_GEOMS, None]
+    gap = norm(beside_axis) - state.person_radius_m[:, LIMB_GEOMS, None]
     return pos, (gap < WIPE_RADIUS_M) & (state.tool_contact_force_n[:, None] > 0.0)
 
 
