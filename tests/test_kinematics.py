@@ -217,18 +217,33 @@ def test_a_row_has_the_same_bits_alone_and_among_others(rng, arm):
         assert_array_equal(alone, together[only])
 
 
-def test_rows_that_wait_for_others_have_the_same_bits_alone(rng, arm):
+@pytest.mark.parametrize("precision", [np.float64, np.float32])
+def test_rows_that_wait_for_others_have_the_same_bits_alone(rng, arm, precision):
     """More rows than are solved at once; some never arrive."""
     count = kinematics.ROWS_AT_ONCE + 500
     pos, q = kinematics.forward(arm, within_ranges(rng, arm, count))
     pos[::7] += 1.0
     start = np.tile(seed_pose(), (count, 1))
-    together = kinematics.solve(arm, pos, q, start, iterations=12)
+    together = kinematics.solve(arm, pos, q, start, iterations=12, precision=precision)
     for rows in (slice(0, 1), slice(40, 49), slice(kinematics.ROWS_AT_ONCE - 9, None), slice(3, None, 97)):
-        alone = kinematics.solve(arm, pos[rows], q[rows], start[rows], iterations=12)
+        alone = kinematics.solve(arm, pos[rows], q[rows], start[rows], iterations=12, precision=precision)
         assert_array_equal(alone.angles_rad, together.angles_rad[rows])
         assert_array_equal(alone.position_error_m, together.position_error_m[rows])
         assert_array_equal(alone.rotation_error_rad, together.rotation_error_rad[rows])
+
+
+def test_single_precision_is_good_for_a_tenth_of_a_millimetre(rng, arm):
+    angles = within_ranges(rng, arm)
+    pos, q = kinematics.forward(arm, angles)
+    start = angles + rng.uniform(-0.2, 0.2, angles.shape)
+    solution = kinematics.solve(arm, pos, q, start, precision=np.float32)
+    found_pos, found_q = kinematics.forward(arm, solution.angles_rad)
+    assert np.quantile(np.linalg.norm(found_pos - pos, axis=-1), 0.99) < 1e-4
+    assert np.quantile(transforms.angle_between(found_q, q), 0.99) < 1e-3
+    assert kinematics.accurate(solution).all()
+    assert solution.angles_rad.dtype == np.float64
+    assert (solution.angles_rad >= arm.lower_rad).all()
+    assert (solution.angles_rad <= arm.upper_rad).all()
 
 
 def reached(chain: kinematics.Chain, angles: np.ndarray, pos: np.ndarray, q: np.ndarray) -> np.ndarray:

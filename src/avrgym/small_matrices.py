@@ -42,7 +42,7 @@ def cross(a: Array, b: Array) -> Array:
     return out
 
 
-def combined(columns: Sequence[Array] | Array, factors: Array) -> Array:
+def combined(columns: Sequence[Array] | Array, factors: Sequence[float]) -> Array:
     """The sum of three columns, arrays of one shape, times the factors (3,); a factor of 0 or 1 costs nothing."""
     terms = [c if f == 1.0 else f * c for c, f in zip(columns, factors, strict=True) if f != 0.0]
     return reduce(np.add, terms) if terms else np.zeros_like(columns[0])
@@ -50,7 +50,7 @@ def combined(columns: Sequence[Array] | Array, factors: Array) -> Array:
 
 def weighted_square(matrix: Array, weights: Array) -> Array:
     """A W Aᵀ (6, 6, N) for a matrix A given as its K columns, (K, 6, N), and weights (K, N)."""
-    square = np.zeros((6, 6, matrix.shape[-1]))
+    square = np.zeros((6, 6, matrix.shape[-1]), matrix.dtype)
     for column, weight in zip(matrix, weights, strict=True):
         square += (weight * column)[:, None] * column
     return square
