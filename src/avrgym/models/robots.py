@@ -42,7 +42,8 @@ class Arm:
 class Robot:
     """A robot, its arms by side, and what observations are relative to: its torso, or its base without one.
 
-    ``mobile`` robots drive to the place they work from, others are mounted. ``holding_rad`` are the angles of
+    ``mobile`` robots drive to the place they work from, others are mounted; ``half_width_m`` is that of a square
+    base on the floor. ``holding_rad`` are the angles of
     joints that stay as they are while another arm moves.
     """
 
@@ -52,6 +53,7 @@ class Robot:
     base: str
     torso: str
     mobile: bool
+    half_width_m: float
     arms: Mapping[Side, Arm]
     holding_rad: Mapping[str, float]
 
@@ -74,6 +76,7 @@ JACO = Robot(
     base="base",
     torso="base",
     mobile=False,
+    half_width_m=0.0,
     arms={"right": _JACO_ARM, "left": _JACO_ARM},
     holding_rad={},
 )
@@ -117,6 +120,7 @@ PR2 = Robot(
     base="base",
     torso="torso_lift_link",
     mobile=True,
+    half_width_m=0.335,
     arms={side: _pr2_arm(side) for side in _SIDES},
     holding_rad={
         joint: float(angle)

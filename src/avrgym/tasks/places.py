@@ -1,15 +1,17 @@
 """Where the robot stands and how its arm begins."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import kinematics, transforms
+from avrgym import base_search, kinematics, transforms
+from avrgym.base_search import BasePoses
 from avrgym.models import human
 from avrgym.models.furniture import JACO_MOUNT_M, NIGHTSTAND_BODY, NIGHTSTAND_TOP_M
-from avrgym.models.human import RECLINED, SEATED, People
+from avrgym.models.human import RECLINED, SEATED, People, Posture
 from avrgym.models.robots import Robot, Side
 from avrgym.models.scene import TOOL_BODY, BaseRange, Stage, robot_with_tool
 from avrgym.models.tools import Tool
@@ -17,7 +19,10 @@ from avrgym.simulation import Start
 
 Array = NDArray[np.float64]
 
-UNIFORMS = kinematics.RESTART_UNIFORMS
+UNIFORMS = max(kinematics.RESTART_UNIFORMS, base_search.UNIFORMS)
+Z = [0.0, 0.0, 1.0]
+FURNITURE_EDGE_M: Mapping[Posture, float] = {SEATED: -0.345, RECLINED: -0.47}
+"""The x up to which wheelchair and bed reach on the robot's side."""
 STANDING_M = (-0.85, -0.4, 0.0)
 """Where a mobile robot stands beside the person, facing their right side (reference)."""
 STANDING_RANGE = BaseRange((-0.5, 0.0), (-0.5, 0.5), (-np.radians(30.0), np.radians(30.0)))
@@ -83,12 +88,30 @@ def start(
 ) -> Start:
     """How n worlds begin whose tool starts at positions (n, 3) and rotations (n, 4).
 
-    A base that may be chosen is placed so that the tool also reaches the goals, (n, G, 3) and (n, G, 4).
-    ``uniforms`` (n, ``UNIFORMS``) drive the restarts where the seed pose does not lead there.
+    A base that may be chosen is searched for among ``base_search.CANDIDATES``: one from which the tool also
+    reaches the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``UNIFORMS``) draw the candidates, or drive the
+    restarts of the inverse kinematics where the seed pose of a mounted arm does not lead there.
     """
-    count = len(tool_pos_w)
-    base_pos = np.tile(stage.robot_pos_w, (count, 1))
-    base_q = np.tile(transforms.from_axis_angle([0.0, 0.0, 1.0], stage.robot_yaw_rad), (count, 1))
+    chain, seed_rad = arm_chain(stage), stage.arm.seed_pose_rad
+    if stage.base_range is not None:
+        candidates = _clear_of_furniture(
+            stage, base_search.sample(stage.base_range, stage.robot_pos_w, stage.robot_yaw_rad, uniforms)
+        )
+        found = base_search.search(chain, candidates, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, seed_rad)
+        base_q = transforms.from_axis_angle(Z, found.base.yaw_rad)
+        return Start(people, found.base.pos_w, base_q, found.angles_rad, placed_pos_w)
+    base_pos = np.tile(stage.robot_pos_w, (len(tool_pos_w), 1))
+    base_q = np.tile(transforms.from_axis_angle(Z, stage.robot_yaw_rad), (len(tool_pos_w), 1))
     pos, q = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
-    angles = kinematics.solve_with_restarts(arm_chain(stage), pos, q, stage.arm.seed_pose_rad, uniforms)
+    restarts = uniforms[:, : kinematics.RESTART_UNIFORMS]
+    angles = kinematics.solve_with_restarts(chain, pos, q, seed_rad, restarts)
     return Start(people, base_pos, base_q, angles, placed_pos_w)
+
+
+def _clear_of_furniture(stage: Stage, candidates: BasePoses) -> BasePoses:
+    """The candidates, moved away from the person where a corner of the base would stand in the furniture."""
+    turned = np.abs(np.cos(candidates.yaw_rad)) + np.abs(np.sin(candidates.yaw_rad))
+    nearest = FURNITURE_EDGE_M[stage.posture] - stage.robot.half_width_m * turned
+    pos_w = candidates.pos_w.copy()
+    pos_w[..., 0] = np.minimum(pos_w[..., 0], nearest)
+    return replace(candidates, pos_w=pos_w)
