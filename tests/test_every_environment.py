@@ -1,0 +1,116 @@
+"""Laws that every environment keeps: the same seed gives the same bits, and the physics stays sane."""
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from avrgym import transforms
+from avrgym.episodes import Episodes
+from avrgym.models import human, robots
+from avrgym.tasks import ENVIRONMENTS
+
+CARRYING = [name for name in ENVIRONMENTS if "Feeding" in name or "Drinking" in name]
+ALLOWED_DEPTH_M = 0.005
+SLACK_M = 0.003
+
+
+def begun(
+    environment: str, worlds: int, *, people: str = "revised", threads: int = 2, first: int = 0
+) -> Episodes:
+    episodes = Episodes(environment, worlds, distribution=people, num_threads=threads)
+    episodes.begin(np.arange(worlds), [np.random.default_rng(first + i) for i in range(worlds)])
+    return episodes
+
+
+def jerky_actions(rng: np.random.Generator, worlds: int, steps: int) -> np.ndarray:
+    """Full speed one way or the other, for half a second each."""
+    signs = np.sign(rng.uniform(-1, 1, (steps // 5 + 1, worlds, 7)))
+    return np.repeat(signs, 5, axis=0)[:steps]
+
+
+def assert_same_steps(some: Episodes, many: Episodes, at: int, actions: np.ndarray) -> None:
+    """World 0 of ``some`` and world ``at`` of ``many`` see the same bits under the same actions (T, N, 7)."""
+    for action in actions:
+        one, other = some.step(action[at : at + some.simulation.num_worlds]), many.step(action)
+        assert_array_equal(one.observation[0], other.observation[at])
+        assert_array_equal(one.reward[0], other.reward[at])
+
+
+@pytest.mark.parametrize("people", ["revised", "participants"])
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_the_number_of_threads_changes_no_bit(environment, people, rng):
+    one, two = (begun(environment, 4, people=people, threads=threads) for threads in (1, 2))
+    for action in rng.uniform(-1, 1, (5, 4, 7)):
+        first, second = one.step(action), two.step(action)
+        assert_array_equal(first.observation, second.observation)
+        assert_array_equal(first.reward, second.reward)
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_an_episode_is_the_same_alone_and_among_64(environment, rng):
+    alone, among = begun(environment, 1, first=41), begun(environment, 64)
+    assert_same_steps(alone, among, 41, rng.uniform(-1, 1, (4, 64, 7)))
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_10_000_random_steps_stay_finite_without_a_warning(environment, rng):
+    worlds, steps = 64, 157
+    episodes = begun(environment, worlds)
+    for action in jerky_actions(rng, worlds, steps):
+        step = episodes.step(action)
+        assert np.isfinite(step.observation).all()
+        assert np.isfinite(step.reward).all()
+    for world in range(worlds):
+        warnings = [int(warning.number) for warning in episodes.simulation.batch.get_data(world).warning]
+        assert not any(warnings), (world, warnings)
+
+
+@pytest.mark.parametrize("environment", CARRYING)
+def test_what_a_tool_carries_stays_in_it_while_the_arm_is_still(environment):
+    episodes = begun(environment, 8)
+    held = np.zeros((8, 7))
+    for _ in range(10):
+        episodes.step(held)
+    low, high = on_tool(episodes).min(axis=(0, 1)), on_tool(episodes).max(axis=(0, 1))
+    for _ in range(40):
+        episodes.step(held)
+    assert (on_tool(episodes) > low - SLACK_M).all()
+    assert (on_tool(episodes) < high + SLACK_M).all()
+
+
+def on_tool(episodes: Episodes) -> np.ndarray:
+    """Where particles (N, K, 3) are in the frame of the tool."""
+    state = episodes.simulation.state()
+    offset = state.particle_pos_w - state.tool_pos_w[:, None]
+    return transforms.rotate(transforms.conjugate(state.tool_q_w)[:, None], offset)
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_robot_and_person_do_not_pass_through_each_other(environment, rng):
+    worlds = 8
+    episodes = begun(environment, worlds)
+    deepest = depth(episodes)
+    assert deepest <= 0.001, "they begin apart"
+    for action in jerky_actions(rng, worlds, 60):
+        episodes.step(action)
+        deepest = max(deepest, depth(episodes))
+    assert deepest <= ALLOWED_DEPTH_M
+
+
+def depth(episodes: Episodes) -> float:
+    """How deep, in metres, robot or tool are in a person, over all worlds."""
+    simulation = episodes.simulation
+    worlds = range(simulation.num_worlds)
+    return max(_depth(simulation.model, simulation.batch.get_data(world)) for world in worlds)
+
+
+def _depth(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    deepest = 0.0
+    for contact in data.contact:
+        pair = {
+            model.body(model.geom_bodyid[geom]).name.split("/")[0] for geom in (contact.geom1, contact.geom2)
+        }
+        if pair == {human.PREFIX[:-1], robots.PREFIX[:-1]}:
+            deepest = max(deepest, -float(contact.dist))
+    return deepest
