@@ -6,9 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.episodes import Episodes
+from avrgym.oracles.drinking import DrinkingOracle
 from avrgym.oracles.feeding import FeedingOracle
 
 Array = NDArray[np.float64]
 
-ORACLES: Mapping[str, Callable[[Episodes], Callable[[Array], Array]]] = {"Feeding": FeedingOracle}
+ORACLES: Mapping[str, Callable[[Episodes], Callable[[Array], Array]]] = {
+    "Feeding": FeedingOracle,
+    "Drinking": DrinkingOracle,
+}
 """By task: made when episodes have begun, then called with the observation (N, O) of every control step."""
