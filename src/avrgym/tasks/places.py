@@ -26,6 +26,8 @@ FURNITURE_EDGE_M: Mapping[Posture, float] = {SEATED: -0.345, RECLINED: -0.47}
 STANDING_M = (-0.85, -0.4, 0.0)
 """Where a mobile robot stands beside the person, facing their right side (reference)."""
 STANDING_RANGE = BaseRange((-0.5, 0.0), (-0.5, 0.5), (-np.radians(30.0), np.radians(30.0)))
+BEDSIDE_RANGE = BaseRange((-0.5, 0.0), (-0.5, 0.3), STANDING_RANGE.yaw_rad)
+"""Farther up the raised backrest is in the arm's way."""
 NIGHTSTAND_RANGE = BaseRange((-0.1, 0.1), (-0.1, 0.1), (0.0, 0.0))
 
 
@@ -55,7 +57,7 @@ def bed_stage(robot: Robot, side: Side, tool: Tool) -> Stage:
     """A person in a hospital bed; the robot stands on a nightstand that goes with it, or beside the bed."""
     arm = robot.arms[side]
     if robot.mobile:
-        return Stage(("hospital_bed",), (), RECLINED, robot, arm, tool, STANDING_M, 0.0, STANDING_RANGE)
+        return Stage(("hospital_bed",), (), RECLINED, robot, arm, tool, STANDING_M, 0.0, BEDSIDE_RANGE)
     return Stage(
         ("hospital_bed", NIGHTSTAND_BODY), (NIGHTSTAND_BODY,), RECLINED, robot, arm, tool,
         NIGHTSTAND_TOP_M, -0.5 * np.pi, NIGHTSTAND_RANGE,
