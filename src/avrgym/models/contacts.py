@@ -21,3 +21,5 @@ ROBOT = ContactBits(_ROBOT, _PERSON)
 TOOL = ContactBits(_TOOL, _PERSON)
 PARTICLE = ContactBits(_PARTICLE, _PERSON | _TOOL | _PARTICLE | _FURNITURE)
 FURNITURE = ContactBits(_FURNITURE, _ROBOT | _TOOL)
+ROOM = ContactBits(0, 0)
+"""Touches nothing: what keeps people out of the place of something else."""

@@ -16,6 +16,8 @@ from avrgym.models.parts import BOX, CAPSULE, CYLINDER, add_collision, add_skin,
 from avrgym.models.shapes import torus, tube
 
 SEAT_HEIGHT_M = 0.485
+JACO_SHOULDER_M = 0.33
+"""Up to here the Jaco's shoulder is above its mount, however the arm moves."""
 JACO_MOUNT_M = (-0.35, -0.30, 0.36)
 
 _BACK_Y, _FRONT_Y = 0.165, -0.245
@@ -122,12 +124,15 @@ def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def add_jaco_bracket(spec: mujoco.MjSpec, appearance: bool) -> None:
-    """The bracket on the wheelchair's right side that carries the Jaco."""
+    """The bracket on the wheelchair's right side that carries the Jaco, and the room of its shoulder above."""
+    x, y, z = JACO_MOUNT_M
+    body = spec.body("wheelchair")
+    half_height = 0.5 * JACO_SHOULDER_M
+    room = [x, y, z + half_height]
+    add_collision(body, "jaco_shoulder_room", BOX, contacts.ROOM, pos=room, size=[0.05, 0.05, half_height])
     if not appearance:
         return
     paint = finish(spec, "bracket")
-    x, y, z = JACO_MOUNT_M
-    body = spec.body("wheelchair")
     add_visual(body, CYLINDER, paint, fromto=[x, y, z - 0.02, x, y, z], size=[0.055, 0, 0])
     arm = [[x, y, z - 0.015], [x + 0.03, y, z - 0.02], [-_FRAME_X, y, z - 0.02]]
     add_skin(spec, body, "jaco_bracket", paint, tube(np.array(arm), 0.016))
