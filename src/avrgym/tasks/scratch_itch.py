@@ -25,6 +25,11 @@ STRONG_FORCE_N = 10.0
 SUCCESS_SCRATCHES = 25
 CHAIR = "wheelchair_without_right_armrest"
 LIMBS = ("right_upper_arm", "right_forearm")
+ALONG = (0.2, 0.85)
+"""Where along a limb it may itch, as shares of its length: its ends lie inside shoulder and elbow."""
+AROUND_RAD = (np.radians(120.0), np.pi)
+"""How far around each limb it may itch, either way from its outer side. The third of the upper arm that faces the
+torso is left out: no hand of our robots fits between the two."""
 HAND_M, MOBILE_HAND_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
 HAND_SPREAD_M = 0.05
 SCRATCHER_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
@@ -80,13 +85,14 @@ def start(stage: Stage, people: People, uniforms: Array) -> Start:
 
 
 def remember(people: People, uniforms: Array) -> ScratchItchMemory:
-    """An itch on the upper arm or the forearm: anywhere along the limb, on any side of it."""
+    """An itch on the upper arm or the forearm with equal chance, uniform along it and around it."""
     limb = (uniforms[:, 3] < 0.5).astype(np.intp)
     layout = human.layout(people.is_woman, people.torso_height_m)
     sizes = np.stack([layout.geom_size[name] for name in LIMBS], axis=1)[np.arange(len(limb)), limb]
     radius, length = sizes[:, 0], 2.0 * sizes[:, 1]
-    around = 2.0 * np.pi * uniforms[:, 5]
-    itch = np.stack([radius * np.cos(around), radius * np.sin(around), -length * uniforms[:, 4]], axis=-1)
+    along = length * (ALONG[0] + (ALONG[1] - ALONG[0]) * uniforms[:, 4])
+    around = np.array(AROUND_RAD)[limb] * (2.0 * uniforms[:, 5] - 1.0)
+    itch = np.stack([-radius * np.cos(around), radius * np.sin(around), -along], axis=-1)
     return ScratchItchMemory(limb, itch, np.zeros_like(itch), np.zeros_like(limb))
 
 
