@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.episodes import Episodes
+from avrgym.oracles.bed_bathing import BedBathingOracle
 from avrgym.oracles.drinking import DrinkingOracle
 from avrgym.oracles.feeding import FeedingOracle
 
@@ -14,5 +15,6 @@ Array = NDArray[np.float64]
 ORACLES: Mapping[str, Callable[[Episodes], Callable[[Array], Array]]] = {
     "Feeding": FeedingOracle,
     "Drinking": DrinkingOracle,
+    "BedBathing": BedBathingOracle,
 }
 """By task: made when episodes have begun, then called with the observation (N, O) of every control step."""

@@ -166,8 +166,12 @@ def judge(state: State, action: Array, memory: BedBathingMemory) -> Outcome:
         "other_force_n": np.maximum(state.robot_force_n - wiping_force, 0.0),
         "strong_wiping_force_n": np.where(wiping_force >= STRONG_FORCE_N, wiping_force, 0.0),
     }
-    success = _count(after.wiped) >= SUCCESS_SHARE * _count(after.exists)
-    return Outcome(after, terms, distance, success, np.zeros((len(distance), 0), dtype=bool))
+    return Outcome(after, terms, distance, is_washed(after), np.zeros((len(distance), 0), dtype=bool))
+
+
+def is_washed(memory: BedBathingMemory) -> Bools:
+    """Whether enough of all markers are wiped (N,)."""
+    return _count(memory.wiped) >= SUCCESS_SHARE * _count(memory.exists)
 
 
 def cloth_distance(state: State) -> Array:

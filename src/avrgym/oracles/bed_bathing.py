@@ -1,0 +1,118 @@
+"""Bed bathing by script: wipe along upper arm and forearm with light pressure, at several angles around them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import transforms
+from avrgym.episodes import Episodes
+from avrgym.oracles.guide import Guide
+from avrgym.simulation import State
+from avrgym.tasks.base import norm
+from avrgym.tasks.bed_bathing import LIMB_GEOMS, is_washed
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.intp]
+
+UPPER_ARM, FOREARM = 0, 1
+TOP_RAD, SIDE_RAD, BELOW_RAD = np.radians([10.0, 62.0, 112.0])
+SWEEPS = (
+    (UPPER_ARM, TOP_RAD, 0.0, 1.0),
+    (FOREARM, TOP_RAD, 0.0, 1.0),
+    (FOREARM, SIDE_RAD, 1.0, 0.0),
+    (UPPER_ARM, SIDE_RAD, 1.0, 0.0),
+    (UPPER_ARM, BELOW_RAD, 0.0, 1.0),
+    (FOREARM, BELOW_RAD, 0.0, 1.0),
+)
+"""Limb, angle around it from its top outwards, from where to where along it, 0 at the shoulder's end."""
+ALWAYS = 4
+"""So many sweeps are made in any case, the others only while too little is wiped."""
+COME, TOUCH, WIPE, LIFT, REST = range(5)
+
+FROM_ENDS_M = 0.065
+"""The cloth's middle keeps away from the limb's ends, so that no end of the cloth meets the next limb."""
+CARRY_M_S, WIPE_M_S, TURN_RAD_S = 0.30, 0.12, 1.2
+LIFT_M, TOUCH_DEPTH_M = 0.03, 0.004
+FORCE_N, STRONG_N, TOUCHED_N = 5.0, 15.0, 1.0
+YIELD_M_N = 0.0003
+DEPTH_M = (-0.015, 0.03)
+ARRIVED_M, ARRIVED_RAD = 0.012, 0.15
+METRES_PER_RADIAN = 0.1
+PROGRESS_M, PATIENCE_STEPS = 0.003, 6
+
+
+class BedBathingOracle:
+    """Sweep after sweep: comes near, touches, wipes, lifts; gives up a sweep when the arm gets no farther.
+
+    It presses by aiming below the skin, deeper while the force is low.
+    """
+
+    def __init__(self, episodes: Episodes) -> None:
+        """Begin with the first sweep."""
+        self._episodes = episodes
+        self._guide = Guide(episodes)
+        count = episodes.simulation.num_worlds
+        self._limb, self._angle, self._first, self._last = (np.array(c) for c in zip(*SWEEPS, strict=True))
+        self._sweep, self._phase, self._waited = np.zeros((3, count), dtype=np.intp)
+        self._depth_m, self._left_m = np.zeros(count), np.full(count, np.inf)
+
+    def __call__(self, observation: Array) -> Array:
+        state, sweep, phase = self._episodes.simulation.state(), self._sweep, self._phase
+        self._press(state)
+        share = np.where(phase <= TOUCH, self._first[sweep], self._last[sweep])
+        above = np.where((phase == COME) | (phase >= LIFT), LIFT_M, -self._depth_m)
+        pos_w, q_w = cloth_pose(state, self._limb[sweep], self._angle[sweep], share, above)
+        speed = np.where(phase == COME, CARRY_M_S, WIPE_M_S)
+        speed = speed * np.clip(2.0 - state.tool_force_n / STRONG_N, 0.2, 1.0)
+        action = self._guide.toward(pos_w, q_w, speed, TURN_RAD_S)
+        self._advance(state, pos_w, q_w)
+        return action
+
+    def _press(self, state: State) -> None:
+        deeper = self._depth_m + YIELD_M_N * (FORCE_N - state.tool_force_n)
+        self._depth_m = np.where(self._phase == WIPE, np.clip(deeper, *DEPTH_M), TOUCH_DEPTH_M)
+
+    def _advance(self, state: State, pos_w: Array, q_w: Array) -> None:
+        """On to the next phase on arrival, or where wiping gets no farther; else to the next sweep."""
+        away, turn = norm(self._guide.pos_w - pos_w), transforms.angle_between(self._guide.q_w, q_w)
+        arrived = (away < ARRIVED_M) & (turn < ARRIVED_RAD)
+        arrived = np.where(self._phase == TOUCH, state.tool_force_n > TOUCHED_N, arrived)
+        stuck = self._is_stuck(away + METRES_PER_RADIAN * turn)
+        self._waited[arrived | stuck], self._left_m[arrived | stuck] = 0, np.inf
+        on = arrived | (stuck & (self._phase == WIPE))
+        over = ((on & (self._phase == LIFT)) | (stuck & ~on)) & (self._phase != REST)
+        planned = np.where(is_washed(self._episodes.memory), ALWAYS, len(SWEEPS))
+        rests = over & (self._sweep + 1 >= planned)
+        self._phase = np.where(over, np.where(rests, REST, COME), np.minimum(self._phase + on, REST))
+        self._sweep = self._sweep + (over & ~rests)
+
+    def _is_stuck(self, left_m: Array) -> NDArray[np.bool_]:
+        """Who has made no progress for too long."""
+        nearer = left_m < self._left_m - PROGRESS_M
+        self._left_m = np.where(nearer, left_m, self._left_m)
+        self._waited = np.where(nearer, 0, self._waited + 1)
+        return self._waited > PATIENCE_STEPS
+
+
+def cloth_pose(
+    state: State, limb: Ids, angle_rad: Array, share: Array, above_m: Array
+) -> tuple[Array, Array]:
+    """Where the cloth's face is (N, 3) and how it is turned (N, 4), facing a limb; world frame.
+
+    Args:
+        state: of N worlds.
+        limb: 0 for the upper arm, 1 for the forearm, (N,).
+        angle_rad: around the limb, from its top outwards, (N,).
+        share: from 0 at the limb's upper end to 1, (N,).
+        above_m: how far the face is from the skin, (N,).
+    """
+    world, geom = np.arange(len(limb)), np.array(LIMB_GEOMS)[limb]
+    end, start = state.person_segment_w[world, geom].swapaxes(0, 1)
+    length = norm(end - start)[:, None]
+    along = (end - start) / length
+    top = transforms.normalize([0.0, 0.0, 1.0] - along * along[:, 2:])
+    outwards = transforms.cross(along, top)
+    normal = np.cos(angle_rad)[:, None] * top + np.sin(angle_rad)[:, None] * outwards
+    middle = start + (FROM_ENDS_M + share[:, None] * (length - 2.0 * FROM_ENDS_M)) * along
+    pos_w = middle + (state.person_radius_m[world, geom] + above_m)[:, None] * normal
+    axes = [-normal, -along, transforms.cross(normal, along)]
+    return pos_w, transforms.from_matrix(np.stack(axes, axis=-1))
