@@ -77,11 +77,11 @@ def remember(people: People, uniforms: Array) -> FeedingMemory:
 
 
 OBSERVED = (
-    position("tool_from_base_m"),
+    position("tool_from_torso_m"),
     quaternion("tool_rotation"),
     position("tool_from_mouth_m"),
     angles("arm_angles_rad", 7),
-    position("head_from_base_m"),
+    position("head_from_torso_m"),
     quaternion("head_rotation"),
     force("tool_force_n"),
 )
