@@ -17,7 +17,7 @@ def _grid(x: list[float], y: list[float], z: float) -> NDArray[np.float64]:
 
 FOOD = Particles(
     name="food",
-    start=_grid([-0.0162, -0.0054, 0.0054, 0.0162], [-0.0054, 0.0054], -0.0028),
+    start=_grid([-0.0153, -0.0051, 0.0051, 0.0153], [-0.0051, 0.0051], -0.0028),
     radius_m=0.005,
     mass_kg=0.001,
     rgb=(0.86, 0.45, 0.16),
@@ -25,9 +25,9 @@ FOOD = Particles(
 """Eight spheres, radius 5 mm, 1 g (paper, section IV; reference)."""
 
 SPOON_LENGTH_M = 0.17
-_BOWL = (0.0275, 0.0205)  # half length, half width of the bowl at its rim
-_FLOOR = (0.0222, 0.0125)  # the same of its level floor
-_LEAN = (0.003, 0.0091)  # how far its walls lean outwards, before and behind, and beside
+_BOWL = (0.0260, 0.0195)  # half length, half width of the bowl at its rim
+_FLOOR = (0.0206, 0.0108)  # the same of its level floor
+_LEAN = (0.003, 0.006)  # how far its walls lean outwards, before and behind, and beside
 _WALL = 0.003
 _FLOOR_Z, _RIM_Z = -0.008, 0.005
 
@@ -82,7 +82,7 @@ SPOON = Tool("spoon", _build_spoon, grip_pos=(0.02 + _BOWL[0] - SPOON_LENGTH_M, 
 
 OUTLINE = np.concatenate(
     [
-        _grid([-0.0282, -0.0141, 0.0, 0.0141, 0.0282], [-0.0241, 0.0, 0.0241], _RIM_Z),
+        _grid([-0.0265, -0.0133, 0.0, 0.0133, 0.0265], [-0.0195, 0.0, 0.0195], _RIM_Z),
         _grid([-_FLOOR[0], _FLOOR[0]], [-_FLOOR[1], _FLOOR[1]], _FLOOR_Z - _WALL),
     ]
 )

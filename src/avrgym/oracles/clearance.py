@@ -18,16 +18,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ArmShape:
-    """The capsules of arm and hand without the tool.
+    """The capsules of arm, hand and tool.
 
     ``links`` lead from the robot's base to each moving body, in the order of the joints; ``link`` (C,) says which
-    of them carries a capsule, ``ends`` (C, 2, 3) where its axis ends there, ``radius_m`` (C,).
+    of them carries a capsule, ``ends`` (C, 2, 3) where its axis ends there, ``radius_m`` (C,). ``is_tool`` (C,).
     """
 
     links: tuple[kinematics.Chain, ...]
     link: NDArray[np.intp]
     ends: Array
     radius_m: Array
+    is_tool: NDArray[np.bool_]
 
 
 @cache
@@ -37,7 +38,8 @@ def arm_shape(stage: Stage) -> ArmShape:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     bodies = [int(model.joint(name).bodyid[0]) for name in stage.arm.joints]
-    link, ends, radius = [], [], []
+    tool = model.body(TOOL_BODY).id
+    link, ends, radius, is_tool = [], [], [], []
     for geom in np.nonzero(model.geom_group == contacts.COLLISION_GROUP)[0]:
         carrier = _carrier(model, int(model.geom_bodyid[geom]), bodies)
         if carrier is None:
@@ -49,9 +51,10 @@ def arm_shape(stage: Stage) -> ArmShape:
         link.append(carrier)
         ends.append((ends_w - data.xpos[body]) @ data.xmat[body].reshape(3, 3))
         radius.append(r)
+        is_tool.append(model.geom_bodyid[geom] == tool)
     chain = places.arm_chain(stage)
     links = tuple(_part(chain, count) for count in range(1, len(bodies) + 1))
-    return ArmShape(links, np.array(link), np.array(ends), np.array(radius))
+    return ArmShape(links, np.array(link), np.array(ends), np.array(radius), np.array(is_tool))
 
 
 @dataclass(frozen=True)
@@ -87,18 +90,20 @@ class Clearance:
         self._shape, self._boxes = arm_shape(simulation.stage), furniture_boxes(simulation)
         self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in simulation.robot_base())
 
-    def least_m(self, angles_rad: Array, state: State) -> Array:
-        """The smallest distance (N, M) of arm and hand from person or furniture at angles (N, M, 7), metres.
+    def least_m(self, angles_rad: Array, state: State, *, tool: bool) -> Array:
+        """The smallest distance (N, M) of the arm from person or furniture at angles (N, M, 7), metres.
 
-        Below 0 inside the person; 0 where the axis of a part of the arm is inside furniture, less its radius.
+        Below 0 where they intersect. ``tool`` counts the tool to the arm; the hand always belongs to it.
         """
-        start, end = np.moveaxis(self._ends_w(angles_rad)[:, :, :, None], -2, 0)
+        counts = np.nonzero(tool | ~self._shape.is_tool)[0]
+        start, end = np.moveaxis(self._ends_w(angles_rad)[:, :, counts, None], -2, 0)
         person = state.person_segment_w[:, None, None]
         to_person = capsules.segment_distance(start, end, person[..., 0, :], person[..., 1, :])
         to_person = (to_person - state.person_radius_m[:, None, None]).min(axis=-1)
         boxes = self._boxes
         closest = capsules.segment_box_closest(boxes.pos_w, boxes.q_w, boxes.half_m, start, end)
-        return (np.minimum(to_person, closest.distance_m.min(axis=-1)) - self._shape.radius_m).min(axis=-1)
+        to_axis = np.minimum(to_person, closest.distance_m.min(axis=-1))
+        return (to_axis - self._shape.radius_m[counts]).min(axis=-1)
 
     def _ends_w(self, angles_rad: Array) -> Array:
         """The ends (N, M, C, 2, 3) of the arm's capsules."""
@@ -114,9 +119,9 @@ class Clearance:
 
 
 def _carrier(model: mujoco.MjModel, body: int, bodies: list[int]) -> int | None:
-    """Which moving body carries this one; none carries the tool's geoms or what stands still."""
+    """Which moving body carries this one, if any."""
     while body not in bodies:
-        if body == 0 or model.body(body).name == TOOL_BODY:
+        if body == 0:
             return None
         body = int(model.body_parentid[body])
     return bodies.index(body)

@@ -1,4 +1,4 @@
-"""Feeding by script: carry the spoon level to the lips, then into the mouth piece by piece."""
+"""Feeding by script: carry the spoon before the mouth, bring it in as far as the face allows."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,106 +10,96 @@ from avrgym.models.spoon import FOOD, OUTLINE
 from avrgym.oracles.guide import Guide
 from avrgym.simulation import State
 from avrgym.tasks.base import norm
-from avrgym.tasks.feeding import MOUTH_RADIUS_M
+from avrgym.tasks.feeding import MOUTH_RADIUS_M, SUCCESS_SHARE
 
 Array = NDArray[np.float64]
 
-WAYS_DEG = ((0.0, 0.0), (-80.0, -15.0), (-90.0, -15.0), (-100.0, -15.0))
-"""How the spoon may come to the face: tip first, or with its long side, tipped towards the lips; turns about
-the vertical and about the spoon's own axis, from where its tip points as the person looks."""
-SECONDS_PER_PIECE = 2.0
-"""What a piece out of reach is worth in time."""
+PITCHES_DEG = (0.0, 15.0, -15.0)
+RISES_M = (0.0, 0.006, -0.006)
+"""How the spoon may come: its tip raised, and it above the mouth. Its heading is that of the face."""
+SECONDS_PER_PIECE = 3.0
+"""What a piece that stays out of the mouth is worth in time."""
 
-CARRY_M_S, ENTER_M_S, TURN_RAD_S = 0.35, 0.08, 0.8
-TILT_RAD = np.radians(50.0)
-AWAY_M, CLEARANCE_M = 0.06, 0.002
-ARRIVED_RAD = 0.03
-HEAD_GEOMS = [list(GEOMS).index(name) for name in ("jaw", "cranium")]
+CARRY_M_S, ENTER_M_S, TURN_RAD_S, TILT_RAD = 0.35, 0.08, 0.8, np.radians(20.0)
+AWAY_M, ARRIVED_RAD = 0.06, 0.03
+CLEARANCE_M, NEARER_M, GENTLE_N = 0.002, 0.0005, 2.0
+"""The spoon stays clear of the face; where too little food is in the mouth it comes nearer, step by step, until
+it touches the face gently."""
+ON_SPOON_M = 0.05
+HEAD = [list(GEOMS).index(name) for name in ("jaw", "cranium")]
+UP = np.array([0.0, 0.0, 1.0])
 
 
 class FeedingOracle:
-    """Chooses for each person how the spoon comes; then brings what is left on it to the mouth.
-
-    Tip first a spoon reaches 3.5 cm beyond its middle, with its long side 2.4 cm: the second way also feeds those
-    whose open mouth is less deep.
-    """
+    """Chooses a way for each person, then follows it: first before the mouth, then straight in."""
 
     def __init__(self, episodes: Episodes) -> None:
         """Plan for the people who are there now."""
-        self._episodes = episodes
+        self._simulation = episodes.simulation
         self._guide = Guide(episodes)
-        self._arrived = np.zeros(episodes.simulation.num_worlds, dtype=bool)
-        self._plan(episodes.simulation.state())
+        self._clearance_m = np.full(self._simulation.num_worlds, CLEARANCE_M)
+        self._arrived = np.zeros(self._simulation.num_worlds, dtype=bool)
+        self._plan(self._simulation.state())
 
     def __call__(self, observation: Array) -> Array:
-        state = self._episodes.simulation.state()
-        guide = self._guide
-        swing = guide.swing(self._before_rad, CARRY_M_S, TILT_RAD)
+        """Actions (N, 7)."""
+        state, guide = self._simulation.state(), self._guide
         self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
-        target = self._at_mouth(state, self._q_w, self._food(state))
+        swing = guide.swing(self._before_rad, CARRY_M_S, TILT_RAD)
+        target = _at_mouth(state, self._q_w, self._rise_m, self._clearance_m)
+        there = self._arrived & (norm(target - guide.pos_w) < 2.0 * NEARER_M)
+        self._clearance_m -= np.where(there & _is_hungry(state), NEARER_M, 0.0)
         into = guide.straight(target, self._q_w, ENTER_M_S, TURN_RAD_S)
         return guide.ask(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> None:
-        ways = _ways(state)
-        spread = State(**{name: _spread(value, ways.shape[1]) for name, value in vars(state).items()})
-        flat = ways.reshape(-1, 4)
-        pos_w = self._at_mouth(spread, flat, FOOD.start.mean(axis=0))
-        food_w = pos_w[:, None] + transforms.rotate(flat[:, None], FOOD.start)
-        missed = (norm(food_w - spread.mouth_pos_w[:, None]) > MOUTH_RADIUS_M).sum(axis=-1)
-        angles, seconds = self._guide.find(pos_w.reshape(*ways.shape[:2], 3), ways)
-        best = (seconds + SECONDS_PER_PIECE * missed.reshape(seconds.shape)).argmin(axis=-1)
+        """Of all ways that the arm can reach, take the quickest that brings much food into the mouth."""
+        ways = [(_spoon_q_w(state, pitch), rise) for pitch in PITCHES_DEG for rise in RISES_M]
+        q_w = np.stack([q for q, _ in ways], axis=1)
+        rise_m = np.array([rise for _, rise in ways])
+        pos_w = np.stack([_at_mouth(state, q, rise, self._clearance_m) for q, rise in ways], axis=1)
+        food_w = pos_w[:, :, None] + transforms.rotate(q_w[:, :, None], FOOD.start)
+        missed = norm(food_w - state.mouth_pos_w[:, None, None]) > MOUTH_RADIUS_M
+        before_rad, seconds = self._guide.find(pos_w - AWAY_M * _heading(state)[:, None], q_w)
+        best = (seconds + SECONDS_PER_PIECE * missed.sum(axis=-1)).argmin(axis=-1)
         world = np.arange(len(best))
-        self.best, self.sec, self.missed = (
-            best,
-            seconds[world, best],
-            missed.reshape(seconds.shape)[world, best],
-        )
-        self._q_w = ways[world, best]
-        self._guide.posture_rad = angles[world, best]
-        before = pos_w.reshape(*ways.shape[:2], 3)[world, best] + AWAY_M * _face(state)
-        self._before_rad = self._guide.angles_at(before, self._q_w, self._guide.posture_rad)
-
-    def _food(self, state: State) -> Array:
-        """The middle (N, 3) of the food that is still on the spoon, in the spoon's frame."""
-        off = state.particle_pos_w - state.tool_pos_w[:, None]
-        on = (norm(off) < 0.05)[..., None]
-        middle = (off * on).sum(axis=1) / np.maximum(on.sum(axis=1), 1)
-        return transforms.rotate(transforms.conjugate(state.tool_q_w), middle)
-
-    def _at_mouth(self, state: State, q_w: Array, food: Array) -> Array:
-        """Where the spoon (N, 3) has the food in the mouth, or as near as the head lets it."""
-        pos_w = state.mouth_pos_w - transforms.rotate(q_w, food)
-        outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], OUTLINE)
-        out = _face(state)
-        return pos_w + _way_out(outline_w, out, state)[:, None] * out
+        self._q_w, self._rise_m = q_w[world, best], rise_m[best]
+        self._before_rad = before_rad[world, best]
+        self._guide.posture_rad = self._before_rad
 
 
-def _spread(value: Array, count: int) -> Array:
-    return np.repeat(value, count, axis=0) if isinstance(value, np.ndarray) else value
+def _heading(state: State) -> Array:
+    """The level direction (N, 3) into the face."""
+    into = transforms.rotate(state.head_q_w, [0.0, 1.0, 0.0])
+    return transforms.normalize(into * [1.0, 1.0, 0.0])
 
 
-def _face(state: State) -> Array:
-    """Where the person looks, (N, 3)."""
-    return transforms.rotate(state.head_q_w, [0.0, -1.0, 0.0])
+def _spoon_q_w(state: State, pitch_deg: float) -> Array:
+    heading = _heading(state)
+    yaw = transforms.from_axis_angle(UP, np.arctan2(heading[:, 1], heading[:, 0]))
+    return transforms.multiply(yaw, transforms.from_axis_angle([0.0, -1.0, 0.0], np.radians(pitch_deg)))
 
 
-def _ways(state: State) -> Array:
-    face = _face(state)
-    yaw = np.arctan2(-face[:, 1], -face[:, 0])
-    about, tip = np.radians(WAYS_DEG).T
-    return transforms.multiply(
-        transforms.from_axis_angle([0.0, 0.0, 1.0], yaw[:, None] + about),
-        transforms.from_axis_angle([1.0, 0.0, 0.0], tip),
-    )
+def _at_mouth(state: State, q_w: Array, rise_m: Array | float, clearance_m: Array) -> Array:
+    """Where (N, 3) the spoon is in the middle of the mouth, or as far in as it stays clear of the face."""
+    pos_w = state.mouth_pos_w + np.multiply.outer(rise_m, UP)
+    outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], OUTLINE)
+    back = -_heading(state)
+    return pos_w + _way_out(outline_w, back, state, clearance_m)[:, None] * back
 
 
-def _way_out(points_w: Array, out: Array, state: State) -> Array:
-    """How far (N,) points (N, P, 3) must move along ``out`` to be clear of the head's spheres."""
-    centre = state.person_segment_w[:, HEAD_GEOMS, 0][:, :, None]
-    radius = state.person_radius_m[:, HEAD_GEOMS][:, :, None] + CLEARANCE_M
-    offset = points_w[:, None] - centre
+def _way_out(points_w: Array, out: Array, state: State, clearance_m: Array) -> Array:
+    """How far (N,) points (N, P, 3) must move along ``out`` to be clear of the head."""
+    radius = state.person_radius_m[:, HEAD] + clearance_m[:, None]
+    offset = points_w[:, None] - state.person_segment_w[:, HEAD, :1]
     along = (offset * out[:, None, None]).sum(axis=-1)
-    inside = along**2 - (offset * offset).sum(axis=-1) + radius**2
-    way = np.where(inside > 0.0, np.sqrt(np.maximum(inside, 0.0)) - along, 0.0)
+    reach = along**2 - (offset * offset).sum(axis=-1) + radius[..., None] ** 2
+    way = np.where(reach > 0.0, np.sqrt(np.maximum(reach, 0.0)) - along, 0.0)
     return np.maximum(way.max(axis=(1, 2)), 0.0)
+
+
+def _is_hungry(state: State) -> NDArray[np.bool_]:
+    """Whether the spoon may go on: too much food lies on it for a success, and the face feels little (N,)."""
+    on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < ON_SPOON_M
+    too_much = on_spoon.sum(axis=-1) > (1.0 - SUCCESS_SHARE) * len(FOOD.start)
+    return too_much & (state.robot_force_n < GENTLE_N)

@@ -18,7 +18,7 @@ POSTURE_SHARE = 0.1
 
 STARTS = np.concatenate([np.zeros((1, 7)), np.random.default_rng(0).uniform(-1.5, 1.5, (9, 7))])
 """Where the search for angles begins, radians from where the arm is."""
-PARTS_OF_THE_WAY = (0.25, 0.5, 0.75, 1.0)
+PARTS_OF_THE_WAY = (0.2, 0.4, 0.6, 0.8, 1.0)
 BLOCKED_S, MARGIN_M = 20.0, 0.03
 """What it costs when the arm would touch something, and how far from it that begins."""
 ACCURACY_M, ACCURACY_RAD = 0.003, 0.03
@@ -92,8 +92,9 @@ class Guide:
         """Angles (N, K, 7) for K tool poses per world, (N, K, 3) and (N, K, 4): near, and clear of all else.
 
         Returns:
-            The angles, and what they cost, (N, K): how many seconds a swing there takes at least, and up to
-            ``BLOCKED_S`` more where the arm comes close to person or furniture; infinite where no angles were found.
+            The angles, and what they cost, (N, K): how many seconds a swing there takes at least, and
+            ``BLOCKED_S`` or more where arm or tool would touch person or furniture on the way, the arm also at its
+            end; infinite where no angles were found.
         """
         worlds, poses = q_w.shape[:2]
         to_base_pos, to_base_q = (part[:, None] for part in self._to_base)
@@ -116,9 +117,9 @@ class Guide:
         gap = np.full(way.shape[:2], np.inf)
         for share in PARTS_OF_THE_WAY:
             there = self.angles_rad[:, None] + share * way
-            gap = np.minimum(gap, self._clearance.least_m(there, state))
+            gap = np.minimum(gap, self._clearance.least_m(there, state, tool=share < 1.0))
         seconds = CONTROL_STEP_S * np.abs(way / self._reach_rad).max(axis=-1)
-        return seconds + BLOCKED_S * (1.0 - np.clip(gap / MARGIN_M, 0.0, 1.0))
+        return seconds + BLOCKED_S * np.maximum(0.0, 1.0 - gap / MARGIN_M)
 
     def angles_at(self, pos_w: Array, q_w: Array, near_rad: Array) -> Array:
         """Angles (N, 7) for a tool pose not far from that of other angles."""
