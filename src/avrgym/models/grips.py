@@ -99,6 +99,16 @@ GRIPS: Mapping[tuple[str, str], Grip] = {
             "r_finger_tip_link": 0.075,
         },
     ),
+    ("PR2", "scratcher"): Grip(
+        pos=np.array([-0.020, 0.0, 0.0]),
+        q=transforms.IDENTITY_QUATERNION,
+        finger_angles_rad={
+            "l_finger_link": 0.066,
+            "l_finger_tip_link": -0.066,
+            "r_finger_link": -0.066,
+            "r_finger_tip_link": 0.066,
+        },
+    ),
 }
 """By the names of robot and tool. Fingertips touch what they hold, within 3 mm."""
 

@@ -10,7 +10,7 @@ from avrgym.models.tools import Tool
 
 PAST_FINGERS_M = 0.05
 """How far the tip lies past the fingertips (reference)."""
-RADIUS_M, LENGTH_M = 0.005, 0.13
+RADIUS_M, LENGTH_M = 0.005, 0.12
 _PINCH_M = 0.039  # from the end of the fingertips back to the point between the fingers that holds the rod
 
 
