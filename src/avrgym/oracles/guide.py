@@ -76,9 +76,9 @@ class Guide:
         """
         self._see()
         step = self._within_limits(target_rad - self.angles_rad)
-        pos, _ = self._pose(self.angles_rad + step)
+        pos, _ = self.pose(self.angles_rad + step)
         step *= _share(pos - self.pos_w, CONTROL_STEP_S * speed_m_s)
-        pos_w, q_w = self._pose(self.angles_rad + step)
+        pos_w, q_w = self.pose(self.angles_rad + step)
         return self.angles_at(pos_w, _upright(q_w, tilt_rad), self.angles_rad + step)
 
     def ask(self, angles_rad: Array) -> Array:
@@ -126,6 +126,10 @@ class Guide:
         pos, q = transforms.compose(*self._to_base, pos_w, q_w)
         return kinematics.solve(self._chain, pos, q, near_rad, iterations=ITERATIONS).angles_rad
 
+    def pose(self, angles_rad: Array) -> tuple[Array, Array]:
+        """The tool's positions (N, 3) and rotations (N, 4) at angles (N, 7), world frame."""
+        return transforms.compose(*self._base_w, *kinematics.forward(self._chain, angles_rad))
+
     def _unwound(self, angles_rad: Array) -> Array:
         """The same angles (N, M, 7) plus whole turns, as near to where the arm is as their ranges allow."""
         turns = np.round((self.angles_rad[:, None] - angles_rad) / (2.0 * np.pi))
@@ -140,10 +144,7 @@ class Guide:
 
     def _put(self, angles_rad: Array) -> None:
         self.angles_rad = angles_rad
-        self.pos_w, self.q_w = self._pose(angles_rad)
-
-    def _pose(self, angles_rad: Array) -> tuple[Array, Array]:
-        return transforms.compose(*self._base_w, *kinematics.forward(self._chain, angles_rad))
+        self.pos_w, self.q_w = self.pose(angles_rad)
 
     def _within_limits(self, step_rad: Array) -> Array:
         return step_rad / np.maximum(1.0, np.abs(step_rad / self._reach_rad).max(axis=-1, keepdims=True))

@@ -1,0 +1,28 @@
+"""Coming to a head without touching it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import transforms
+from avrgym.models.human import GEOMS
+from avrgym.simulation import State
+
+Array = NDArray[np.float64]
+
+HEAD = [list(GEOMS).index(name) for name in ("jaw", "cranium")]
+
+
+def heading(state: State) -> Array:
+    """The level direction (N, 3) into the face."""
+    into = transforms.rotate(state.head_q_w, [0.0, 1.0, 0.0])
+    return transforms.normalize(into * [1.0, 1.0, 0.0])
+
+
+def way_out(points_w: Array, out: Array, state: State, clearance_m: Array | float) -> Array:
+    """How far (N,) points (N, P, 3) must move along ``out`` (N, 3) to be clear of the head by (N,) metres."""
+    radius = state.person_radius_m[:, HEAD] + np.asarray(clearance_m)[..., None]
+    offset = points_w[:, None] - state.person_segment_w[:, HEAD, :1]
+    along = (offset * out[:, None, None]).sum(axis=-1)
+    reach = along**2 - (offset * offset).sum(axis=-1) + radius[..., None] ** 2
+    way = np.where(reach > 0.0, np.sqrt(np.maximum(reach, 0.0)) - along, 0.0)
+    return np.maximum(way.max(axis=(1, 2)), 0.0)
