@@ -79,6 +79,16 @@ GRIPS: Mapping[tuple[str, str], Grip] = {
             "finger_tip_3": 0.30,
         },
     ),
+    ("PR2", "spoon"): Grip(
+        pos=np.array([0.0, 0.0, -0.0065]),
+        q=transforms.IDENTITY_QUATERNION,
+        finger_angles_rad={
+            "l_finger_link": 0.051,
+            "l_finger_tip_link": -0.051,
+            "r_finger_link": -0.051,
+            "r_finger_tip_link": 0.051,
+        },
+    ),
     ("PR2", "cup"): Grip(
         pos=np.zeros(3),
         q=transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
