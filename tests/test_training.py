@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from avrgym import training
 from avrgym.envs import AssistiveVectorEnv
 from avrgym.policies import Policy
-from avrgym.training import SB3VectorEnv, TrainingConfiguration, export_policy, train
+from avrgym.training import Progress, SB3VectorEnv, TrainingConfiguration, export_policy, resume, train
 
 FEEDING = "avrgym/FeedingJaco-v1"
 TINY = TrainingConfiguration(FEEDING, people="revised", steps=3200, seed=4, worlds=8, epochs=2, threads=1)
@@ -99,6 +100,50 @@ def test_a_used_folder_is_refused_and_left_alone(trained):
     with pytest.raises(FileExistsError, match="already holds a training; choose another folder"):
         train(TINY, out)
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+class Killed(Exception):
+    """Something ended the training."""
+
+
+def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
+    long = replace(TINY, steps=3 * 8 * 200)
+    heard: list[Progress] = []
+
+    def kill_after_two_updates(progress: Progress) -> None:
+        heard.append(progress)
+        if len(heard) == 2:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train(long, tmp_path / "cut", kill_after_two_updates)
+    resume(tmp_path / "cut", heard.append)
+    whole: list[Progress] = []
+    train(long, tmp_path / "whole", whole.append)
+    assert [progress.steps for progress in heard] == [1600, 3200, 3200, 4800]
+    assert whole == [heard[0], *heard[2:]]
+    first, second = (
+        torch.load(tmp_path / name / "checkpoint.pt", weights_only=True) for name in ("cut", "whole")
+    )
+    for part in ("policy", "observations", "returns"):
+        for name, value in first[part].items():
+            assert_array_equal(np.asarray(value), np.asarray(second[part][name]), err_msg=name)
+    assert first["episodes"] == second["episodes"]
+
+
+def test_only_a_training_that_was_cut_off_can_be_resumed(trained, tmp_path):
+    _, out = trained
+    with pytest.raises(ValueError, match="is complete, after 3200 steps"):
+        resume(out)
+    with pytest.raises(ValueError, match="holds no training to resume"):
+        resume(tmp_path)
+    (tmp_path / "configuration.json").write_bytes((out / "configuration.json").read_bytes())
+    with pytest.raises(ValueError, match="holds no checkpoint"):
+        resume(tmp_path)
+    (tmp_path / "checkpoint.pt").write_bytes((out / "checkpoint.pt").read_bytes()[:1000])
+    with pytest.raises(ValueError, match=r"checkpoint\.pt: not a checkpoint of this training"):
+        resume(tmp_path)
 
 
 def test_an_unknown_environment_leaves_nothing_behind(tmp_path):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.box import SIMPLE
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 from rich.table import Column, Table
 
 from avrgym.files import write_whole
@@ -196,21 +196,40 @@ def train(
         str, typer.Option(help=f"Whom to train with: {', '.join(DISTRIBUTIONS)}.")
     ] = "original",
     steps: Annotated[int, typer.Option(help="Environment steps.", min=1)] = 1_000_000,
-    out: Annotated[Path | None, typer.Option(help="A new folder for policy and log.")] = None,
+    out: Annotated[Path | None, typer.Option(help="A folder for policy, checkpoint and log.")] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the training in the folder, as it was configured.")
+    ] = False,
     seed: Seed = 0,
 ) -> None:
     """Train a policy with PPO. Needs the extra `train`."""
     with _plain_errors():
         find_environment(env)
         try:
-            from avrgym.training import TrainingConfiguration
-            from avrgym.training import train as run_training
+            from avrgym import training
         except ModuleNotFoundError as error:
             raise RuntimeError(
                 f"{error.name} is missing; `pip install avrgym[train]` brings what training needs"
             ) from error
         folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{people}-{seed}"
-        run_training(TrainingConfiguration(env, people, steps, seed), folder)
+        if resume:
+            stored = training.stored_configuration(folder)
+            if stored.environment != env:
+                raise ValueError(f"{folder} holds a training of {stored.environment}, not of {env}")
+            steps = stored.steps
+        with Progress(
+            "{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=console
+        ) as progress:
+            bar = progress.add_task(env, total=steps)
+
+            def tell(now: "training.Progress") -> None:
+                words = f"{env}  reward {now.reward_mean:.1f}  success {now.success_rate:.1%}"
+                progress.update(bar, completed=now.steps, description=words)
+
+            if resume:
+                training.resume(folder, tell)
+            else:
+                training.train(training.TrainingConfiguration(env, people, steps, seed), folder, tell)
     _say(f"policy    {folder / 'policy.safetensors'}")
 
 

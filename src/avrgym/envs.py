@@ -134,6 +134,8 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
         self._steps = np.zeros(num_envs, dtype=int)
         self._cameras: dict[int, Camera] = {}
         self._generators = _generators(None, num_envs)
+        self.drawn_from = [_state(generator) for generator in self._generators]
+        """States of the random streams that the present episodes were drawn from, one a world."""
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -167,9 +169,17 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
 
     def _begin(self, ids: NDArray[np.intp]) -> Array:
         self._steps[ids] = 0
+        for world in ids:
+            self.drawn_from[world] = _state(self._generators[world])
         for world in self._cameras.keys() & set(ids.tolist()):
             self._cameras.pop(world).close()
         return self.episodes.begin(ids, [self._generators[i] for i in ids])
+
+    def begin_again_from(self, drawn_from: list[dict[str, Any]]) -> Array:
+        """Begin the episodes in all worlds that were drawn from these states; give their observations."""
+        for generator, state in zip(self._generators, drawn_from, strict=True):
+            generator.bit_generator.state = state
+        return self._begin(np.arange(self.num_envs))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture (480, 640, 3) of each world with the render mode ``rgb_array``, else nothing.
@@ -212,6 +222,10 @@ def _generators(seed: int | list[int | None] | None, count: int) -> list[np.rand
         else seed
     )
     return [seeding.np_random(s)[0] for s in seeds]
+
+
+def _state(generator: np.random.Generator) -> dict[str, Any]:
+    return dict(generator.bit_generator.state)
 
 
 def _check_render_mode(render_mode: str | None) -> None:

@@ -4,6 +4,7 @@ Needs the extra ``train``. What it leaves is a policy file that needs neither of
 """
 
 import subprocess
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from avrgym import checkpoint
 from avrgym.envs import ACTIONS, AssistiveVectorEnv
+from avrgym.episodes import EPISODE_STEPS
 from avrgym.evaluation import evaluate
 from avrgym.files import write_whole
 from avrgym.policies import Policy, PolicyMetadata
@@ -24,7 +27,7 @@ from avrgym.policies import Policy, PolicyMetadata
 Array = NDArray[Any]
 
 
-POLICY_FILE = "policy.safetensors"
+POLICY_FILE, CONFIGURATION_FILE, CHECKPOINT_FILE = "policy.safetensors", "configuration.json", "checkpoint.pt"
 MEASURED_EPISODES = 100
 
 
@@ -37,7 +40,6 @@ class TrainingConfiguration:
     steps: int = 2_000_000
     seed: int = 0
     worlds: int = 64
-    steps_per_update: int = 200
     minibatch: int = 1600
     epochs: int = 10
     learning_rate: float = 3e-4
@@ -97,15 +99,50 @@ class SB3VectorEnv(VecEnv):
         return [False] * len(list(self._get_indices(indices)))
 
 
-class _Progress(BaseCallback):
-    """Gathers finished episodes, logs each update, and keeps the policy that did best lately."""
+@dataclass(frozen=True)
+class Progress:
+    """How a training stands: environment steps so far, and mean reward and success of the latest episodes."""
 
-    def __init__(self, configuration: TrainingConfiguration, out: Path) -> None:
+    steps: int
+    reward_mean: float
+    success_rate: float
+
+
+Tell = Callable[[Progress], None]
+
+
+class _Watch(BaseCallback):
+    """Gathers finished episodes, logs each update, keeps the policy that did best lately, and saves checkpoints.
+
+    An update's episodes are whole, so that each checkpoint lies between episodes.
+    """
+
+    def __init__(
+        self, configuration: TrainingConfiguration, out: Path, native: AssistiveVectorEnv, tell: Tell
+    ) -> None:
         super().__init__()
-        self._configuration, self._out = configuration, out
+        self._configuration, self._out, self._native, self._tell = configuration, out, native, tell
         self._returns = np.zeros(configuration.worlds)
         self._finished: list[tuple[float, bool]] = []
-        self._best_reward = -np.inf
+        self._best_reward: float | None = None
+
+    def resume(self, notes: dict[str, Any]) -> None:
+        """Go on from the notes of a checkpoint."""
+        self._finished = [(reward, success) for reward, success in notes["finished"]]
+        self._best_reward = notes["best_reward"]
+
+    def _on_rollout_start(self) -> None:
+        self.save_checkpoint()
+
+    def save_checkpoint(self) -> None:
+        """Save where the training is, between two updates."""
+        assert isinstance(self.model, PPO)
+        notes = {"finished": self._recent, "best_reward": self._best_reward}
+        checkpoint.save(self._out / CHECKPOINT_FILE, self.model, self._native, notes)
+
+    @property
+    def _recent(self) -> list[tuple[float, bool]]:
+        return self._finished[-2 * self._configuration.worlds :]
 
     def _on_step(self) -> bool:
         normalised = self.training_env
@@ -117,45 +154,87 @@ class _Progress(BaseCallback):
         return True
 
     def _on_rollout_end(self) -> None:
-        recent = self._finished[-2 * self._configuration.worlds :]
-        if not recent:
-            return
-        reward, success = (float(np.mean(column)) for column in zip(*recent, strict=True))
+        reward, success = (float(np.mean(column)) for column in zip(*self._recent, strict=True))
         self.logger.record("rollout/reward_mean", reward)
         self.logger.record("rollout/success_rate", success)
-        print(f"{self.num_timesteps:>10} steps  reward {reward:8.1f}  success {success:6.1%}", flush=True)
-        if reward > self._best_reward:
+        self._tell(Progress(self.num_timesteps, reward, success))
+        if self._best_reward is None or reward > self._best_reward:
             self._best_reward = reward
             assert isinstance(self.model, PPO)
             export_policy(self.model, self._configuration).save(self._out / POLICY_FILE, overwrite=True)
 
 
-def train(configuration: TrainingConfiguration, out: Path) -> Policy:
+def train(configuration: TrainingConfiguration, out: Path, tell: Tell = lambda progress: None) -> Policy:
     """Train, and leave ``policy.safetensors``, ``configuration.json`` and TensorBoard's log in ``out``.
 
     The policy is the one with the best episodes. It carries what it reaches on people that
-    training never saw.
+    training never saw. A training that is cut off leaves its latest checkpoint, from which ``resume`` goes on.
+
+    Args:
+        configuration: what to train, on whom, for how long.
+        out: a folder that holds no training yet.
+        tell: told of the progress after every update.
 
     Raises:
         ValueError: for an unknown environment or people.
         FileExistsError: when ``out`` already holds a training.
     """
-    if (out / "configuration.json").exists():
-        raise FileExistsError(f"{out} already holds a training; choose another folder")
-    env = SB3VectorEnv(
-        AssistiveVectorEnv(
-            configuration.environment,
-            configuration.worlds,
-            people=configuration.people,
-            num_threads=configuration.threads,
-        )
-    )
+    if (out / CONFIGURATION_FILE).exists():
+        raise FileExistsError(f"{out} already holds a training; choose another folder, or resume it")
+    native = _environment(configuration)
     out.mkdir(parents=True, exist_ok=True)
-    write_whole(out / "configuration.json", msgspec.json.format(msgspec.json.encode(asdict(configuration))))
-    model = _ppo(configuration, env, out)
-    model.learn(configuration.steps, callback=_Progress(configuration, out), progress_bar=False)
-    env.close()
+    write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
+    watch = _Watch(configuration, out, native, tell)
+    return _learn(_ppo(configuration, SB3VectorEnv(native), out), configuration, watch, out)
+
+
+def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
+    """Go on with the training in ``out`` from its latest checkpoint, to the same weights as if never cut off.
+
+    Raises:
+        ValueError: when there is none, when it is complete, or when its files are damaged.
+    """
+    configuration = stored_configuration(out)
+    if not (out / CHECKPOINT_FILE).exists():
+        raise ValueError(f"{out} holds no checkpoint; begin the training anew in another folder")
+    native = _environment(configuration)
+    watch = _Watch(configuration, out, native, tell)
+    model = _ppo(configuration, SB3VectorEnv(native), out)
+    watch.resume(checkpoint.restore(out / CHECKPOINT_FILE, model, native))
+    if model.num_timesteps >= configuration.steps:
+        raise ValueError(f"the training in {out} is complete, after {model.num_timesteps} steps")
+    return _learn(model, configuration, watch, out)
+
+
+def stored_configuration(out: Path) -> TrainingConfiguration:
+    """What the training in ``out`` is made of.
+
+    Raises:
+        ValueError: when ``out`` holds no training.
+    """
+    path = out / CONFIGURATION_FILE
+    if not path.exists():
+        raise ValueError(f"{out} holds no training to resume")
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=TrainingConfiguration)
+    except msgspec.DecodeError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _learn(model: PPO, configuration: TrainingConfiguration, watch: _Watch, out: Path) -> Policy:
+    remaining = configuration.steps - model.num_timesteps
+    model.learn(remaining, callback=watch, reset_num_timesteps=False)
+    watch.save_checkpoint()
     return _measure(configuration, out / POLICY_FILE)
+
+
+def _environment(configuration: TrainingConfiguration) -> AssistiveVectorEnv:
+    return AssistiveVectorEnv(
+        configuration.environment,
+        configuration.worlds,
+        people=configuration.people,
+        num_threads=configuration.threads,
+    )
 
 
 def _measure(configuration: TrainingConfiguration, path: Path) -> Policy:
@@ -176,7 +255,7 @@ def _ppo(configuration: TrainingConfiguration, env: VecEnv, out: Path) -> PPO:
         "MlpPolicy",
         VecNormalize(env, gamma=configuration.discount, clip_obs=5.0),
         learning_rate=configuration.learning_rate,
-        n_steps=configuration.steps_per_update,
+        n_steps=EPISODE_STEPS,
         batch_size=configuration.minibatch,
         n_epochs=configuration.epochs,
         gamma=configuration.discount,
