@@ -201,7 +201,7 @@ def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
     watch = _Watch(configuration, out, native, tell)
     model = _ppo(configuration, SB3VectorEnv(native), out)
     watch.resume(checkpoint.restore(out / CHECKPOINT_FILE, model, native))
-    if model.num_timesteps >= configuration.steps:
+    if model.num_timesteps >= configuration.steps and Policy.load(out / POLICY_FILE).metadata.measured:
         raise ValueError(f"the training in {out} is complete, after {model.num_timesteps} steps")
     return _learn(model, configuration, watch, out)
 
@@ -223,8 +223,9 @@ def stored_configuration(out: Path) -> TrainingConfiguration:
 
 def _learn(model: PPO, configuration: TrainingConfiguration, watch: _Watch, out: Path) -> Policy:
     remaining = configuration.steps - model.num_timesteps
-    model.learn(remaining, callback=watch, reset_num_timesteps=False)
-    watch.save_checkpoint()
+    if remaining > 0:
+        model.learn(remaining, callback=watch, reset_num_timesteps=False)
+        watch.save_checkpoint()
     return _measure(configuration, out / POLICY_FILE)
 
 
