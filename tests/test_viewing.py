@@ -1,0 +1,103 @@
+"""An environment on show: scenes, states and words for whoever watches, episode after episode."""
+
+import numpy as np
+import pytest
+
+from avrgym.episodes import EPISODE_STEPS
+from avrgym.models.scene import SUBSTEPS
+from avrgym.vr import messages
+from avrgym.vr.messages import Message, Phase, Scene, SceneLoaded, State, Stop, Welcome
+from avrgym.vr.viewing import LOADING_S, LOOK_AT_END_S, Viewing
+
+BATHING = "avrgym/BedBathingJaco-v1"
+TICK_S = 0.01
+
+
+class Watcher:
+    """Shows an environment on a clock of its own and keeps what it says."""
+
+    def __init__(self, environment: str, policy: str = "zero") -> None:
+        self.said: list[Message] = []
+        self.viewing = Viewing(environment, policy, "original", 0, self.said.append)
+        self._now_s = 0.0
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / TICK_S)):
+            self._now_s += TICK_S
+            self.viewing.tick(self._now_s)
+
+    def load(self) -> None:
+        """Answer that the newest scene is drawn."""
+        self.viewing.receive(SceneLoaded(url=self.heard(Scene)[-1].url), self._now_s)
+
+    def heard(self, kind: type) -> list:
+        return [message for message in self.said if isinstance(message, kind)]
+
+    @property
+    def words(self) -> str:
+        return self.heard(Phase)[-1].text
+
+
+def place(state: State) -> np.ndarray:
+    return np.frombuffer(state.poses, "<f4").reshape(-1, 7)
+
+
+def test_whoever_connects_is_told_what_to_draw():
+    watcher = Watcher(BATHING)
+    watcher.said.clear()
+    watcher.viewing.greet()
+    assert [type(message) for message in watcher.said] == [Welcome, Scene, Phase]
+    assert watcher.said[0].protocol == messages.PROTOCOL  # type: ignore[attr-defined]
+    assert watcher.words == f"{BATHING}, zero, episode 1: preparing"
+
+
+def test_states_hold_the_bodies_then_the_marks_on_the_person():
+    watcher = Watcher(BATHING)
+    watcher.load()
+    watcher.run(0.1)
+    scene, state = watcher.heard(Scene)[-1], watcher.heard(State)[-1]
+    poses = place(state)
+    assert len(poses) == len(scene.bodies) + scene.marks
+    assert scene.marks > 50
+    elbow = poses[scene.bodies.index("person/right_forearm"), :3]
+    marks = poses[len(scene.bodies) :, :3]
+    near = np.linalg.norm(marks - elbow, axis=1) < 0.4
+    below_the_floor = marks[:, 2] < 0.0
+    assert near.sum() > 30
+    assert (near | below_the_floor).all()
+
+
+def test_an_episode_waits_for_its_scene_but_not_for_ever():
+    watcher = Watcher("avrgym/FeedingJaco-v1", "random")
+    watcher.run(1.0)
+    waiting = [place(state) for state in watcher.heard(State)]
+    assert all((poses == waiting[0]).all() for poses in waiting)
+    watcher.run(LOADING_S)
+    assert watcher.words.endswith("running")
+    assert (place(watcher.heard(State)[-1]) != waiting[0]).any()
+
+
+def test_episode_follows_episode_with_other_people():
+    watcher = Watcher("avrgym/FeedingJaco-v1")
+    watcher.load()
+    watcher.run(EPISODE_STEPS * SUBSTEPS * TICK_S)
+    assert watcher.words.endswith("no success")
+    watcher.run(LOOK_AT_END_S + TICK_S)
+    assert watcher.words == "avrgym/FeedingJaco-v1, zero, episode 2: preparing"
+    first, second = watcher.heard(Scene)
+    assert (first.url, second.url) == ("/scenes/0.glb", "/scenes/1.glb")
+    (_, one), (_, other) = watcher.viewing.scenes
+    assert not np.array_equal(one.joint_angles_rad, other.joint_angles_rad)
+
+
+def test_what_belongs_to_a_session_changes_nothing():
+    watcher = Watcher("avrgym/FeedingJaco-v1")
+    watcher.load()
+    watcher.viewing.receive(Stop(), 0.0)
+    watcher.run(0.1)
+    assert watcher.words.endswith("running")
+
+
+def test_an_unknown_name_is_told_before_anything_is_shown():
+    with pytest.raises(ValueError, match="unknown environment 'avrgym/Flying-v1'"):
+        Watcher("avrgym/Flying-v1")
