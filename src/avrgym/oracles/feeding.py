@@ -5,18 +5,20 @@ from numpy.typing import NDArray
 
 from avrgym import transforms
 from avrgym.episodes import Episodes
-from avrgym.models.human import GEOMS
 from avrgym.models.spoon import FOOD, OUTLINE
 from avrgym.oracles.guide import Guide
+from avrgym.oracles.head import heading, way_out
 from avrgym.simulation import State
 from avrgym.tasks.base import norm
 from avrgym.tasks.feeding import MOUTH_RADIUS_M, SUCCESS_SHARE
 
 Array = NDArray[np.float64]
 
-PITCHES_DEG = (0.0, 15.0, -15.0)
-RISES_M = (0.0, 0.006, -0.006)
-"""How the spoon may come: its tip raised, and it above the mouth. Its heading is that of the face."""
+TIP_FIRST = [(0.0, pitch, 0.0, rise) for pitch in (0.0, 15.0, -15.0) for rise in (0.0, 0.006, -0.006)]
+SIDEWAYS = [(turn, 0.0, roll, 0.0) for turn in (-75.0, -90.0, -105.0) for roll in (0.0, -15.0)]
+TURNS_DEG, PITCHES_DEG, ROLLS_DEG, RISES_M = np.array(TIP_FIRST + SIDEWAYS).T
+"""How the spoon may come: turned from where its tip points into the face, its tip raised, tipped towards the
+lips, and above the mouth."""
 SECONDS_PER_PIECE = 3.0
 """What a piece that stays out of the mouth is worth in time."""
 
@@ -26,7 +28,6 @@ CLEARANCE_M, NEARER_M, GENTLE_N = 0.002, 0.0005, 2.0
 """The spoon stays clear of the face; where too little food is in the mouth it comes nearer, step by step, until
 it touches the face gently."""
 ON_SPOON_M = 0.05
-HEAD = [list(GEOMS).index(name) for name in ("jaw", "cranium")]
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -54,48 +55,37 @@ class FeedingOracle:
 
     def _plan(self, state: State) -> None:
         """Of all ways that the arm can reach, take the quickest that brings much food into the mouth."""
-        ways = [(_spoon_q_w(state, pitch), rise) for pitch in PITCHES_DEG for rise in RISES_M]
-        q_w = np.stack([q for q, _ in ways], axis=1)
-        rise_m = np.array([rise for _, rise in ways])
-        pos_w = np.stack([_at_mouth(state, q, rise, self._clearance_m) for q, rise in ways], axis=1)
+        q_w = _spoon_q_w(state)
+        pos_w = np.stack(
+            [_at_mouth(state, q_w[:, way], rise, self._clearance_m) for way, rise in enumerate(RISES_M)],
+            axis=1,
+        )
         food_w = pos_w[:, :, None] + transforms.rotate(q_w[:, :, None], FOOD.start)
         missed = norm(food_w - state.mouth_pos_w[:, None, None]) > MOUTH_RADIUS_M
-        before_rad, seconds = self._guide.find(pos_w - AWAY_M * _heading(state)[:, None], q_w)
+        before_rad, seconds = self._guide.find(pos_w - AWAY_M * heading(state)[:, None], q_w, TILT_RAD)
         best = (seconds + SECONDS_PER_PIECE * missed.sum(axis=-1)).argmin(axis=-1)
         world = np.arange(len(best))
-        self._q_w, self._rise_m = q_w[world, best], rise_m[best]
+        self._q_w, self._rise_m = q_w[world, best], RISES_M[best]
         self._before_rad = before_rad[world, best]
         self._guide.posture_rad = self._before_rad
 
 
-def _heading(state: State) -> Array:
-    """The level direction (N, 3) into the face."""
-    into = transforms.rotate(state.head_q_w, [0.0, 1.0, 0.0])
-    return transforms.normalize(into * [1.0, 1.0, 0.0])
-
-
-def _spoon_q_w(state: State, pitch_deg: float) -> Array:
-    heading = _heading(state)
-    yaw = transforms.from_axis_angle(UP, np.arctan2(heading[:, 1], heading[:, 0]))
-    return transforms.multiply(yaw, transforms.from_axis_angle([0.0, -1.0, 0.0], np.radians(pitch_deg)))
+def _spoon_q_w(state: State) -> Array:
+    """The spoon's rotation in every way, (N, K, 4)."""
+    into = heading(state)
+    yaw = np.arctan2(into[:, 1], into[:, 0])[:, None]
+    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], yaw + np.radians(TURNS_DEG))
+    pitch = transforms.from_axis_angle([0.0, -1.0, 0.0], np.radians(PITCHES_DEG))
+    roll = transforms.from_axis_angle([1.0, 0.0, 0.0], np.radians(ROLLS_DEG))
+    return transforms.multiply(turn, transforms.multiply(pitch, roll))
 
 
 def _at_mouth(state: State, q_w: Array, rise_m: Array | float, clearance_m: Array) -> Array:
     """Where (N, 3) the spoon is in the middle of the mouth, or as far in as it stays clear of the face."""
     pos_w = state.mouth_pos_w + np.multiply.outer(rise_m, UP)
     outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], OUTLINE)
-    back = -_heading(state)
-    return pos_w + _way_out(outline_w, back, state, clearance_m)[:, None] * back
-
-
-def _way_out(points_w: Array, out: Array, state: State, clearance_m: Array) -> Array:
-    """How far (N,) points (N, P, 3) must move along ``out`` to be clear of the head."""
-    radius = state.person_radius_m[:, HEAD] + clearance_m[:, None]
-    offset = points_w[:, None] - state.person_segment_w[:, HEAD, :1]
-    along = (offset * out[:, None, None]).sum(axis=-1)
-    reach = along**2 - (offset * offset).sum(axis=-1) + radius[..., None] ** 2
-    way = np.where(reach > 0.0, np.sqrt(np.maximum(reach, 0.0)) - along, 0.0)
-    return np.maximum(way.max(axis=(1, 2)), 0.0)
+    back = -heading(state)
+    return pos_w + way_out(outline_w, back, state, clearance_m)[:, None] * back
 
 
 def _is_hungry(state: State) -> NDArray[np.bool_]:

@@ -16,11 +16,11 @@ ITERATIONS = 8
 POSTURE_SHARE = 0.1
 """How much of the way to its posture the arm goes in a control step, where the tool leaves it free to."""
 
-STARTS = np.concatenate([np.zeros((1, 7)), np.random.default_rng(0).uniform(-1.5, 1.5, (9, 7))])
+STARTS = np.concatenate([np.zeros((1, 7)), np.random.default_rng(0).uniform(-1.5, 1.5, (15, 7))])
 """Where the search for angles begins, radians from where the arm is."""
 PARTS_OF_THE_WAY = (0.2, 0.4, 0.6, 0.8, 1.0)
-BLOCKED_S, MARGIN_M = 20.0, 0.03
-"""What it costs when the arm would touch something, and how far from it that begins."""
+BLOCKED_S, TILTED_S_RAD, MARGIN_M = 20.0, 20.0, 0.03
+"""What it costs when the arm would touch something or tilt its tool, and how far from a touch that begins."""
 ACCURACY_M, ACCURACY_RAD = 0.003, 0.03
 UP = (0.0, 0.0, 1.0)
 
@@ -88,13 +88,14 @@ class Guide:
         self._put(self.angles_rad + step)
         return step / self._reach_rad
 
-    def find(self, pos_w: Array, q_w: Array) -> tuple[Array, Array]:
+    def find(self, pos_w: Array, q_w: Array, tilt_rad: float = np.pi) -> tuple[Array, Array]:
         """Angles (N, K, 7) for K tool poses per world, (N, K, 3) and (N, K, 4): near, and clear of all else.
 
         Returns:
             The angles, and what they cost, (N, K): how many seconds a swing there takes at least, and
             ``BLOCKED_S`` or more where arm or tool would touch person or furniture on the way, the arm also at its
-            end; infinite where no angles were found.
+            end, and ``TILTED_S_RAD`` for each radian that the tool would tilt more than it may; infinite where no
+            angles were found.
         """
         worlds, poses = q_w.shape[:2]
         to_base_pos, to_base_q = (part[:, None] for part in self._to_base)
@@ -104,22 +105,31 @@ class Guide:
         solution = kinematics.solve(self._chain, pos, q, starts)
         angles = self._unwound(solution.angles_rad.reshape(worlds, -1, 7))
         missed = (solution.position_error_m > ACCURACY_M) | (solution.rotation_error_rad > ACCURACY_RAD)
-        cost = np.where(missed.reshape(worlds, -1), np.inf, self._cost_s(angles))
+        cost = np.where(missed.reshape(worlds, -1), np.inf, self._cost_s(angles, tilt_rad))
         cost, angles = cost.reshape(worlds, poses, -1), angles.reshape(worlds, poses, -1, 7)
         best = cost.argmin(axis=-1)[..., None]
         angles = np.take_along_axis(angles, best[..., None], axis=2)[:, :, 0]
         return angles, np.take_along_axis(cost, best, axis=2)[..., 0]
 
-    def _cost_s(self, angles_rad: Array) -> Array:
+    def _cost_s(self, angles_rad: Array, tilt_rad: float) -> Array:
         """What swings to angles (N, M, 7) cost, (N, M); see ``find``."""
         way = angles_rad - self.angles_rad[:, None]
         state = self._simulation.state()
-        gap = np.full(way.shape[:2], np.inf)
+        gap, excess = np.full(way.shape[:2], np.inf), np.zeros(way.shape[:2])
         for share in PARTS_OF_THE_WAY:
             there = self.angles_rad[:, None] + share * way
             gap = np.minimum(gap, self._clearance.least_m(there, state, tool=share < 1.0))
+            excess = np.maximum(excess, self._tilt_rad(there) - tilt_rad)
         seconds = CONTROL_STEP_S * np.abs(way / self._reach_rad).max(axis=-1)
-        return seconds + BLOCKED_S * np.maximum(0.0, 1.0 - gap / MARGIN_M)
+        return seconds + BLOCKED_S * np.maximum(0.0, 1.0 - gap / MARGIN_M) + TILTED_S_RAD * excess
+
+    def _tilt_rad(self, angles_rad: Array) -> Array:
+        """How far (N, M) the tool's z axis is from the vertical at angles (N, M, 7)."""
+        _, q = kinematics.forward(self._chain, angles_rad.reshape(-1, angles_rad.shape[-1]))
+        z_w = transforms.rotate(
+            self._base_w[1][:, None], transforms.rotate(q, UP).reshape(*angles_rad.shape[:2], 3)
+        )
+        return np.arccos(np.clip(z_w[..., 2], -1.0, 1.0))
 
     def angles_at(self, pos_w: Array, q_w: Array, near_rad: Array) -> Array:
         """Angles (N, 7) for a tool pose not far from that of other angles."""

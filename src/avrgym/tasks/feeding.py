@@ -64,10 +64,16 @@ def start(stage: Stage, people: People, uniforms: Array) -> Start:
     hand = bowl + HAND_FROM_BOWL_M + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
     tool = hand - transforms.rotate(SPOON_Q_W, stage.tool.grip_pos)
     level = np.tile(SPOON_Q_W, (len(tool), 1))
-    mouth, head_q = places.mouth(people)
-    facing = transforms.multiply(head_q, SPOON_Q_W)
     placed = {BOWL_BODY: bowl}
-    return places.start(stage, people, placed, tool, level, mouth[:, None], facing[:, None], uniforms[:, 6:])
+    return places.start(stage, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
+
+
+def _goals(people: People) -> tuple[Array, Array]:
+    """Where (n, 2, 3) and how (n, 2, 4) the spoon may come to the mouths: level, tip first or with its left side."""
+    mouth, head_q = places.mouth(people)
+    into = transforms.rotate(head_q, [0.0, 1.0, 0.0])
+    yaw = np.arctan2(into[:, 1], into[:, 0])[:, None] + [0.0, -0.5 * np.pi]
+    return np.stack([mouth, mouth], axis=1), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw)
 
 
 def remember(people: People, uniforms: Array) -> FeedingMemory:
