@@ -9,12 +9,14 @@ from avrgym.episodes import Episodes
 from avrgym.oracles.bed_bathing import BedBathingOracle
 from avrgym.oracles.drinking import DrinkingOracle
 from avrgym.oracles.feeding import FeedingOracle
+from avrgym.oracles.scratch_itch import ScratchItchOracle
 
 Array = NDArray[np.float64]
 
 ORACLES: Mapping[str, Callable[[Episodes], Callable[[Array], Array]]] = {
     "Feeding": FeedingOracle,
     "Drinking": DrinkingOracle,
+    "ScratchItch": ScratchItchOracle,
     "BedBathing": BedBathingOracle,
 }
 """By task: made when episodes have begun, then called with the observation (N, O) of every control step."""

@@ -1,0 +1,117 @@
+"""Scratching by script: come to the itch where there is room, press gently, rub to and fro along the limb."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import transforms
+from avrgym.episodes import Episodes
+from avrgym.models.scratcher import RADIUS_M
+from avrgym.oracles.guide import Guide
+from avrgym.tasks.scratch_itch import ScratchItchMemory, itch_pos_w, limb_frame
+
+Array = NDArray[np.float64]
+
+TILTS_RAD = np.radians([25.0, 50.0, 70.0])
+SIDES = 8
+"""The rod may come straight at the skin, or tilted by so much to any of so many sides."""
+SECONDS_PER_RAD = 2.0
+"""What a tilt is worth in time."""
+
+SWING_M_S, ENTER_M_S, RUB_M_S, TURN_RAD_S = 0.30, 0.05, 0.10, 0.8
+AWAY_M, ARRIVED_RAD = 0.06, 0.05
+TOUCH_N, PRESS_N = 0.3, 3.0
+M_PER_N, SOFTER_M, FIRMER_M = 0.0005, -0.002, 0.001
+"""By how much the depth changes in a control step for each newton too few, and at most."""
+SEEK_DEPTH_M = 0.03
+"""Where the rod aims before it touches: it meets the skin on the way."""
+STROKE_M, TURN_BACK_M = 0.02, 0.007
+"""How far past the itch a stroke aims, and how far past it the rod turns back: strokes of well over 1 cm."""
+
+
+class ScratchItchOracle:
+    """Chooses for each person how the rod comes; how deep it aims follows the force that it meets."""
+
+    def __init__(self, episodes: Episodes) -> None:
+        """Plan for the people who are there now."""
+        self._episodes = episodes
+        self._guide = Guide(episodes)
+        count = episodes.simulation.num_worlds
+        self._arrived, self._touched = np.zeros((2, count), dtype=bool)
+        self._depths_m, self._side = np.zeros((count, 2)), np.ones(count)
+        self._plan()
+
+    def __call__(self, observation: Array) -> Array:
+        guide = self._guide
+        swing = guide.swing(self._before_rad, SWING_M_S, np.pi)
+        self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
+        tip_w, q_w = self._rub()
+        speed = np.where(self._touched, RUB_M_S, ENTER_M_S)
+        straight = guide.straight(tip_w, q_w, speed, TURN_RAD_S)
+        return guide.ask(np.where(self._arrived[:, None], straight, swing))
+
+    def _rub(self) -> tuple[Array, Array]:
+        """The tip's next place (N, 3) and the rod's rotation (N, 4): along the limb, turning back either side."""
+        state, memory = self._episodes.simulation.state(), self._episodes.memory
+        _, limb_q_w = limb_frame(state, memory)
+        out, along = _surface(memory, limb_q_w)
+        itch_w = itch_pos_w(state, memory)
+        offset_m = ((state.tool_pos_w - itch_w) * along).sum(axis=-1)
+        depth_m = self._depth_m(offset_m, state.tool_force_n)
+        self._side = np.where(np.abs(offset_m) > TURN_BACK_M, -np.sign(offset_m), self._side)
+        q_w = transforms.multiply(limb_q_w, self._q_limb)
+        middle_w = itch_w + (STROKE_M * self._side * self._touched)[:, None] * along - depth_m[:, None] * out
+        return _tip(middle_w, out, transforms.rotate(q_w, [1.0, 0.0, 0.0])), q_w
+
+    def _depth_m(self, offset_m: Array, force_n: Array) -> Array:
+        """How deep to aim (N,): it changes evenly along the stroke, and follows the force at either end."""
+        self._touched |= self._arrived & (force_n > TOUCH_N)
+        high = np.clip(0.5 + 0.5 * offset_m / TURN_BACK_M, 0.0, 1.0)
+        share = np.stack([1.0 - high, high], axis=-1)
+        change = np.clip(M_PER_N * (PRESS_N - force_n), SOFTER_M, FIRMER_M) * self._touched
+        self._depths_m += share * change[:, None]
+        return np.where(self._touched, (share * self._depths_m).sum(axis=-1), SEEK_DEPTH_M)
+
+    def _plan(self) -> None:
+        """Of all ways to point at the itch the quickest with room for the arm.
+
+        The rod may turn about itself as it likes: the arm's last joint does that.
+        """
+        state, memory = self._episodes.simulation.state(), self._episodes.memory
+        _, limb_q_w = limb_frame(state, memory)
+        out, along = _surface(memory, limb_q_w)
+        into, tilt = _ways(out, along)
+        here = np.broadcast_to(transforms.rotate(state.tool_q_w, [1.0, 0.0, 0.0])[:, None], into.shape)
+        q_w = transforms.multiply(_turn(here, into), state.tool_q_w[:, None])
+        tip_w = _tip(itch_pos_w(state, memory)[:, None], out[:, None], into)
+        angles, cost_s = self._guide.find(tip_w, q_w)
+        world, best = np.arange(len(out)), (cost_s + SECONDS_PER_RAD * tilt).argmin(axis=-1)
+        tip_w, q_w, into = tip_w[world, best], q_w[world, best], into[world, best]
+        self._q_limb = transforms.multiply(transforms.conjugate(limb_q_w), q_w)
+        self._guide.posture_rad = angles[world, best]
+        self._before_rad = self._guide.angles_at(tip_w - AWAY_M * into, q_w, self._guide.posture_rad)
+
+
+def _surface(memory: ScratchItchMemory, limb_q_w: Array) -> tuple[Array, Array]:
+    """Unit vectors (N, 3), world frame, at the itch: out of the limb, and along it."""
+    out = transforms.normalize(memory.itch * [1.0, 1.0, 0.0])
+    return transforms.rotate(limb_q_w, out), transforms.rotate(limb_q_w, [0.0, 0.0, 1.0])
+
+
+def _ways(out: Array, along: Array) -> tuple[Array, Array]:
+    """Where the rod may point, (N, K, 3) unit vectors, and how tilted each way is, (K,) radians."""
+    across = transforms.cross(out, along)
+    sides = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
+    aslant = [np.cos(side) * along + np.sin(side) * across for side in sides]
+    tilted = [np.sin(tilt) * way - np.cos(tilt) * out for tilt in TILTS_RAD for way in aslant]
+    return np.stack([-out, *tilted], axis=1), np.concatenate([[0.0], np.repeat(TILTS_RAD, SIDES)])
+
+
+def _tip(skin_w: Array, out: Array, into: Array) -> Array:
+    """Where the tip (..., 3) is when the round end of a rod that points ``into`` touches the skin there."""
+    return skin_w + RADIUS_M * (out + into)
+
+
+def _turn(a: Array, b: Array) -> Array:
+    """The shortest rotations (..., 4) that take unit vectors a to unit vectors b, (..., 3)."""
+    half = transforms.normalize(a + b)
+    return np.concatenate([(a * half).sum(axis=-1, keepdims=True), transforms.cross(a, half)], axis=-1)
