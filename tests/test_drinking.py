@@ -1,0 +1,346 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from avrgym import people, transforms
+from avrgym.episodes import Episodes
+from avrgym.models.cup import AXIS_X_M, HEIGHT_M, RIM_RADIUS_M, WATER, inner_radius_m
+from avrgym.models.human import Person
+from avrgym.oracles import ORACLES
+from avrgym.simulation import State
+from avrgym.tasks import TASKS
+from avrgym.tasks.base import Outcome
+from avrgym.tasks.drinking import CUP_Q_W, DrinkingMemory
+
+DRINKING = TASKS["Drinking"]
+LEFT, BACK, UP = np.eye(3)
+MOUTH = np.array([0.0, -0.1, 1.2])
+EDGE = np.array([-0.1, -0.4, 1.1])  # where the cup's pouring edge is, which faces left
+CUP_MIDDLE = EDGE + AXIS_X_M * LEFT - 0.5 * HEIGHT_M * UP
+IN_THE_AIR = np.array([-0.4, -0.2, 1.15])
+FALLEN = np.array([-0.4, -0.2, 0.9])
+ON_FLOOR = np.array([-0.8, 0.5, 0.005])
+BESIDE_THE_CHEST = np.array([0.0, -0.106, 1.0])  # a capsule of radius 0.1 about (0, 0, 1), water of 0.005
+STILL = np.zeros((1, 7))
+
+
+def state(water: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> State:
+    """One world at rest, all water in the middle of an upright cup but the given spheres."""
+    spheres = np.tile(CUP_MIDDLE, (64, 1))
+    for index, place in (water or {}).items():
+        spheres[index] = place
+    identity = transforms.IDENTITY_QUATERNION[None]
+    plain = State(
+        robot_pos_w=np.array([[-0.35, -0.3, 0.36]]),
+        arm_angles_rad=np.zeros((1, 7)),
+        effector_velocity_w=np.zeros((1, 3)),
+        tool_pos_w=EDGE[None],
+        tool_q_w=identity,
+        head_pos_w=np.array([[0.0, 0.03, 1.25]]),
+        head_q_w=identity,
+        mouth_pos_w=MOUTH[None],
+        right_arm_pos_w=np.zeros((1, 3, 3)),
+        right_arm_q_w=np.tile(identity, (1, 3, 1)),
+        placed_pos_w={},
+        particle_pos_w=spheres[None],
+        particle_velocity_w=np.zeros((1, 64, 3)),
+        person_segment_w=np.array([[[[-0.1, 0.0, 1.0], [0.1, 0.0, 1.0]]]]),
+        person_radius_m=np.array([[0.1]]),
+        robot_force_n=np.zeros(1),
+        tool_force_n=np.zeros(1),
+        tool_contact_pos_w=np.zeros((1, 6, 3)),
+        tool_contact_force_n=np.zeros((1, 6)),
+    )
+    return replace(plain, **changes)
+
+
+def fresh(count: int = 1) -> DrinkingMemory:
+    return DRINKING.remember(people.repeat(Person(), count), np.zeros((count, DRINKING.uniforms)))
+
+
+def judged(seen: State, memory: DrinkingMemory | None = None, action: np.ndarray = STILL) -> Outcome:
+    return DRINKING.judge(seen, action, memory or fresh())
+
+
+def term(outcome: Outcome, name: str) -> float:
+    return float(outcome.terms[name][0])
+
+
+def counts(outcome: Outcome) -> tuple[float, float, float]:
+    """Water that now counts as in the mouth, as spilled and as on the person."""
+    return term(outcome, "water_in_mouth"), term(outcome, "water_spilled"), term(outcome, "water_on_person")
+
+
+def gone(outcome: Outcome) -> list[int]:
+    return np.nonzero(outcome.gone[0])[0].tolist()
+
+
+# Water
+
+
+def test_water_in_the_cup_counts_for_nothing():
+    assert counts(judged(state())) == (0, 0, 0)
+
+
+def test_water_in_the_mouth_counts_once_and_leaves_the_scene():
+    seen = state({3: MOUTH + 0.029 * UP})
+    outcome = judged(seen)
+    assert counts(outcome) == (1, 0, 0)
+    assert gone(outcome) == [3]
+    again = judged(seen, outcome.memory)
+    assert counts(again) == (0, 0, 0)
+    assert gone(again) == []
+
+
+def test_the_mouth_is_three_centimetres_wide():
+    assert counts(judged(state({0: MOUTH + 0.0301 * UP}))) == (0, 0, 0)
+    assert counts(judged(state({0: MOUTH + 0.0299 * LEFT}))) == (1, 0, 0)
+
+
+def test_water_is_drunk_only_once_it_is_out_of_the_cup():
+    """The mouth is at the edge of the rim; the water is just below the rim, above it, or beside the wall."""
+    at_rim = {"mouth_pos_w": EDGE[None]}
+    for place, drunk in ((-0.01 * LEFT - 0.002 * UP, 0), (-0.01 * LEFT + 0.002 * UP, 1), (0.002 * LEFT, 1)):
+        assert counts(judged(state({0: EDGE + place}, **at_rim))) == (drunk, 0, 0)
+
+
+def test_the_cup_is_where_the_tool_has_turned_it():
+    """Lying down, its opening to the left: the cup's water is to the right of its edge, at most 94 mm above."""
+    lying = transforms.from_axis_angle(BACK, 0.5 * np.pi)[None]
+    inside, outside = EDGE - 0.05 * LEFT + 0.05 * UP, EDGE + 0.005 * LEFT + 0.01 * UP
+    seen = state({}, tool_q_w=lying, mouth_pos_w=EDGE[None])
+    for place, drunk in ((inside, 0), (outside, 64)):
+        assert counts(judged(replace(seen, particle_pos_w=np.tile(place, (1, 64, 1))))) == (drunk, 0, 0)
+
+
+def test_water_below_cup_and_mouth_is_spilled_once():
+    outcome = judged(state({5: FALLEN}))
+    assert counts(outcome) == (0, 1, 0)
+    assert gone(outcome) == []
+    assert counts(judged(state({5: FALLEN}), outcome.memory)) == (0, 0, 0)
+
+
+def test_water_that_may_still_reach_cup_or_mouth_is_not_spilled():
+    assert counts(judged(state({0: IN_THE_AIR}))) == (0, 0, 0)
+    for high in ({"tool_pos_w": np.array([[-0.1, -0.4, 0.95]])}, {"mouth_pos_w": MOUTH[None] - 0.32 * UP}):
+        assert counts(judged(state({**dict.fromkeys(range(64), MOUTH + UP), 0: FALLEN}, **high))) == (0, 0, 0)
+
+
+def test_water_on_the_floor_leaves_the_scene_once():
+    falling = judged(state({2: FALLEN}))
+    landed = judged(state({2: ON_FLOOR}), falling.memory)
+    assert counts(landed) == (0, 0, 0)
+    assert gone(landed) == [2]
+    assert gone(judged(state({2: ON_FLOOR}), landed.memory)) == []
+    assert counts(judged(state({2: ON_FLOOR}))) == (0, 1, 0)
+
+
+def test_drunk_water_is_never_spilled_and_spilled_water_never_drunk():
+    drunk = judged(state({0: MOUTH})).memory
+    assert counts(judged(state({0: ON_FLOOR}), drunk)) == (0, 0, 0)
+    spilled = judged(state({0: FALLEN})).memory
+    assert counts(judged(state({0: MOUTH}), spilled)) == (0, 0, 0)
+
+
+def test_water_that_hits_the_person_counts_once():
+    outcome = judged(state({1: BESIDE_THE_CHEST, 2: BESIDE_THE_CHEST - 0.003 * BACK}))
+    assert term(outcome, "water_on_person") == 1
+    assert term(judged(state({1: BESIDE_THE_CHEST}), outcome.memory), "water_on_person") == 0
+
+
+def test_spilled_water_may_still_hit_the_person():
+    spilled = judged(state({1: FALLEN}))
+    assert counts(judged(state({1: BESIDE_THE_CHEST}), spilled.memory)) == (0, 0, 1)
+
+
+def test_water_in_mouth_or_cup_is_not_on_the_person():
+    for place in (MOUTH, CUP_MIDDLE):
+        touched = state({0: place}, person_segment_w=np.tile(place, (1, 1, 2, 1)))
+        assert term(judged(touched), "water_on_person") == 0
+
+
+def test_the_speed_of_water_that_enters_the_mouth_adds_up():
+    velocity = np.zeros((1, 64, 3))
+    velocity[0, :3] = [[0.3, 0.0, 0.4], [0.0, 0.0, 2.0], [0.0, 1.0, 0.0]]
+    outcome = judged(state({0: MOUTH, 2: MOUTH}, particle_velocity_w=velocity))
+    assert term(outcome, "water_entry_speed_m_s") == pytest.approx(0.5 + 1.0)
+
+
+def test_three_quarters_of_the_water_are_a_success():
+    """Over any number of steps, and it lasts."""
+    first = judged(state(dict.fromkeys(range(47), MOUTH)))
+    assert not first.success[0]
+    second = judged(state({60: MOUTH}), first.memory)
+    assert second.success[0]
+    assert judged(state(), second.memory).success[0]
+
+
+# The other terms
+
+
+def test_distance_is_from_the_pouring_edge_to_the_mouth():
+    outcome = judged(state())
+    assert term(outcome, "distance_m") == outcome.distance_m[0] == pytest.approx(np.linalg.norm(EDGE - MOUTH))
+
+
+@pytest.mark.parametrize("axis", [LEFT, BACK, transforms.normalize([1.0, 2.0, 0.0])])
+def test_tilt_is_the_angle_of_the_cup_from_upright(axis):
+    turned = transforms.from_axis_angle(UP, 0.7)
+    for tilt_rad in (0.0, 0.4, 1.6, 3.0):
+        q_w = transforms.multiply(transforms.from_axis_angle(axis, tilt_rad), turned)
+        assert term(judged(state(tool_q_w=q_w[None])), "tilt_rad") == pytest.approx(tilt_rad, abs=1e-7)
+
+
+def test_action_speed_and_force_terms():
+    seen = state(effector_velocity_w=np.array([[0.3, 0.0, -0.4]]), robot_force_n=np.array([12.0]))
+    outcome = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
+    assert term(outcome, "action_squared") == 1.5
+    assert term(outcome, "effector_speed_m_s") == pytest.approx(0.5)
+    assert term(outcome, "force_on_person_n") == 12.0
+
+
+def test_the_weights_are_those_of_the_paper():
+    assert DRINKING.weights == {
+        "distance_m": -1.0,
+        "action_squared": -0.01,
+        "tilt_rad": 0.1,
+        "water_in_mouth": 10.0,
+        "water_spilled": -1.0,
+        "effector_speed_m_s": -0.25,
+        "force_on_person_n": -0.01,
+        "water_on_person": -1.0,
+        "water_entry_speed_m_s": -1.0,
+    }
+
+
+def test_the_reward_is_the_weighted_sum():
+    seen = state(
+        {0: MOUTH, 1: MOUTH, 2: FALLEN, 3: BESIDE_THE_CHEST},
+        particle_velocity_w=np.full((1, 64, 3), 0.1),
+        tool_q_w=transforms.from_axis_angle(LEFT, 0.1)[None],
+        effector_velocity_w=np.array([[0.0, 0.2, 0.0]]),
+        robot_force_n=np.array([7.0]),
+    )
+    outcome = judged(seen, action=np.full((1, 7), 0.5))
+    assert counts(outcome) == (2, 1, 1)
+    distance, entry = np.linalg.norm(EDGE - MOUTH), 2 * np.linalg.norm([0.1] * 3)
+    expected = -distance - 0.01 * 7 * 0.25 + 0.1 * 0.1 + 2 * 10 - 1 - 0.25 * 0.2 - 0.01 * 7 - 1 - entry
+    assert DRINKING.reward(outcome.terms)[0] == pytest.approx(expected)
+    assert set(outcome.terms) == set(DRINKING.weights)
+
+
+def test_worlds_are_judged_apart():
+    worlds = [state({0: MOUTH}), state({0: FALLEN}), state()]
+    names = [name for name in vars(worlds[0]) if name != "placed_pos_w"]
+    arrays = {name: np.concatenate([getattr(world, name) for world in worlds]) for name in names}
+    outcome = DRINKING.judge(State(**arrays, placed_pos_w={}), np.zeros((3, 7)), fresh(3))
+    assert_array_equal(outcome.terms["water_in_mouth"], [1, 0, 0])
+    assert_array_equal(outcome.terms["water_spilled"], [0, 1, 0])
+
+
+# Observation
+
+
+def test_the_observation_has_the_documented_order():
+    """Tool − torso, tool rotation, tool − mouth, arm angles, head − torso, head rotation, force at the tool."""
+    tool_q, head_q = transforms.normalize([[1.0, 2, 3, 4]]), transforms.normalize([[4.0, 3, 2, 1]])
+    seen = state(
+        arm_angles_rad=np.arange(7.0)[None], tool_q_w=tool_q, head_q_w=head_q, tool_force_n=np.array([9.0])
+    )
+    torso = seen.robot_pos_w[0]
+    expected = np.concatenate(
+        [EDGE - torso, tool_q[0], EDGE - MOUTH, np.arange(7.0), seen.head_pos_w[0] - torso, head_q[0], [9.0]]
+    )
+    assert_allclose(DRINKING.observe(seen, fresh()), expected[None])
+    assert [entry.size for entry in DRINKING.observed] == [3, 4, 3, 7, 3, 4, 1]
+
+
+# Cup
+
+
+def test_water_begins_inside_the_cup_without_overlap():
+    assert WATER.start.shape == (64, 3)
+    apart = np.linalg.norm(WATER.start[:, None] - WATER.start, axis=-1)[~np.eye(64, dtype=bool)]
+    assert apart.min() >= 2.0 * WATER.radius_m
+    for x, y, z in WATER.start:
+        assert np.hypot(x - AXIS_X_M, y) + WATER.radius_m < inner_radius_m(z)
+        assert -HEIGHT_M < z - WATER.radius_m < 0.0
+    assert (RIM_RADIUS_M, HEIGHT_M) == (0.047, 0.125)
+
+
+def begun(count: int, robot: str = "Jaco") -> Episodes:
+    episodes = Episodes(f"avrgym/Drinking{robot}-v1", count, distribution="revised", num_threads=1)
+    episodes.begin(np.arange(count), [np.random.default_rng(i) for i in range(count)])
+    return episodes
+
+
+def in_cup_frame(episodes: Episodes) -> np.ndarray:
+    """The water (N, 64, 3) in the cup's frame."""
+    seen = episodes.simulation.state()
+    offset = seen.particle_pos_w - seen.tool_pos_w[:, None]
+    return transforms.rotate(transforms.conjugate(seen.tool_q_w)[:, None], offset)
+
+
+def test_water_stays_in_a_cup_that_is_carried_fast():
+    """Joints swing to and fro at half speed for six seconds; the cup never tilts enough to pour."""
+    episodes = begun(4)
+    for step in range(60):
+        action = 0.5 * np.cos(0.1 * np.pi * step) * np.array([1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+        outcome = episodes.step(np.tile(action, (4, 1)))
+        assert (in_cup_frame(episodes)[..., 2] < -0.02).all()
+        assert np.abs(in_cup_frame(episodes)[..., :2] - [AXIS_X_M, 0.0]).max() < RIM_RADIUS_M
+        assert not outcome.reward_terms["water_spilled"].any()
+
+
+def test_a_cup_that_is_turned_over_spills_every_sphere_once():
+    episodes = begun(2)
+    spilled, drunk = np.zeros(2), np.zeros(2)
+    for _ in range(60):
+        step = episodes.step(np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (2, 1)))
+        spilled += step.reward_terms["water_spilled"]
+        drunk += step.reward_terms["water_in_mouth"]
+    assert_array_equal(spilled, 64.0)
+    assert_array_equal(drunk, 0.0)
+    assert_touch_nothing(episodes, on_floor(episodes))
+
+
+def on_floor(episodes: Episodes) -> list[set[str]]:
+    """By world, the spheres that fell to the floor and were taken away."""
+    away = np.abs(episodes.simulation.state().particle_pos_w[..., 0]) > 2.0
+    assert away.sum() > 100
+    return [{WATER.bodies[k] for k in np.nonzero(world)[0]} for world in away]
+
+
+def assert_touch_nothing(episodes: Episodes, spheres: list[set[str]]) -> None:
+    simulation = episodes.simulation
+    for world, names in enumerate(spheres):
+        contact = simulation.batch.get_data(world).contact.geom.ravel()
+        assert not names & {simulation.model.geom(geom).name for geom in contact}
+
+
+# Start and success
+
+
+@pytest.mark.parametrize("robot", ["Jaco", "PR2"])
+def test_episodes_begin_before_the_person_with_an_upright_cup(robot):
+    episodes = begun(32, robot)
+    seen = episodes.simulation.state()
+    hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.stage.tool.grip_pos)
+    offset = hand - [-0.2, -0.5, 1.0]
+    assert np.abs(offset).max() <= 0.05 + 0.01
+    assert np.abs(offset).max(axis=0).min() > 0.04
+    assert_allclose(transforms.angle_between(seen.tool_q_w, CUP_Q_W), 0.0, atol=0.05)
+    assert_allclose(transforms.rotate(CUP_Q_W, [1.0, 0.0, 0.0]), BACK, atol=1e-12)
+
+
+@pytest.mark.parametrize("robot", ["Jaco", "PR2"])
+def test_a_script_gives_a_drink(robot):
+    episodes = begun(3, robot)
+    act = ORACLES["Drinking"](episodes)
+    success, observation = np.zeros(3, dtype=bool), episodes.observe()
+    for _ in range(120):
+        step = episodes.step(act(observation))
+        success, observation = step.success, step.observation
+    assert success.all()
