@@ -1,5 +1,7 @@
 """The washcloth: a folded terry cloth, held by the ridge at its back."""
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -13,11 +15,25 @@ PAD_HALF_SIZE_M = np.array([0.010, 0.050, 0.025])
 """Half of 2 × 10 × 5 cm, along the tool's x, y and z. Length and width: the reference; thickness: ours."""
 PAD_CENTRE_M = np.array([-PAD_HALF_SIZE_M[0], 0.0, 0.0])
 """In the tool's frame: its origin is the middle of the face that wipes, its x that face's normal."""
+NAP_M = 0.004
+"""What touches is a box of this much less on every side, and this much around it: a pad with rounded edges."""
 
+
+@dataclass(frozen=True)
+class _Spring:
+    """Stiffness in N/m or N m/rad, damping in N s/m or N m s/rad, what it moves in kg or kg m²."""
+
+    stiffness: float
+    damping: float
+    inertia: float
+
+
+_GIVE, _TILT = _Spring(1500.0, 40.0, 0.4), _Spring(4.0, 0.12, 1.2e-3)
+_MAX_GIVE_M, _MAX_TILT_RAD = 0.008, 0.25
+"""Layers of wet terry give about 3 mm under 5 N, and lie flat on what they wipe: our assumption."""
 _PAD_MASS_KG = 0.05
 _WET_FRICTION = (0.3, 0.005, 0.0001)
-_SOFT_SOLREF, _SOFT_SOLIMP = (0.05, 1.5), (0.2, 0.9, 0.015, 0.5, 2.0)
-"""Several layers of wet terry give about 1 mm under 5 N and 4 mm under 20 N: our assumption."""
+_FIRM = (0.98, 0.999, 0.001, 0.5, 2.0)  # so light a body would sink into others with the usual impedance
 _THICKNESS = 2.0 * PAD_HALF_SIZE_M[0]
 _LAYER_INSETS = (0.0, 0.0016, 0.0003, 0.0012)
 _STRIPES_Y, _STRIPE_HALF_WIDTH = (0.034, 0.041), 0.0015
@@ -26,24 +42,41 @@ _TERRY_RGB, _STRIPE_RGB = (0.50, 0.74, 0.86), (0.95, 0.97, 0.98)
 
 
 def _build_washcloth(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
-    """A flat pad that touches, and behind it a ridge between the fingers that does not."""
+    """A pad that touches, on springs as soft as the cloth, and a ridge between the fingers that does not."""
+    pad = body.add_body(name="washcloth", gravcomp=1.0)
+    _add_springs(pad)
     add_collision(
-        body, "washcloth", BOX, contacts.TOOL, pos=PAD_CENTRE_M, size=PAD_HALF_SIZE_M, mass=_PAD_MASS_KG,
-        priority=1, friction=_WET_FRICTION, solref=_SOFT_SOLREF, solimp=_SOFT_SOLIMP,
+        pad, "washcloth", BOX, contacts.TOOL, pos=PAD_CENTRE_M, size=PAD_HALF_SIZE_M - NAP_M, margin=NAP_M,
+        mass=_PAD_MASS_KG, priority=1, friction=_WET_FRICTION, solimp=_FIRM,
     )  # fmt: skip
     if appearance:
-        _add_skins(spec, body)
+        _add_skins(spec, body, pad)
 
 
-def _add_skins(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+def _add_springs(pad: mujoco.MjsBody) -> None:
+    """The pad gives way towards the hand and tilts about its two sides."""
+    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    for name, kind, axis, give, limits in (
+        ("washcloth_give", slide, 0, _GIVE, (-_MAX_GIVE_M, 0.0)),
+        ("washcloth_tilt_y", hinge, 1, _TILT, (-_MAX_TILT_RAD, _MAX_TILT_RAD)),
+        ("washcloth_tilt_z", hinge, 2, _TILT, (-_MAX_TILT_RAD, _MAX_TILT_RAD)),
+    ):
+        pad.add_joint(
+            name=name, type=kind, axis=np.eye(3)[axis], pos=[-_THICKNESS, 0.0, 0.0], range=limits,
+            stiffness=[give.stiffness, 0.0, 0.0], damping=[give.damping, 0.0, 0.0], armature=give.inertia,
+            solimp_limit=_FIRM,
+        )  # fmt: skip
+
+
+def _add_skins(spec: mujoco.MjSpec, body: mujoco.MjsBody, pad: mujoco.MjsBody) -> None:
     terry = add_material(spec, "terry_cloth", _TERRY_RGB, roughness=1.0)
     white = add_material(spec, "terry_stripe", _STRIPE_RGB, roughness=1.0)
     rising_along_x = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
-    skins = {f"layer_{i}": (terry, _layer(i)) for i in range(len(_LAYER_INSETS))}
-    skins |= {f"stripe_{i}": (white, _stripe(y)) for i, y in enumerate(_STRIPES_Y)}
-    skins["ridge"] = (terry, _ridge())
-    for name, (material, sections) in skins.items():
-        add_skin(spec, body, f"washcloth_{name}", material, loft(sections, segments=64), quat=rising_along_x)
+    skins = {f"layer_{i}": (pad, terry, _layer(i)) for i in range(len(_LAYER_INSETS))}
+    skins |= {f"stripe_{i}": (pad, white, _stripe(y)) for i, y in enumerate(_STRIPES_Y)}
+    skins["ridge"] = (body, terry, _ridge())
+    for name, (owner, material, sections) in skins.items():
+        add_skin(spec, owner, f"washcloth_{name}", material, loft(sections, segments=64), quat=rising_along_x)
 
 
 def _layer(index: int) -> list[Section]:

@@ -14,14 +14,13 @@ Array = NDArray[np.float64]
 Ids = NDArray[np.intp]
 
 UPPER_ARM, FOREARM = 0, 1
-TOP_RAD, SIDE_RAD, BELOW_RAD = np.radians([10.0, 62.0, 112.0])
 SWEEPS = (
-    (UPPER_ARM, TOP_RAD, 0.0, 1.0),
-    (FOREARM, TOP_RAD, 0.0, 1.0),
-    (FOREARM, SIDE_RAD, 1.0, 0.0),
-    (UPPER_ARM, SIDE_RAD, 1.0, 0.0),
-    (UPPER_ARM, BELOW_RAD, 0.0, 1.0),
-    (FOREARM, BELOW_RAD, 0.0, 1.0),
+    (UPPER_ARM, np.radians(12.0), 0.0, 1.0),
+    (FOREARM, np.radians(12.0), 0.0, 1.0),
+    (FOREARM, np.radians(80.0), 1.0, 0.0),
+    (UPPER_ARM, np.radians(74.0), 1.0, 0.0),
+    (UPPER_ARM, np.radians(125.0), 0.0, 1.0),
+    (FOREARM, np.radians(125.0), 0.0, 1.0),
 )
 """Limb, angle around it from its top outwards, from where to where along it, 0 at the shoulder's end."""
 ALWAYS = 4

@@ -18,7 +18,7 @@ from avrgym.models import human
 from avrgym.models.human import JOINTS, PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
 from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
-from avrgym.models.washcloth import PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
+from avrgym.models.washcloth import NAP_M, PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
 from avrgym.people import Pose
 from avrgym.simulation import Start, State
 from avrgym.tasks import places
@@ -176,15 +176,16 @@ def is_washed(memory: BedBathingMemory) -> Bools:
 
 def cloth_distance(state: State) -> Array:
     """From the cloth to the person's body (N,), metres; 0 where they touch."""
-    centre = state.tool_pos_w + transforms.rotate(state.tool_q_w, PAD_CENTRE_M)
+    centre_w = state.tool_pos_w + transforms.rotate(state.tool_q_w, PAD_CENTRE_M)
+    segment_w = state.person_segment_w
     closest = capsules.segment_box_closest(
-        centre[:, None],
+        centre_w[:, None],
         state.tool_q_w[:, None],
-        PAD_HALF_SIZE_M,
-        state.person_segment_w[:, :, 0],
-        state.person_segment_w[:, :, 1],
+        PAD_HALF_SIZE_M - NAP_M,
+        segment_w[:, :, 0],
+        segment_w[:, :, 1],
     )
-    return np.maximum((closest.distance_m - state.person_radius_m).min(axis=-1), 0.0)
+    return np.maximum((closest.distance_m - state.person_radius_m).min(axis=-1) - NAP_M, 0.0)
 
 
 def _contacts_of_limbs(state: State) -> tuple[Array, Bools]:
@@ -204,7 +205,8 @@ def _touched(contact_pos: Array, near: Bools, marker_pos: Array) -> Bools:
     world, limb = np.nonzero(near.any(axis=-1))
     if len(world):
         first, last = _ends(contact_pos[world, limb], near[world, limb])
-        distance = _distance_to_segment(marker_pos[world, limb], first[:, None], last[:, None])
+        markers = marker_pos[world, limb]
+        distance = capsules.segment_distance(markers, markers, first[:, None], last[:, None])
         touched[world, limb] = distance < WIPE_RADIUS_M
     return touched
 
@@ -215,12 +217,6 @@ def _ends(pos: Array, near: Bools) -> tuple[Array, Array]:
     first = np.where(near, along, np.inf).argmin(axis=-1)
     last = np.where(near, along, -np.inf).argmax(axis=-1)
     return pos[row, first], pos[row, last]
-
-
-def _distance_to_segment(point: Array, start: Array, end: Array) -> Array:
-    axis, offset = end - start, point - start
-    share = (offset * axis).sum(axis=-1) / np.maximum((axis * axis).sum(axis=-1), 1e-12)
-    return norm(offset - np.clip(share, 0.0, 1.0)[..., None] * axis)
 
 
 def marker_places(state: State, memory: BedBathingMemory) -> Array:
