@@ -19,8 +19,10 @@ SWEEPS = (
     (FOREARM, np.radians(12.0), 0.0, 1.0),
     (FOREARM, np.radians(80.0), 1.0, 0.0),
     (UPPER_ARM, np.radians(74.0), 1.0, 0.0),
-    (UPPER_ARM, np.radians(125.0), 0.0, 1.0),
-    (FOREARM, np.radians(125.0), 0.0, 1.0),
+    (UPPER_ARM, np.radians(43.0), 0.0, 1.0),
+    (FOREARM, np.radians(46.0), 0.0, 1.0),
+    (FOREARM, np.radians(125.0), 1.0, 0.0),
+    (UPPER_ARM, np.radians(125.0), 1.0, 0.0),
 )
 """Limb, angle around it from its top outwards, from where to where along it, 0 at the shoulder's end."""
 ALWAYS = 4
