@@ -14,7 +14,7 @@ from avrgym.oracles.bed_bathing import BedBathingOracle
 from avrgym.simulation import State
 from avrgym.tasks import TASKS, bed_bathing
 from avrgym.tasks.base import Outcome
-from avrgym.tasks.bed_bathing import MARKERS, BedBathingMemory
+from avrgym.tasks.bed_bathing import BedBathingMemory
 
 TASK = TASKS["BedBathing"]
 MAN = Person("man", 0.60)
@@ -81,10 +81,10 @@ def term(outcome: Outcome, name: str) -> float:
     return float(outcome.terms[name][0])
 
 
-def places(seen: State, memory: BedBathingMemory) -> np.ndarray:
-    """Where the markers (n, 3) are that are still to be seen."""
-    pos = bed_bathing.marker_places(seen, memory)[0]
-    return pos[pos[:, 2] > 0.0]
+def marker_places(seen: State, memory: BedBathingMemory) -> np.ndarray:
+    """Where the markers (2, ``MARKERS``, 3) are on the skin, world frame."""
+    pos_w, q_w = seen.right_arm_pos_w[0, :2, None], seen.right_arm_q_w[0, :2, None]
+    return pos_w + transforms.rotate(q_w, memory.marker_pos[0])
 
 
 # Markers
@@ -123,16 +123,18 @@ def test_every_allowed_person_has_room_for_all_markers():
             assert memory.exists[0, limb].sum() == expected
 
 
-def test_marks_are_drawn_on_the_limbs_until_they_are_wiped():
-    seen, memory = state(), fresh()
-    shown = places(seen, memory)
-    assert len(shown) == memory.exists.sum() == 129
-    from_axis = np.hypot(shown[:, 0] - SHOULDER[0], shown[:, 2] - SHOULDER[2])
-    assert_allclose(np.unique(from_axis.round(6)), [0.033, 0.043])
-    wiped = judged(state({on_top_of_upper_arm(0.14): 3.0})).memory
-    assert len(places(seen, wiped)) == 129 - wiped.wiped.sum()
+def test_marks_are_drawn_above_the_skin_until_they_are_wiped():
     assert TASK.marks is not None
-    assert bed_bathing.marker_places(seen, memory).shape == (1, TASK.marks.count, 3)
+    seen, memory = state(), fresh()
+    marks = TASK.marks.places(seen, memory)
+    assert marks.shape == (1, TASK.marks.count, 3)
+    shown = marks[0][memory.exists[0].ravel()]
+    from_axis = np.hypot(shown[:, 0] - SHOULDER[0], shown[:, 2] - SHOULDER[2])
+    assert_allclose(np.unique(from_axis.round(6)), [0.033 + 0.012, 0.043 + 0.012])
+    assert ((marks[0, :, 2] < 0.0) == ~memory.exists[0].ravel()).all()
+    wiped = judged(state({on_top_of_upper_arm(0.14): 3.0})).memory
+    hidden = TASK.marks.places(seen, wiped)[0, :, 2] < 0.0
+    assert hidden.sum() == (~memory.exists).sum() + wiped.wiped.sum() > (~memory.exists).sum()
 
 
 # Wiping
@@ -141,7 +143,7 @@ def test_marks_are_drawn_on_the_limbs_until_they_are_wiped():
 def wiped_by(seen: State) -> tuple[np.ndarray, np.ndarray]:
     """Where the markers are that one step wipes, and those that it leaves."""
     outcome = judged(seen)
-    pos = bed_bathing.marker_places(seen, fresh())[0].reshape(2, MARKERS, 3)
+    pos = marker_places(seen, fresh())
     wiped = outcome.memory.wiped[0]
     assert term(outcome, "markers_wiped") == wiped.sum()
     return pos[wiped], pos[fresh().exists[0] & ~wiped]

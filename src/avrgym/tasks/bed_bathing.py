@@ -97,17 +97,9 @@ def start(stage: Stage, people: People, uniforms: Array) -> Start:
     count = len(uniforms)
     frames_w, _ = human.body_frames(people, RECLINED)
     goals = np.stack([frames_w[name] for name in ("right_upper_arm", "right_forearm", "right_hand")], axis=1)
-    tool = HAND_START_W - transforms.rotate(START_Q_W, WASHCLOTH.grip_pos)
-    begun = places.start(
-        stage,
-        people,
-        {},
-        np.tile(tool, (count, 1)),
-        np.tile(START_Q_W, (count, 1)),
-        goals,
-        np.tile(START_Q_W, (count, 3, 1)),
-        uniforms,
-    )
+    tool = np.tile(HAND_START_W - transforms.rotate(START_Q_W, WASHCLOTH.grip_pos), (count, 1))
+    tool_q, goal_q = np.tile(START_Q_W, (count, 1)), np.tile(START_Q_W, (count, 3, 1))
+    begun = places.start(stage, people, {}, tool, tool_q, goals, goal_q, uniforms)
     return replace(begun, placed_pos_w={name: begun.robot_pos_w for name in stage.movable})
 
 
@@ -152,7 +144,11 @@ def observe(state: State, memory: BedBathingMemory) -> Array:
 
 
 def judge(state: State, action: Array, memory: BedBathingMemory) -> Outcome:
-    """Force of the cloth within 2.5 cm of upper arm or forearm is at the target, any other of the robot is not."""
+    """One control step.
+
+    The force of the cloth's contacts within 2.5 cm of upper arm or forearm is at the target; what the robot presses
+    the person with beyond that is not.
+    """
     contact_pos, near = _contacts_of_limbs(state)
     newly_wiped = memory.exists & ~memory.wiped & _touched(contact_pos, near, memory.marker_pos)
     after = replace(memory, wiped=memory.wiped | newly_wiped)
@@ -219,18 +215,20 @@ def _ends(pos: Array, near: Bools) -> tuple[Array, Array]:
     return pos[row, first], pos[row, last]
 
 
-def marker_places(state: State, memory: BedBathingMemory) -> Array:
-    """Where the markers not yet wiped are (N, 2 × ``MARKERS``, 3), world frame; the others below the floor."""
-    pos_w, _ = transforms.compose(
-        state.right_arm_pos_w[:, :2, None],
-        state.right_arm_q_w[:, :2, None],
-        memory.marker_pos,
-        transforms.IDENTITY_QUATERNION,
-    )
+def marks_w(state: State, memory: BedBathingMemory) -> Array:
+    """Where the markers not yet wiped are drawn (N, 2 × ``MARKERS``, 3), world frame; the others below the floor.
+
+    They are drawn outside of what the collision shapes wear: skin and sleeve.
+    """
+    outwards = memory.marker_pos * [1.0, 1.0, 0.0]
+    drawn = memory.marker_pos + DRAWN_ABOVE_M * transforms.normalize(outwards)
+    limb_pos_w, limb_q_w = state.right_arm_pos_w[:, :2, None], state.right_arm_q_w[:, :2, None]
+    pos_w = limb_pos_w + transforms.rotate(limb_q_w, drawn)
     shown = memory.exists & ~memory.wiped
     return np.where(shown[..., None], pos_w, BELOW_THE_FLOOR_W).reshape(len(pos_w), -1, 3)
 
 
+DRAWN_ABOVE_M = 0.012
 BELOW_THE_FLOOR_W = (0.0, 0.0, -1.0)
 
 
@@ -250,5 +248,5 @@ BED_BATHING = Task(
     remember=remember,
     observe=observe,
     judge=judge,
-    marks=Marks(count=2 * MARKERS, radius_m=0.004, rgb=(0.85, 0.25, 0.30), places=marker_places),
+    marks=Marks(count=2 * MARKERS, radius_m=0.006, rgb=(0.85, 0.25, 0.30), places=marks_w),
 )
