@@ -48,7 +48,7 @@ class Tool:
 
 _GRAIN = {"condim": 3, "friction": [0.6, 0.005, 0.0001]}
 _FLUID = {"condim": 1, "priority": 1, "solimp": [0.9, 0.9, 0.001, 0.5, 2.0]}
-"""One constraint per contact whatever the other surface is like; softer, which takes a quarter less iterations."""
+"""One constraint per contact whatever the other surface is like; softer, which takes a quarter fewer iterations."""
 
 
 def add_particles(spec: mujoco.MjSpec, particles: Particles, appearance: bool) -> None:
