@@ -24,6 +24,10 @@ M_PER_N, SOFTER_M, FIRMER_M = 0.0005, -0.002, 0.001
 """By how much the depth changes in a control step for each newton too few, and at most."""
 SEEK_DEPTH_M = 0.03
 """Where the rod aims before it touches: it meets the skin on the way."""
+HARD_S, DETOUR_STEPS = 20.0, 50
+"""Ways that cost more are planned anew after a detour to a place before and above the person's wrist."""
+FROM_WRIST_M = (0.0, -0.15, 0.10)
+DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
 STROKE_M, TURN_BACK_M = 0.02, 0.007
 """How far past the itch a stroke aims, and how far past it the rod turns back: strokes of well over 1 cm."""
 
@@ -38,12 +42,22 @@ class ScratchItchOracle:
         count = episodes.simulation.num_worlds
         self._arrived, self._touched = np.zeros((2, count), dtype=bool)
         self._depths_m, self._side = np.zeros((count, 2)), np.ones(count)
-        self._plan()
+        self._q_limb, self._before_rad = np.zeros((count, 4)), np.zeros((count, 7))
+        self._steps = 0
+        hard = self._plan(np.ones(count, dtype=bool)) > HARD_S
+        self._detour_rad, cost_s = self._find_detour()
+        self._detour = hard & (cost_s < HARD_S)
 
     def __call__(self, observation: Array) -> Array:
         guide = self._guide
-        swing = guide.swing(self._before_rad, SWING_M_S, np.pi)
-        self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
+        if self._steps == DETOUR_STEPS and self._detour.any():
+            self._plan(self._detour)
+            self._detour = np.zeros_like(self._detour)
+        self._steps += 1
+        goal_rad = np.where(self._detour[:, None], self._detour_rad, self._before_rad)
+        swing = guide.swing(goal_rad, SWING_M_S, np.pi)
+        there = np.abs(guide.angles_rad - goal_rad).max(axis=-1) < ARRIVED_RAD
+        self._arrived |= there & ~self._detour
         tip_w, q_w = self._rub()
         speed = np.where(self._touched, RUB_M_S, ENTER_M_S)
         straight = guide.straight(tip_w, q_w, speed, TURN_RAD_S)
@@ -71,10 +85,23 @@ class ScratchItchOracle:
         self._depths_m += share * change[:, None]
         return np.where(self._touched, (share * self._depths_m).sum(axis=-1), SEEK_DEPTH_M)
 
-    def _plan(self) -> None:
-        """Of all ways to point at the itch the quickest with room for the arm.
+    def _find_detour(self) -> tuple[Array, Array]:
+        """Angles (N, 7) before and above the wrist, the rod pointing down, and what it costs to go there (N,)."""
+        wrist_w = self._episodes.simulation.state().right_arm_pos_w[:, 2]
+        turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
+        q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))
+        place_w = np.repeat((wrist_w + FROM_WRIST_M)[:, None], q_w.shape[1], axis=1)
+        angles, cost_s = self._guide.find(place_w, q_w)
+        world, best = np.arange(len(wrist_w)), cost_s.argmin(axis=-1)
+        return angles[world, best], cost_s[world, best]
+
+    def _plan(self, worlds: NDArray[np.bool_]) -> Array:
+        """Choose for some worlds, (N,), of all ways to point at the itch the quickest with room for the arm.
 
         The rod may turn about itself as it likes: the arm's last joint does that.
+
+        Returns:
+            What the way there costs, (N,) seconds.
         """
         state, memory = self._episodes.simulation.state(), self._episodes.memory
         _, limb_q_w = limb_frame(state, memory)
@@ -86,9 +113,14 @@ class ScratchItchOracle:
         angles, cost_s = self._guide.find(tip_w, q_w)
         world, best = np.arange(len(out)), (cost_s + SECONDS_PER_RAD * tilt).argmin(axis=-1)
         tip_w, q_w, into = tip_w[world, best], q_w[world, best], into[world, best]
-        self._q_limb = transforms.multiply(transforms.conjugate(limb_q_w), q_w)
-        self._guide.posture_rad = angles[world, best]
-        self._before_rad = self._guide.angles_at(tip_w - AWAY_M * into, q_w, self._guide.posture_rad)
+        angles = angles[world, best]
+        before = self._guide.angles_at(tip_w - AWAY_M * into, q_w, angles)
+        q_limb = transforms.multiply(transforms.conjugate(limb_q_w), q_w)
+        new = worlds[:, None]
+        self._q_limb = np.where(new, q_limb, self._q_limb)
+        self._before_rad = np.where(new, before, self._before_rad)
+        self._guide.posture_rad = np.where(new, angles, self._guide.posture_rad)
+        return cost_s[world, best]
 
 
 def _surface(memory: ScratchItchMemory, limb_q_w: Array) -> tuple[Array, Array]:
