@@ -15,19 +15,21 @@ from avrgym.tasks.feeding import MOUTH_RADIUS_M, SUCCESS_SHARE
 Array = NDArray[np.float64]
 
 TIP_FIRST = [(0.0, pitch, 0.0, rise) for pitch in (0.0, 15.0, -15.0) for rise in (0.0, 0.006, -0.006)]
+TURNED = [(turn, 0.0, 0.0, 0.0) for turn in (20.0, -20.0, -40.0)]
 SIDEWAYS = [(turn, 0.0, roll, 0.0) for turn in (-75.0, -90.0, -105.0) for roll in (0.0, -15.0)]
-TURNS_DEG, PITCHES_DEG, ROLLS_DEG, RISES_M = np.array(TIP_FIRST + SIDEWAYS).T
+TURNS_DEG, PITCHES_DEG, ROLLS_DEG, RISES_M = np.array(TIP_FIRST + TURNED + SIDEWAYS).T
 """How the spoon may come: turned from where its tip points into the face, its tip raised, tipped towards the
 lips, and above the mouth."""
-SECONDS_PER_PIECE = 3.0
-"""What a piece that stays out of the mouth is worth in time."""
+SECONDS_PER_PIECE, FAILED_S, SHIFT_M = 3.0, 10.0, 0.001
+"""What a piece that stays out of the mouth is worth in time, and what too many are; food may shift a little."""
 
 CARRY_M_S, ENTER_M_S, TURN_RAD_S, TILT_RAD = 0.35, 0.08, 0.8, np.radians(20.0)
 AWAY_M, ARRIVED_RAD = 0.06, 0.03
-CLEARANCE_M, NEARER_M, GENTLE_N = 0.002, 0.0005, 2.0
+CLEARANCE_M, NEARER_M, GENTLE_N = 0.002, 0.0005, 4.0
 """The spoon stays clear of the face; where too little food is in the mouth it comes nearer, step by step, until
 it touches the face gently."""
 ON_SPOON_M = 0.05
+SPARE_PIECES = (1.0 - SUCCESS_SHARE) * len(FOOD.start)
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -61,9 +63,12 @@ class FeedingOracle:
             axis=1,
         )
         food_w = pos_w[:, :, None] + transforms.rotate(q_w[:, :, None], FOOD.start)
-        missed = norm(food_w - state.mouth_pos_w[:, None, None]) > MOUTH_RADIUS_M
+        from_mouth = norm(food_w - state.mouth_pos_w[:, None, None])
+        in_doubt = (from_mouth > MOUTH_RADIUS_M - SHIFT_M).sum(axis=-1)
+        failed = (from_mouth > MOUTH_RADIUS_M).sum(axis=-1) > SPARE_PIECES
         before_rad, seconds = self._guide.find(pos_w - AWAY_M * heading(state)[:, None], q_w, TILT_RAD)
-        best = (seconds + SECONDS_PER_PIECE * missed.sum(axis=-1)).argmin(axis=-1)
+        cost = seconds + SECONDS_PER_PIECE * in_doubt + FAILED_S * failed
+        best = cost.argmin(axis=-1)
         world = np.arange(len(best))
         self._q_w, self._rise_m = q_w[world, best], RISES_M[best]
         self._before_rad = before_rad[world, best]
@@ -91,5 +96,4 @@ def _at_mouth(state: State, q_w: Array, rise_m: Array | float, clearance_m: Arra
 def _is_hungry(state: State) -> NDArray[np.bool_]:
     """Whether the spoon may go on: too much food lies on it for a success, and the face feels little (N,)."""
     on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < ON_SPOON_M
-    too_much = on_spoon.sum(axis=-1) > (1.0 - SUCCESS_SHARE) * len(FOOD.start)
-    return too_much & (state.robot_force_n < GENTLE_N)
+    return (on_spoon.sum(axis=-1) > SPARE_PIECES) & (state.robot_force_n < GENTLE_N)

@@ -16,8 +16,10 @@ ITERATIONS = 8
 POSTURE_SHARE = 0.1
 """How much of the way to its posture the arm goes in a control step, where the tool leaves it free to."""
 
-STARTS = np.concatenate([np.zeros((1, 7)), np.random.default_rng(0).uniform(-1.5, 1.5, (15, 7))])
+STARTS = np.concatenate([np.zeros((1, 7)), np.random.default_rng(0).uniform(-1.5, 1.5, (11, 7))])
 """Where the search for angles begins, radians from where the arm is."""
+CONSIDERED = 8
+"""How many of the angles found for a pose are looked at more closely."""
 PARTS_OF_THE_WAY = (0.2, 0.4, 0.6, 0.8, 1.0)
 BLOCKED_S, TILTED_S_RAD, MARGIN_M = 20.0, 20.0, 0.03
 """What it costs when the arm would touch something or tilt its tool, and how far from a touch that begins."""
@@ -105,23 +107,29 @@ class Guide:
         solution = kinematics.solve(self._chain, pos, q, starts)
         angles = self._unwound(solution.angles_rad.reshape(worlds, -1, 7))
         missed = (solution.position_error_m > ACCURACY_M) | (solution.rotation_error_rad > ACCURACY_RAD)
-        cost = np.where(missed.reshape(worlds, -1), np.inf, self._cost_s(angles, tilt_rad))
-        cost, angles = cost.reshape(worlds, poses, -1), angles.reshape(worlds, poses, -1, 7)
-        best = cost.argmin(axis=-1)[..., None]
-        angles = np.take_along_axis(angles, best[..., None], axis=2)[:, :, 0]
-        return angles, np.take_along_axis(cost, best, axis=2)[..., 0]
+        cost = np.where(missed.reshape(worlds, -1), np.inf, self._cost_level_s(angles, tilt_rad))
+        cost, angles = _least(
+            cost.reshape(worlds, poses, -1), angles.reshape(worlds, poses, -1, 7), CONSIDERED
+        )
+        cost += self._cost_clear_s(angles.reshape(worlds, -1, 7)).reshape(cost.shape)
+        cost, angles = _least(cost, angles, 1)
+        return angles[:, :, 0], cost[:, :, 0]
 
-    def _cost_s(self, angles_rad: Array, tilt_rad: float) -> Array:
-        """What swings to angles (N, M, 7) cost, (N, M); see ``find``."""
+    def _cost_level_s(self, angles_rad: Array, tilt_rad: float) -> Array:
+        """How long swings to angles (N, M, 7) take at least, and what it costs that they tilt the tool, (N, M)."""
         way = angles_rad - self.angles_rad[:, None]
-        state = self._simulation.state()
-        gap, excess = np.full(way.shape[:2], np.inf), np.zeros(way.shape[:2])
+        tilt = [self._tilt_rad(self.angles_rad[:, None] + share * way) for share in PARTS_OF_THE_WAY]
+        excess = np.maximum(0.0, np.max(tilt, axis=0) - tilt_rad)
+        return CONTROL_STEP_S * np.abs(way / self._reach_rad).max(axis=-1) + TILTED_S_RAD * excess
+
+    def _cost_clear_s(self, angles_rad: Array) -> Array:
+        """What it costs that swings to angles (N, M, 7) come close to something, (N, M)."""
+        way = angles_rad - self.angles_rad[:, None]
+        state, gap = self._simulation.state(), np.full(way.shape[:2], np.inf)
         for share in PARTS_OF_THE_WAY:
             there = self.angles_rad[:, None] + share * way
             gap = np.minimum(gap, self._clearance.least_m(there, state, tool=share < 1.0))
-            excess = np.maximum(excess, self._tilt_rad(there) - tilt_rad)
-        seconds = CONTROL_STEP_S * np.abs(way / self._reach_rad).max(axis=-1)
-        return seconds + BLOCKED_S * np.maximum(0.0, 1.0 - gap / MARGIN_M) + TILTED_S_RAD * excess
+        return BLOCKED_S * np.maximum(0.0, 1.0 - gap / MARGIN_M)
 
     def _tilt_rad(self, angles_rad: Array) -> Array:
         """How far (N, M) the tool's z axis is from the vertical at angles (N, M, 7)."""
@@ -158,6 +166,12 @@ class Guide:
 
     def _within_limits(self, step_rad: Array) -> Array:
         return step_rad / np.maximum(1.0, np.abs(step_rad / self._reach_rad).max(axis=-1, keepdims=True))
+
+
+def _least(cost: Array, angles_rad: Array, count: int) -> tuple[Array, Array]:
+    """The cheapest of costs (N, K, R) and their angles (N, K, R, 7), as many as ``count``, the best first."""
+    best = np.argsort(cost, axis=-1, kind="stable")[..., :count]
+    return np.take_along_axis(cost, best, axis=-1), np.take_along_axis(angles_rad, best[..., None], axis=2)
 
 
 def _share(step: Array, longest: Array | float) -> Array:
