@@ -1,0 +1,155 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from avrgym import transforms
+from avrgym.episodes import Episodes
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.oracles.feeding import FeedingOracle
+from avrgym.oracles.guide import BLOCKED_S, Guide
+from avrgym.simulation import MAX_LEAD_RAD
+
+COUNT = 4
+STILL = np.zeros((COUNT, 7))
+
+
+def begun(count: int = COUNT, robot: str = "Jaco", first: int = 0) -> Episodes:
+    """Feeding episodes with revised people, world i from stream ``first`` + i."""
+    episodes = Episodes(f"avrgym/Feeding{robot}-v1", count, distribution="revised", num_threads=1)
+    episodes.begin(np.arange(count), [np.random.default_rng([5, first + i]) for i in range(count)])
+    return episodes
+
+
+@pytest.fixture(scope="module")
+def start() -> Episodes:
+    """Episodes that nobody steps."""
+    return begun()
+
+
+def nearby(guide: Guide, way: tuple[float, float, float], turn_rad: float) -> tuple[np.ndarray, np.ndarray]:
+    """The tool's pose, moved along ``way`` and turned about the vertical."""
+    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], np.full(len(guide.q_w), turn_rad))
+    return guide.pos_w + way, transforms.multiply(turn, guide.q_w)
+
+
+# The guide
+
+
+def test_a_guide_begins_where_the_tool_is(start):
+    guide, state = Guide(start), start.simulation.state()
+    assert_allclose(guide.pos_w, state.tool_pos_w, atol=1e-9)
+    assert_allclose(transforms.angle_between(guide.q_w, state.tool_q_w), 0.0, atol=1e-6)
+
+
+def test_a_tool_follows_a_straight_line():
+    """Asked for and done, within 5 mm, where nothing is in the way; it arrives within 2 mm and 1°."""
+    episodes = begun(robot="PR2")
+    guide = Guide(episodes)
+    begin = guide.pos_w
+    target, q_w = nearby(guide, (-0.04, 0.0, 0.08), 0.2)
+    along = transforms.normalize(target - begin)
+    for _ in range(45):
+        episodes.step(guide.toward(target, q_w, 0.05, 0.1))
+        for pos in (guide.pos_w, episodes.simulation.state().tool_pos_w):
+            way = pos - begin
+            off = way - (way * along).sum(axis=-1, keepdims=True) * along
+            assert np.linalg.norm(off, axis=-1).max() < 0.005
+    state = episodes.simulation.state()
+    assert np.linalg.norm(state.tool_pos_w - target, axis=-1).max() < 0.002
+    assert np.degrees(transforms.angle_between(state.tool_q_w, q_w)).max() < 1.0
+
+
+def test_a_tool_moves_and_turns_no_faster_than_it_may():
+    episodes = begun()
+    guide = Guide(episodes)
+    target, q_w = nearby(guide, (0.1, 0.1, 0.0), 1.0)
+    for _ in range(10):
+        pos, q = guide.pos_w, guide.q_w
+        episodes.step(guide.toward(target, q_w, 0.05, 0.2))
+        assert np.linalg.norm(guide.pos_w - pos, axis=-1).max() <= CONTROL_STEP_S * 0.05 + 1e-4
+        assert transforms.angle_between(guide.q_w, q).max() <= CONTROL_STEP_S * 0.2 + 1e-3
+
+
+def test_actions_are_shares_of_the_joints_speeds(start):
+    """However far and fast it should go."""
+    guide = Guide(start)
+    action = guide.toward(guide.pos_w + 1.0, guide.q_w, 10.0, 10.0)
+    assert np.abs(action).max() <= 1.0 + 1e-12
+    far = Guide(start)
+    assert_allclose(np.abs(far.ask(far.angles_rad + np.linspace(-3.0, 3.0, 7))).max(axis=-1), 1.0)
+
+
+def test_what_is_asked_for_does_not_run_away_from_a_blocked_arm(start):
+    """Nobody steps the world: the arm does not follow."""
+    guide = Guide(start)
+    target, q_w = nearby(guide, (0.0, 0.3, 0.0), 0.0)
+    for _ in range(20):
+        guide.toward(target, q_w, 0.2, 0.5)
+    ahead = np.abs(guide.angles_rad - start.simulation.state().arm_angles_rad).max()
+    one_step = start.stage.arm.speed_limit_rad_s.max() * CONTROL_STEP_S
+    assert 0.05 < ahead <= MAX_LEAD_RAD + one_step + 1e-9
+
+
+def test_a_swing_arrives_at_its_angles_with_the_tool_level():
+    episodes = begun()
+    guide = Guide(episodes)
+    target = guide.angles_rad + np.array([0.3, 0.1, -0.2, 0.2, 0.3, 0.2, 0.4])
+    target = guide.angles_at(guide.pose(target)[0], guide.q_w, target)
+    for _ in range(40):
+        episodes.step(guide.ask(guide.swing(target, 0.3, np.radians(10.0))))
+        z_w = transforms.rotate(guide.q_w, [0.0, 0.0, 1.0])
+        assert np.degrees(np.arccos(z_w[:, 2])).max() < 11.0
+    assert_allclose(episodes.simulation.state().arm_angles_rad, target, atol=0.01)
+
+
+def test_found_angles_have_the_pose(start):
+    guide = Guide(start)
+    pos_w, q_w = nearby(guide, (0.05, 0.05, 0.05), -0.3)
+    angles, cost = guide.find(pos_w[:, None], q_w[:, None])
+    found_pos, found_q = guide.pose(angles[:, 0])
+    assert np.isfinite(cost).all()
+    assert np.linalg.norm(found_pos - pos_w, axis=-1).max() < 0.003
+    assert transforms.angle_between(found_q, q_w).max() < 0.03
+
+
+def test_nothing_is_found_out_of_reach(start):
+    guide = Guide(start)
+    _, cost = guide.find(guide.pos_w[:, None] + [0.0, 0.0, 2.0], guide.q_w[:, None])
+    assert np.isinf(cost).all()
+
+
+def test_it_costs_to_reach_through_the_table(start):
+    """A hand in the air is free; with the spoon in the table's top it is not."""
+    guide = Guide(start)
+    in_table = np.tile([0.0, -0.70, 0.735], (COUNT, 1))
+    poses = np.stack([nearby(guide, (0.0, 0.1, 0.0), 0.0)[0], in_table], axis=1)
+    _, cost = guide.find(poses, np.stack([guide.q_w, guide.q_w], axis=1))
+    assert (cost[:, 0] < 5.0).all()
+    assert (cost[:, 1] > BLOCKED_S).all()
+
+
+def test_a_world_is_led_alike_alone_and_among_others(start):
+    together, alone = Guide(start), Guide(begun(1, first=2))
+    target, q_w = nearby(together, (0.1, 0.2, 0.0), 0.5)
+    only = slice(2, 3)
+    actions = together.toward(target, q_w, 0.2, 0.8)
+    assert_array_equal(alone.toward(target[only], q_w[only], 0.2, 0.8), actions[only])
+    angles, cost = together.find(target[:, None], q_w[:, None])
+    alone_angles, alone_cost = alone.find(target[only, None], q_w[only, None])
+    assert_array_equal(alone_angles, angles[only])
+    assert_array_equal(alone_cost, cost[only])
+
+
+# Feeding
+
+
+@pytest.mark.parametrize("robot", ["Jaco", "PR2"])
+def test_the_oracle_feeds_people_gently(robot):
+    """All of eight; no touch is firmer than ten newtons."""
+    episodes = begun(8, robot)
+    act, step = FeedingOracle(episodes), None
+    for _ in range(90):
+        step = episodes.step(act(episodes.observe()))
+        assert step.force_on_person_n.max() < 10.0
+    assert step is not None
+    assert step.success.all()
