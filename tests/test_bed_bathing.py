@@ -232,16 +232,16 @@ def test_force_on_the_arm_is_at_the_target_and_any_other_is_not():
     on_arm = on_top_of_upper_arm(0.10)
     seen = state({on_arm: 4.0, tuple(FAR_AWAY): 3.0}, robot_force_n=np.array([9.0]))
     outcome = judged(seen)
-    assert term(outcome, "other_force_n") == pytest.approx(5.0)
-    assert term(outcome, "strong_wiping_force_n") == 0.0
-    assert term(judged(state({on_arm: 4.0})), "other_force_n") == 0.0
+    assert term(outcome, "force_elsewhere_n") == pytest.approx(5.0)
+    assert term(outcome, "strong_force_at_arm_n") == 0.0
+    assert term(judged(state({on_arm: 4.0})), "force_elsewhere_n") == 0.0
 
 
 def test_only_strong_force_at_the_target_is_disliked():
     for newtons, counted in ((9.99, 0.0), (10.0, 10.0), (25.0, 25.0)):
         half = 0.5 * newtons
         both = state({on_top_of_upper_arm(0.10): half, tuple(ELBOW + FOREARM_RADIUS_M * UP): half})
-        assert term(judged(both), "strong_wiping_force_n") == pytest.approx(counted)
+        assert term(judged(both), "strong_force_at_arm_n") == pytest.approx(counted)
 
 
 def test_action_and_speed_terms():
@@ -257,8 +257,8 @@ def test_the_weights_are_those_of_the_paper():
         "action_squared": -0.01,
         "markers_wiped": 5.0,
         "effector_speed_m_s": -0.25,
-        "other_force_n": -0.01,
-        "strong_wiping_force_n": -0.05,
+        "force_elsewhere_n": -0.01,
+        "strong_force_at_arm_n": -0.05,
     }
 
 

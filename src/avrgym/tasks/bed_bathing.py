@@ -50,8 +50,8 @@ WEIGHTS: Mapping[str, float] = {
     "action_squared": -0.01,
     "markers_wiped": 5.0,
     "effector_speed_m_s": -0.25,
-    "other_force_n": -0.01,
-    "strong_wiping_force_n": -0.05,
+    "force_elsewhere_n": -0.01,
+    "strong_force_at_arm_n": -0.05,
 }
 """Task weights, then the preferences of the person (paper, section IV; reference)."""
 
@@ -159,8 +159,8 @@ def judge(state: State, action: Array, memory: BedBathingMemory) -> Outcome:
         "action_squared": (action * action).sum(axis=-1),
         "markers_wiped": _count(newly_wiped),
         "effector_speed_m_s": norm(state.effector_velocity_w),
-        "other_force_n": np.maximum(state.robot_force_n - wiping_force, 0.0),
-        "strong_wiping_force_n": np.where(wiping_force >= STRONG_FORCE_N, wiping_force, 0.0),
+        "force_elsewhere_n": np.maximum(state.robot_force_n - wiping_force, 0.0),
+        "strong_force_at_arm_n": np.where(wiping_force >= STRONG_FORCE_N, wiping_force, 0.0),
     }
     return Outcome(after, terms, distance, is_washed(after), np.zeros((len(distance), 0), dtype=bool))
 
