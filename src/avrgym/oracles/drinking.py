@@ -9,7 +9,8 @@ from avrgym import transforms
 from avrgym.episodes import Episodes
 from avrgym.models.cup import AXIS_X_M, RIM_RADIUS_M
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.oracles.guide import Guide
+from avrgym.oracles.clearance import Clearance
+from avrgym.oracles.guide import BLOCKED_S, Guide
 from avrgym.oracles.head import heading, way_out
 from avrgym.simulation import State
 from avrgym.tasks.base import norm
@@ -22,14 +23,15 @@ ROLL_DEG = (0.0, -22.5, -45.0)
 SECONDS_PER_M = 200.0
 """What it is worth in time to have the rim nearer to the mouth."""
 
-CARRY_M_S, ENTER_M_S, TURN_RAD_S, UPRIGHT_RAD = 0.35, 0.10, 0.8, np.radians(20.0)
+CARRY_M_S, ENTER_M_S, TURN_RAD_S = 0.35, 0.10, 0.8
 AWAY_M, ARRIVED_RAD, NEAR_M = 0.08, 0.03, 0.01
 CLEARANCE_M = 0.003
 LIPS_BACK_M, LIPS_UP_M = 0.01, 0.01
-FULL_RAD, EMPTY_RAD = np.radians([70.0, 92.0])
-"""Up to the first tilt no water pours; at the second none is left."""
+TIPPED_RAD, FULL_RAD, EMPTY_RAD = np.radians([45.0, 70.0, 92.0])
+"""At the first tilt the cup comes to the mouth: then the fingers before it pass below the chin. Up to the second
+no water pours; at the third none is left."""
 POUR_RAD_S = 0.04
-PATH = 8
+PATH = 5
 
 FORWARD, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _AROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
@@ -53,16 +55,16 @@ class DrinkingOracle:
     def __init__(self, episodes: Episodes) -> None:
         """Plan for the people who are there now."""
         self._simulation = episodes.simulation
-        self._guide = Guide(episodes)
+        self._guide, self._clearance = Guide(episodes), Clearance(episodes.simulation)
         count = self._simulation.num_worlds
-        self._tilt_rad, self._arrived = np.zeros(count), np.zeros(count, dtype=bool)
+        self._tilt_rad, self._arrived = np.full(count, TIPPED_RAD), np.zeros(count, dtype=bool)
         self._way, self._before_rad = self._plan(self._simulation.state())
 
     def __call__(self, observation: Array) -> Array:
         """Actions (N, 7)."""
         state, guide = self._simulation.state(), self._guide
         self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
-        swing = guide.swing(self._before_rad, CARRY_M_S, UPRIGHT_RAD)
+        swing = guide.swing(self._before_rad, CARRY_M_S, TIPPED_RAD)
         pos_w, q_w = _at_mouth(state, self._way, self._tilt_rad)
         near = self._arrived & (norm(pos_w - guide.pos_w) < NEAR_M)
         rate = np.where(self._tilt_rad < FULL_RAD, TURN_RAD_S, POUR_RAD_S)
@@ -84,16 +86,20 @@ class DrinkingOracle:
 
     def _try(self, state: State, way: Way) -> tuple[Array, Array]:
         """What a way costs, (N,), and the arm's angles (N, 7) where it begins."""
-        pos_w, q_w = _at_mouth(state, way, np.zeros_like(way.roll_rad))
+        pos_w, q_w = _at_mouth(state, way, np.full_like(way.roll_rad, TIPPED_RAD))
         before_w = pos_w - AWAY_M * transforms.rotate(_yaw_q_w(state, way), FORWARD)
-        angles, seconds = (part[:, 0] for part in self._guide.find(before_w[:, None], q_w[:, None]))
-        before_rad = angles
-        for tilt in np.linspace(0.0, EMPTY_RAD, PATH):
+        angles, seconds = (
+            part[:, 0] for part in self._guide.find(before_w[:, None], q_w[:, None], TIPPED_RAD)
+        )
+        before_rad, gap_m = angles, np.full(len(angles), np.inf)
+        for tilt in np.linspace(TIPPED_RAD, EMPTY_RAD, PATH):
             pos_w, q_w = _at_mouth(state, way, np.full_like(way.roll_rad, tilt))
             angles = self._guide.angles_at(pos_w, q_w, angles)
+            gap_m = np.minimum(gap_m, self._clearance.least_m(angles[:, None], state, tool=False)[:, 0])
         reached_w, _ = self._guide.pose(angles)
         distance = norm(_edge_w(pos_w, q_w, way) - state.mouth_pos_w) + norm(pos_w - reached_w)
-        return seconds + SECONDS_PER_M * distance, before_rad
+        blocked = BLOCKED_S * np.clip(1.0 - gap_m / CLEARANCE_M, 0.0, 1.0)
+        return seconds + SECONDS_PER_M * distance + blocked, before_rad
 
 
 def _yaw_q_w(state: State, way: Way) -> Array:
