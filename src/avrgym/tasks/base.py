@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym import transforms
 from avrgym.cooperation import Offered
 from avrgym.models.human import JOINTS, SEATED_RAD, People
 from avrgym.models.robots import Robot
@@ -86,6 +87,15 @@ class Marks:
     radius_m: float
     rgb: tuple[float, float, float]
     places: Callable[[State, Memory], Array]
+
+
+DRAWN_ABOVE_M = 0.012
+
+
+def above_clothes(places: Array) -> Array:
+    """Places (..., 3) on a limb's collision shape, in the limb's frame, moved outside of skin and sleeve."""
+    outwards = places * [1.0, 1.0, 0.0]
+    return places + DRAWN_ABOVE_M * transforms.normalize(outwards)
 
 
 @dataclass(frozen=True)

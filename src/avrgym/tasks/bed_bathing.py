@@ -22,7 +22,7 @@ from avrgym.models.washcloth import NAP_M, PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCL
 from avrgym.people import Pose
 from avrgym.simulation import Start, State
 from avrgym.tasks import places
-from avrgym.tasks.base import Marks, Outcome, Task, angles, force, norm, position, quaternion
+from avrgym.tasks.base import Marks, Outcome, Task, above_clothes, angles, force, norm, position, quaternion
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -216,19 +216,14 @@ def _ends(pos: Array, near: Bools) -> tuple[Array, Array]:
 
 
 def marks_w(state: State, memory: BedBathingMemory) -> Array:
-    """Where the markers not yet wiped are drawn (N, 2 × ``MARKERS``, 3), world frame; the others below the floor.
-
-    They are drawn outside of what the collision shapes wear: skin and sleeve.
-    """
-    outwards = memory.marker_pos * [1.0, 1.0, 0.0]
-    drawn = memory.marker_pos + DRAWN_ABOVE_M * transforms.normalize(outwards)
+    """Where the markers not yet wiped are drawn (N, 2 × ``MARKERS``, 3), world frame; the others below the floor."""
+    drawn = above_clothes(memory.marker_pos)
     limb_pos_w, limb_q_w = state.right_arm_pos_w[:, :2, None], state.right_arm_q_w[:, :2, None]
     pos_w = limb_pos_w + transforms.rotate(limb_q_w, drawn)
     shown = memory.exists & ~memory.wiped
     return np.where(shown[..., None], pos_w, BELOW_THE_FLOOR_W).reshape(len(pos_w), -1, 3)
 
 
-DRAWN_ABOVE_M = 0.012
 BELOW_THE_FLOOR_W = (0.0, 0.0, -1.0)
 
 

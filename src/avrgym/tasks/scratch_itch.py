@@ -15,7 +15,7 @@ from avrgym.models.scratcher import SCRATCHER
 from avrgym.people import Pose
 from avrgym.simulation import Start, State
 from avrgym.tasks import places
-from avrgym.tasks.base import Marks, Outcome, Task, angles, force, norm, position, quaternion
+from avrgym.tasks.base import Marks, Outcome, Task, above_clothes, angles, force, norm, position, quaternion
 
 Array = NDArray[np.float64]
 
@@ -179,11 +179,17 @@ def _touch(state: State, memory: ScratchItchMemory, itch_w: Array) -> tuple[Arra
     return force_n, transforms.rotate(transforms.conjugate(limb_q_w), place_w - limb_pos_w)
 
 
+def marks_w(state: State, memory: ScratchItchMemory) -> Array:
+    """Where the itch is drawn, (N, 1, 3), world frame."""
+    limb_pos_w, limb_q_w = limb_frame(state, memory)
+    return (limb_pos_w + transforms.rotate(limb_q_w, above_clothes(memory.itch)))[:, None]
+
+
 MARKS = Marks(
     count=1,
     radius_m=0.008,
     rgb=(0.85, 0.10, 0.12),
-    places=lambda state, memory: itch_pos_w(state, memory)[:, None],
+    places=marks_w,
 )
 
 SCRATCH_ITCH = Task(
