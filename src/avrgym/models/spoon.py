@@ -80,9 +80,10 @@ def _add_spoon_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, handle_end: float
 
 SPOON = Tool("spoon", _build_spoon, grip_pos=(0.02 + _BOWL[0] - SPOON_LENGTH_M, 0.0, 0.0), particles=FOOD)
 
+_RIM = tuple(floor + lean + _WALL for floor, lean in zip(_FLOOR, _LEAN, strict=True))
 OUTLINE = np.concatenate(
     [
-        _grid([-0.0265, -0.0133, 0.0, 0.0133, 0.0265], [-0.0195, 0.0, 0.0195], _RIM_Z),
+        _grid([share * _RIM[0] for share in (-1.0, -0.5, 0.0, 0.5, 1.0)], [-_RIM[1], 0.0, _RIM[1]], _RIM_Z),
         _grid([-_FLOOR[0], _FLOOR[0]], [-_FLOOR[1], _FLOOR[1]], _FLOOR_Z - _WALL),
     ]
 )
