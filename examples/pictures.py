@@ -15,16 +15,17 @@ from avrgym.oracles import ORACLES
 from avrgym.rendering import Camera
 from avrgym.tasks import ENVIRONMENTS
 
-STEPS = {"Feeding": 75, "Drinking": 110, "ScratchItch": 70, "BedBathing": 90}
-SEED = 3
+MOMENTS = {"Feeding": (3, 75), "Drinking": (3, 110), "ScratchItch": (6, 30), "BedBathing": (3, 90)}
+"""By task, the seed of an episode and the control step at which it shows."""
 
 
 def picture(environment_id: str) -> NDArray[np.uint8]:
-    """One world of an environment as it looks after ``STEPS`` control steps."""
+    """One world of an environment at its moment."""
     episodes = Episodes(environment_id, 1, distribution="revised", num_threads=1)
-    episodes.begin(np.array([0]), [np.random.default_rng(SEED)])
+    seed, steps = MOMENTS[episodes.task.name]
+    episodes.begin(np.array([0]), [np.random.default_rng(seed)])
     act = ORACLES[episodes.task.name](episodes)
-    for _ in range(STEPS[episodes.task.name]):
+    for _ in range(steps):
         episodes.step(act(episodes.observe()))
     camera = Camera(episodes, 0)
     try:

@@ -34,7 +34,7 @@ VIEWS: Mapping[tuple[str, bool], View] = {
     ("BedBathing", False): View((-0.25, -0.02, 0.92), 1.85, 70.0, -28.0),
     ("Feeding", True): _BESIDE_WHEELCHAIR,
     ("Drinking", True): _BESIDE_WHEELCHAIR,
-    ("ScratchItch", True): View((-0.35, -0.20, 0.92), 2.5, 70.0, -24.0),
+    ("ScratchItch", True): View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
     ("BedBathing", True): View((-0.35, -0.05, 0.85), 2.6, 112.0, -28.0),
 }
 """By task, and whether the robot is mobile; what the robot does is not hidden by its arm or the person."""
