@@ -27,11 +27,13 @@ CARRY_M_S, ENTER_M_S, TURN_RAD_S = 0.35, 0.10, 0.8
 AWAY_M, ARRIVED_RAD, NEAR_M = 0.08, 0.03, 0.01
 CLEARANCE_M = 0.003
 LIPS_BACK_M, LIPS_UP_M = 0.01, 0.01
+"""Where the edge goes, before and above the mouth's middle: slow water falls back by as much."""
 TIPPED_RAD, FULL_RAD, EMPTY_RAD = np.radians([45.0, 70.0, 92.0])
 """At the first tilt the cup comes to the mouth: then the fingers before it pass below the chin. Up to the second
 no water pours; at the third none is left."""
 POUR_RAD_S = 0.04
-PATH = 5
+TILTS_RAD = np.linspace(TIPPED_RAD, EMPTY_RAD, 5)
+"""Where a way is looked at before it is taken."""
 
 FORWARD, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _AROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
@@ -91,15 +93,19 @@ class DrinkingOracle:
         angles, seconds = (
             part[:, 0] for part in self._guide.find(before_w[:, None], q_w[:, None], TIPPED_RAD)
         )
-        before_rad, gap_m = angles, np.full(len(angles), np.inf)
-        for tilt in np.linspace(TIPPED_RAD, EMPTY_RAD, PATH):
+        return seconds + self._tilting_cost_s(state, way, angles), angles
+
+    def _tilting_cost_s(self, state: State, way: Way, angles_rad: Array) -> Array:
+        """What it costs, (N,), that the rim stays away from the mouth and the arm comes close to something."""
+        gap_m = np.full(len(angles_rad), np.inf)
+        for tilt in TILTS_RAD:
             pos_w, q_w = _at_mouth(state, way, np.full_like(way.roll_rad, tilt))
-            angles = self._guide.angles_at(pos_w, q_w, angles)
-            gap_m = np.minimum(gap_m, self._clearance.least_m(angles[:, None], state, tool=False)[:, 0])
-        reached_w, _ = self._guide.pose(angles)
+            angles_rad = self._guide.angles_at(pos_w, q_w, angles_rad)
+            gap = self._clearance.least_m(angles_rad[:, None], state, tool=False)[:, 0]
+            gap_m = np.minimum(gap_m, gap)
+        reached_w, _ = self._guide.pose(angles_rad)
         distance = norm(_edge_w(pos_w, q_w, way) - state.mouth_pos_w) + norm(pos_w - reached_w)
-        blocked = BLOCKED_S * np.clip(1.0 - gap_m / CLEARANCE_M, 0.0, 1.0)
-        return seconds + SECONDS_PER_M * distance + blocked, before_rad
+        return SECONDS_PER_M * distance + BLOCKED_S * np.clip(1.0 - gap_m / CLEARANCE_M, 0.0, 1.0)
 
 
 def _yaw_q_w(state: State, way: Way) -> Array:

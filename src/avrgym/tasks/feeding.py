@@ -15,7 +15,7 @@ from avrgym.models.spoon import FOOD, SPOON
 from avrgym.simulation import Start, State
 from avrgym.tasks import places
 from avrgym.tasks.base import HEAD_TURNED, Outcome, Task, angles, force, norm, position, quaternion
-from avrgym.tasks.particles import touching_person
+from avrgym.tasks.particles import count, touching_person
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -123,11 +123,11 @@ def judge(state: State, action: Array, memory: FeedingMemory) -> Outcome:
     terms = {
         "distance_m": distance,
         "action_squared": (action * action).sum(axis=-1),
-        "food_in_mouth": _count(newly_eaten),
-        "food_dropped": _count(newly_dropped),
+        "food_in_mouth": count(newly_eaten),
+        "food_dropped": count(newly_dropped),
         "effector_speed_m_s": norm(state.effector_velocity_w),
         "force_on_person_n": state.robot_force_n,
-        "food_on_person": _count(newly_on_person),
+        "food_on_person": count(newly_on_person),
         "food_entry_speed_m_s": np.where(newly_eaten, speed, 0.0).sum(axis=-1),
     }
     success = after.eaten.sum(axis=-1) >= SUCCESS_SHARE * len(FOOD.start)
@@ -142,10 +142,6 @@ def _is_dropped(state: State) -> Bools:
     above_bowl = norm(from_bowl[..., :2]) < BOWL_RADIUS_M
     in_bowl = above_bowl & (from_bowl[..., 2] < BOWL_HEIGHT_M + 2.0 * FOOD.radius_m)
     return (pos[..., 2] < DROPPED_HEIGHT_M) | on_table | in_bowl
-
-
-def _count(events: Bools) -> Array:
-    return events.sum(axis=-1).astype(float)
 
 
 FEEDING = Task(
