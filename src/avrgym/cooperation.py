@@ -117,7 +117,7 @@ def sway_rad(mind: Mind) -> Array:
 def _bring_mouth(mind: Mind, state: State, tool_w: Array, posture: Posture) -> Array:
     """Targets that turn the face to the tool, and lean to it when it is near and in front."""
     torso_q_w = _torso_rotation(mind.targets_rad, posture)
-    seen = np.isfinite(tool_w).all(axis=-1)
+    seen = np.asarray(np.isfinite(tool_w).all(axis=-1))
     offset = np.where(seen[:, None], tool_w, state.mouth_pos_w) - state.head_pos_w
     ahead = transforms.rotate(transforms.conjugate(torso_q_w), offset)
     distance = np.sqrt((ahead * ahead).sum(axis=-1))

@@ -104,7 +104,7 @@ PROPORTIONS: Mapping[Sex, Proportions] = {"man": MAN, "woman": WOMAN}
 MOUTH_RISE = 0.03
 """The mouth above the head joints, metres; unscaled, as the reference gives it in the head's frame."""
 
-CRANIUM_RADIUS, JAW_RADIUS, JAW_FORWARD, JAW_RISE = 0.090, 0.062, 0.020, 0.025
+CRANIUM_RADIUS, JAW_RADIUS, JAW_RISE, MOUTH_DEPTH = 0.090, 0.062, 0.025, 0.028
 """Collision spheres of the head. The jaw ends 2.8 cm behind the mouth: a spoon can enter an open mouth."""
 
 PARENTS: Mapping[str, str | None] = {
@@ -345,7 +345,7 @@ def _geoms(p: Proportions, h: Array) -> tuple[dict[str, Array], dict[str, Array]
         "left_shoulder": _vector(0.47 * p.shoulder_side, zero, shoulder_z),
         "neck": _vector(zero, zero, (p.chest_rise + p.neck_rise) * h + 0.5 * p.neck_length * h),
         "cranium": _vector(zero, zero, p.head_centre_rise * h + 0.015),
-        "jaw": _vector(zero, zero - JAW_FORWARD, zero + JAW_RISE),
+        "jaw": _vector(zero, MOUTH_DEPTH + JAW_RADIUS - p.mouth_forward, zero + JAW_RISE),
     }
     size = {
         "hips": _vector(p.hips_radius, 0.5 * p.hips_length, zero),
