@@ -41,6 +41,14 @@ def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
     return _length(offset + s * along_a - t * along_b)
 
 
+def point_distance(point: Array, s0: Array, s1: Array) -> Array:
+    """The distance (...) of points (..., 3) from segments that begin and end at (..., 3)."""
+    along, offset = s1 - s0, point - s0
+    share = (offset * along).sum(axis=-1) / np.maximum((along * along).sum(axis=-1), 1e-12)
+    apart = offset - np.clip(share, 0.0, 1.0)[..., None] * along
+    return np.sqrt((apart * apart).sum(axis=-1))
+
+
 def segment_box_closest(
     box_pos_w: Array, box_q_w: Array, half_size_m: Array, s0_w: Array, s1_w: Array
 ) -> Closest:

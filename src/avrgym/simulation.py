@@ -110,6 +110,7 @@ class Simulation:
         self._xpos, self._xquat = self.batch.bind("xpos"), self.batch.bind("xquat")
         self._site_xpos, self._sensordata = self.batch.bind("site_xpos"), self.batch.bind("sensordata")
         self._geom_xpos, self._geom_xmat = self.batch.bind("geom_xpos"), self.batch.bind("geom_xmat")
+        self._segment_w = np.zeros((num_worlds, len(human.GEOMS), 2, 3))
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
         self._speed_limit = stage.arm.speed_limit_rad_s
 
@@ -130,6 +131,7 @@ class Simulation:
             self._ctrl[np.ix_(ids, names.person_ctrl)] = start.people.joint_angles_rad
         self._place_particles(ids)
         self.batch.forward(ids)
+        self._segment_w[ids] = self._person_segments(ids)
 
     def _place_particles(self, ids: Ids) -> None:
         particles = self.stage.tool.particles
@@ -195,7 +197,7 @@ class Simulation:
             placed_pos_w={name: self._xpos[:, body].copy() for name, body in names.placed.items()},
             particle_pos_w=self._qpos[:, names.particle_qpos],
             particle_velocity_w=self._qvel[:, names.particle_dof],
-            person_segment_w=self._person_segments(),
+            person_segment_w=self._person_segments() if self.moving else self._segment_w.copy(),
             person_radius_m=self._person.geom_size[:, names.person_geoms, 0],
             robot_force_n=_norm(sensors[:, names.robot_force]),
             tool_force_n=_norm(sensors[:, names.tool_force]),
@@ -228,11 +230,11 @@ class Simulation:
         """The joint angles (N, 20) of the moving person."""
         return self._qpos[:, self._names.person_qpos]
 
-    def _person_segments(self) -> Array:
+    def _person_segments(self, ids: Ids | slice = slice(None)) -> Array:
         geoms = self._names.person_geoms
-        axis = self._geom_xmat[:, geoms].reshape(self.num_worlds, len(geoms), 3, 3)[..., 2]
-        centre = self._geom_xpos[:, geoms]
-        reach = axis * self._person.geom_size[:, geoms, 1:2]
+        axis = self._geom_xmat[ids][:, geoms, 2::3]
+        centre = self._geom_xpos[ids][:, geoms]
+        reach = axis * self._person.geom_size[ids][:, geoms, 1:2]
         return np.stack([centre - reach, centre + reach], axis=2)
 
 

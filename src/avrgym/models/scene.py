@@ -79,10 +79,11 @@ def _set_options(spec: mujoco.MjSpec, particles: Particles | None) -> None:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     spec.compiler.degree = False
+    # Few bodies have more than a handful of geoms, and nearly all contacts are of one island.
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND | mujoco.mjtDisableBit.mjDSBL_MIDPHASE
     if particles is not None and particles.fluid:
         spec.option.solver = mujoco.mjtSolver.mjSOL_CG
         spec.option.tolerance = FLUID_TOLERANCE
-        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND | mujoco.mjtDisableBit.mjDSBL_MIDPHASE
 
 
 def _add_robot(spec: mujoco.MjSpec, stage: Stage, appearance: bool) -> None:

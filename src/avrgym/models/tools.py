@@ -46,7 +46,8 @@ class Tool:
     particles: Particles | None
 
 
-_GRAIN = {"condim": 3, "friction": [0.6, 0.005, 0.0001]}
+_GRAIN = {"condim": 1, "friction": [0.6, 0.005, 0.0001]}
+"""Grains slide on each other; on what has friction of its own, as tools have, they do not."""
 _FLUID = {"condim": 1, "priority": 1, "solimp": [0.9, 0.9, 0.001, 0.5, 2.0]}
 """One constraint per contact whatever the other surface is like; softer, which takes a quarter fewer iterations."""
 

@@ -171,28 +171,43 @@ def is_washed(memory: BedBathingMemory) -> Bools:
 
 
 def cloth_distance(state: State) -> Array:
-    """From the cloth to the person's body (N,), metres; 0 where they touch."""
+    """From the cloth to the person's body (N,), metres; 0 where they touch.
+
+    The cloth is nearer to a part than its centre is, by half its diagonal at most: parts that are farther from
+    the centre than the nearest one and that need no look.
+    """
     centre_w = state.tool_pos_w + transforms.rotate(state.tool_q_w, PAD_CENTRE_M)
-    segment_w = state.person_segment_w
+    half_size_m = PAD_HALF_SIZE_M - NAP_M
+    begin_w, end_w = state.person_segment_w[:, :, 0], state.person_segment_w[:, :, 1]
+    from_centre = capsules.point_distance(centre_w[:, None], begin_w, end_w) - state.person_radius_m
+    world, part = np.nonzero(from_centre <= from_centre.min(axis=-1, keepdims=True) + norm(half_size_m))
     closest = capsules.segment_box_closest(
-        centre_w[:, None],
-        state.tool_q_w[:, None],
-        PAD_HALF_SIZE_M - NAP_M,
-        segment_w[:, :, 0],
-        segment_w[:, :, 1],
+        centre_w[world], state.tool_q_w[world], half_size_m, begin_w[world, part], end_w[world, part]
     )
-    return np.maximum((closest.distance_m - state.person_radius_m).min(axis=-1) - NAP_M, 0.0)
+    gap = np.full_like(from_centre, np.inf)
+    gap[world, part] = closest.distance_m - state.person_radius_m[world, part]
+    return np.maximum(gap.min(axis=-1) - NAP_M, 0.0)
 
 
 def _contacts_of_limbs(state: State) -> tuple[Array, Bools]:
     """The cloth's contacts in the frames of both limbs (N, 2, C, 3), and which lie within 2.5 cm of the limb."""
-    to_limb = transforms.conjugate(state.right_arm_q_w[:, :2, None])
-    pos = transforms.rotate(to_limb, state.tool_contact_pos_w[:, None] - state.right_arm_pos_w[:, :2, None])
-    axis = state.person_segment_w[:, LIMB_GEOMS, 1] - state.person_segment_w[:, LIMB_GEOMS, 0]
+    touching = state.tool_contact_force_n > 0.0
+    shape = len(touching), len(LIMBS), touching.shape[1]
+    contact_pos, near = np.zeros((*shape, 3)), np.zeros(shape, dtype=bool)
+    rows = np.nonzero(touching.any(axis=-1))[0]
+    limb_w, to_limb = (
+        state.right_arm_pos_w[rows, :2, None],
+        transforms.conjugate(state.right_arm_q_w[rows, :2, None]),
+    )
+    pos = transforms.rotate(to_limb, state.tool_contact_pos_w[rows, None] - limb_w)
+    segment_w = state.person_segment_w[rows][:, LIMB_GEOMS]
     beside_axis = pos.copy()
-    beside_axis[..., 2] += np.clip(-pos[..., 2], 0.0, norm(axis)[..., None])
-    gap = norm(beside_axis) - state.person_radius_m[:, LIMB_GEOMS, None]
-    return pos, (gap < WIPE_RADIUS_M) & (state.tool_contact_force_n[:, None] > 0.0)
+    beside_axis[..., 2] += np.clip(
+        -pos[..., 2], 0.0, norm(segment_w[:, :, 1] - segment_w[:, :, 0])[..., None]
+    )
+    gap = norm(beside_axis) - state.person_radius_m[rows][:, LIMB_GEOMS, None]
+    contact_pos[rows], near[rows] = pos, (gap < WIPE_RADIUS_M) & touching[rows, None]
+    return contact_pos, near
 
 
 def _touched(contact_pos: Array, near: Bools, marker_pos: Array) -> Bools:

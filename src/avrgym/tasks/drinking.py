@@ -15,7 +15,7 @@ from avrgym.simulation import Start, State
 from avrgym.tasks import places
 from avrgym.tasks.base import HEAD_TURNED, Outcome, Task, norm
 from avrgym.tasks.feeding import OBSERVED, observe
-from avrgym.tasks.particles import count, touching_person
+from avrgym.tasks.particles import GROUND_M, count, touching_person
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -24,8 +24,6 @@ MOUTH_RADIUS_M = 0.03
 SUCCESS_SHARE = 0.75
 HAND_START_W = (-0.2, -0.5, 1.0)
 HAND_SPREAD_M = 0.05
-GROUND_M = 0.03
-"""Water that is lower has reached the floor."""
 CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Upright, its pouring edge towards the person."""
 

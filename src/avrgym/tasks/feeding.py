@@ -15,7 +15,7 @@ from avrgym.models.spoon import FOOD, SPOON
 from avrgym.simulation import Start, State
 from avrgym.tasks import places
 from avrgym.tasks.base import HEAD_TURNED, Outcome, Task, angles, force, norm, position, quaternion
-from avrgym.tasks.particles import count, touching_person
+from avrgym.tasks.particles import GROUND_M, count, touching_person
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -110,7 +110,10 @@ def observe(state: State, memory: FeedingMemory) -> Array:
 
 
 def judge(state: State, action: Array, memory: FeedingMemory) -> Outcome:
-    """Food within 2 cm of the mouth is eaten; below 0.5 m, on the table or in the bowl it is dropped."""
+    """Food within 2 cm of the mouth is eaten; below 0.5 m, on the table or in the bowl it is dropped.
+
+    What is eaten, or has fallen to the floor, leaves the scene.
+    """
     in_play = ~(memory.eaten | memory.dropped)
     newly_eaten = in_play & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
     newly_dropped = in_play & ~newly_eaten & _is_dropped(state)
@@ -131,7 +134,8 @@ def judge(state: State, action: Array, memory: FeedingMemory) -> Outcome:
         "food_entry_speed_m_s": np.where(newly_eaten, speed, 0.0).sum(axis=-1),
     }
     success = after.eaten.sum(axis=-1) >= SUCCESS_SHARE * len(FOOD.start)
-    return Outcome(after, terms, distance, success, newly_eaten)
+    gone = newly_eaten | (after.dropped & (state.particle_pos_w[..., 2] < GROUND_M))
+    return Outcome(after, terms, distance, success, gone)
 
 
 def _is_dropped(state: State) -> Bools:

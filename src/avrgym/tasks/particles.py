@@ -3,30 +3,38 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym import capsules
 from avrgym.simulation import State
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 TOUCH_MARGIN_M = 0.002
+GROUND_M = 0.03
+"""What is lower has reached the floor."""
 
 
 def touching_person(state: State, radius_m: float, asked: Bools) -> Bools:
     """Which of the particles that are ``asked`` for, (N, K) both, touch the person.
 
-    They do within 2 mm of the surface of a capsule of the person's body.
+    They do within 2 mm of the surface of a capsule of the person's body. Particles are looked at closely only
+    where they are no nearer to the tool than the person is.
     """
-    world, particle = np.nonzero(asked)
-    start, end = state.person_segment_w[world, :, 0], state.person_segment_w[world, :, 1]
-    point = state.particle_pos_w[world, particle][:, None]
-    axis = end - start
-    length_squared = (axis * axis).sum(axis=-1)
-    along = ((point - start) * axis).sum(axis=-1) / np.maximum(length_squared, 1e-12)
-    offset = point - start - np.clip(along, 0.0, 1.0)[..., None] * axis
-    gap = np.sqrt((offset * offset).sum(axis=-1)) - state.person_radius_m[world] - radius_m
+    margin = radius_m + TOUCH_MARGIN_M
+    from_tool = state.particle_pos_w - state.tool_pos_w[:, None]
+    reach = np.sqrt((from_tool * from_tool).sum(axis=-1)) + margin
+    world, particle = np.nonzero(asked & (reach > _gaps(state, state.tool_pos_w).min(axis=-1)[:, None]))
+    gaps = _gaps(state, state.particle_pos_w[world, particle], world)
     touching = np.zeros_like(asked)
-    touching[world, particle] = (gap < TOUCH_MARGIN_M).any(axis=-1)
+    touching[world, particle] = (gaps < margin).any(axis=-1)
     return touching
+
+
+def _gaps(state: State, point_w: Array, world: NDArray[np.intp] | slice = slice(None)) -> Array:
+    """From points (n, 3) to the surfaces of the capsules of the persons in their worlds, (n, G), metres."""
+    segment_w = state.person_segment_w[world]
+    distance = capsules.point_distance(point_w[:, None], segment_w[:, :, 0], segment_w[:, :, 1])
+    return distance - state.person_radius_m[world]
 
 
 def count(events: Bools) -> Array:
