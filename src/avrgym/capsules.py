@@ -44,9 +44,14 @@ def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
 def point_distance(point: Array, s0: Array, s1: Array) -> Array:
     """The distance (...) of points (..., 3) from segments that begin and end at (..., 3)."""
     along, offset = s1 - s0, point - s0
-    share = (offset * along).sum(axis=-1) / np.maximum((along * along).sum(axis=-1), 1e-12)
-    apart = offset - np.clip(share, 0.0, 1.0)[..., None] * along
-    return np.sqrt((apart * apart).sum(axis=-1))
+    share = _product(offset, along) / np.maximum(_product(along, along), 1e-12)
+    apart = offset - np.minimum(np.maximum(share, 0.0), 1.0)[..., None] * along
+    return np.sqrt(_product(apart, apart))
+
+
+def _product(a: Array, b: Array) -> Array:
+    """The scalar products (...) of vectors (..., 3)."""
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def segment_box_closest(
