@@ -43,15 +43,9 @@ def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
 
 def point_distance(point: Array, s0: Array, s1: Array) -> Array:
     """The distance (...) of points (..., 3) from segments that begin and end at (..., 3)."""
+    point, s0, s1 = _axis_first(point, s0, s1)
     along, offset = s1 - s0, point - s0
-    share = _product(offset, along) / np.maximum(_product(along, along), 1e-12)
-    apart = offset - np.minimum(np.maximum(share, 0.0), 1.0)[..., None] * along
-    return np.sqrt(_product(apart, apart))
-
-
-def _product(a: Array, b: Array) -> Array:
-    """The scalar products (...) of vectors (..., 3)."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+    return _length(offset - _share(_dot(offset, along), _dot(along, along)) * along)
 
 
 def segment_box_closest(

@@ -17,6 +17,7 @@ from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation import State
+from avrgym.uniform import between
 
 Array = NDArray[np.float64]
 
@@ -74,9 +75,9 @@ def begin(people: People, uniforms: Array) -> Mind:
         rest_rad=people.joint_angles_rad,
         time_s=np.zeros(count),
         reaction=np.minimum(low + ((high - low + 1) * uniforms[:, 0]).astype(np.intp), high),
-        facing=_between(FACING_SHARE, uniforms[:, 1]),
-        sway_rad=_between(SWAY_RAD, uniforms[:, 2]),
-        sway_hz=_between(SWAY_HZ, uniforms[:, 3]),
+        facing=between(FACING_SHARE, uniforms[:, 1]),
+        sway_rad=between(SWAY_RAD, uniforms[:, 2]),
+        sway_hz=between(SWAY_HZ, uniforms[:, 3]),
         phase_rad=2.0 * np.pi * uniforms[:, 4:6],
     )
 
@@ -145,7 +146,3 @@ def _torso_rotation(joint_angles_rad: Array, posture: Posture) -> Array:
     """The torso's rotation (N, 4) in the world for joint angles (N, 20)."""
     rotations = human.body_rotations(joint_angles_rad, posture)
     return transforms.multiply(rotations["hips"], rotations["torso"])
-
-
-def _between(limits: tuple[float, float], uniform: Array) -> Array:
-    return limits[0] + (limits[1] - limits[0]) * uniform

@@ -62,7 +62,7 @@ def evaluate(
         batch = range(first, min(first + MAX_WORLDS, episodes))
         world = Episodes(environment_id, len(batch), distribution=people)
         generators = [np.random.default_rng([EVALUATION_STREAM, seed, episode]) for episode in batch]
-        reward, success, force = _run(world, actor(policy, world, generators), generators, progress)
+        reward, success, force = _run(world, policy, generators, progress)
         rewards.append(reward)
         successes.append(success)
         forces.append(force)
@@ -92,7 +92,10 @@ def wilson_interval(successes: int, count: int) -> tuple[float, float]:
 
 
 def actor(policy: str, world: Episodes, generators: list[np.random.Generator]) -> Act:
-    """What turns observations (N, O) into actions (N, 7); ``policy`` as for ``evaluate``."""
+    """What turns observations (N, O) into actions (N, 7), in a world whose episodes have begun.
+
+    ``policy`` as for ``evaluate``.
+    """
     if policy == "zero":
         return lambda observation: np.zeros((len(observation), ACTIONS), np.float32)
     if policy == "random":
@@ -100,29 +103,17 @@ def actor(policy: str, world: Episodes, generators: list[np.random.Generator]) -
             np.float32
         )
     if policy == "oracle":
-        return _Scripted(world)
+        return ORACLES[world.task.name](world)
     return load_policy(policy, world.environment_id, world.task.observation_size, ACTIONS).act
 
 
-class _Scripted:
-    """The task's oracle, made at the first control step: then the episodes have begun."""
-
-    def __init__(self, world: Episodes) -> None:
-        self._world = world
-        self._act: Act | None = None
-
-    def __call__(self, observation: Array) -> NDArray[np.floating]:
-        if self._act is None:
-            self._act = ORACLES[self._world.task.name](self._world)
-        return self._act(observation)
-
-
 def _run(
-    world: Episodes, act: Act, generators: list[np.random.Generator], progress: Callable[[int], None]
+    world: Episodes, policy: str, generators: list[np.random.Generator], progress: Callable[[int], None]
 ) -> tuple[Array, NDArray[np.bool_], Array]:
     """One batch of episodes: summed reward (n,), success (n,) and mean force (n,)."""
     count = len(generators)
     observation = world.begin(np.arange(count), generators)
+    act = actor(policy, world, generators)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
     for _ in range(EPISODE_STEPS):
         step = world.step(act(observation).astype(float))

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models.human import JOINTS, LOWER_RAD, UPPER_RAD, People
+from avrgym.uniform import between
 
 Array = NDArray[np.float64]
 
@@ -41,10 +42,10 @@ def impair(people: People, impairment: Impairment, uniforms: Array) -> People:
     share U(0.25, 1); ``tremor``: joint targets alternate by U(0, 20°) for the head and U(0, 10°) for the arms.
     """
     if impairment == "limits":
-        limited = replace(people, range_share=_between(RANGE_SHARE, uniforms[:, 0]))
+        limited = replace(people, range_share=between(RANGE_SHARE, uniforms[:, 0]))
         return replace(limited, joint_angles_rad=limit(limited, people.joint_angles_rad))
     if impairment == "weakness":
-        return replace(people, strength_share=_between(STRENGTH_SHARE, uniforms[:, 0]))
+        return replace(people, strength_share=between(STRENGTH_SHARE, uniforms[:, 0]))
     if impairment == "tremor":
         return replace(people, tremor_rad=TREMOR_RAD * uniforms[:, 1:])
     return people
@@ -54,7 +55,3 @@ def limit(people: People, joint_angles_rad: Array) -> Array:
     """Joint angles (n, 20) brought into the people's ranges."""
     share = people.range_share[:, None]
     return np.clip(joint_angles_rad, share * LOWER_RAD, share * UPPER_RAD)
-
-
-def _between(limits: tuple[float, float], uniform: Array) -> Array:
-    return limits[0] + (limits[1] - limits[0]) * uniform

@@ -13,6 +13,7 @@ from avrgym import arm_limits
 from avrgym.arm_clearance import Boxes, clearance, person_capsules
 from avrgym.models import human
 from avrgym.models.human import JOINTS, People, Person, Posture
+from avrgym.uniform import between
 
 Array = NDArray[np.float64]
 
@@ -83,8 +84,8 @@ def sample(
     the arm is within 1 cm of the body or of the furniture; then the last attempt stays, its shoulder clipped.
     """
     is_woman = uniforms[:, 0] < 0.5
-    man = _between(distribution.torso_height_man_m, uniforms[:, 1])
-    woman = _between(distribution.torso_height_woman_m, uniforms[:, 1])
+    man = between(distribution.torso_height_man_m, uniforms[:, 1])
+    woman = between(distribution.torso_height_woman_m, uniforms[:, 1])
     spread = pose.spread_rad + np.where(WAIST, np.radians(distribution.waist_deg), 0.0)
     shares = uniforms[:, 2:].reshape(len(uniforms), ATTEMPTS, len(JOINTS))
     poses = np.clip(pose.rest_rad + spread * (2.0 * shares - 1.0), human.LOWER_RAD, human.UPPER_RAD)
@@ -115,7 +116,3 @@ def _has_room(people: People, posture: Posture, furniture: Boxes | None) -> NDAr
 def repeat(person: Person, count: int) -> People:
     """The same person in ``count`` worlds."""
     return People.of([person] * count)
-
-
-def _between(limits: tuple[float, float], uniform: Array) -> Array:
-    return limits[0] + (limits[1] - limits[0]) * uniform

@@ -27,6 +27,24 @@ class Grip:
     finger_angles_rad: Mapping[str, float]
 
 
+def _three_fingers(*bends_rad: tuple[float, float]) -> dict[str, float]:
+    """The Jaco's: how far each finger, the thumb first, and its tip are bent."""
+    return {
+        f"finger_{part}{number}": bend
+        for number, bends in enumerate(bends_rad, start=1)
+        for part, bend in zip(("", "tip_"), bends, strict=True)
+    }
+
+
+def _parallel_fingers(opening_rad: float) -> dict[str, float]:
+    """The PR2's: two fingers that open alike, their tips parallel."""
+    return {
+        f"{side}_finger_{part}link": sign * opening_rad
+        for side, opened in (("l", 1.0), ("r", -1.0))
+        for part, sign in (("", opened), ("tip_", -opened))
+    }
+
+
 GRIPS: Mapping[tuple[str, str], Grip] = {
     ("Jaco", "spoon"): Grip(
         pos=np.zeros(3),
@@ -34,90 +52,42 @@ GRIPS: Mapping[tuple[str, str], Grip] = {
             transforms.from_matrix([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
             transforms.from_axis_angle([1.0, 0.0, 0.0], np.radians(30.0)),
         ),
-        finger_angles_rad={
-            "finger_1": 1.40,
-            "finger_tip_1": 0.40,
-            "finger_2": 1.05,
-            "finger_tip_2": 0.35,
-            "finger_3": 1.20,
-            "finger_tip_3": 0.30,
-        },
+        finger_angles_rad=_three_fingers((1.40, 0.40), (1.05, 0.35), (1.20, 0.30)),
     ),
     ("Jaco", "cup"): Grip(
         pos=np.zeros(3),
         q=transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
-        finger_angles_rad={
-            "finger_1": 0.54,
-            "finger_tip_1": 0.61,
-            "finger_2": 0.38,
-            "finger_tip_2": 0.78,
-            "finger_3": 0.59,
-            "finger_tip_3": 0.50,
-        },
+        finger_angles_rad=_three_fingers((0.54, 0.61), (0.38, 0.78), (0.59, 0.50)),
     ),
     ("Jaco", "washcloth"): Grip(
         pos=np.zeros(3),
         q=transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
-        finger_angles_rad={
-            "finger_1": 1.40,
-            "finger_tip_1": -0.30,
-            "finger_2": 1.30,
-            "finger_tip_2": -0.20,
-            "finger_3": 1.30,
-            "finger_tip_3": -0.20,
-        },
+        finger_angles_rad=_three_fingers((1.40, -0.30), (1.30, -0.20), (1.30, -0.20)),
     ),
     ("Jaco", "scratcher"): Grip(
         pos=np.zeros(3),
         q=transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
-        finger_angles_rad={
-            "finger_1": 1.15,
-            "finger_tip_1": 0.30,
-            "finger_2": 1.23,
-            "finger_tip_2": 0.30,
-            "finger_3": 1.23,
-            "finger_tip_3": 0.30,
-        },
+        finger_angles_rad=_three_fingers((1.15, 0.30), (1.23, 0.30), (1.23, 0.30)),
     ),
     ("PR2", "spoon"): Grip(
         pos=np.array([0.0, 0.0, -0.0065]),
         q=transforms.IDENTITY_QUATERNION,
-        finger_angles_rad={
-            "l_finger_link": 0.051,
-            "l_finger_tip_link": -0.051,
-            "r_finger_link": -0.051,
-            "r_finger_tip_link": 0.051,
-        },
+        finger_angles_rad=_parallel_fingers(0.051),
     ),
     ("PR2", "cup"): Grip(
         pos=np.zeros(3),
         q=transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
-        finger_angles_rad={
-            "l_finger_link": 0.48,
-            "l_finger_tip_link": -0.48,
-            "r_finger_link": -0.48,
-            "r_finger_tip_link": 0.48,
-        },
+        finger_angles_rad=_parallel_fingers(0.48),
     ),
     ("PR2", "washcloth"): Grip(
         pos=np.array([-0.021, 0.0, 0.0]),
         q=transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
-        finger_angles_rad={
-            "l_finger_link": 0.075,
-            "l_finger_tip_link": -0.075,
-            "r_finger_link": -0.075,
-            "r_finger_tip_link": 0.075,
-        },
+        finger_angles_rad=_parallel_fingers(0.075),
     ),
     ("PR2", "scratcher"): Grip(
         pos=np.array([-0.020, 0.0, 0.0]),
         q=transforms.IDENTITY_QUATERNION,
-        finger_angles_rad={
-            "l_finger_link": 0.066,
-            "l_finger_tip_link": -0.066,
-            "r_finger_link": -0.066,
-            "r_finger_tip_link": 0.066,
-        },
+        finger_angles_rad=_parallel_fingers(0.066),
     ),
 }
 """By the names of robot and tool. Fingertips touch what they hold, within 3 mm."""

@@ -43,8 +43,7 @@ class Robot:
     """A robot, its arms by side, and what observations are relative to: its torso, or its base without one.
 
     ``mobile`` robots drive to the place they work from, others are mounted; ``half_width_m`` is that of a square
-    base on the floor. ``holding_rad`` are the angles of
-    joints that stay as they are while another arm moves.
+    base on the floor. ``holding_rad`` are the angles of joints that stay as they are while another arm moves.
     """
 
     name: str
