@@ -4,7 +4,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym import transforms
-from avrgym.arm_clearance import ARM, PAIRS, Boxes, clearance, furniture_boxes, person_capsules
+from avrgym.arm_clearance import PAIRS, Boxes, clearance, furniture_boxes, person_capsules
 from avrgym.models import human
 from avrgym.models.human import (
     GEOMS,
@@ -13,6 +13,7 @@ from avrgym.models.human import (
     LOWER_RAD,
     PREFIX,
     RECLINED,
+    RIGHT_ARM,
     SEATED,
     UPPER_RAD,
     People,
@@ -85,9 +86,9 @@ def nearest_pair(person: Person, posture: human.Posture) -> float:
 
 
 def test_every_part_of_the_arm_keeps_away_from_head_hips_legs_and_the_other_arm():
-    for part in ARM:
+    for part in RIGHT_ARM:
         others = {other for arm, other in PAIRS if arm == part}
-        assert not others & set(ARM)
+        assert not others & set(RIGHT_ARM)
         assert others >= {"hips", "waist", "neck", "cranium", "jaw", "right_thigh", "left_thigh", "left_hand"}
     assert ("right_forearm", "chest") in PAIRS
 

@@ -15,6 +15,7 @@ from avrgym.simulation import State
 from avrgym.tasks import TASKS, bed_bathing
 from avrgym.tasks.base import Outcome
 from avrgym.tasks.bed_bathing import BedBathingMemory
+from worlds import still_world
 
 TASK = TASKS["BedBathing"]
 MAN = Person("man", 0.60)
@@ -40,28 +41,20 @@ def state(contacts: dict[tuple[float, float, float], float] | None = None, **cha
     segments[upper_arm] = SHOULDER - UPPER_ARM_M * BACK, SHOULDER
     segments[forearm] = ELBOW - FOREARM_M * BACK, ELBOW
     radii[[upper_arm, forearm]] = UPPER_ARM_RADIUS_M, FOREARM_RADIUS_M
-    plain = State(
-        robot_pos_w=np.array([[-0.75, 0.15, 0.6]]),
-        arm_angles_rad=np.zeros((1, 7)),
-        effector_velocity_w=np.zeros((1, 3)),
-        tool_pos_w=FAR_AWAY[None],
-        tool_q_w=FACING_DOWN_Q[None],
-        head_pos_w=np.zeros((1, 3)),
-        head_q_w=IDENTITY[None],
-        mouth_pos_w=np.zeros((1, 3)),
-        right_arm_pos_w=np.stack([SHOULDER, ELBOW, WRIST])[None],
-        right_arm_q_w=np.tile(ALONG_Q, (1, 3, 1)),
-        placed_pos_w={},
-        particle_pos_w=np.zeros((1, 0, 3)),
-        particle_velocity_w=np.zeros((1, 0, 3)),
-        person_segment_w=segments[None],
-        person_radius_m=radii[None],
-        robot_force_n=contact_force.sum(axis=-1),
-        tool_force_n=contact_force.sum(axis=-1),
-        tool_contact_pos_w=contact_pos,
-        tool_contact_force_n=contact_force,
-    )
-    return replace(plain, **changes)
+    given = {
+        "robot_pos_w": np.array([[-0.75, 0.15, 0.6]]),
+        "tool_pos_w": FAR_AWAY[None],
+        "tool_q_w": FACING_DOWN_Q[None],
+        "right_arm_pos_w": np.stack([SHOULDER, ELBOW, WRIST])[None],
+        "right_arm_q_w": np.tile(ALONG_Q, (1, 3, 1)),
+        "person_segment_w": segments[None],
+        "person_radius_m": radii[None],
+        "robot_force_n": contact_force.sum(axis=-1),
+        "tool_force_n": contact_force.sum(axis=-1),
+        "tool_contact_pos_w": contact_pos,
+        "tool_contact_force_n": contact_force,
+    }
+    return still_world(**given | changes)
 
 
 def on_top_of_upper_arm(along_m: float, above_m: float = 0.0) -> tuple[float, float, float]:

@@ -10,6 +10,7 @@ from avrgym.episodes import Episodes
 from avrgym.models import human, robots
 from avrgym.tasks import ENVIRONMENTS
 from avrgym.tasks.places import FURNITURE_EDGE_M
+from worlds import jerky_actions
 
 CARRYING = [name for name in ENVIRONMENTS if "Feeding" in name or "Drinking" in name]
 ALLOWED_DEPTH_M = 0.005
@@ -22,12 +23,6 @@ def begun(
     episodes = Episodes(environment, worlds, distribution=people, num_threads=threads)
     episodes.begin(np.arange(worlds), [np.random.default_rng(first + i) for i in range(worlds)])
     return episodes
-
-
-def jerky_actions(rng: np.random.Generator, worlds: int, steps: int) -> np.ndarray:
-    """Full speed one way or the other, for half a second each."""
-    signs = np.sign(rng.uniform(-1, 1, (steps // 5 + 1, worlds, 7)))
-    return np.repeat(signs, 5, axis=0)[:steps]
 
 
 def assert_same_steps(some: Episodes, many: Episodes, at: int, actions: np.ndarray) -> None:

@@ -12,6 +12,7 @@ from avrgym.simulation import State
 from avrgym.tasks import TASKS, find_environment
 from avrgym.tasks.base import Outcome
 from avrgym.tasks.feeding import OBSERVED, SPOON_Q_W, FeedingMemory
+from worlds import still_world
 
 FEEDING = TASKS["Feeding"]
 LEFT, _, UP = np.eye(3)
@@ -31,29 +32,18 @@ def state(food: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> S
     pieces = np.tile(SPOON, (8, 1))
     for index, place in (food or {}).items():
         pieces[index] = place
-    identity = transforms.IDENTITY_QUATERNION[None]
-    plain = State(
-        robot_pos_w=np.array([[-0.35, -0.3, 0.36]]),
-        arm_angles_rad=np.zeros((1, 7)),
-        effector_velocity_w=np.zeros((1, 3)),
-        tool_pos_w=SPOON[None],
-        tool_q_w=identity,
-        head_pos_w=np.array([[0.0, 0.03, 1.25]]),
-        head_q_w=identity,
-        mouth_pos_w=MOUTH[None],
-        right_arm_pos_w=np.zeros((1, 3, 3)),
-        right_arm_q_w=np.tile(identity, (1, 3, 1)),
-        placed_pos_w={BOWL_BODY: BOWL[None]},
-        particle_pos_w=pieces[None],
-        particle_velocity_w=np.zeros((1, 8, 3)),
-        person_segment_w=np.array([[[[-0.1, 0.0, 1.0], [0.1, 0.0, 1.0]]]]),
-        person_radius_m=np.array([[0.1]]),
-        robot_force_n=np.zeros(1),
-        tool_force_n=np.zeros(1),
-        tool_contact_pos_w=np.zeros((1, 6, 3)),
-        tool_contact_force_n=np.zeros((1, 6)),
-    )
-    return replace(plain, **changes)
+    given = {
+        "robot_pos_w": np.array([[-0.35, -0.3, 0.36]]),
+        "tool_pos_w": SPOON[None],
+        "head_pos_w": np.array([[0.0, 0.03, 1.25]]),
+        "mouth_pos_w": MOUTH[None],
+        "placed_pos_w": {BOWL_BODY: BOWL[None]},
+        "particle_pos_w": pieces[None],
+        "particle_velocity_w": np.zeros((1, 8, 3)),
+        "person_segment_w": np.array([[[[-0.1, 0.0, 1.0], [0.1, 0.0, 1.0]]]]),
+        "person_radius_m": np.array([[0.1]]),
+    }
+    return still_world(**given | changes)
 
 
 def fresh(count: int = 1) -> FeedingMemory:

@@ -17,6 +17,7 @@ from avrgym.simulation import State
 from avrgym.tasks import TASKS
 from avrgym.tasks.base import Outcome
 from avrgym.tasks.scratch_itch import ALONG, AROUND_RAD, LIMBS, OBSERVED, ScratchItchMemory
+from worlds import still_world
 
 SCRATCHING = TASKS["ScratchItch"]
 LEFT, _, UP = np.eye(3)
@@ -34,28 +35,17 @@ def state(touch: dict[tuple[float, float, float], float] | None = None, **change
     for slot, (place, newtons) in enumerate((touch or {}).items()):
         pos[0, slot], force[0, slot] = ITCH_W + place, newtons
     identity = transforms.IDENTITY_QUATERNION
-    plain = State(
-        robot_pos_w=np.array([[-0.35, -0.3, 0.36]]),
-        arm_angles_rad=np.zeros((1, 7)),
-        effector_velocity_w=np.zeros((1, 3)),
-        tool_pos_w=ITCH_W[None] - 0.3 * LEFT,
-        tool_q_w=identity[None],
-        head_pos_w=np.zeros((1, 3)),
-        head_q_w=identity[None],
-        mouth_pos_w=np.zeros((1, 3)),
-        right_arm_pos_w=np.array([[SHOULDER, ELBOW, WRIST]]),
-        right_arm_q_w=np.array([[identity, TURNED, TURNED]]),
-        placed_pos_w={},
-        particle_pos_w=np.zeros((1, 0, 3)),
-        particle_velocity_w=np.zeros((1, 0, 3)),
-        person_segment_w=np.zeros((1, 1, 2, 3)),
-        person_radius_m=np.zeros((1, 1)),
-        robot_force_n=force.sum(axis=-1),
-        tool_force_n=force.sum(axis=-1),
-        tool_contact_pos_w=pos,
-        tool_contact_force_n=force,
-    )
-    return replace(plain, **changes)
+    given = {
+        "robot_pos_w": np.array([[-0.35, -0.3, 0.36]]),
+        "tool_pos_w": ITCH_W[None] - 0.3 * LEFT,
+        "right_arm_pos_w": np.array([[SHOULDER, ELBOW, WRIST]]),
+        "right_arm_q_w": np.array([[identity, TURNED, TURNED]]),
+        "robot_force_n": force.sum(axis=-1),
+        "tool_force_n": force.sum(axis=-1),
+        "tool_contact_pos_w": pos,
+        "tool_contact_force_n": force,
+    }
+    return still_world(**given | changes)
 
 
 def itching(scratches: int = 0, last: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ScratchItchMemory:

@@ -13,6 +13,7 @@ from avrgym.models.scene import TOOL
 from avrgym.simulation import PARKING_W, Simulation
 from avrgym.tasks import places
 from avrgym.tasks.feeding import SPOON_Q_W
+from worlds import jerky_actions
 
 FEEDING = "avrgym/FeedingJaco-v1"
 STILL = np.zeros((1, 7))
@@ -29,12 +30,6 @@ def begun(worlds: int, *, distribution: str = "revised", threads: int = 2, seed:
 
 def states(simulation: Simulation) -> np.ndarray:
     return np.stack([simulation.integration_state(world) for world in range(simulation.num_worlds)])
-
-
-def jerky_actions(rng: np.random.Generator, worlds: int, steps: int) -> np.ndarray:
-    """Full speed one way or the other, for half a second each."""
-    signs = np.sign(rng.uniform(-1, 1, (steps // 5 + 1, worlds, 7)))
-    return np.repeat(signs, 5, axis=0)[:steps]
 
 
 # Determinism

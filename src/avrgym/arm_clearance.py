@@ -11,7 +11,7 @@ from avrgym import transforms
 from avrgym.capsules import segment_box_closest, segment_distance
 from avrgym.models import human
 from avrgym.models.furniture import FURNITURE
-from avrgym.models.human import GEOMS, SEATED, People, Posture, Z
+from avrgym.models.human import GEOMS, RIGHT_ARM, SEATED, People, Posture, Z
 
 Array = NDArray[np.float64]
 
@@ -25,18 +25,20 @@ class Boxes:
     half_size_m: Array
 
 
-ARM = ("right_upper_arm", "right_forearm", "right_hand")
-
 JOINED = frozenset({("right_upper_arm", "right_shoulder"), ("right_upper_arm", "chest")})
 """Parts that overlap whenever the arm hangs down, which says nothing about the pose."""
 
 PAIRS = tuple(
-    (part, other) for part in ARM for other in GEOMS if other not in ARM if (part, other) not in JOINED
+    (part, other)
+    for part in RIGHT_ARM
+    for other in GEOMS
+    if other not in RIGHT_ARM
+    if (part, other) not in JOINED
 )
 """The arm's capsules, each with every capsule of the rest of the body that it must keep away from."""
 
 _NAMES = tuple(GEOMS)
-_ARM = np.array([_NAMES.index(part) for part in ARM])
+_ARM = np.array([_NAMES.index(part) for part in RIGHT_ARM])
 _PART = np.array([_NAMES.index(part) for part, _ in PAIRS])
 _OTHER = np.array([_NAMES.index(other) for _, other in PAIRS])
 

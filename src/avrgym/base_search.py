@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from avrgym import kinematics, transforms
 from avrgym.kinematics import METRES_PER_RADIAN, Chain, Solution
 from avrgym.models.scene import BaseRange
+from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -185,7 +186,7 @@ def _solve_within_reach(
     chain: Chain, pos: Array, q: Array | None, start_rad: Array, iterations: int, tolerance: float
 ) -> Solution:
     """Inverse kinematics; what lies beyond the arm's reach is not tried and counts as half a turn away too."""
-    beyond_m = _norm(pos - chain.pos[0]) - kinematics.reach_m(chain)
+    beyond_m = norm(pos - chain.pos[0]) - kinematics.reach_m(chain)
     rows = np.nonzero(beyond_m <= 0.0)[0]
     found = kinematics.solve(
         chain, pos[rows], None if q is None else q[rows], start_rad[rows],
@@ -213,7 +214,3 @@ def _upright(yaw_rad: Array) -> Array:
 
 def _rows(bases: BasePoses, rows: Ids) -> BasePoses:
     return BasePoses(bases.pos_w[rows], bases.yaw_rad[rows])
-
-
-def _norm(v: Array) -> Array:
-    return np.sqrt((v * v).sum(axis=-1))

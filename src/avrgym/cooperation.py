@@ -121,7 +121,7 @@ def _bring_mouth(mind: Mind, state: State, tool_w: Array, posture: Posture) -> A
     seen = np.asarray(np.isfinite(tool_w).all(axis=-1))
     offset = np.where(seen[:, None], tool_w, state.mouth_pos_w) - state.head_pos_w
     ahead = transforms.rotate(transforms.conjugate(torso_q_w), offset)
-    distance = np.sqrt((ahead * ahead).sum(axis=-1))
+    distance = transforms.norm(ahead)
     facing = np.zeros((len(seen), 3))
     facing[:, 0] = np.arctan2(-ahead[:, 2], -ahead[:, 1])
     facing[:, 2] = np.arcsin(np.clip(ahead[:, 0] / np.maximum(distance, 1e-9), -1.0, 1.0))
@@ -135,7 +135,7 @@ def _bring_mouth(mind: Mind, state: State, tool_w: Array, posture: Posture) -> A
 
 def _bring_arm(mind: Mind, state: State, tool_w: Array) -> Array:
     """Targets that lift the right arm sideways and stretch it a little when the tool is near."""
-    gap = np.sqrt(((state.right_arm_pos_w - tool_w[:, None]) ** 2).sum(axis=-1)).min(axis=-1)
+    gap = transforms.norm(state.right_arm_pos_w - tool_w[:, None]).min(axis=-1)
     lifted = mind.rest_rad[:, _LIFT] + LIFT_RAD
     wanted = mind.targets_rad.copy()
     wanted[:, _LIFT] = np.where((gap < NEAR_ARM_M)[:, None], lifted, wanted[:, _LIFT])

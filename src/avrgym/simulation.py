@@ -23,6 +23,7 @@ from avrgym.models.scene import (
     Stage,
     build_spec,
 )
+from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.intp]
@@ -30,7 +31,6 @@ Ids = NDArray[np.intp]
 MAX_LEAD_RAD = 0.08
 """How far a joint's target may run ahead of the joint: it bounds what a blocked servo presses with."""
 
-RIGHT_ARM = ("right_upper_arm", "right_forearm", "right_hand")
 
 PARKING_W = np.array([4.0, 4.0, 0.1])
 """Where particles stay that have left the task: far from everything, weightless, so that they touch nothing."""
@@ -199,10 +199,10 @@ class Simulation:
             particle_velocity_w=self._qvel[:, names.particle_dof],
             person_segment_w=self._person_segments() if self.moving else self._segment_w.copy(),
             person_radius_m=self._person.geom_size[:, names.person_geoms, 0],
-            robot_force_n=_norm(sensors[:, names.robot_force]),
-            tool_force_n=_norm(sensors[:, names.tool_force]),
+            robot_force_n=norm(sensors[:, names.robot_force]),
+            tool_force_n=norm(sensors[:, names.tool_force]),
             tool_contact_pos_w=contacts[..., 3:],
-            tool_contact_force_n=_norm(contacts[..., :3]),
+            tool_contact_force_n=norm(contacts[..., :3]),
         )
 
     def robot_base(self) -> tuple[Array, Array]:
@@ -250,7 +250,7 @@ class _Names:
         self.robot_torso = model.body(robots.PREFIX + stage.robot.torso).id
         self.tool = model.body(TOOL).id
         self.head = model.body(human.PREFIX + "head").id
-        self.right_arm = np.array([model.body(human.PREFIX + name).id for name in RIGHT_ARM])
+        self.right_arm = np.array([model.body(human.PREFIX + name).id for name in human.RIGHT_ARM])
         self.placed = {name: model.body(name).id for name in stage.movable}
         self.head_centre = model.site(human.PREFIX + "head_centre").id
         self.mouth = model.site(human.PREFIX + "mouth").id
@@ -335,7 +335,3 @@ def _actuators(model: mujoco.MjModel, names: Sequence[str]) -> Ids:
 def _sensor(model: mujoco.MjModel, name: str) -> slice:
     sensor = model.sensor(name)
     return slice(int(sensor.adr[0]), int(sensor.adr[0] + sensor.dim[0]))
-
-
-def _norm(v: Array) -> Array:
-    return np.sqrt((v * v).sum(axis=-1))

@@ -38,6 +38,12 @@ def normalize(q: ArrayLike) -> Array:
     return q / np.sqrt((q * q).sum(axis=-1, keepdims=True))
 
 
+def norm(v: ArrayLike) -> Array:
+    """The length (...) of vectors (..., n)."""
+    v = np.asarray(v, float)
+    return np.sqrt((v * v).sum(axis=-1))
+
+
 def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     """Rotate vectors v (..., 3) by unit quaternions q (..., 4)."""
     q, v = np.asarray(q, float), np.asarray(v, float)
@@ -110,8 +116,7 @@ def from_matrix(matrix: ArrayLike) -> Array:
 
 def angle_between(a: ArrayLike, b: ArrayLike) -> Array:
     """The angle in radians (...) of the rotation that takes a to b; both (..., 4)."""
-    v = to_rotation_vector(multiply(conjugate(a), b))
-    return np.sqrt((v * v).sum(axis=-1))
+    return norm(to_rotation_vector(multiply(conjugate(a), b)))
 
 
 def compose(pos_ab: ArrayLike, q_ab: ArrayLike, pos_bc: ArrayLike, q_bc: ArrayLike) -> tuple[Array, Array]:

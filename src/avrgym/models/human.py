@@ -118,6 +118,9 @@ PARENTS: Mapping[str, str | None] = {
 }  # fmt: skip
 BODIES = tuple(PARENTS)
 
+RIGHT_ARM = ("right_upper_arm", "right_forearm", "right_hand")
+"""Bodies, and the geom of the same name in each: their frames are shoulder, elbow and wrist."""
+
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 

@@ -7,8 +7,8 @@ from avrgym import transforms
 from avrgym.episodes import Episodes
 from avrgym.oracles.guide import Guide
 from avrgym.simulation import State
-from avrgym.tasks.base import norm
 from avrgym.tasks.bed_bathing import LIMB_GEOMS, is_washed
+from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.intp]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym import capsules, kinematics, transforms
+from avrgym.arm_clearance import Boxes
 from avrgym.models import contacts
 from avrgym.models.scene import TOOL_BODY, Stage, robot_with_tool
 from avrgym.simulation import Simulation, State
@@ -57,15 +58,6 @@ def arm_shape(stage: Stage) -> ArmShape:
     return ArmShape(links, np.array(link), np.array(ends), np.array(radius), np.array(is_tool))
 
 
-@dataclass(frozen=True)
-class Boxes:
-    """Boxes about the furniture that stays where it is: centres (B, 3), rotations (B, 4), half edges (B, 3)."""
-
-    pos_w: Array
-    q_w: Array
-    half_m: Array
-
-
 def furniture_boxes(simulation: Simulation) -> Boxes:
     """The boxes about the collision geoms of a simulation's furniture, the floor and what is movable left out."""
     model, movable = simulation.model, simulation.stage.movable
@@ -101,7 +93,7 @@ class Clearance:
         to_person = capsules.segment_distance(start, end, person[..., 0, :], person[..., 1, :])
         to_person = (to_person - state.person_radius_m[:, None, None]).min(axis=-1)
         boxes = self._boxes
-        closest = capsules.segment_box_closest(boxes.pos_w, boxes.q_w, boxes.half_m, start, end)
+        closest = capsules.segment_box_closest(boxes.pos_w, boxes.q_w, boxes.half_size_m, start, end)
         to_axis = np.minimum(to_person, closest.distance_m.min(axis=-1))
         return (to_axis - self._shape.radius_m[counts]).min(axis=-1)
 

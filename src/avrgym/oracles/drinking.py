@@ -13,7 +13,7 @@ from avrgym.oracles.clearance import Clearance
 from avrgym.oracles.guide import BLOCKED_S, Guide
 from avrgym.oracles.head import heading, way_out
 from avrgym.simulation import State
-from avrgym.tasks.base import norm
+from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 

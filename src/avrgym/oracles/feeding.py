@@ -9,8 +9,8 @@ from avrgym.models.spoon import FOOD, OUTLINE
 from avrgym.oracles.guide import Guide
 from avrgym.oracles.head import heading, way_out
 from avrgym.simulation import State
-from avrgym.tasks.base import norm
 from avrgym.tasks.feeding import MOUTH_RADIUS_M, SUCCESS_SHARE
+from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 

@@ -176,7 +176,7 @@ def _least(cost: Array, angles_rad: Array, count: int) -> tuple[Array, Array]:
 
 def _share(step: Array, longest: Array | float) -> Array:
     """What share (N, 1) of steps (N, k) keeps them no longer than (N,)."""
-    length = np.sqrt((step * step).sum(axis=-1))
+    length = transforms.norm(step)
     return np.minimum(1.0, longest / np.maximum(length, 1e-9))[:, None]
 
 
@@ -184,7 +184,7 @@ def _upright(q_w: Array, tilt_rad: float) -> Array:
     """Rotations (N, 4) turned back, the shortest way, to where their z axis is within a tilt of the vertical."""
     z_w = transforms.rotate(q_w, UP)
     axis = transforms.cross(z_w, UP)
-    sine = np.sqrt((axis * axis).sum(axis=-1))
+    sine = transforms.norm(axis)
     excess = np.maximum(0.0, np.arctan2(sine, z_w[:, 2]) - tilt_rad)
     back = axis * (excess / np.maximum(sine, 1e-9))[:, None]
     return transforms.multiply(transforms.from_rotation_vector(back), q_w)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym import people, transforms
 from avrgym.cooperation import Offered
-from avrgym.models.human import JOINTS, SEATED_RAD, People
+from avrgym.models.human import JOINTS, RIGHT_ARM, SEATED_RAD, People
 from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
 from avrgym.people import Pose
@@ -45,6 +45,13 @@ HEAD_TURNED = Pose(
     spread_rad=np.array([np.radians(30.0) if joint.body == "head" else 0.0 for joint in JOINTS.values()]),
 )
 """Seated, the head turned up to 30° about each axis (paper, section IV)."""
+
+LIMBS = RIGHT_ARM[:2]
+"""What is scratched and washed: upper arm and forearm."""
+STRONG_FORCE_N = 10.0
+"""What is too much where the tool should touch (reference)."""
+ARM_SPREAD_RAD = np.where(people.RIGHT_ARM, np.radians(10.0), 0.0)
+"""How far off its rest pose each joint of a right arm is found at most, (20,) (paper, section V)."""
 
 REACH_M = 3.0
 """No arm of ours reaches 1.5 m, and a person's head is less than 1.5 m from the robot's base."""
@@ -139,11 +146,6 @@ class Task:
         for name, weight in self.weights.items():
             total = total + weight * terms[name]
         return total
-
-
-def norm(v: Array) -> Array:
-    """Length of vectors along the last axis."""
-    return np.sqrt((v * v).sum(axis=-1))
 
 
 def merge(old: Memory, new: Memory, ids: NDArray[np.intp]) -> Memory:

@@ -15,22 +15,33 @@ from numpy.typing import NDArray
 
 from avrgym import capsules, transforms
 from avrgym.models import human
-from avrgym.models.human import JOINTS, PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
+from avrgym.models.human import PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
 from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
 from avrgym.models.washcloth import NAP_M, PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
 from avrgym.people import Pose
 from avrgym.simulation import Start, State
 from avrgym.tasks import places
-from avrgym.tasks.base import Marks, Outcome, Task, above_clothes, angles, force, norm, position, quaternion
+from avrgym.tasks.base import (
+    ARM_SPREAD_RAD,
+    LIMBS,
+    STRONG_FORCE_N,
+    Marks,
+    Outcome,
+    Task,
+    above_clothes,
+    angles,
+    force,
+    position,
+    quaternion,
+)
+from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-LIMBS = ("right_upper_arm", "right_forearm")
 MARKER_SPACING_M = 0.03
 WIPE_RADIUS_M = 0.025
-STRONG_FORCE_N = 10.0
 SUCCESS_SHARE = 0.30
 
 HAND_START_W = np.array([-0.5, -0.1, 1.0])
@@ -41,7 +52,7 @@ POSE = Pose(
     rest_rad=human.joint_angles(
         right_shoulder_y=20.0, right_shoulder_x=-20.0, right_elbow_x=-45.0, left_elbow_x=-45.0
     ),
-    spread_rad=np.array([np.radians(10.0) if name.startswith("right_") else 0.0 for name in JOINTS]),
+    spread_rad=ARM_SPREAD_RAD,
 )
 """Reclined, the right arm away from the body (reference; paper, section V)."""
 
@@ -95,10 +106,8 @@ def stage(robot: Robot) -> Stage:
 def start(stage: Stage, people: People, uniforms: Array) -> Start:
     """The hand right of and above the person's right arm, the base within reach of shoulder, elbow and wrist."""
     count = len(uniforms)
-    frames_w, _ = human.body_frames(people, RECLINED)
-    goals = np.stack([frames_w[name] for name in ("right_upper_arm", "right_forearm", "right_hand")], axis=1)
-    tool = np.tile(HAND_START_W - transforms.rotate(START_Q_W, WASHCLOTH.grip_pos), (count, 1))
-    tool_q, goal_q = np.tile(START_Q_W, (count, 1)), np.tile(START_Q_W, (count, 3, 1))
+    goals, goal_q = places.right_arm(people, RECLINED), np.tile(START_Q_W, (count, 3, 1))
+    tool, tool_q = places.held(stage, np.tile(HAND_START_W, (count, 1)), START_Q_W)
     begun = places.start(stage, people, {}, tool, tool_q, goals, goal_q, uniforms)
     return replace(begun, placed_pos_w={name: begun.robot_pos_w for name in stage.movable})
 

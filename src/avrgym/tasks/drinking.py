@@ -13,9 +13,10 @@ from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
 from avrgym.simulation import Start, State
 from avrgym.tasks import places
-from avrgym.tasks.base import HEAD_TURNED, Outcome, Task, norm
+from avrgym.tasks.base import HEAD_TURNED, Outcome, Task
 from avrgym.tasks.feeding import OBSERVED, observe
 from avrgym.tasks.particles import GROUND_M, count, touching_person
+from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -64,8 +65,7 @@ def stage(robot: Robot) -> Stage:
 def start(stage: Stage, people: People, uniforms: Array) -> Start:
     """Hand within ±5 cm of a point before the person, cup upright."""
     hand = np.array(HAND_START_W) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool = hand - transforms.rotate(CUP_Q_W, stage.tool.grip_pos)
-    upright = np.tile(CUP_Q_W, (len(tool), 1))
+    tool, upright = places.held(stage, hand, CUP_Q_W)
     mouth, _ = places.mouth(people)
     return places.start(stage, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:])
 

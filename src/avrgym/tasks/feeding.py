@@ -14,8 +14,9 @@ from avrgym.models.scene import Stage
 from avrgym.models.spoon import FOOD, SPOON
 from avrgym.simulation import Start, State
 from avrgym.tasks import places
-from avrgym.tasks.base import HEAD_TURNED, Outcome, Task, angles, force, norm, position, quaternion
+from avrgym.tasks.base import HEAD_TURNED, Outcome, Task, angles, force, position, quaternion
 from avrgym.tasks.particles import GROUND_M, count, touching_person
+from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -62,8 +63,7 @@ def start(stage: Stage, people: People, uniforms: Array) -> Start:
     """Bowl within ±5 cm of its place, hand within ±5 cm of a point above and before it, spoon level."""
     bowl = np.array(BOWL_START_M) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     hand = bowl + HAND_FROM_BOWL_M + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
-    tool = hand - transforms.rotate(SPOON_Q_W, stage.tool.grip_pos)
-    level = np.tile(SPOON_Q_W, (len(tool), 1))
+    tool, level = places.held(stage, hand, SPOON_Q_W)
     placed = {BOWL_BODY: bowl}
     return places.start(stage, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
 

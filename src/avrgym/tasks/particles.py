@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from avrgym import capsules
 from avrgym.simulation import State
+from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -21,8 +22,7 @@ def touching_person(state: State, radius_m: float, asked: Bools) -> Bools:
     where they are no nearer to the tool than the person is.
     """
     margin = radius_m + TOUCH_MARGIN_M
-    from_tool = state.particle_pos_w - state.tool_pos_w[:, None]
-    reach = np.sqrt((from_tool * from_tool).sum(axis=-1)) + margin
+    reach = norm(state.particle_pos_w - state.tool_pos_w[:, None]) + margin
     world, particle = np.nonzero(asked & (reach > _gaps(state, state.tool_pos_w).min(axis=-1)[:, None]))
     gaps = _gaps(state, state.particle_pos_w[world, particle], world)
     touching = np.zeros_like(asked)

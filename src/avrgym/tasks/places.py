@@ -78,6 +78,18 @@ def mouth(people: People) -> tuple[Array, Array]:
     return transforms.compose(pos_w["head"], q_w["head"], site, transforms.IDENTITY_QUATERNION)
 
 
+def right_arm(people: People, posture: Posture) -> Array:
+    """Shoulder, elbow and wrist (n, 3, 3) of the people's right arms, world frame."""
+    pos_w, _ = human.body_frames(people, posture)
+    return np.stack([pos_w[name] for name in human.RIGHT_ARM], axis=1)
+
+
+def held(stage: Stage, hand_pos_w: Array, tool_q_w: Array) -> tuple[Array, Array]:
+    """The tool's poses, (n, 3) and (n, 4), in hands at positions (n, 3), all turned alike (4,)."""
+    pos_w = hand_pos_w - transforms.rotate(tool_q_w, stage.tool.grip_pos)
+    return pos_w, np.tile(tool_q_w, (len(pos_w), 1))
+
+
 def start(
     stage: Stage,
     people: People,

@@ -8,23 +8,34 @@ from numpy.typing import NDArray
 
 from avrgym import transforms
 from avrgym.models import human
-from avrgym.models.human import JOINTS, People
+from avrgym.models.human import People
 from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
 from avrgym.models.scratcher import SCRATCHER
 from avrgym.people import Pose
 from avrgym.simulation import Start, State
 from avrgym.tasks import places
-from avrgym.tasks.base import Marks, Outcome, Task, above_clothes, angles, force, norm, position, quaternion
+from avrgym.tasks.base import (
+    ARM_SPREAD_RAD,
+    LIMBS,
+    STRONG_FORCE_N,
+    Marks,
+    Outcome,
+    Task,
+    above_clothes,
+    angles,
+    force,
+    position,
+    quaternion,
+)
+from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 
 ITCH_RADIUS_M = 0.025
 STROKE_M = 0.01
-STRONG_FORCE_N = 10.0
 SUCCESS_SCRATCHES = 25
 CHAIR = "wheelchair_without_right_armrest"
-LIMBS = ("right_upper_arm", "right_forearm")
 ALONG = (0.2, 0.85)
 """Where along a limb it may itch, as shares of its length: its ends lie inside shoulder and elbow."""
 AROUND_RAD = (np.radians(120.0), np.pi)
@@ -37,7 +48,7 @@ SCRATCHER_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * n
 
 POSE = Pose(
     rest_rad=human.joint_angles(right_shoulder_y=30.0),
-    spread_rad=np.array([np.radians(10.0) if name.startswith("right_") else 0.0 for name in JOINTS]),
+    spread_rad=ARM_SPREAD_RAD,
 )
 """Seated, the right arm spread by 30°, each of its joints within ±10° (paper, section V; reference)."""
 
@@ -76,10 +87,8 @@ def start(stage: Stage, people: People, uniforms: Array) -> Start:
     """Hand within ±5 cm of a point beside the person's elbow; the goals are shoulder, elbow and wrist."""
     place = MOBILE_HAND_M if stage.robot.mobile else HAND_M
     hand = np.array(place) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool = hand - transforms.rotate(SCRATCHER_Q_W, stage.tool.grip_pos)
-    tool_q = np.tile(SCRATCHER_Q_W, (len(tool), 1))
-    pos_w, _ = human.body_frames(people, stage.posture)
-    goals = np.stack([pos_w[name] for name in (*LIMBS, "right_hand")], axis=1)
+    tool, tool_q = places.held(stage, hand, SCRATCHER_Q_W)
+    goals = places.right_arm(people, stage.posture)
     goals_q = np.tile(SCRATCHER_Q_W, (*goals.shape[:2], 1))
     return places.start(stage, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
 

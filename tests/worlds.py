@@ -1,0 +1,43 @@
+"""Worlds and actions that several test files need."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from avrgym import transforms
+from avrgym.models.scene import TOOL_CONTACTS
+from avrgym.simulation import State
+
+
+def still_world(**changes: Any) -> State:
+    """One world at rest in which nothing touches and whatever is not given is nought."""
+    point, unturned = np.zeros((1, 3)), transforms.IDENTITY_QUATERNION[None]
+    plain = State(
+        robot_pos_w=point,
+        arm_angles_rad=np.zeros((1, 7)),
+        effector_velocity_w=point,
+        tool_pos_w=point,
+        tool_q_w=unturned,
+        head_pos_w=point,
+        head_q_w=unturned,
+        mouth_pos_w=point,
+        right_arm_pos_w=np.zeros((1, 3, 3)),
+        right_arm_q_w=np.tile(unturned, (1, 3, 1)),
+        placed_pos_w={},
+        particle_pos_w=np.zeros((1, 0, 3)),
+        particle_velocity_w=np.zeros((1, 0, 3)),
+        person_segment_w=np.zeros((1, 1, 2, 3)),
+        person_radius_m=np.zeros((1, 1)),
+        robot_force_n=np.zeros(1),
+        tool_force_n=np.zeros(1),
+        tool_contact_pos_w=np.zeros((1, TOOL_CONTACTS, 3)),
+        tool_contact_force_n=np.zeros((1, TOOL_CONTACTS)),
+    )
+    return replace(plain, **changes)
+
+
+def jerky_actions(rng: np.random.Generator, worlds: int, steps: int) -> np.ndarray:
+    """Full speed one way or the other, for half a second each."""
+    signs = np.sign(rng.uniform(-1, 1, (steps // 5 + 1, worlds, 7)))
+    return np.repeat(signs, 5, axis=0)[:steps]
