@@ -1,18 +1,33 @@
-"""The statements that participants rate after a trial, and what counts as an answer."""
+"""The statements that participants rate, and what counts as an answer."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+MOMENTS = ("before_session", "after_trial", "after_session")
+ITEM_ORDERS = ("fixed", "random")
+MOST_POINTS = 101
 
 
-@dataclass(frozen=True)
-class Item:
+class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One statement, rated from 1 (``low``) to ``points`` (``high``)."""
 
     id: str
-    text: str
-    points: int
+    text: Annotated[str, msgspec.Meta(min_length=1)]
+    points: Annotated[int, msgspec.Meta(ge=2, le=MOST_POINTS)]
     low: str
     high: str
+
+
+class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Items that are asked together: when (``MOMENTS``), and in which order (``ITEM_ORDERS``)."""
+
+    name: str
+    when: str
+    items: Annotated[tuple[Item, ...], msgspec.Meta(min_length=1)]
+    order: str = "fixed"
 
 
 def _likert(id: str, text: str) -> Item:
@@ -25,6 +40,18 @@ LIKERT_ITEMS = (
     _likert("L3", "I felt I would be safe if this were a real robot."),
     _likert("L4", "The robot moved with appropriate speed."),
 )
+
+
+def items_to_ask(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
+    """The items of a moment in the order to ask them; the same seed gives the same order."""
+    rng = np.random.default_rng(seed)
+    asked: list[Item] = []
+    for questionnaire in questionnaires:
+        if questionnaire.when == when:
+            count = len(questionnaire.items)
+            indices = rng.permutation(count) if questionnaire.order == "random" else range(count)
+            asked += [questionnaire.items[index] for index in indices]
+    return tuple(asked)
 
 
 def validate_answer(items: Sequence[Item], item_id: str, value: int) -> None:

@@ -1,0 +1,81 @@
+"""Balanced orders: who meets which task and condition when.
+
+A Williams square is a Latin square in which every condition stands as often at each position, and follows every
+other one as often (Williams, *Experimental designs balanced for the estimation of residual effects of
+treatments*, 1949). For an odd number it takes twice as many rows.
+"""
+
+from dataclasses import dataclass
+from math import lcm
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Block:
+    """One task of a participant, and its conditions in order; both count from 0."""
+
+    task: int
+    conditions: tuple[int, ...]
+
+
+TRIES = 200
+"""How many arrangements are drawn, to take the one that varies most within participants."""
+
+Order = tuple[Block, ...]
+"""All blocks of one participant."""
+
+
+def williams_square(size: int) -> NDArray[np.intp]:
+    """Rows of 0 to ``size`` − 1, (size, size); (2 size, size) for an odd size above 1."""
+    zigzag = [(i + 1) // 2 if i % 2 else -(i // 2) for i in range(size)]
+    rows = (np.array(zigzag, np.intp) + np.arange(size)[:, None]) % size
+    return np.concatenate([rows, rows[:, ::-1]]) if size % 2 and size > 1 else rows
+
+
+def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[Order, ...]:
+    """One order for each cell of a design with blocks of tasks.
+
+    Over all cells: tasks are balanced over blocks as a Williams square; within the blocks of each task, and
+    within the blocks at each place, so are the conditions.
+    """
+    task_rows = _shuffled_square(tasks, rng)
+    condition_rows = _shuffled_square(conditions, rng)
+    cells = lcm(len(task_rows), len(condition_rows))
+    task_of = np.tile(task_rows, (cells // len(task_rows), 1))
+    spreads = [_spread(rng.permutation(tasks)[task_of], len(condition_rows)) for _ in range(TRIES)]
+    row_of = max(spreads, key=_variety)
+    return tuple(
+        tuple(
+            Block(int(task), tuple(condition_rows[row].tolist()))
+            for task, row in zip(tasks, rows, strict=True)
+        )
+        for tasks, rows in zip(task_of, row_of, strict=True)
+    )
+
+
+def _shuffled_square(size: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """A Williams square under other names and with its rows in another order, which keeps its balance."""
+    return rng.permutation(rng.permutation(size)[williams_square(size)])
+
+
+def _variety(row_of: NDArray[np.intp]) -> int:
+    """How many different rows each cell meets, summed over the cells."""
+    return sum(len(set(rows)) for rows in row_of.tolist())
+
+
+def _spread(task_of: NDArray[np.intp], rows: int) -> NDArray[np.intp]:
+    """A row of the conditions' square for each cell and place, (cells, places), from a Latin arrangement of tasks.
+
+    Every row comes as often at each place, and as often for each task. Tasks and places are the two sides of a
+    regular bipartite graph with an edge for each block. All blocks whose task lies equally far from their place,
+    and that have equally many like them in earlier cells, make a perfect matching; the matchings share out the
+    rows evenly.
+    """
+    cells, places = task_of.shape
+    earlier = np.array(
+        [(task_of[:cell] == task_of[cell]).sum(axis=0) for cell in range(cells)], np.intp
+    ).reshape(cells, places)
+    shift = (task_of - np.arange(places)) % places
+    return (shift + places * earlier) % rows

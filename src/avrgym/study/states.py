@@ -1,0 +1,51 @@
+"""The states that a study's things go through, and no others."""
+
+from collections.abc import Mapping
+
+Transitions = Mapping[str, tuple[str, ...]]
+
+PARTICIPANT: Transitions = {
+    "enrolled": ("consented", "withdrawn"),
+    "consented": ("allocated", "excluded", "withdrawn"),
+    "allocated": ("completed", "withdrawn"),
+    "completed": ("withdrawn",),
+    "excluded": (),
+    "withdrawn": (),
+}
+SESSION: Transitions = {"open": ("closed", "interrupted"), "closed": (), "interrupted": ()}
+TRIAL: Transitions = {
+    "planned": ("running", "skipped"),
+    "skipped": ("running",),
+    "running": ("planned", "completed"),
+    "completed": (),
+}
+ATTEMPT: Transitions = {
+    "running": ("completed", "stopped", "interrupted", "failed"),
+    "completed": (),
+    "stopped": (),
+    "interrupted": (),
+    "failed": (),
+}
+
+TRANSITIONS: Mapping[str, Transitions] = {
+    "participant": PARTICIPANT,
+    "session": SESSION,
+    "trial": TRIAL,
+    "attempt": ATTEMPT,
+}
+"""By table: each state, and those that may follow it."""
+
+TAKES_PART = ("allocated", "completed")
+"""States of participants who count in their cell."""
+
+
+class StudyError(RuntimeError):
+    """Something that a study does not allow, with what it allows; nothing was changed."""
+
+
+def check_transition(table: str, what: str, before: str, after: str) -> None:
+    """Raise ``StudyError`` unless ``after`` may follow ``before``."""
+    allowed = TRANSITIONS[table][before]
+    if after not in allowed:
+        follow = " or ".join(allowed) or "nothing: it is final"
+        raise StudyError(f"{what} is {before} and cannot become {after}; what may follow: {follow}")
