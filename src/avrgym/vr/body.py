@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from avrgym import transforms
 from avrgym.models import human
-from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, UPPER_RAD, Person
+from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, SEATED, UPPER_RAD, Person, Posture
 from avrgym.vr.webxr import Pose
 
 Array = NDArray[np.float64]
@@ -31,10 +31,16 @@ class BodyPose:
     right: Pose | None
 
 
-def seated_head_centre(person: Person) -> Array:
-    """The centre of the head (3,) of a person who sits upright, world frame."""
-    p = PROPORTIONS[person.sex]
-    return np.array([0.0, 0.03, p.seated_hips_height + person.torso_height_m])
+def seated_head_centre(person: Person, posture: Posture = SEATED) -> Array:
+    """The centre of the head (3,) of a person who sits upright, or lies with their back on the bed; world frame."""
+    pos_w, q_w = hips_frame(person, posture)
+    return pos_w + transforms.rotate(q_w, [0.0, 0.0, person.torso_height_m])
+
+
+def hips_frame(person: Person, posture: Posture) -> tuple[Array, Array]:
+    """Where the hips are in the world: position (3,) and quaternion (4,)."""
+    tilt = transforms.from_axis_angle(human.X, np.radians(posture.hips_deg))
+    return posture.hips(PROPORTIONS[person.sex]), tilt
 
 
 def torso_height(sex: human.Sex, head_height_m: float) -> float:
@@ -53,28 +59,39 @@ def torso_height(sex: human.Sex, head_height_m: float) -> float:
     return head_height_m - hips
 
 
-def torso_angles(person: Person, head: Pose) -> Array:
-    """Angles (6,) of waist x, y, z and head x, y, z that bring the head to its pose; not yet limited.
+def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> Array:
+    """Angles (6,) within their ranges of waist x, y, z and head x, y, z that bring the head to its pose.
 
     The waist tilts so that the head joints lie on the line to where the headset puts them: with joints in the
     order x, y, z the torso points along (sin b, −sin a cos b, cos a cos b), so a = −atan2(ψy, ψz) and
-    b = atan2(ψx cos a, ψz), ψ from waist to head joints (paper, section III, which takes the head's centre).
-    Head and waist share the yaw, and rotations are composed, so the head's orientation is exact.
+    b = atan2(ψx cos a, ψz), ψ from waist to head joints in the hips' frame (paper, section III, which takes the
+    head's centre). Head and waist share the yaw. The head turns by what the waist leaves over, so that its
+    orientation is exact wherever its own joints allow, even where the waist is at an end of its range.
     """
     p = PROPORTIONS[person.sex]
     scale = person.torso_height_m / p.torso_height
-    waist = np.array([0.0, 0.03, p.seated_hips_height + p.waist_rise * scale])
-    neck = head.pos_w - transforms.rotate(head.q_w, [0.0, 0.0, p.head_centre_rise * scale])
-    psi = neck - waist
+    pos, q = transforms.compose(*transforms.invert(*hips_frame(person, posture)), head.pos_w, head.q_w)
+    neck = pos - transforms.rotate(q, [0.0, 0.0, p.head_centre_rise * scale])
+    psi = neck - np.array([0.0, 0.0, p.waist_rise * scale])
     a = -np.arctan2(psi[1], psi[2])
     b = np.arctan2(psi[0] * np.cos(a), psi[2])
-    tilt = transforms.multiply(
-        transforms.from_axis_angle(human.X, np.asarray(a)), transforms.from_axis_angle(human.Y, np.asarray(b))
+    tilt = _limited(_WAIST, np.array([a, b, 0.0]))
+    yaw = WAIST_YAW_SHARE * _seen_from(tilt, q)[2]
+    waist = _limited(_WAIST, np.array([*tilt[:2], yaw]))
+    return np.concatenate([waist, _limited(_HEAD, _seen_from(waist, q))])
+
+
+def _seen_from(waist_rad: Array, q: Array) -> Array:
+    """The angles (3,) x, y, z of the head's joints for a rotation (4,) in the hips' frame."""
+    x, y, z = (
+        transforms.from_axis_angle(axis, waist_rad[i]) for i, axis in enumerate((human.X, human.Y, human.Z))
     )
-    relative = transforms.multiply(transforms.conjugate(tilt), head.q_w)
-    yaw = WAIST_YAW_SHARE * transforms.euler_xyz(relative)[2]
-    untwist = transforms.from_axis_angle(human.Z, np.asarray(-yaw))
-    return np.array([a, b, yaw, *transforms.euler_xyz(transforms.multiply(untwist, relative))])
+    torso = transforms.multiply(transforms.multiply(x, y), z)
+    return transforms.euler_xyz(transforms.multiply(transforms.conjugate(torso), q))
+
+
+def _limited(joints: list[int], angles_rad: Array) -> Array:
+    return np.clip(angles_rad, LOWER_RAD[joints], UPPER_RAD[joints])
 
 
 DAMPING = 0.08
@@ -90,9 +107,9 @@ class BodySolver:
     The result depends only on the pose and the angles it starts from.
     """
 
-    def __init__(self, person: Person) -> None:
-        self.person = person
-        self._model = human.person_model(person, moving=True)
+    def __init__(self, person: Person, posture: Posture = SEATED) -> None:
+        self.person, self.posture = person, posture
+        self._model = human.person_model(person, posture, moving=True)
         self._data = mujoco.MjData(self._model)
         self._sites = {side: self._model.site(f"{human.PREFIX}{side}_hand_centre").id for side in _ARMS}
         self._jacobian = np.zeros((6, self._model.nv))
@@ -104,8 +121,7 @@ class BodySolver:
         no single frame makes them jump.
         """
         angles = np.array(start_rad, float)
-        angles[_WAIST + _HEAD] = torso_angles(self.person, pose.head)
-        angles = np.clip(angles, LOWER_RAD, UPPER_RAD)
+        angles[_WAIST + _HEAD] = torso_angles(self.person, pose.head, self.posture)
         hands = {
             side: hand for side, hand in (("left", pose.left), ("right", pose.right)) if hand is not None
         }

@@ -9,7 +9,7 @@ from avrgym import transforms
 from avrgym.envs import ACTIONS
 from avrgym.episodes import Episodes, Step
 from avrgym.models import human
-from avrgym.models.human import SEATED, Person
+from avrgym.models.human import Person
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, Stage
 from avrgym.policies import Policy
 from avrgym.tasks.base import Task
@@ -41,12 +41,10 @@ class LiveWorld:
         """Compile the scene for a person.
 
         Raises:
-            ValueError: for an unknown environment, naming what there is, and for one whose person lies down.
+            ValueError: for an unknown environment, naming what there is.
         """
         self._episodes = Episodes(environment_id, 1, person=person, moving=True, num_threads=1)
-        if self._episodes.stage.posture is not SEATED:
-            raise ValueError(f"{environment_id}: a participant can only sit so far; its person lies in a bed")
-        self._solver = BodySolver(person)
+        self._solver = BodySolver(person, self._episodes.stage.posture)
         self._action = np.zeros(ACTIONS)
         self._observation = np.zeros(self._episodes.task.observation_size)
         self._substep = 0
