@@ -1,23 +1,18 @@
 """The program ``avrgym``."""
 
-import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.box import SIMPLE
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
-from rich.table import Column, Table
 
-from avrgym.files import write_whole
 from avrgym.models.human import SEXES
 from avrgym.people import DISTRIBUTIONS
 from avrgym.policies import packaged_policies
+from avrgym.study.commands import app as study_commands
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
+from avrgym.terminal import JsonFile, check_folder, console, plain_errors, print_table, say, write_json
 
 if TYPE_CHECKING:
     from avrgym.vr.server import LiveServer
@@ -30,34 +25,9 @@ app = typer.Typer(
 )
 bench = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine.")
 app.add_typer(bench, name="bench")
-console = Console()
-TABLE_WIDTH = 160
+app.add_typer(study_commands, name="study")
 
-JsonFile = Annotated[
-    Path | None, typer.Option("--json", help="Write the figures to this file.", metavar="FILE")
-]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same figures.", min=0)]
-
-
-@contextmanager
-def _plain_errors() -> Iterator[None]:
-    """Turn an error that the user can mend into one clear line and exit code 1."""
-    try:
-        yield
-    except (ValueError, OSError, RuntimeError) as error:
-        typer.echo(f"avrgym: {error}", err=True)
-        raise typer.Exit(1) from error
-
-
-def _check_folder(json_file: Path | None) -> None:
-    """Raise ``ValueError`` before long work whose figures could not be written."""
-    if json_file is not None and not json_file.parent.is_dir():
-        raise ValueError(f"cannot write {json_file}: there is no folder {json_file.parent}")
-
-
-def _write_json(path: Path | None, rows: list[dict[str, Any]]) -> None:
-    if path is not None:
-        write_whole(path, (json.dumps(rows, indent=2) + "\n").encode())
 
 
 @app.command()
@@ -68,15 +38,15 @@ def demo(
     """Run a whole session of a simulated participant, then its report. Takes about a minute and a half."""
     from avrgym.demo import run_demo
 
-    with _plain_errors():
+    with plain_errors():
         folder = _free_folder(out)
-        result = run_demo(folder, seed, lambda text: _say(f"  {text}"))
+        result = run_demo(folder, seed, lambda text: say(f"  {text}"))
     for recording in result.recordings:
-        _say(f"recorded  {recording}")
-    _say(f"report    {result.report}")
+        say(f"recorded  {recording}")
+    say(f"report    {result.report}")
     if result.without_browser:
-        _say("There was no browser, so the report has no pictures.")
-    _say("Open the report in a browser. `avrgym serve` starts the live server for a headset.")
+        say("There was no browser, so the report has no pictures.")
+    say("Open the report in a browser. `avrgym serve` starts the live server for a headset.")
 
 
 def _free_folder(wanted: Path) -> Path:
@@ -107,7 +77,7 @@ def serve(
     from avrgym.vr.server import LiveServer
     from avrgym.vr.session import Session, SessionPlan, TrialPlan, load_policies
 
-    with _plain_errors():
+    with plain_errors():
         if person not in SEXES:
             raise ValueError(f"unknown person {person!r}; the body models are {' and '.join(SEXES)}")
         plans = [TrialPlan(env, policy, seed=seed + i, practice=i == 0) for i in range(trials + 1)]
@@ -123,18 +93,13 @@ def serve(
 
 
 def _explain(server: "LiveServer") -> None:
-    _say(
+    say(
         "Headset on a USB cable (Quest, Pico): run this first, then open the address in the headset's browser"
     )
-    _say(f"    adb reverse tcp:{server.port} tcp:{server.port}")
-    _say("Headset connected to this computer (SteamVR, Rift S): open the address in Chrome")
-    _say(f"    {server.url}")
-    _say("Stop with Ctrl+C.")
-
-
-def _say(text: str) -> None:
-    """Print a line as it is, so that paths and addresses can be copied."""
-    console.print(text, soft_wrap=True, highlight=False)
+    say(f"    adb reverse tcp:{server.port} tcp:{server.port}")
+    say("Headset connected to this computer (SteamVR, Rift S): open the address in Chrome")
+    say(f"    {server.url}")
+    say("Stop with Ctrl+C.")
 
 
 @app.command()
@@ -154,11 +119,11 @@ def view(
     from avrgym.vr.viewing import Viewing
 
     with (
-        _plain_errors(),
+        plain_errors(),
         LiveServer(lambda send: Viewing(env, policy, people, seed, send), "127.0.0.1", port) as server,
     ):
-        _say("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
-        _say(f"    {server.url}")
+        say("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
+        say(f"    {server.url}")
         _wait(server)
 
 
@@ -166,7 +131,7 @@ def _wait(server: "LiveServer") -> None:
     try:
         server.wait()
     except KeyboardInterrupt:
-        _say("stopped")
+        say("stopped")
     if server.loop.error is not None:
         raise RuntimeError(f"the simulation failed: {server.loop.error!r}")
 
@@ -184,9 +149,9 @@ def envs(json_file: JsonFile = None) -> None:
         }
         for environment, (task, robot) in ENVIRONMENTS.items()
     ]
-    _print_table(rows)
-    with _plain_errors():
-        _write_json(json_file, rows)
+    print_table(rows)
+    with plain_errors():
+        write_json(json_file, rows)
 
 
 @app.command()
@@ -203,7 +168,7 @@ def train(
     seed: Seed = 0,
 ) -> None:
     """Train a policy with PPO. Needs the extra `train`."""
-    with _plain_errors():
+    with plain_errors():
         find_environment(env)
         try:
             from avrgym import training
@@ -230,7 +195,7 @@ def train(
                 training.resume(folder, tell)
             else:
                 training.train(training.TrainingConfiguration(env, people, steps, seed), folder, tell)
-    _say(f"policy    {folder / 'policy.safetensors'}")
+    say(f"policy    {folder / 'policy.safetensors'}")
 
 
 @app.command()
@@ -252,8 +217,8 @@ def evaluate(
     from avrgym.evaluation import evaluate as measure
 
     rows = []
-    with _plain_errors():
-        _check_folder(json_file)
+    with plain_errors():
+        check_folder(json_file)
         for environment in _chosen(env, all_environments):
             with Progress(console=console, transient=True) as progress:
                 bar = progress.add_task(environment, total=episodes * EPISODE_STEPS)
@@ -261,9 +226,9 @@ def evaluate(
                     environment, policy, people, episodes, seed, lambda n, b=bar: progress.advance(b, n)
                 )
             rows.append(asdict(result))
-    _print_table(rows)
-    with _plain_errors():
-        _write_json(json_file, rows)
+    print_table(rows)
+    with plain_errors():
+        write_json(json_file, rows)
 
 
 @bench.command("sim")
@@ -278,16 +243,16 @@ def bench_sim(
     from avrgym.benchmark import RUNS, measure_simulation
 
     rows = []
-    with _plain_errors():
-        _check_folder(json_file)
+    with plain_errors():
+        check_folder(json_file)
         for environment in _chosen(env, not env):
             with Progress(console=console, transient=True) as progress:
                 bar = progress.add_task(environment, total=RUNS)
                 speed = measure_simulation(environment, num_envs, lambda b=bar: progress.advance(b))
             rows.append(asdict(speed))
-    _print_table(rows)
-    with _plain_errors():
-        _write_json(json_file, rows)
+    print_table(rows)
+    with plain_errors():
+        write_json(json_file, rows)
 
 
 def _chosen(environments: list[str] | None, every: bool) -> list[str]:
@@ -303,18 +268,3 @@ def _chosen(environments: list[str] | None, every: bool) -> list[str]:
     for environment in environments:
         find_environment(environment)
     return environments
-
-
-def _print_table(rows: list[dict[str, Any]]) -> None:
-    table = Table(*(Column(name, no_wrap=True) for name in rows[0]), box=SIMPLE)
-    for row in rows:
-        table.add_row(*(_cell(value) for value in row.values()))
-    Console(width=max(console.width, TABLE_WIDTH)).print(table)
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.3g}"
-    if isinstance(value, list | tuple):
-        return ", ".join(_cell(item) for item in value)
-    return str(value)

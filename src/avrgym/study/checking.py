@@ -1,0 +1,125 @@
+"""Checking a study: whether everything that was stored is there, whole and unchanged."""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from avrgym.study import keyfile
+from avrgym.study.recording import Recording, RecordingError, read_recording
+from avrgym.study.rows import RECORDINGS, GivenAnswer, Participant, StudySession, Trial, TrialAttempt
+from avrgym.study.sessions import sha256_of
+from avrgym.study.states import StudyError
+from avrgym.study.store import Store
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that was found: where, and what. ``wrong``: it must be mended."""
+
+    where: str
+    what: str
+    wrong: bool = True
+
+
+def check_study(store: Store) -> list[Finding]:
+    """All that is to be said about a study; nothing is changed."""
+    findings = [Finding("database", fault) for fault in store.database.faults()]
+    findings += _check_private(store)
+    expected: set[str] = set()
+    for participant in store.participants():
+        attempts = store.attempts(participant.pseudonym)
+        expected |= {attempt.recording for attempt in attempts}
+        findings += _check_participant(store, participant, attempts)
+    return findings + [
+        Finding(name, "belongs to no attempt of this study") for name in _files(store) if name not in expected
+    ]
+
+
+def _check_private(store: Store) -> Iterator[Finding]:
+    for path in keyfile.exposed(store.folder):
+        yield Finding(str(path.relative_to(store.folder)), "others than its owner may use it")
+    known = {participant.pseudonym for participant in store.participants()}
+    try:
+        strangers = sorted(set(keyfile.read_key(store.folder)) - known)
+    except StudyError as error:
+        yield Finding(f"{keyfile.FOLDER}/{keyfile.FILE}", str(error))
+        return
+    for pseudonym in strangers:
+        yield Finding(f"{keyfile.FOLDER}/{keyfile.FILE}", f"names {pseudonym}, who is not in this study")
+
+
+def _check_participant(
+    store: Store, participant: Participant, attempts: list[TrialAttempt]
+) -> Iterator[Finding]:
+    pseudonym = participant.pseudonym
+    if attempts and participant.consented_at is None:
+        yield Finding(pseudonym, "has attempts without consent")
+    sessions = {session.id: session for session in store.sessions(pseudonym)}
+    trials = store.trials(pseudonym)
+    by_id = {trial.id: trial for trial in trials}
+    answers = store.answers(pseudonym)
+    for attempt in attempts:
+        own = [answer for answer in answers if answer.attempt == attempt.id]
+        yield from _check_attempt(store, sessions[attempt.session], by_id[attempt.trial], attempt, own)
+    for trial in trials:
+        completed = [a for a in attempts if a.trial == trial.id and a.state == "completed"]
+        if len(completed) != (trial.state == "completed"):
+            yield Finding(str(trial), f"is {trial.state} with {len(completed)} completed attempts")
+
+
+def _check_attempt(
+    store: Store, session: StudySession, trial: Trial, attempt: TrialAttempt, answers: list[GivenAnswer]
+) -> Iterator[Finding]:
+    completed = attempt.state == "completed"
+    if completed and not trial.practice:
+        given = {answer.item for answer in answers}
+        missing = [item.id for item in store.design.items_at("after_trial") if item.id not in given]
+        if missing:
+            yield Finding(attempt.recording, f"completed without answers to {', '.join(missing)}")
+    try:
+        path = store.path(attempt.recording)
+    except StudyError as error:
+        yield Finding(attempt.recording, str(error))
+        return
+    if path.is_file():
+        yield from _check_recording(store, trial, attempt, path, answers)
+    elif session.station != store.station:
+        yield Finding(attempt.recording, f"is not here; it was recorded at {session.station}", wrong=False)
+    elif completed or attempt.sha256 is not None:
+        yield Finding(attempt.recording, "is missing")
+
+
+def _check_recording(
+    store: Store, trial: Trial, attempt: TrialAttempt, path: Path, answers: list[GivenAnswer]
+) -> Iterator[Finding]:
+    if attempt.state != "running" and sha256_of(store, attempt.recording) != attempt.sha256:
+        yield Finding(attempt.recording, "was changed: its checksum is another")
+    try:
+        recording = read_recording(path)
+    except (OSError, RecordingError) as error:
+        yield Finding(attempt.recording, f"does not load: {error}", wrong=attempt.state == "completed")
+        return
+    if attempt.state == "completed" and not recording.complete:
+        yield Finding(attempt.recording, "is not complete though its trial is")
+    for name in _differences(recording, trial, answers):
+        yield Finding(attempt.recording, f"was recorded with another {name} than was planned or stored")
+
+
+def _differences(recording: Recording, trial: Trial, answers: list[GivenAnswer]) -> Iterator[str]:
+    """Names of what recording and database tell differently."""
+    for name in ("environment", "seed", "practice"):
+        if recording.metadata.get(name) != getattr(trial, name):
+            yield name
+    recorded = {answer.item: answer.value for _, answer in recording.topics["/answers"]}
+    if any(recorded.get(answer.item) != answer.value for answer in answers):
+        yield "answer"
+
+
+def _files(store: Store) -> list[str]:
+    """All files among the recordings, and links to anything, relative to the study's folder."""
+    found = []
+    for folder, folders, files in os.walk(store.folder / RECORDINGS):
+        links = [name for name in folders if (Path(folder) / name).is_symlink()]
+        found += [str((Path(folder) / name).relative_to(store.folder).as_posix()) for name in files + links]
+    return sorted(found)

@@ -1,0 +1,62 @@
+"""Deleting a participant: what they left is gone, and nobody else's data change."""
+
+import shutil
+
+import sqlalchemy as sa
+
+from avrgym.study import keyfile, schema
+from avrgym.study.database import BACKUPS
+from avrgym.study.rows import RECORDINGS, StudySession, Tombstone, participant_number
+from avrgym.study.sessions import may_run
+from avrgym.study.states import StudyError
+from avrgym.study.store import Store, find_all, find_participant, now
+
+
+def delete_participant(store: Store, pseudonym: str) -> None:
+    """Delete a participant's recordings, rows and key entry, and every backup of the database.
+
+    The number stays in a tombstone and is never given again. After a crash, deleting again finishes the work.
+
+    Raises:
+        StudyError: when there is no such participant, or a session of theirs is open.
+    """
+    number = participant_number(pseudonym)
+    with store.database.write() as connection:
+        if not find_all(connection, Tombstone, number=number):
+            _delete_rows(store, connection, pseudonym)
+        keyfile.remove_entry(store.folder, pseudonym)
+    _remove(store, f"{RECORDINGS}/{pseudonym}")
+    _remove(store, BACKUPS)
+    store.database.erase_traces()
+
+
+def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> None:
+    participant = find_participant(connection, pseudonym)
+    sessions = find_all(connection, StudySession, participant=participant.number)
+    for session in sessions:
+        if session.state == "open" and may_run(store, session):
+            raise StudyError(f"{session} is open at {session.station}; close it there before deleting")
+    number = participant.number
+    own = schema.SESSION.c.participant == number
+    visits = sa.select(schema.SESSION.c.id).where(own)
+    for table, condition in (
+        (schema.NOTE, schema.NOTE.c.participant == number),
+        (schema.EVENT, schema.EVENT.c.participant == number),
+        (schema.ANSWER, schema.ANSWER.c.session.in_(visits)),
+        (schema.ATTEMPT, schema.ATTEMPT.c.session.in_(visits)),
+        (schema.TRIAL, schema.TRIAL.c.participant == number),
+        (schema.SESSION, own),
+        (schema.PARTICIPANT, schema.PARTICIPANT.c.number == number),
+    ):
+        connection.execute(sa.delete(table).where(condition))
+    tombstone = {"number": number, "simulated": participant.simulated, "deleted_at": now()}
+    connection.execute(sa.insert(schema.TOMBSTONE).values(tombstone))
+
+
+def _remove(store: Store, name: str) -> None:
+    """Remove a folder of the study with all it holds; of a link, only the link."""
+    path = store.folder / name
+    if path.is_symlink():
+        path.unlink()
+    elif path.exists():
+        shutil.rmtree(path)

@@ -1,0 +1,230 @@
+"""A study's folder and database: opening it, and reading what it holds."""
+
+import os
+import socket
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+import sqlalchemy as sa
+
+from avrgym.study import schema
+from avrgym.study.database import FILE as DATABASE_FILE
+from avrgym.study.database import Database, database_url
+from avrgym.study.design import FILE, Design, default_text, read_design
+from avrgym.study.rows import (
+    RECORDINGS,
+    GivenAnswer,
+    Note,
+    Participant,
+    StudyEvent,
+    StudySession,
+    Tombstone,
+    Trial,
+    TrialAttempt,
+    participant_number,
+)
+from avrgym.study.states import StudyError, check_transition
+
+PRIVATE = "private"
+Row = TypeVar("Row")
+TABLES: Mapping[type, sa.Table] = {
+    Participant: schema.PARTICIPANT,
+    StudySession: schema.SESSION,
+    Trial: schema.TRIAL,
+    TrialAttempt: schema.ATTEMPT,
+    GivenAnswer: schema.ANSWER,
+    StudyEvent: schema.EVENT,
+    Note: schema.NOTE,
+    Tombstone: schema.TOMBSTONE,
+}
+
+
+def create_study(folder: Path) -> Path:
+    """Write ``study.toml`` with the paper's protocol into a folder, which is made when it is missing.
+
+    Raises:
+        StudyError: when the folder holds a study already; nothing in it is changed.
+        OSError: when it cannot be written.
+    """
+    held = [name for name in (FILE, DATABASE_FILE, RECORDINGS, PRIVATE) if (folder / name).exists()]
+    if held:
+        raise StudyError(f"{folder} holds {held[0]} already; choose another folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / FILE
+    with open(path, "x", encoding="utf-8") as file:
+        file.write(default_text())
+    return path
+
+
+class Store:
+    """An open study. What takes part in it changes through ``participants`` and ``sessions``; here one reads.
+
+    ``folder`` is the study's, ``station`` this machine's name. Methods may be called from any thread.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Open the study in a folder.
+
+        Raises:
+            DesignError: when ``study.toml`` says what cannot be.
+            StudyError: when there is no study, or its database does not fit.
+        """
+        if not (folder / FILE).is_file():
+            raise StudyError(f"{folder} holds no {FILE}; `avrgym study new {folder}` writes one")
+        self.folder = folder.resolve()
+        self.station = socket.gethostname()
+        self.design: Design = read_design(folder / FILE)
+        self.database = Database(self.folder, database_url(self.design.database.url))
+        try:
+            self._check_protocol()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the database."""
+        self.database.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def path(self, relative: str) -> Path:
+        """A file of the study; ``StudyError`` for one that lies outside, also by way of links."""
+        path = self.folder / relative
+        if not path.resolve().is_relative_to(self.folder):
+            raise StudyError(f"{relative!r} leads out of the study's folder")
+        return path
+
+    def participants(self) -> list[Participant]:
+        """Everyone who takes or took part, in the order of their numbers."""
+        return self._rows(Participant)
+
+    def participant(self, pseudonym: str) -> Participant:
+        """One participant; ``StudyError`` when there is none of this pseudonym."""
+        with self.database.read() as connection:
+            return find_participant(connection, pseudonym)
+
+    def sessions(self, pseudonym: str) -> list[StudySession]:
+        """A participant's sessions in order."""
+        return self._rows(StudySession, participant=participant_number(pseudonym))
+
+    def trials(self, pseudonym: str) -> list[Trial]:
+        """A participant's trials in the planned order."""
+        return self._rows(Trial, participant=participant_number(pseudonym))
+
+    def remaining_trials(self, pseudonym: str) -> list[Trial]:
+        """The trials still to run, in order: those planned, then those that were skipped."""
+        trials = self.trials(pseudonym)
+        return [trial for state in ("planned", "skipped") for trial in trials if trial.state == state]
+
+    def attempts(self, pseudonym: str) -> list[TrialAttempt]:
+        """All attempts at a participant's trials, in the order they began."""
+        sessions = {session.id for session in self.sessions(pseudonym)}
+        return [attempt for attempt in self._rows(TrialAttempt) if attempt.session in sessions]
+
+    def answers(self, pseudonym: str) -> list[GivenAnswer]:
+        """All answers of a participant, in the order they were given."""
+        sessions = {session.id for session in self.sessions(pseudonym)}
+        return [answer for answer in self._rows(GivenAnswer) if answer.session in sessions]
+
+    def events(self) -> list[StudyEvent]:
+        """All that happened in the study."""
+        return self._rows(StudyEvent)
+
+    def notes(self, pseudonym: str) -> list[Note]:
+        """The experimenter's notes on a participant."""
+        return self._rows(Note, participant=participant_number(pseudonym))
+
+    def tombstones(self) -> list[Tombstone]:
+        """The participants whose data were deleted."""
+        return self._rows(Tombstone)
+
+    def _rows(self, kind: type[Row], **key: int) -> list[Row]:
+        with self.database.read() as connection:
+            return find_all(connection, kind, **key)
+
+    def _check_protocol(self) -> None:
+        """Store what orders follow from, and refuse another once someone has an order."""
+        with self.database.write() as connection:
+            protocol = self.design.protocol()
+            stored = connection.execute(sa.select(schema.STUDY.c.protocol)).scalar()
+            if stored == protocol:
+                return
+            changed = [name for name, value in protocol.items() if (stored or {}).get(name) != value]
+            taken = sa.select(schema.PARTICIPANT.c.number).where(schema.PARTICIPANT.c.cell.is_not(None))
+            if stored and connection.execute(taken.limit(1)).first():
+                raise StudyError(
+                    f"{self.folder / FILE}: {', '.join(changed)} changed after the first participant; "
+                    f"it was {stored[changed[0]]!r} and must stay so"
+                )
+            connection.execute(sa.delete(schema.STUDY))
+            connection.execute(sa.insert(schema.STUDY).values(created_at=now(), protocol=protocol))
+
+
+def now() -> str:
+    """The time as it is stored."""
+    return datetime.now(UTC).isoformat(timespec="microseconds")
+
+
+def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> Row:
+    """The one row with these values; ``StudyError``, saying ``what``, when there is none."""
+    rows = find_all(connection, kind, **key)
+    if not rows:
+        raise StudyError(f"there is no {what} in this study")
+    return rows[0]
+
+
+def find_participant(connection: sa.Connection, pseudonym: str) -> Participant:
+    """One participant; ``StudyError`` when there is none of this pseudonym."""
+    return find(connection, Participant, pseudonym, number=participant_number(pseudonym))
+
+
+def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row]:
+    """All rows with these values, in the order they were made."""
+    table = TABLES[kind]
+    query = sa.select(table).where(*(table.c[name] == value for name, value in key.items()))
+    return [_as(kind, row) for row in connection.execute(query.order_by(*table.primary_key.columns))]
+
+
+def change_state(
+    connection: sa.Connection, row: Any, after: str, about: Mapping[str, int], detail: str = "", **values: Any
+) -> None:
+    """Move a row to a state, with what becomes known with it, and store the event.
+
+    Raises:
+        StudyError: when its present state does not allow that.
+    """
+    table = TABLES[type(row)]
+    (key,) = table.primary_key.columns
+    own = key == getattr(row, key.name)
+    before = connection.execute(sa.select(table.c.state).where(own)).scalar_one()
+    check_transition(table.name, str(row), before, after)
+    connection.execute(sa.update(table).where(own).values(state=after, **values))
+    record_event(connection, f"{table.name} {after}", detail, about)
+
+
+def record_event(connection: sa.Connection, name: str, detail: str, about: Mapping[str, int]) -> None:
+    """Store that something happened; ``about`` names participant, session and attempt."""
+    connection.execute(sa.insert(schema.EVENT).values(at=now(), name=name, detail=detail, **about))
+
+
+def _as(kind: type[Row], row: sa.Row) -> Row:
+    return kind(**row._mapping)
+
+
+def is_running(process: int) -> bool:
+    """Whether a process of this machine runs; where that cannot be known, it does."""
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
