@@ -1,0 +1,158 @@
+"""Orders, allocation and planned trials: balance as laws, over all sizes that a design may have."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from avrgym.study.allocation import PlannedTrial, cell_orders, least_filled_cell, plan_trials
+from avrgym.study.design import Design, default_text, parse_design
+from avrgym.study.orders import Block, balanced_orders, williams_square
+from avrgym.tasks import ENVIRONMENTS
+
+SIZES = range(2, 9)
+PAPER = parse_design(default_text())
+
+
+def assert_balanced(rows: Sequence[Sequence[int]], size: int) -> None:
+    """Each as often at each position, and each as often after each other one."""
+    positions = Counter((place, name) for row in rows for place, name in enumerate(row))
+    successions = Counter(pair for row in rows for pair in pairwise(row))
+    assert len(positions) == size**2
+    assert len(successions) == size * (size - 1)
+    assert len(set(positions.values())) == 1
+    assert len(set(successions.values())) == 1
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_square_is_balanced_for_position_and_carry_over(size):
+    square = williams_square(size)
+    assert square.shape == (size if size % 2 == 0 else 2 * size, size)
+    assert_balanced(square.tolist(), size)
+
+
+def test_a_single_condition_needs_one_row():
+    assert williams_square(1).tolist() == [[0]]
+
+
+@pytest.mark.parametrize("tasks", range(1, 9))
+def test_orders_are_balanced_in_tasks_and_in_conditions_within_each_task_and_place(tasks):
+    for conditions in SIZES:
+        orders = balanced_orders(tasks, conditions, np.random.default_rng(conditions))
+        if tasks > 1:
+            assert_balanced([[block.task for block in order] for order in orders], tasks)
+        for group in (_by_task, _by_place):
+            for blocks in group(orders):
+                assert_balanced([block.conditions for block in blocks], conditions)
+
+
+def _by_task(orders: Iterable[Sequence[Block]]) -> list[list[Block]]:
+    blocks = [block for order in orders for block in order]
+    return [[block for block in blocks if block.task == task] for task in {block.task for block in blocks}]
+
+
+def _by_place(orders: Iterable[Sequence[Block]]) -> list[Sequence[Block]]:
+    return list(zip(*orders, strict=True))
+
+
+def test_a_seed_gives_one_set_of_orders_and_another_seed_another():
+    def orders(seed: int) -> tuple:
+        return balanced_orders(4, 4, np.random.default_rng(seed))
+
+    assert orders(3) == orders(3)
+    assert len({orders(seed) for seed in range(20)}) == 20
+
+
+# The paper's study
+
+
+def trials_of_all(design: Design) -> list[tuple[PlannedTrial, ...]]:
+    cells = len(cell_orders(design))
+    return [plan_trials(design, number % cells, number + 1) for number in range(design.participants)]
+
+
+def test_the_paper_has_eight_participants_with_sixteen_trials_and_four_for_practice():
+    plans = trials_of_all(PAPER)
+    assert len(plans) == 8
+    for trials in plans:
+        assert [trial.position for trial in trials] == list(range(1, 21))
+        assert [trial.practice for trial in trials] == [True, False, False, False, False] * 4
+        assert Counter((t.environment, t.policy) for t in trials if not t.practice) == Counter(
+            {(environment, policy): 1 for environment in ENVIRONMENTS for policy in ("original", "revised")}
+        )
+        assert {trial.policy for trial in trials if trial.practice} == {"revised"}
+        for start in range(0, 20, 5):
+            assert len({_task(trial) for trial in trials[start : start + 5]}) == 1
+
+
+def _task(trial: PlannedTrial) -> str:
+    return ENVIRONMENTS[trial.environment][0]
+
+
+def _robot(trial: PlannedTrial) -> str:
+    return ENVIRONMENTS[trial.environment][1]
+
+
+def _policy(trial: PlannedTrial) -> str:
+    return trial.policy
+
+
+@pytest.mark.parametrize("factor", [_task, _robot, _policy])
+def test_tasks_robots_and_policies_are_balanced_over_the_paper_s_participants(
+    factor: Callable[[PlannedTrial], str],
+):
+    plans = [[trial for trial in trials if not trial.practice] for trials in trials_of_all(PAPER)]
+    places = Counter((place, factor(trial)) for trials in plans for place, trial in enumerate(trials))
+    assert len(set(places.values())) == 1
+    changes = Counter(
+        (factor(a), factor(b))
+        for trials in plans
+        for a, b in pairwise(trials)
+        if factor(a) != factor(b) and (factor is _task or _task(a) == _task(b))
+    )
+    assert len(set(changes.values())) == 1
+
+
+def test_seeds_and_practice_robots_follow_from_the_design_and_the_participant():
+    plans = trials_of_all(PAPER)
+    assert trials_of_all(PAPER) == plans
+    seeds = [trial.seed for trials in plans for trial in trials]
+    assert len(set(seeds)) == len(seeds)
+    assert {_robot(trial) for trials in plans for trial in trials if trial.practice} == {"PR2", "Jaco"}
+
+
+def test_without_a_practice_policy_there_are_no_practice_trials():
+    design = parse_design(default_text().replace('practice_policy = "revised"', 'practice_policy = ""'))
+    trials = plan_trials(design, 0, 1)
+    assert len(trials) == 16
+    assert not any(trial.practice for trial in trials)
+
+
+# Allocation with dropout
+
+
+@pytest.mark.parametrize("cells", [2, 4, 6, 12])
+@pytest.mark.parametrize("stations", [1, 2, 4])
+def test_completed_cells_differ_by_at_most_one_with_thirty_percent_dropout(cells, stations):
+    rng = np.random.default_rng(cells + 100 * stations)
+    target, dropouts = 10 * cells, 0
+    completed: list[int] = []
+    active: list[int] = []
+    while len(completed) < target:
+        if len(active) < stations and len(completed) + len(active) < target:
+            active.append(least_filled_cell(cells, completed + active))
+            continue
+        cell = active.pop(int(rng.integers(len(active))))
+        if rng.random() < 0.3:
+            dropouts += 1
+        else:
+            completed.append(cell)
+        if stations == 1:
+            counts = Counter(completed)
+            assert max(counts.values(), default=0) - min(counts[cell] for cell in range(cells)) <= 1
+    counts = [completed.count(cell) for cell in range(cells)]
+    print(f"{cells} cells, {stations} stations: completed {counts} with {dropouts} dropouts")
+    assert max(counts) - min(counts) <= 1
+    assert dropouts > cells
