@@ -30,8 +30,8 @@ class FakeSession:
     def receive(self, message: object, now_s: float) -> None:
         self.received.append(message)
 
-    def greet(self) -> None:
-        self.received.append("greet")
+    def greet(self, send: object, role: str, now_s: float) -> None:
+        self.received.append(role)
 
     def close(self, now_s: float) -> None:
         self.closed_s.append(now_s)
@@ -79,7 +79,7 @@ def test_it_ticks_every_10_ms_whatever_the_work_takes(clock: FakeClock) -> None:
     session = FakeSession(lambda ticks: clock.sleep(0.001 * (ticks % 9)))
     loop = run(session, 100)
     assert session.ticked_s[:100] == pytest.approx([i * TICK_S for i in range(100)])
-    assert loop.missed_ticks == 0
+    assert loop.missed_ticks == loop.late_ticks == 0
 
 
 def test_it_hurries_after_a_short_delay(clock: FakeClock) -> None:
@@ -91,6 +91,18 @@ def test_it_hurries_after_a_short_delay(clock: FakeClock) -> None:
     assert session.ticked_s[10] == pytest.approx(due[9] + late_s)
     assert session.ticked_s[15:30] == pytest.approx(due[15:])
     assert loop.missed_ticks == 0
+    assert loop.late_ticks == CATCH_UP_TICKS - 1
+
+
+def test_it_tells_once_a_second_what_ticks_took(clock: FakeClock) -> None:
+    session, told = FakeSession(lambda ticks: clock.sleep(0.004 if ticks == 50 else 0.001)), []
+    loop = RealTimeLoop(cast(Session, session), told.append)
+    loop.start()
+    await_that(lambda: len(told) >= 3)
+    loop.stop()
+    first, second = told[:2]
+    assert (first.tick_ms_median, first.tick_ms_max, first.missed_ticks) == pytest.approx((1.0, 4.0, 0))
+    assert second.tick_ms_max == pytest.approx(1.0)
 
 
 def test_it_gives_up_and_counts_what_a_long_delay_lost(clock: FakeClock) -> None:
@@ -115,14 +127,14 @@ def test_messages_reach_the_session_in_order() -> None:
     loop = RealTimeLoop(cast(Session, session))
     sent = [Answer(item=str(i), value=1, response_time_s=0.0) for i in range(50)]
     loop.post(Ready())
-    loop.greet()
+    loop.greet(lambda message: None, "participant")
     loop.start()
     for message in sent:
         loop.post(message)
     loop.post(Disconnected())
     await_that(lambda: len(session.received) == 53)
     loop.stop()
-    assert session.received == [Ready(), "greet", *sent, Disconnected()]
+    assert session.received == [Ready(), "participant", *sent, Disconnected()]
 
 
 def test_a_flood_makes_its_sender_wait_and_loses_nothing() -> None:

@@ -10,9 +10,15 @@ from avrgym.vr import messages, typescript
 
 EXAMPLES = typescript.example_messages()
 FROM_CLIENT, FROM_SERVER = EXAMPLES["ClientMessage"], EXAMPLES["ServerMessage"]
-DECODERS = {"ClientMessage": messages.decode_client, "ServerMessage": messages.decode_server}
+FROM_EXPERIMENTER = EXAMPLES["ExperimenterMessage"]
+"""The first is the hello, which every client says."""
+DECODERS = {
+    "ClientMessage": messages.decode_client,
+    "ExperimenterMessage": messages.decode_experimenter,
+    "ServerMessage": messages.decode_server,
+}
 WRONG_WAY = [(messages.decode_server, m) for m in FROM_CLIENT] + [
-    (messages.decode_client, m) for m in FROM_SERVER
+    (messages.decode_client, m) for m in (*FROM_SERVER, *FROM_EXPERIMENTER[1:])
 ]
 
 

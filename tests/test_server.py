@@ -32,7 +32,8 @@ from websockets.uri import parse_uri
 from avrgym.models.human import Person
 from avrgym.participants import SimulatedParticipant, draw_traits
 from avrgym.study.recording import read_recording
-from avrgym.vr import messages
+from avrgym.vr import conversation, hub, messages
+from avrgym.vr import rendering as rendering_module
 from avrgym.vr import server as server_module
 from avrgym.vr.messages import (
     Answer,
@@ -48,19 +49,23 @@ from avrgym.vr.messages import (
     Stop,
     Welcome,
 )
-from avrgym.vr.server import LiveServer, SceneRenderer, ServerError
+from avrgym.vr.rendering import SceneRenderer
+from avrgym.vr.server import LiveServer, ServerError
 from avrgym.vr.session import Session
-from visit import DRIVE, plan
+from visit import driving, plan
 
 M = TypeVar("M", bound=Message)
 
 PATIENCE_S = 60.0
-TYPES = "hello, tracking, entered, left, ready, scene_loaded, stop, origin_reset, answer"
+TYPES = "hello, tracking, entered, left, ready, scene_loaded, stop, recalibrate, origin_reset, answer"
+
+
+PLAN = plan(free_movement_s=0.2, trial_steps=200)
 
 
 def make_server(folder: Path, port: int = 0) -> LiveServer:
     return LiveServer(
-        lambda send: Session(plan(free_movement_s=0.2), {"drive": DRIVE}, folder, send, "test"),
+        lambda send: Session(PLAN, driving(PLAN), folder, send, "test"),
         "127.0.0.1",
         port,
     )
@@ -69,14 +74,12 @@ def make_server(folder: Path, port: int = 0) -> LiveServer:
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
     """One server for all tests, each of which leaves it without a participant."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("avrgym.vr.session.COUNTDOWN_S", 0.2)
-        with make_server(tmp_path_factory.mktemp("study")) as server:
-            yield server
+    with make_server(tmp_path_factory.mktemp("study")) as server:
+        yield server
 
 
 class Client:
-    """A participant's client, without a picture."""
+    """A participant's client, without a picture: it shows every scene at once."""
 
     def __init__(self, server: LiveServer, host: str = "127.0.0.1", origin: str | None = None) -> None:
         self._server = server
@@ -100,7 +103,7 @@ class Client:
     def hello(self, **changed: Any) -> None:
         fields = {
             "protocol": messages.PROTOCOL,
-            "token": self._server.token,
+            "token": self._server.tokens.participant,
             "device": "test",
             "emulated": True,
         }
@@ -109,7 +112,10 @@ class Client:
     def receive(self) -> Message:
         data = self._socket.recv(timeout=PATIENCE_S)
         assert isinstance(data, bytes)
-        return messages.decode_server(data)
+        message = messages.decode_server(data)
+        if isinstance(message, Scene):
+            self.send(SceneLoaded(url=message.url))
+        return message
 
     def await_message(self, kind: type[M], that: Callable[[M], bool] = lambda _: True) -> M:
         """The next message of a kind that fulfils a condition."""
@@ -154,9 +160,8 @@ def sit_down(client: Client) -> None:
     client.send(Entered())
     client.await_message(Phase, lambda phase: phase.name == "calibration")
     client.send(*(person.frame(0.0, moving=False) for _ in range(6)), Ready())
-    client.await_message(Phase, lambda phase: phase.name == "loading")
-    scene = client.await_message(Scene)
-    client.send(SceneLoaded(url=scene.url))
+    client.await_message(Phase, lambda phase: phase.name == "check")
+    client.send(Ready())
     client.await_message(Phase, lambda phase: phase.name == "trial")
 
 
@@ -186,12 +191,18 @@ def test_the_page_and_all_that_it_names_are_served(server: LiveServer) -> None:
 
 def test_a_scene_needs_the_token_and_is_a_glb(server: LiveServer) -> None:
     assert get(server, "/scenes/0.glb").status_code == 401
-    for wrong in ("Bearer", "Bearer x", server.token, f"bearer {server.token}", f"Bearer {server.token}x"):
+    for wrong in (
+        "Bearer",
+        "Bearer x",
+        server.tokens.participant,
+        f"bearer {server.tokens.participant}",
+        f"Bearer {server.tokens.participant}x",
+    ):
         refused = get(server, "/scenes/0.glb", authorization=wrong)
         assert refused.status_code == 401
         assert "token" in refused.json()["detail"]
-    assert get(server, f"/scenes/0.glb?token={server.token}").status_code == 401
-    allowed = {"authorization": f"Bearer {server.token}"}
+    assert get(server, f"/scenes/0.glb?token={server.tokens.participant}").status_code == 401
+    allowed = {"authorization": f"Bearer {server.tokens.participant}"}
     for unknown in (-1, 10**6, 10**30):
         assert get(server, f"/scenes/{unknown}.glb", **allowed).status_code == 404
 
@@ -230,7 +241,7 @@ def test_nothing_outside_the_page_is_read(server: LiveServer, path: str) -> None
 def raw_get(server: LiveServer, path: str) -> tuple[int, str]:
     """A GET with the path exactly as it is, with the token; status and body."""
     request = (
-        f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {server.token}\r\n"
+        f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {server.tokens.participant}\r\n"
         "Connection: close\r\n\r\n"
     )
     with socket.create_connection(("127.0.0.1", server.port), PATIENCE_S) as raw:
@@ -243,9 +254,11 @@ def raw_get(server: LiveServer, path: str) -> tuple[int, str]:
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
 @pytest.mark.parametrize("path", ["/", "/scenes/0.glb", "/index.html", "/new"])
 def test_nothing_can_be_written(server: LiveServer, method: str, path: str) -> None:
-    headers = {"authorization": f"Bearer {server.token}", "origin": "http://evil.test"}
+    headers = {"authorization": f"Bearer {server.tokens.participant}"}
     url = f"http://127.0.0.1:{server.port}{path}"
     assert httpx.request(method, url, headers=headers, content=b"x").status_code == 405
+    headers["origin"] = "http://evil.test"
+    assert httpx.request(method, url, headers=headers, content=b"x").status_code == 403
 
 
 @pytest.mark.parametrize(
@@ -253,7 +266,10 @@ def test_nothing_can_be_written(server: LiveServer, method: str, path: str) -> N
 )
 def test_another_host_name_is_refused(server: LiveServer, host: str) -> None:
     for path in ("/", "/scenes/0.glb"):
-        assert get(server, path, host=host, authorization=f"Bearer {server.token}").status_code == 400
+        assert (
+            get(server, path, host=host, authorization=f"Bearer {server.tokens.participant}").status_code
+            == 400
+        )
     if "evil" in host:
         with pytest.raises(InvalidStatus) as refused:
             Client(server, host=host.partition(":")[0])
@@ -263,13 +279,13 @@ def test_another_host_name_is_refused(server: LiveServer, host: str) -> None:
 def test_the_token_is_in_the_fragment_and_never_in_the_log(
     server: LiveServer, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    assert server.url == f"http://localhost:{server.port}/#token={server.token}"
-    assert len(server.token) >= 20
-    get(server, "/scenes/0.glb", authorization=f"Bearer {server.token}x")
+    assert server.url == f"http://localhost:{server.port}/#token={server.tokens.participant}"
+    assert len(server.tokens.participant) >= 20
+    get(server, "/scenes/0.glb", authorization=f"Bearer {server.tokens.participant}x")
     with Client(server) as client:
-        client.hello(token=server.token + "x")
+        client.hello(token=server.tokens.participant + "x")
         client.refusal()
-    assert server.token not in "".join(capfd.readouterr())
+    assert server.tokens.participant not in "".join(capfd.readouterr())
 
 
 # Who is let in -----------------------------------------------------------------------------------------------
@@ -303,7 +319,7 @@ def test_whoever_does_not_begin_with_a_hello_is_refused(
 
 
 def test_whoever_says_nothing_is_refused(server: LiveServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server_module, "HELLO_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(conversation, "HELLO_TIMEOUT_S", 0.1)
     with Client(server) as client:
         assert client.refusal()[1] == 4400
 
@@ -452,15 +468,15 @@ def test_a_flood_is_taken_in_whole_and_memory_stays_bounded(server: LiveServer) 
 
 def test_a_client_that_does_not_listen_is_not_remembered_for_ever() -> None:
     async def push() -> tuple[list[Message], int]:
-        outbox = server_module._Outbox()
+        outbox = hub.Outbox()
         outbox.push(Problem(message="before the welcome"))
         outbox.push(State(sequence=0, simulation_time_s=0.0, tracking_sequence=-1, poses=b""))
-        outbox.push(Welcome(protocol=1, session="x"))
+        outbox.push(Welcome(protocol=1, session="x", role="participant", haptics=True, sounds=True))
         first = await outbox.next()
         for i in range(10_000):
             outbox.push(Problem(message=str(i)))
             outbox.push(State(sequence=i, simulation_time_s=0.0, tracking_sequence=-1, poses=b""))
-        rest = [await outbox.next() for _ in range(server_module.OUTBOX_MESSAGES + 1)]
+        rest = [await outbox.next() for _ in range(hub.OUTBOX_MESSAGES + 1)]
         return [first, *rest[-2:]], len(rest)
 
     (first, problem, state), _ = asyncio.run(push())
@@ -513,7 +529,7 @@ def speak_and_fall_silent(server: LiveServer, raw: socket.socket) -> None:
     raw.sendall(b"".join(protocol.data_to_send()))
     protocol.receive_data(raw.recv(4096))
     list(protocol.events_received())
-    hello = Hello(protocol=messages.PROTOCOL, token=server.token, device="", emulated=True)
+    hello = Hello(protocol=messages.PROTOCOL, token=server.tokens.participant, device="", emulated=True)
     protocol.send_binary(messages.encode(hello))
     raw.sendall(b"".join(protocol.data_to_send()))
     raw.recv(4096)
@@ -529,8 +545,8 @@ class Rendering:
         self.rendered: list[str] = []
         self.pools = 0
         self.failure: Exception | None = None
-        monkeypatch.setattr(server_module, "render_scene", self._render)
-        monkeypatch.setattr(server_module, "_rendering_process", self._make)
+        monkeypatch.setattr(rendering_module, "render_scene", self._render)
+        monkeypatch.setattr(rendering_module, "rendering_process", self._make)
 
     def _make(self) -> ThreadPoolExecutor:
         self.pools += 1
@@ -582,18 +598,19 @@ def test_a_failure_is_told_to_all_and_tried_again(rendering: Rendering) -> None:
 
 def test_only_the_newest_scenes_are_kept(rendering: Rendering) -> None:
     renderer = SceneRenderer()
-    for number in range(10):
+    many = rendering_module.SCENES_KEPT + 2
+    for number in range(many):
         ask(number, renderer=renderer)
-    ask(9, 8, 0, renderer=renderer)
+    ask(many - 1, 2, 0, renderer=renderer)
     renderer.close()
-    assert rendering.rendered == [*map(str, range(10)), "0"]
+    assert rendering.rendered == [*map(str, range(many)), "0"]
 
 
 ORPHAN = """
 import os, time
-from avrgym.vr.server import _rendering_process
+from avrgym.vr.rendering import rendering_process
 if __name__ == "__main__":
-    print(_rendering_process().submit(os.getpid).result(), flush=True)
+    print(rendering_process().submit(os.getpid).result(), flush=True)
     time.sleep(100)
 """
 
@@ -680,7 +697,7 @@ def test_waiting_ends_when_the_simulation_fails(tmp_path: Path) -> None:
         raise ArithmeticError("the physics exploded")
 
     def make_session(send: Callable[[Message], None]) -> Session:
-        session = Session(plan(), {"drive": DRIVE}, tmp_path, send, "test")
+        session = Session(PLAN, driving(PLAN), tmp_path, send, "test")
         session.tick = fail
         return session
 

@@ -34,12 +34,14 @@ from avrgym.vr.messages import (
     Problem,
     Question,
     Ready,
+    Recalibrate,
     State,
     Stop,
     Tracking,
     XRPose,
 )
-from avrgym.vr.session import COUNTDOWN_S, Disconnected, SessionPlan, TrialPlan, load_policies
+from avrgym.vr.plan import SessionPlan, TrialPlan, load_policies
+from avrgym.vr.session import Disconnected
 from avrgym.vr.webxr import hand_pose, head_pose
 from avrgym.vr.world import TICK_S
 from visit import ENVIRONMENT, Visit, plan
@@ -47,9 +49,8 @@ from visit import ENVIRONMENT, Visit, plan
 Array = NDArray[np.float64]
 PhysicsState = Sequence[float] | Array
 
-STEPS = 3
 PHASES: tuple[PhaseName, ...] = (
-    "waiting", "calibration", "loading", "free_before", "countdown", "trial", "free_after", "questionnaire",
+    "waiting", "calibration", "loading", "check", "free_before", "countdown", "trial", "free_after", "questionnaire",
     "paused", "finished",
 )  # fmt: skip
 RUNNING = ("free_before", "countdown", "trial", "free_after", "questionnaire")
@@ -145,10 +146,8 @@ def events(recording: Recording) -> list[str]:
 
 
 @pytest.fixture
-def visit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Visit]]:
-    """Makes visits whose trials take three control steps and whose countdown is short."""
-    monkeypatch.setattr("avrgym.vr.session.EPISODE_STEPS", STEPS)
-    monkeypatch.setattr("avrgym.vr.session.COUNTDOWN_S", 0.1)
+def visit(tmp_path: Path) -> Iterator[Callable[..., Visit]]:
+    """Makes visits whose trials are short."""
     visits: list[Visit] = []
 
     def make(participant: SimulatedParticipant | None = None, **how) -> Visit:
@@ -182,15 +181,15 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Visit:
 def test_a_session_goes_through_its_phases_in_order(whole: Visit) -> None:
     around = ["free_before", "countdown", "trial", "free_after"]
     assert whole.phases == [
-        "waiting", "calibration", "loading", *around, *around, "questionnaire", "finished"
+        "waiting", "calibration", "loading", "check", *around, "loading", *around, "questionnaire", "finished"
     ]  # fmt: skip
-    numbered = [(phase.trial, phase.practice) for phase in whole.said(Phase)[3:]]
-    assert numbered == [(1, True)] * 4 + [(2, False)] * 6
+    numbered = [(phase.trial, phase.practice) for phase in whole.said(Phase)[4:]]
+    assert numbered == [(1, True)] * 4 + [(2, False)] * 7
     assert not whole.problems
 
 
 def test_phases_take_their_time(whole: Visit) -> None:
-    began_s = np.cumsum([0.0, FREE_S, COUNTDOWN_S, 20.0, FREE_S])
+    began_s = np.cumsum([0.0, FREE_S, whole.session.plan.countdown_s, 20.0, FREE_S])
     for recording, count in zip(whole.recordings(), (4, 5), strict=True):
         entered_s = [ns / 1e9 for ns, event in recording.topics["/events"] if event.name == "phase"]
         assert entered_s == pytest.approx(began_s[:count], abs=2.5 * TICK_S)
@@ -367,7 +366,7 @@ def test_who_comes_back_repeats_the_trial(visit: Callable[..., Visit]) -> None:
     back.answer(4, 4, 4, 4)
     back.until("trial")
     back.tell(Disconnected())
-    back.session.greet()
+    back.session.greet(back.heard.append, "participant", back.now_s)
     kinds = [type(message).__name__ for message in back.heard[-3:]]
     assert kinds == ["Welcome", "Scene", "Phase"]
     back.participant = SimulatedParticipant(back.participant.traits, 8)
@@ -394,13 +393,18 @@ def test_messages_that_have_no_place_are_named_and_change_nothing(visit: Callabl
             visitor.tell(Entered())
             visitor.tick(20)
         if phase == "loading":
-            visitor.loads = False
+            visitor.loads = visitor.content = False
             visitor.tell(Ready())
+        if phase == "check":
+            visitor.loads = True
+            visitor.until(phase)
         wrong: list[tuple[messages.ClientMessage, str]] = [(hello, "Hello")]
         if phase != "questionnaire":
             wrong.append((answer, "questionnaire"))
-        if phase != "calibration":
-            wrong.append((Ready(), "calibration"))
+        if phase not in ("calibration", "check"):
+            wrong.append((Ready(), "calibration, check"))
+        if phase != "check":
+            wrong.append((Recalibrate(), "check and paused"))
         if phase not in ("free_before", "countdown", "trial"):
             wrong.append((Stop(), "free_before, countdown, trial"))
         for message, words in wrong:
@@ -409,7 +413,7 @@ def test_messages_that_have_no_place_are_named_and_change_nothing(visit: Callabl
             assert visitor.phase == phase
             assert len(visitor.problems) == said + 1
             assert words in visitor.problems[-1]
-        visitor.loads = True
+        visitor.content = phase != "loading"
     visitor.answer(4, 4, 4, 4)
     assert visitor.recordings()[0].complete
 

@@ -45,7 +45,7 @@ def place(state: State) -> np.ndarray:
 def test_whoever_connects_is_told_what_to_draw():
     watcher = Watcher(BATHING)
     watcher.said.clear()
-    watcher.viewing.greet()
+    watcher.viewing.greet(watcher.said.append, "participant", 0.0)
     assert [type(message) for message in watcher.said] == [Welcome, Scene, Phase]
     assert watcher.said[0].protocol == messages.PROTOCOL  # type: ignore[attr-defined]
     assert watcher.words == f"{BATHING}, zero, episode 1: preparing"

@@ -11,54 +11,80 @@ from avrgym.models.human import Sex
 from avrgym.participants import SimulatedParticipant, draw_traits
 from avrgym.policies import Policy, PolicyMetadata
 from avrgym.study.recording import Recording, read_recording
-from avrgym.vr import messages
+from avrgym.tasks import TASKS, find_environment
+from avrgym.vr import messages, transitions
 from avrgym.vr.messages import Answer, Entered, Phase, Problem, Question, Ready, Scene, SceneLoaded, Stop
-from avrgym.vr.session import Disconnected, Session, SessionPlan, TrialPlan
+from avrgym.vr.plan import Policies, SessionPlan, TrialPlan
+from avrgym.vr.session import Disconnected, Session
 from avrgym.vr.world import TICK_S
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 FRAME_EVERY_TICKS = 4
 CALIBRATION_TICKS = 20
 
-DRIVE = Policy(
-    weights=(np.zeros((25, 7)),),
-    biases=(np.array([0.6, -0.6, 0.6, -0.6, 0.6, -0.6, 0.6]),),
-    observation_mean=np.zeros(25),
-    observation_variance=np.ones(25),
-    observation_clip=5.0,
-    observation_epsilon=1e-8,
-    metadata=PolicyMetadata(environment=ENVIRONMENT, people="original", steps=0, seed=0),
-)
-"""Turns every joint at 0.6 of its speed, whatever it sees."""
+
+def drive(environment: str) -> Policy:
+    """Turns every joint at 0.6 of its speed, whatever it sees."""
+    size = TASKS[find_environment(environment)[0]].observation_size
+    return Policy(
+        weights=(np.zeros((size, 7)),),
+        biases=(np.array([0.6, -0.6, 0.6, -0.6, 0.6, -0.6, 0.6]),),
+        observation_mean=np.zeros(size),
+        observation_variance=np.ones(size),
+        observation_clip=5.0,
+        observation_epsilon=1e-8,
+        metadata=PolicyMetadata(environment=environment, people="original", steps=0, seed=0),
+    )
 
 
 def plan(
-    *, sex: Sex = "woman", free_movement_s: float = 0.1, seeds: Sequence[int] = (3,), practice: bool = False
+    *,
+    sex: Sex = "woman",
+    free_movement_s: float = 0.1,
+    seeds: Sequence[int] = (3,),
+    practice: bool = False,
+    trial_steps: int = 3,
+    environments: Sequence[str] = (ENVIRONMENT,),
 ) -> SessionPlan:
-    """Trials with the policy ``drive``, the first of them a practice trial if wanted."""
-    trials = [TrialPlan(ENVIRONMENT, "drive", seed, practice and i == 0) for i, seed in enumerate(seeds)]
-    return SessionPlan(trials, sex, free_movement_s, simulated=True)
+    """Short trials with the policy ``drive``, the first of them a practice trial if wanted.
+
+    There is one for each seed; their environments take turns.
+    """
+    trials = [
+        TrialPlan(environments[i % len(environments)], "drive", seed, practice and i == 0)
+        for i, seed in enumerate(seeds)
+    ]
+    return SessionPlan(trials, sex, free_movement_s, simulated=True, trial_steps=trial_steps, countdown_s=0.1)
+
+
+def driving(plan: SessionPlan) -> Policies:
+    """The policy ``drive`` for every environment of a plan."""
+    return {(trial.environment, trial.policy): drive(trial.environment) for trial in plan.trials}
 
 
 class Visit:
-    """A session and whoever attends it. ``heard`` holds all that the session said.
+    """A session and whoever attends it. ``heard`` holds all that the session said, ``observed`` what happened.
 
     While ``tracking`` is true the participant's frames flow; ``pose_rad`` (20,) is a pose to keep instead of
-    their own movement. While ``loads`` is true the client shows every scene at once.
+    their own movement. While ``loads`` is true the client shows every scene at once, and while ``content`` is true
+    the participant finds that body and seat fit.
     """
 
     def __init__(
         self,
         folder: Path,
         plan: SessionPlan,
-        policies: dict[str, Policy] | None = None,
+        policies: Policies | None = None,
         participant: SimulatedParticipant | None = None,
     ) -> None:
         self.heard: list[messages.ServerMessage] = []
         self.participant = participant or SimulatedParticipant(draw_traits(plan.sex, 1), 1)
-        self.tracking, self.loads = True, True
+        self.tracking = self.loads = self.content = True
         self.pose_rad: NDArray[np.float64] | None = None
-        self.session = Session(plan, policies or {"drive": DRIVE}, folder, self.heard.append, "visit")
+        self.observed: list[transitions.Transition] = []
+        self.session = Session(
+            plan, policies or driving(plan), folder, self.heard.append, "visit", observe=self.observed.append
+        )
         self._ticks = 0
 
     @property
@@ -89,7 +115,7 @@ class Visit:
         """All attempts so far."""
         return [read_recording(path) for path in self.session.recordings]
 
-    def tell(self, *told: messages.ClientMessage | Disconnected) -> None:
+    def tell(self, *told: messages.ClientMessage | messages.ExperimenterMessage | Disconnected) -> None:
         """Send messages to the session, now."""
         for message in told:
             self.session.receive(message, self.now_s)
@@ -107,6 +133,8 @@ class Visit:
                 self.tell(self.frame())
             if self.loads and self.phase == "loading":
                 self.tell(SceneLoaded(url=self.said(Scene)[-1].url))
+            if self.content and self.phase == "check":
+                self.tell(Ready())
             self.session.tick(self.now_s)
             self._ticks += 1
 
@@ -131,7 +159,7 @@ class Visit:
             self.tell(Entered())
             self.tick(CALIBRATION_TICKS)
             return
-        self.loads = phase != "loading"
+        self.loads, self.content = phase != "loading", phase != "check"
         self.sit_down()
         self.until({"paused": "trial", "finished": "questionnaire"}.get(phase, phase))
         self.tick(3)

@@ -1,12 +1,18 @@
 // Written by `python -m avrgym.vr.typescript` from messages.py. Do not edit.
 
-export const PROTOCOL = 2;
+export const PROTOCOL = 3;
 
 export type Vector3 = [number, number, number];
 
 export type Quaternion = [number, number, number, number];
 
-export type PhaseName = "calibration" | "countdown" | "finished" | "free_after" | "free_before" | "loading" | "paused" | "questionnaire" | "trial" | "viewing" | "waiting";
+export type Modality = "controllers" | "hands" | "none";
+
+export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
+
+export type PhaseName = "calibration" | "check" | "countdown" | "finished" | "free_after" | "free_before" | "loading" | "paused" | "questionnaire" | "trial" | "viewing" | "waiting";
+
+export type Role = "experimenter" | "participant" | "spectator";
 
 /** A pose in WebXR's `local-floor` space: position in metres (y up), orientation x, y, z, w. */
 export type XRPose = [position: Vector3, orientation: Quaternion];
@@ -30,7 +36,7 @@ export interface Tracking {
   head: XRPose | null;
   left: XRPose | null;
   right: XRPose | null;
-  modality: "controllers" | "hands" | "none";
+  modality: Modality;
 }
 
 /** The participant entered VR. */
@@ -59,6 +65,11 @@ export interface Stop {
   type: "stop";
 }
 
+/** The participant saw that body or seat do not fit, and wants to be measured again. */
+export interface Recalibrate {
+  type: "recalibrate";
+}
+
 /** The reference space's origin jumped: earlier registration is void. */
 export interface OriginReset {
   type: "origin_reset";
@@ -72,13 +83,34 @@ export interface Answer {
   response_time_s: number;
 }
 
-export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | OriginReset | Answer;
+export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer;
 
-/** The connection is accepted. */
+/** What the experimenter wants of the session.
+ *
+ * `stop`: the robot holds at once, and the participant may repeat the trial. `pause`: the same, and no
+ * trial begins before `continue`. `repeat`: a new attempt at the trial. `skip`: on to the next one.
+ * `end`: the session is over. `recalibrate`: the participant is measured again. */
+export interface Command {
+  type: "command";
+  name: CommandName;
+}
+
+/** The torso height that the experimenter measured; the body is made anew with it. */
+export interface CorrectTorsoHeight {
+  type: "correct_torso_height";
+  torso_height_m: number;
+}
+
+export type ExperimenterMessage = Hello | Command | CorrectTorsoHeight;
+
+/** The connection is accepted, as whose; whether a touch is felt and a success heard is the plan's choice. */
 export interface Welcome {
   type: "welcome";
   protocol: number;
   session: string;
+  role: Role;
+  haptics: boolean;
+  sounds: boolean;
 }
 
 /** A scene to draw: a GLB whose nodes carry `extras.body`, and where the simulated world stands.
@@ -86,7 +118,8 @@ export interface Welcome {
  * `xr_from_world` places the simulation's z-up world in the participant's `local-floor` space: apply it
  * to the root node as it is. `bodies` is the order of the poses in every following `State`; those of
  * `marks` spots on the person follow, of one radius and one colour (red, green, blue in 0..1).
- * `head_bodies` are hidden from the participant's own eyes. */
+ * `head_bodies` are hidden from the participant's own eyes, which lie at `eyes` in the frame of the first
+ * of them (x left, -y ahead, z up). */
 export interface Scene {
   type: "scene";
   url: string;
@@ -95,7 +128,14 @@ export interface Scene {
   marks: number;
   mark_radius_m: number;
   mark_rgb: Vector3;
+  eyes: Vector3;
   xr_from_world: XRPose;
+}
+
+/** The address of a scene that comes next: a client that fetches it now shows it sooner then. */
+export interface Upcoming {
+  type: "upcoming";
+  url: string;
 }
 
 /** The world at one instant.
@@ -139,4 +179,46 @@ export interface Problem {
   message: string;
 }
 
-export type ServerMessage = Welcome | Scene | State | Phase | Question | Problem;
+/** What the participant feels and hears of one control step.
+ *
+ * Whether robot or tool touch the left and the right arm, hands included; `events`: how many bites or drops
+ * reached the mouth, markers were wiped or scratches made. */
+export interface Feedback {
+  type: "feedback";
+  left_touched: boolean;
+  right_touched: boolean;
+  events: number;
+}
+
+/** How the session stands, several times a second, for those who watch it; never sent to the participant.
+ *
+ * `step` counts the attempt's control steps, `reward` sums them up, `success` is so far; distance and
+ * force are those of the latest one. `tracking_age_s` is the time since the newest usable frame. */
+export interface Status {
+  type: "status";
+  phase: PhaseName;
+  trial: number;
+  trials: number;
+  attempt: number;
+  environment: string;
+  paused: boolean;
+  torso_height_m: number;
+  step: number;
+  steps: number;
+  reward: number;
+  success: boolean;
+  distance_m: number;
+  force_on_person_n: number;
+  tracking_age_s: number | null;
+  modality: Modality;
+}
+
+/** What the last second's ticks of 10 ms took, for those who watch; ticks given up since the beginning. */
+export interface Timing {
+  type: "timing";
+  tick_ms_median: number;
+  tick_ms_max: number;
+  missed_ticks: number;
+}
+
+export type ServerMessage = Welcome | Scene | Upcoming | State | Phase | Question | Problem | Feedback | Status | Timing;

@@ -37,6 +37,7 @@ class TrackingFrame(Record, frozen=True):
 
     ``applied``: the frame moved the person; one that a newer frame overtook did not.
     ``held``: the frame was stale or invalid, and the person kept the last pose.
+    ``modality``: what was tracked: ``controllers``, ``hands`` or ``none``.
     """
 
     sequence: int
@@ -47,6 +48,7 @@ class TrackingFrame(Record, frozen=True):
     head: Pose | None = None
     left: Pose | None = None
     right: Pose | None = None
+    modality: str = "none"
 
 
 class BodyTargets(Record, frozen=True):

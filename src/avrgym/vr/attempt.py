@@ -1,12 +1,17 @@
 """One attempt at a trial: its recording, as it happens, and what it gave so far."""
 
 from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import mujoco
+
+from avrgym.models import human
 from avrgym.study import records
 from avrgym.study.recording import RecordingError, RecordingWriter
 from avrgym.vr.messages import XRPose
+from avrgym.vr.plan import SessionPlan
 from avrgym.vr.tracking import Frame
 from avrgym.vr.world import ControlStep, LiveWorld
 
@@ -16,7 +21,8 @@ Configuration = Callable[[int], Mapping[str, Any]]
 class Attempt:
     """The attempt that is running; times are given on the session's clock and recorded from its beginning.
 
-    ``steps``, ``reward`` and ``success`` sum up its control steps.
+    ``trial`` and ``number`` (of the attempt) count from 1; ``steps``, ``reward`` and ``success`` sum up its
+    control steps, of which ``latest`` is the last one.
     """
 
     def __init__(self, folder: Path, trial: int, configuration: Configuration, began_s: float) -> None:
@@ -33,8 +39,10 @@ class Attempt:
         """
         self.began_s = began_s
         self.steps, self.reward, self.success = 0, 0.0, False
+        self.trial = trial
+        self.latest: ControlStep | None = None
         self._told_of_stall = False
-        self._recording = _open(folder, trial, configuration)
+        self.number, self._recording = _open(folder, trial, configuration)
 
     @property
     def path(self) -> Path:
@@ -67,6 +75,7 @@ class Attempt:
     def record_step(self, step: ControlStep, now_s: float) -> None:
         """Count a finished control step and record it."""
         outcome = step.outcome
+        self.latest = step
         self.steps += 1
         self.reward += float(outcome.reward[0])
         self.success = bool(outcome.success[0])
@@ -92,6 +101,7 @@ class Attempt:
                 received_time_s=frame.received_s - self.began_s,
                 applied=frame is followed,
                 held=stale or not frame.usable,
+                modality=tracking.modality,
                 head=_recorded(tracking.head),
                 left=_recorded(tracking.left),
                 right=_recorded(tracking.right),
@@ -114,13 +124,42 @@ class Attempt:
         return None
 
 
-def _open(folder: Path, trial: int, configuration: Configuration) -> RecordingWriter:
+def configuration(
+    plan: SessionPlan, index: int, attempt: int, world: LiveWorld, xr_from_world: XRPose, session: str
+) -> dict[str, Any]:
+    """All that an attempt at the plan's trial ``index`` is run with, in plain values.
+
+    ``start_rad`` are the joint angles of the person that the episode began with.
+    """
+    trial = plan.trials[index]
+    return {
+        "session": session,
+        "environment": trial.environment,
+        "policy": trial.policy,
+        "seed": trial.seed,
+        "practice": trial.practice,
+        "trial": index + 1,
+        "attempt": attempt,
+        "steps": plan.trial_steps,
+        "simulated": plan.simulated,
+        "person": {"sex": world.person.sex, "torso_height_m": world.person.torso_height_m},
+        "start_rad": world.person.joint_angles_rad.tolist(),
+        "joints": list(human.JOINTS),
+        "bodies": list(world.bodies),
+        "xr_from_world": {"position": xr_from_world.position, "orientation": xr_from_world.orientation},
+        "reward_weights": dict(world.task.weights),
+        "items": [{"id": item.id, "text": item.text, "points": item.points} for item in plan.items],
+        "versions": {"avrgym": version("avrgym"), "mujoco": mujoco.__version__},
+    }
+
+
+def _open(folder: Path, trial: int, configuration: Configuration) -> tuple[int, RecordingWriter]:
     folder.mkdir(parents=True, exist_ok=True)
     number = 1
     while True:
         path = folder / f"trial-{trial:02}_attempt-{number}.mcap"
         try:
-            return RecordingWriter(path, configuration(number))
+            return number, RecordingWriter(path, configuration(number))
         except FileExistsError:
             number += 1
 

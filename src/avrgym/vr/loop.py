@@ -3,6 +3,9 @@
 import threading
 import time
 from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import median
 from typing import Generic, Protocol, TypeVar
 
 from avrgym.models.human import Person
@@ -10,26 +13,39 @@ from avrgym.vr import messages
 from avrgym.vr.session import Disconnected
 from avrgym.vr.world import TICK_S
 
+TIMING_EVERY_TICKS = 100
 CATCH_UP_TICKS = 5
 """How far the loop may run behind before it gives up the lost ticks instead of hurrying after them."""
 INBOX_MESSAGES = 1000
 """How many messages may wait for the next tick; no headset sends as many in ten seconds."""
 
 
+Send = Callable[[messages.ServerMessage], None]
+Received = messages.ClientMessage | messages.ExperimenterMessage | Disconnected
+
+
+@dataclass(frozen=True)
+class Greeting:
+    """Somebody has connected in a role and is to be told where things stand."""
+
+    send: Send
+    role: messages.Role
+
+
 class Runnable(Protocol):
-    """What a loop can run and a server can serve: a participant's session, or an environment on show.
+    """What a loop can run and a server can serve: a participant's session, or an environment on show."""
 
-    ``scenes`` holds environment and person of each scene that the client was told of, by the number in its address.
-    """
+    @property
+    def scenes(self) -> Sequence[tuple[str, Person]]:
+        """Environment and person of each scene that a client was told of, by the number in its address."""
+        ...
 
-    scenes: list[tuple[str, Person]]
-
-    def greet(self) -> None:
+    def greet(self, send: Send, role: messages.Role, now_s: float) -> None:
         """Tell a client that has just connected where things stand."""
         ...
 
-    def receive(self, message: messages.ClientMessage | Disconnected, now_s: float) -> None:
-        """Take a message of the client."""
+    def receive(self, message: Received, now_s: float) -> None:
+        """Take a message of a client."""
         ...
 
     def tick(self, now_s: float) -> None:
@@ -45,13 +61,19 @@ S = TypeVar("S", bound=Runnable)
 
 
 class RealTimeLoop(Generic[S]):
-    """Owns a session while it runs: after ``start`` only its thread touches it."""
+    """Owns a session while it runs: after ``start`` only its thread touches it.
 
-    def __init__(self, session: S) -> None:
+    ``late_ticks`` counts the ticks that ended after the next one was due, ``missed_ticks`` those given up.
+    """
+
+    def __init__(self, session: S, send: Send = lambda message: None) -> None:
+        """``send`` takes, once a second, what the ticks took."""
         self.session = session
-        self.missed_ticks = 0
+        self.missed_ticks = self.late_ticks = 0
         self.error: BaseException | None = None
-        self._inbox: deque[messages.ClientMessage | Disconnected | None] = deque()
+        self._send = send
+        self._took_s: list[float] = []
+        self._inbox: deque[Received | Greeting] = deque()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
 
@@ -69,13 +91,13 @@ class RealTimeLoop(Generic[S]):
         """Whether so many messages wait that their sender should too."""
         return len(self._inbox) >= INBOX_MESSAGES
 
-    def post(self, message: messages.ClientMessage | Disconnected) -> None:
+    def post(self, message: Received) -> None:
         """Hand over a message from any thread; none is ever dropped."""
         self._inbox.append(message)
 
-    def greet(self) -> None:
+    def greet(self, send: Send, role: messages.Role) -> None:
         """Have the session tell a new connection where things stand."""
-        self._inbox.append(None)
+        self._inbox.append(Greeting(send, role))
 
     def _run(self) -> None:
         began = time.monotonic()
@@ -85,6 +107,7 @@ class RealTimeLoop(Generic[S]):
                 now = time.monotonic() - began
                 self._take_messages(now)
                 self.session.tick(now)
+                self._tell_timing(time.monotonic() - began - now)
                 due = self._wait(due + TICK_S)
         except BaseException as error:
             self.error = error
@@ -95,17 +118,26 @@ class RealTimeLoop(Generic[S]):
     def _take_messages(self, now_s: float) -> None:
         for _ in range(len(self._inbox)):
             message = self._inbox.popleft()
-            if message is None:
-                self.session.greet()
+            if isinstance(message, Greeting):
+                self.session.greet(message.send, message.role, now_s)
             else:
                 self.session.receive(message, now_s)
+
+    def _tell_timing(self, took_s: float) -> None:
+        self._took_s.append(took_s)
+        if len(self._took_s) == TIMING_EVERY_TICKS:
+            took_ms = [1000.0 * took_s for took_s in self._took_s]
+            self._took_s.clear()
+            self._send(messages.Timing(median(took_ms), max(took_ms), self.missed_ticks))
 
     def _wait(self, due: float) -> float:
         """Sleep until the next tick is due; return when it is due, moved on if the loop fell far behind."""
         late = time.monotonic() - due
         if late < 0.0:
             time.sleep(-late)
-        elif late > CATCH_UP_TICKS * TICK_S:
+            return due
+        self.late_ticks += 1
+        if late > CATCH_UP_TICKS * TICK_S:
             lost = int(late / TICK_S)
             self.missed_ticks += lost
             return due + lost * TICK_S

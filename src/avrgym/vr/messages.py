@@ -9,10 +9,11 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
-PROTOCOL = 2
+PROTOCOL = 3
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+Modality = Literal["controllers", "hands", "none"]
 
 
 class XRPose(msgspec.Struct, frozen=True, array_like=True):
@@ -49,7 +50,7 @@ class Tracking(Message, frozen=True, tag="tracking"):
     head: XRPose | None
     left: XRPose | None
     right: XRPose | None
-    modality: Literal["controllers", "hands", "none"]
+    modality: Modality
 
 
 class Entered(Message, frozen=True, tag="entered"):
@@ -74,6 +75,10 @@ class Stop(Message, frozen=True, tag="stop"):
     """The participant pressed a menu button or the stop key: the robot must hold at once."""
 
 
+class Recalibrate(Message, frozen=True, tag="recalibrate"):
+    """The participant saw that body or seat do not fit, and wants to be measured again."""
+
+
 class OriginReset(Message, frozen=True, tag="origin_reset"):
     """The reference space's origin jumped: earlier registration is void."""
 
@@ -86,7 +91,33 @@ class Answer(Message, frozen=True, tag="answer"):
     response_time_s: Annotated[float, msgspec.Meta(ge=0)]
 
 
-ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | OriginReset | Answer
+ClientMessage = (
+    Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer
+)
+
+# From the experimenter ---------------------------------------------------------------------------------------
+
+CommandName = Literal["stop", "pause", "continue", "repeat", "skip", "end", "recalibrate"]
+
+
+class Command(Message, frozen=True, tag="command"):
+    """What the experimenter wants of the session.
+
+    ``stop``: the robot holds at once, and the participant may repeat the trial. ``pause``: the same, and no
+    trial begins before ``continue``. ``repeat``: a new attempt at the trial. ``skip``: on to the next one.
+    ``end``: the session is over. ``recalibrate``: the participant is measured again.
+    """
+
+    name: CommandName
+
+
+class CorrectTorsoHeight(Message, frozen=True, tag="correct_torso_height"):
+    """The torso height that the experimenter measured; the body is made anew with it."""
+
+    torso_height_m: float
+
+
+ExperimenterMessage = Hello | Command | CorrectTorsoHeight
 
 # From the server -------------------------------------------------------------------------------------------
 
@@ -94,6 +125,7 @@ PhaseName = Literal[
     "waiting",
     "calibration",
     "loading",
+    "check",
     "free_before",
     "countdown",
     "trial",
@@ -105,11 +137,17 @@ PhaseName = Literal[
 ]
 
 
+Role = Literal["participant", "spectator", "experimenter"]
+
+
 class Welcome(Message, frozen=True, tag="welcome"):
-    """The connection is accepted."""
+    """The connection is accepted, as whose; whether a touch is felt and a success heard is the plan's choice."""
 
     protocol: int
     session: str
+    role: Role
+    haptics: bool
+    sounds: bool
 
 
 class Scene(Message, frozen=True, tag="scene"):
@@ -118,7 +156,8 @@ class Scene(Message, frozen=True, tag="scene"):
     ``xr_from_world`` places the simulation's z-up world in the participant's ``local-floor`` space: apply it
     to the root node as it is. ``bodies`` is the order of the poses in every following ``State``; those of
     ``marks`` spots on the person follow, of one radius and one colour (red, green, blue in 0..1).
-    ``head_bodies`` are hidden from the participant's own eyes.
+    ``head_bodies`` are hidden from the participant's own eyes, which lie at ``eyes`` in the frame of the first
+    of them (x left, -y ahead, z up).
     """
 
     url: str
@@ -127,7 +166,14 @@ class Scene(Message, frozen=True, tag="scene"):
     marks: int
     mark_radius_m: float
     mark_rgb: Vector3
+    eyes: Vector3
     xr_from_world: XRPose
+
+
+class Upcoming(Message, frozen=True, tag="upcoming"):
+    """The address of a scene that comes next: a client that fetches it now shows it sooner then."""
+
+    url: str
 
 
 class State(Message, frozen=True, tag="state"):
@@ -172,11 +218,56 @@ class Problem(Message, frozen=True, tag="problem"):
     message: str
 
 
-ServerMessage = Welcome | Scene | State | Phase | Question | Problem
+class Feedback(Message, frozen=True, tag="feedback"):
+    """What the participant feels and hears of one control step.
+
+    Whether robot or tool touch the left and the right arm, hands included; ``events``: how many bites or drops
+    reached the mouth, markers were wiped or scratches made.
+    """
+
+    left_touched: bool
+    right_touched: bool
+    events: int
+
+
+class Status(Message, frozen=True, tag="status"):
+    """How the session stands, several times a second, for those who watch it; never sent to the participant.
+
+    ``step`` counts the attempt's control steps, ``reward`` sums them up, ``success`` is so far; distance and
+    force are those of the latest one. ``tracking_age_s`` is the time since the newest usable frame.
+    """
+
+    phase: PhaseName
+    trial: int
+    trials: int
+    attempt: int
+    environment: str
+    paused: bool
+    torso_height_m: float
+    step: int
+    steps: int
+    reward: float
+    success: bool
+    distance_m: float
+    force_on_person_n: float
+    tracking_age_s: float | None
+    modality: Modality
+
+
+class Timing(Message, frozen=True, tag="timing"):
+    """What the last second's ticks of 10 ms took, for those who watch; ticks given up since the beginning."""
+
+    tick_ms_median: float
+    tick_ms_max: float
+    missed_ticks: int
+
+
+ServerMessage = Welcome | Scene | Upcoming | State | Phase | Question | Problem | Feedback | Status | Timing
 
 _Any = TypeVar("_Any")
 
 _client_decoder = msgspec.msgpack.Decoder(ClientMessage)
+_experimenter_decoder = msgspec.msgpack.Decoder(ExperimenterMessage)
 _server_decoder = msgspec.msgpack.Decoder(ServerMessage)
 _encoder = msgspec.msgpack.Encoder()
 
@@ -189,6 +280,11 @@ def encode(message: Message) -> bytes:
 def decode_client(data: bytes) -> ClientMessage:
     """Decode a message from the client; raises ``msgspec.DecodeError`` when it is not one."""
     return _decode(_client_decoder, data)
+
+
+def decode_experimenter(data: bytes) -> ExperimenterMessage:
+    """Decode a message from who watches; raises ``msgspec.DecodeError`` when it is not one."""
+    return _decode(_experimenter_decoder, data)
 
 
 def decode_server(data: bytes) -> ServerMessage:

@@ -38,7 +38,11 @@ SCALAR_EXAMPLES = {
     inspect.BytesType: b"\x00\x01\xff",
 }
 
-UNIONS = {"ClientMessage": messages.ClientMessage, "ServerMessage": messages.ServerMessage}
+UNIONS = {
+    "ClientMessage": messages.ClientMessage,
+    "ExperimenterMessage": messages.ExperimenterMessage,
+    "ServerMessage": messages.ServerMessage,
+}
 
 
 def aliases() -> list[tuple[str, inspect.Type]]:
@@ -100,8 +104,10 @@ def generate() -> str:
     parts = [HEADER, f"export const PROTOCOL = {messages.PROTOCOL};\n"]
     parts += [f"export type {name} = {type_text(info)};\n" for name, info in aliases()]
     parts.append(struct_text(struct_info(messages.XRPose)))
+    written: set[type] = set()
     for name, union in UNIONS.items():
-        parts += [struct_text(struct_info(cls)) for cls in get_args(union)]
+        parts += [struct_text(struct_info(cls)) for cls in get_args(union) if cls not in written]
+        written.update(get_args(union))
         parts.append(f"export type {name} = {' | '.join(cls.__name__ for cls in get_args(union))};\n")
     return "\n".join(parts)
 

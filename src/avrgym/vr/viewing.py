@@ -1,6 +1,5 @@
 """An environment on show: episode after episode, live in the browser, with nobody taking part."""
 
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -11,7 +10,8 @@ from avrgym.evaluation import actor
 from avrgym.models.human import Person
 from avrgym.models.scene import SUBSTEPS
 from avrgym.vr import messages
-from avrgym.vr.session import STATE_EVERY_TICKS, Disconnected
+from avrgym.vr.loop import Received, Send
+from avrgym.vr.reporting import STATE_EVERY_TICKS
 from avrgym.vr.webxr import Registration
 from avrgym.vr.world import TICK_S, poses, scene_message
 
@@ -29,7 +29,7 @@ class Viewing:
         policy: str,
         people: str,
         seed: int,
-        send: Callable[[messages.ServerMessage], None],
+        send: Send,
     ) -> None:
         """Compile the scene and begin the first episode.
 
@@ -50,14 +50,15 @@ class Viewing:
         self._now_s, self._ticks = 0.0, 0
         self._begin()
 
-    def greet(self) -> None:
+    def greet(self, send: Send, role: messages.Role, now_s: float) -> None:
         """Tell a client that has just connected where things stand."""
-        self._send(messages.Welcome(protocol=messages.PROTOCOL, session=self._episodes.environment_id))
-        self._send(self._scene())
-        self._tell()
+        name = self._episodes.environment_id
+        send(messages.Welcome(messages.PROTOCOL, name, role, haptics=False, sounds=True))
+        send(self._scene())
+        send(self._phase_message())
 
-    def receive(self, message: messages.ClientMessage | Disconnected, now_s: float) -> None:
-        """Take a message of the client: only that it has loaded the scene matters here."""
+    def receive(self, message: Received, now_s: float) -> None:
+        """Take a message of a client: only that it has loaded the scene matters here."""
         loaded = isinstance(message, messages.SceneLoaded) and message.url == self._scene().url
         if loaded and self._phase == "loading":
             self._run()
@@ -113,10 +114,13 @@ class Viewing:
             self._tell()
 
     def _tell(self) -> None:
+        self._send(self._phase_message())
+
+    def _phase_message(self) -> messages.Phase:
         outcome = "success" if self._success else ""
         state = {"loading": "preparing", "running": outcome or "running", "ended": outcome or "no success"}
         text = f"{self._episodes.environment_id}, {self._policy}, episode {len(self.scenes)}: {state[self._phase]}"
-        self._send(messages.Phase(name="viewing", text=text, trial=0, trials=0, practice=False, seconds=None))
+        return messages.Phase(name="viewing", text=text, trial=0, trials=0, practice=False, seconds=None)
 
     def _scene(self) -> messages.Scene:
         number, nowhere = len(self.scenes) - 1, Registration(np.zeros(3), 0.0)

@@ -12,10 +12,11 @@ from avrgym.models import human
 from avrgym.models.human import Person
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, Stage
 from avrgym.policies import Policy
+from avrgym.simulation import Simulation
 from avrgym.tasks.base import Task
 from avrgym.vr import messages
 from avrgym.vr.body import BodyPose, BodySolver
-from avrgym.vr.webxr import Registration
+from avrgym.vr.webxr import HEADSET_AHEAD_M, Registration
 
 Array = NDArray[np.float64]
 
@@ -57,6 +58,16 @@ class LiveWorld:
     def bodies(self) -> tuple[str, ...]:
         """The bodies of the scene, in the order of their poses."""
         return self._episodes.simulation.bodies
+
+    @property
+    def simulation(self) -> Simulation:
+        """The physics."""
+        return self._episodes.simulation
+
+    @property
+    def environment(self) -> str:
+        """The environment's id."""
+        return self._episodes.environment_id
 
     @property
     def stage(self) -> Stage:
@@ -122,6 +133,8 @@ class LiveWorld:
 def scene_message(number: int, episodes: Episodes, registration: Registration) -> messages.Scene:
     """What a client has to draw of the first world; see ``messages.Scene``."""
     marks = episodes.task.marks
+    people = episodes.people
+    head_centre = human.layout(people.is_woman, people.torso_height_m).site_pos["head_centre"][0]
     return messages.Scene(
         url=scene_url(number),
         bodies=list(episodes.simulation.bodies),
@@ -129,6 +142,7 @@ def scene_message(number: int, episodes: Episodes, registration: Registration) -
         marks=marks.count if marks else 0,
         mark_radius_m=marks.radius_m if marks else 0.0,
         mark_rgb=marks.rgb if marks else (0.0, 0.0, 0.0),
+        eyes=(float(head_centre[0]), float(head_centre[1]) - HEADSET_AHEAD_M, float(head_centre[2])),
         xr_from_world=registration.xr_from_world(),
     )
 

@@ -1,0 +1,68 @@
+"""What a session runs: its trials in order, and how they are run."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from avrgym.envs import ACTIONS
+from avrgym.episodes import EPISODE_STEPS
+from avrgym.models.human import Sex
+from avrgym.policies import Policy, load_policy
+from avrgym.study.questionnaire import LIKERT_ITEMS, Item
+from avrgym.tasks import TASKS, find_environment
+
+
+@dataclass(frozen=True)
+class TrialPlan:
+    """One trial to run: an environment, a policy by name or path, a seed; a practice trial has no questionnaire."""
+
+    environment: str
+    policy: str
+    seed: int
+    practice: bool
+
+
+@dataclass(frozen=True)
+class SessionPlan:
+    """A session: its trials in order, the body model, and who takes part.
+
+    ``free_movement_s`` is how long the person moves freely before and after each trial, ``countdown_s`` the wait
+    before the robot starts, ``trial_steps`` a trial's length in control steps of 0.1 s. ``first_trial`` counts
+    from 1: a session that goes on after a break begins there. ``haptics`` and ``sounds`` say whether touches are
+    felt and successes heard.
+    """
+
+    trials: Sequence[TrialPlan]
+    sex: Sex
+    free_movement_s: float
+    simulated: bool
+    items: Sequence[Item] = LIKERT_ITEMS
+    trial_steps: int = EPISODE_STEPS
+    countdown_s: float = 3.0
+    first_trial: int = 1
+    haptics: bool = True
+    sounds: bool = True
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.first_trial <= len(self.trials):
+            raise ValueError(f"first_trial is {self.first_trial}; there are trials 1 to {len(self.trials)}")
+
+
+Policies = Mapping[tuple[str, str], Policy]
+"""By environment and the policy's name or path: the same name means another policy in each environment."""
+
+
+def load_policies(plan: SessionPlan) -> Policies:
+    """Every policy that a plan names.
+
+    Raises:
+        ValueError: for an unknown environment or a policy that cannot be loaded.
+    """
+    return {
+        (environment, policy): _load(environment, policy)
+        for environment, policy in {(trial.environment, trial.policy) for trial in plan.trials}
+    }
+
+
+def _load(environment: str, policy: str) -> Policy:
+    task, _ = find_environment(environment)
+    return load_policy(policy, environment, TASKS[task].observation_size, ACTIONS)

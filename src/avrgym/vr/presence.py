@@ -1,0 +1,108 @@
+"""One stay of a participant in VR: their tracking, where their floor lies, and the pose that their body follows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from avrgym.models.human import Person
+from avrgym.vr import messages
+from avrgym.vr.body import BodyPose, seated_head_centre
+from avrgym.vr.messages import XRPose
+from avrgym.vr.tracking import Frame, TrackingFeed, body_pose, measure_torso_height
+from avrgym.vr.webxr import Registration, register
+from avrgym.vr.world import LiveWorld
+
+
+@dataclass(frozen=True)
+class Followed:
+    """One tick of following: the frames that came, the one that counts, and what changed.
+
+    ``newest`` is ``None`` while the tracking is lost; ``moved``: the body has new targets; ``turned``: the
+    tracking was lost or found just now.
+    """
+
+    arrived: Sequence[Frame]
+    newest: Frame | None
+    lost: bool
+    moved: bool
+    turned: bool
+
+
+class Presence:
+    """``registration`` is where the participant's floor lies in the world, once that is known.
+
+    ``followed`` is the newest tracking frame that moved the body, -1 before the first.
+    """
+
+    def __init__(self) -> None:
+        self.registration: Registration | None = None
+        self.followed = -1
+        self.lost = False
+        self._feed = TrackingFeed()
+        self._pose: BodyPose | None = None
+        self._upright: XRPose | None = None
+
+    def take(self, tracking: messages.Tracking, now_s: float) -> Frame:
+        """Take a frame that arrives now."""
+        return self._feed.add(tracking, now_s)
+
+    def take_arrived(self) -> list[Frame]:
+        """The frames that no tick has followed yet."""
+        return self._feed.take_arrived()
+
+    def age_s(self, now_s: float) -> float | None:
+        """How old the newest usable frame is."""
+        newest = self._feed.newest
+        return None if newest is None else now_s - newest.received_s
+
+    @property
+    def modality(self) -> messages.Modality:
+        """What the newest usable frame was tracked with."""
+        newest = self._feed.newest
+        return "none" if newest is None else newest.tracking.modality
+
+    def place(self, head: XRPose, person: Person) -> None:
+        """Put the participant's seat where their headset is now."""
+        self._upright = head
+        self.place_again(person)
+
+    def place_again(self, person: Person) -> None:
+        """Keep the participant's place for a person of another torso height."""
+        if self._upright is not None:
+            self.registration = register(self._upright, seated_head_centre(person))
+            self._pose = None
+
+    def forget_place(self) -> None:
+        """Let the next usable frame say where the participant is."""
+        self.registration = self._pose = self._upright = None
+
+    def steady_heads(self, now_s: float) -> list[XRPose]:
+        """The headset's poses over the last half second.
+
+        Raises:
+            ValueError: when they are too few or moved too much, in words for the participant.
+        """
+        return self._feed.steady_heads(now_s)
+
+    def follow(self, world: LiveWorld, now_s: float) -> Followed:
+        """Move the world's person to the newest frame, or hold them when it is stale."""
+        newest, stale = self._feed.newest, self._feed.is_stale(now_s)
+        turned, self.lost = stale != self.lost, stale
+        arrived = self._feed.take_arrived()
+        moved = False
+        if newest is not None and not stale and self.registration is not None:
+            moved = self._move(world, self.registration, newest)
+        return Followed(arrived, None if stale else newest, stale, moved, turned)
+
+    def _move(self, world: LiveWorld, registration: Registration, newest: Frame) -> bool:
+        """Give the body its targets; whether they are those of a new frame."""
+        is_new = newest.tracking.sequence != self.followed
+        if is_new or self._pose is None:
+            self.followed = newest.tracking.sequence
+            self._pose = body_pose(registration, newest.tracking)
+        world.follow(self._pose)
+        return is_new
+
+
+def measured_torso_height(person: Person, heads: list[XRPose]) -> float:
+    """The torso height in metres of who holds still; see ``measure_torso_height``."""
+    return measure_torso_height(person.sex, heads)
