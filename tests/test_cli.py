@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli import app
 from avrgym.tasks import ENVIRONMENTS
-from visit import DRIVE, ENVIRONMENT
+from visit import ENVIRONMENT, drive
 
 FIGURES = [
     "env", "policy", "people", "episodes", "reward_mean", "reward_std", "success_rate", "success_ci95",
@@ -97,7 +97,7 @@ def test_evaluate_writes_a_row_for_each_environment(tmp_path: Path) -> None:
 
 def test_evaluate_takes_a_policy_file(tmp_path: Path) -> None:
     file = tmp_path / "drive.safetensors"
-    DRIVE.save(file)
+    drive(ENVIRONMENT).save(file)
     result = avrgym(
         "evaluate", ENVIRONMENT, "--policy", file, "--episodes", 1, "--json", tmp_path / "rows.json"
     )

@@ -10,7 +10,7 @@ from avrgym import evaluation
 from avrgym.episodes import EPISODE_STEPS
 from avrgym.evaluation import evaluate, wilson_interval
 from avrgym.policies import packaged_policies
-from visit import DRIVE, ENVIRONMENT
+from visit import ENVIRONMENT, drive
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_progress_counts_environment_steps() -> None:
 
 def test_errors_name_what_is_allowed(tmp_path: Path) -> None:
     file = tmp_path / "drive.safetensors"
-    DRIVE.save(file)
+    drive(ENVIRONMENT).save(file)
     with pytest.raises(ValueError, match="at least 1"):
         evaluate(ENVIRONMENT, "zero", "original", 0, 0)
     with pytest.raises(ValueError, match=ENVIRONMENT):

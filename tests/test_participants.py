@@ -15,7 +15,7 @@ from avrgym.vr.attendance import InProcessAttendance
 from avrgym.vr.messages import Tracking, XRPose, decode_client, encode
 from avrgym.vr.session import Session
 from avrgym.vr.webxr import is_valid
-from visit import DRIVE, plan
+from visit import driving, plan
 
 Array = NDArray[np.float64]
 
@@ -115,11 +115,11 @@ def test_answers_follow_what_was_seen() -> None:
     assert mean(False) < 3.0
 
 
-def test_a_participant_sits_through_a_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("avrgym.vr.session.EPISODE_STEPS", 5)
+def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
     phases: list[str] = []
     attendance = InProcessAttendance(participant(1), phases.append)
-    session = Session(plan(practice=True, seeds=(1, 2)), {"drive": DRIVE}, tmp_path, attendance.hear, "whole")
+    trials = plan(practice=True, seeds=(1, 2), trial_steps=5)
+    session = Session(trials, driving(trials), tmp_path, attendance.hear, "whole")
     attendance.run(session)
     assert phases[-1] == "finished (trial 2 of 2)"
     practice, trial = (read_recording(path) for path in session.recordings)
@@ -135,6 +135,6 @@ def test_a_participant_who_cannot_begin_gives_up_in_words(tmp_path: Path) -> Non
     blocked = tmp_path / "file"
     blocked.write_text("")
     attendance = InProcessAttendance(participant(1), lambda text: None)
-    session = Session(plan(), {"drive": DRIVE}, blocked, attendance.hear, "blocked")
+    session = Session(plan(), driving(plan()), blocked, attendance.hear, "blocked")
     with pytest.raises(RuntimeError, match=r"trial 1 does not begin: .*cannot be recorded"):
         attendance.run(session)

@@ -191,13 +191,8 @@ def test_the_page_and_all_that_it_names_are_served(server: LiveServer) -> None:
 
 def test_a_scene_needs_the_token_and_is_a_glb(server: LiveServer) -> None:
     assert get(server, "/scenes/0.glb").status_code == 401
-    for wrong in (
-        "Bearer",
-        "Bearer x",
-        server.tokens.participant,
-        f"bearer {server.tokens.participant}",
-        f"Bearer {server.tokens.participant}x",
-    ):
+    token = server.tokens.participant
+    for wrong in ("Bearer", "Bearer x", token, f"bearer {token}", f"Bearer {token}x"):
         refused = get(server, "/scenes/0.glb", authorization=wrong)
         assert refused.status_code == 401
         assert "token" in refused.json()["detail"]

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from avrgym.models.human import Person
+from avrgym.models.human import SEATED, Person, Posture
 from avrgym.vr import messages
-from avrgym.vr.body import BodyPose, seated_head_centre
+from avrgym.vr.body import BodyPose, resting_head_centre
 from avrgym.vr.messages import XRPose
 from avrgym.vr.tracking import Frame, TrackingFeed, body_pose, measure_torso_height
 from avrgym.vr.webxr import Registration, register
@@ -39,7 +39,8 @@ class Presence:
         self.lost = False
         self._feed = TrackingFeed()
         self._pose: BodyPose | None = None
-        self._upright: XRPose | None = None
+        self._resting: XRPose | None = None
+        self._posture = SEATED
 
     def take(self, tracking: messages.Tracking, now_s: float) -> Frame:
         """Take a frame that arrives now."""
@@ -60,20 +61,20 @@ class Presence:
         newest = self._feed.newest
         return "none" if newest is None else newest.tracking.modality
 
-    def place(self, head: XRPose, person: Person) -> None:
-        """Put the participant's seat where their headset is now."""
-        self._upright = head
+    def place(self, head: XRPose, person: Person, posture: Posture) -> None:
+        """Put the seat or bed where it fits the headset of a participant who rests in it."""
+        self._resting, self._posture = head, posture
         self.place_again(person)
 
     def place_again(self, person: Person) -> None:
         """Keep the participant's place for a person of another torso height."""
-        if self._upright is not None:
-            self.registration = register(self._upright, seated_head_centre(person))
+        if self._resting is not None:
+            self.registration = register(self._resting, resting_head_centre(person, self._posture))
             self._pose = None
 
     def forget_place(self) -> None:
         """Let the next usable frame say where the participant is."""
-        self.registration = self._pose = self._upright = None
+        self.registration = self._pose = self._resting = None
 
     def steady_heads(self, now_s: float) -> list[XRPose]:
         """The headset's poses over the last half second.

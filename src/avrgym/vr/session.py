@@ -380,7 +380,7 @@ class Session:
         frame = self.presence.take(tracking, now_s)
         if frame.usable and self.phase == "calibration" and self.registration is None:
             assert tracking.head is not None
-            self.presence.place(tracking.head, self.person)
+            self.presence.place(tracking.head, self.person, self._world.stage.posture)
             self._tell_scene()
 
     def _calibrate(self, now_s: float) -> None:
@@ -393,8 +393,8 @@ class Session:
         except ValueError as error:
             self.problem(str(error))
             return
-        self.presence.place(heads[-1], self.person)
         self._calibrated_for = self._world.stage.posture
+        self.presence.place(heads[-1], self.person, self._calibrated_for)
         self.tell(transitions.Calibrated(now_s, self.person.torso_height_m, measured))
         self.load(self.enter_check, now_s)
 
