@@ -123,7 +123,7 @@ def test_marks_are_drawn_above_the_skin_until_they_are_wiped():
     assert marks.shape == (1, TASK.marks.count, 3)
     shown = marks[0][memory.exists[0].ravel()]
     from_axis = np.hypot(shown[:, 0] - SHOULDER[0], shown[:, 2] - SHOULDER[2])
-    assert_allclose(np.unique(from_axis.round(6)), [0.033 + 0.012, 0.043 + 0.012])
+    assert_allclose(np.unique(from_axis.round(6)), [0.033 + 0.008, 0.043 + 0.008])
     assert ((marks[0, :, 2] < 0.0) == ~memory.exists[0].ravel()).all()
     wiped = judged(state({on_top_of_upper_arm(0.14): 3.0})).memory
     hidden = TASK.marks.places(seen, wiped)[0, :, 2] < 0.0

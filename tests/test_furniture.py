@@ -46,7 +46,7 @@ def placed(model: mujoco.MjModel) -> mujoco.MjData:
 def with_person(furniture: str, person: Person, posture: Posture) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
-    human.add_person(spec, person, posture, moving=False, appearance=False)
+    human.add_person(spec, person, posture, moving=False)
     FURNITURE[furniture](spec, False)
     return spec.compile()
 

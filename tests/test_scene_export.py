@@ -1,66 +1,169 @@
-"""What the client draws: the GLB against the model that it comes from."""
+"""What the client draws: the GLB against the model that it comes from, in every environment."""
 
-import io
-from typing import TYPE_CHECKING
+from functools import cache
 
 import mujoco
 import numpy as np
 import pytest
-import trimesh
 
 from avrgym.models.human import Person
+from avrgym.models.robots import find_robot
 from avrgym.models.scene import build_spec
-from avrgym.vr.scene_export import export_glb, visible_bodies
+from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
+from avrgym.transforms import to_matrix
+from avrgym.vr.scene_export import export_glb
+from glb import GlbFile
 
-if TYPE_CHECKING:
-    from avrgym.models.scene import Stage
-
-MOST_MESHES, MOST_TRIANGLES = 100, 300_000
-REACH_M = 1.2
-"""How far a body's picture may go from its frame: the table is the largest."""
-
-
-@pytest.fixture(scope="module")
-def model(feeding_stage: "Stage") -> mujoco.MjModel:
-    return build_spec(feeding_stage, Person("man", 0.6), moving=True, appearance=True).compile()
+MOST_MESHES, MOST_TRIANGLES, MOST_BYTES = 100, 300_000, 2_500_000
+FEEDING = "avrgym/FeedingJaco-v1"
+WASHED = Person("woman", 0.50, skin_tone="brown")
+PERSON = Person("man", 0.66)
 
 
-@pytest.fixture(scope="module")
-def scene(model: mujoco.MjModel) -> trimesh.Scene:
-    loaded = trimesh.load(io.BytesIO(export_glb(model)), file_type="glb")
-    assert isinstance(loaded, trimesh.Scene)
-    return loaded
+@cache
+def model_of(environment: str) -> mujoco.MjModel:
+    task, robot = find_environment(environment)
+    stage = TASKS[task].stage(find_robot(robot))
+    return build_spec(stage, PERSON, moving=True, appearance=True).compile()
 
 
-def test_every_visible_body_is_a_node_that_names_it(model: mujoco.MjModel, scene: trimesh.Scene) -> None:
-    edges = scene.graph.to_edgelist()
-    named = [data["metadata"]["body"] for _, _, data in edges if "body" in data.get("metadata", {})]
-    assert sorted(named) == sorted(visible_bodies(model))
-    assert {"person/head", "person/right_hand", "wheelchair", "robot/tool", "food_7"} <= set(named)
+@cache
+def exported(environment: str) -> GlbFile:
+    return GlbFile(export_glb(model_of(environment)))
 
 
-def test_a_headset_can_draw_it(scene: trimesh.Scene) -> None:
-    assert len(scene.geometry) < MOST_MESHES
-    assert sum(len(mesh.faces) for mesh in scene.geometry.values()) < MOST_TRIANGLES
+def at_rest(environment: str) -> mujoco.MjData:
+    data = mujoco.MjData(model_of(environment))
+    mujoco.mj_kinematics(model_of(environment), data)
+    return data
 
 
-def test_every_mesh_is_sound(scene: trimesh.Scene) -> None:
-    for name, mesh in scene.geometry.items():
-        assert np.isfinite(mesh.vertices).all(), name
-        assert mesh.visual.material.name, name
-        lengths = np.linalg.norm(mesh.vertex_normals, axis=1)
-        np.testing.assert_allclose(lengths, 1.0, atol=1e-3, err_msg=name)
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_a_headset_can_draw_it(environment: str) -> None:
+    glb = exported(environment)
+    triangles = sum(len(glb.numbers(primitive["indices"])) // 3 for primitive in glb.primitives())
+    assert len(glb.primitives()) < MOST_MESHES
+    assert triangles < MOST_TRIANGLES
+    assert glb["buffers"][0]["byteLength"] < MOST_BYTES
 
 
-def test_bodies_stand_where_the_model_has_them(model: mujoco.MjModel, scene: trimesh.Scene) -> None:
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    for body in visible_bodies(model):
-        matrix, _ = scene.graph.get(body)
-        np.testing.assert_allclose(matrix[:3, 3], data.body(body).xpos, atol=1e-6)
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_every_mesh_is_sound(environment: str) -> None:
+    glb = exported(environment)
+    for primitive in glb.primitives():
+        places, normals = (glb.numbers(primitive["attributes"][a]) for a in ("POSITION", "NORMAL"))
+        corners = glb.numbers(primitive["indices"])
+        assert np.isfinite(places).all()
+        assert corners.max() < len(places) == len(normals)
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=0.02)
 
 
-def test_nothing_is_drawn_far_from_its_body(model: mujoco.MjModel, scene: trimesh.Scene) -> None:
-    for name, mesh in scene.geometry.items():
-        if not name.startswith("table"):
-            assert np.linalg.norm(mesh.vertices, axis=1).max() < REACH_M, name
+def test_what_can_move_is_a_node_that_names_its_body() -> None:
+    model, glb = model_of(FEEDING), exported(FEEDING)
+    followers = set(glb.nodes("body"))
+    assert {"person/head", "person/right_hand", "wheelchair", "table", "bowl"} <= followers
+    jointed = {
+        model.body(b).name for b in model.jnt_bodyid if model.geom_bodyid[model.geom_group == 2].tolist()
+    }
+    driven = {name for name in jointed if name.startswith("robot/") and has_picture(model, name)}
+    assert driven <= followers
+
+
+def has_picture(model: mujoco.MjModel, body: str) -> bool:
+    return bool(((model.geom_bodyid == model.body(body).id) & (model.geom_group == 2)).any())
+
+
+def test_nodes_stand_where_the_model_has_their_bodies() -> None:
+    data = at_rest(FEEDING)
+    for body, node in exported(FEEDING).nodes("body").items():
+        np.testing.assert_allclose(node["translation"], data.body(body).xpos, atol=1e-9)
+
+
+def test_places_of_the_mesh_are_those_of_the_model() -> None:
+    """The wheelchair's outermost point on the left, through scale and quantisation."""
+    model, glb = model_of(FEEDING), exported(FEEDING)
+    node = glb.nodes("body")["wheelchair"]
+    parts = [glb["nodes"][child] for child in node["children"]]
+    drawn = [
+        glb.numbers(glb["meshes"][p["mesh"]]["primitives"][0]["attributes"]["POSITION"]) * p["scale"][0]
+        for p in parts
+    ]
+    there = mesh_vertices(model, "wheelchair_left_rim")[:, 0].max()
+    np.testing.assert_allclose(np.concatenate(drawn)[:, 0].max(), there, atol=1e-4)
+
+
+def mesh_vertices(model: mujoco.MjModel, name: str) -> np.ndarray:
+    """A mesh as the first geom that shows it has it, in the frame of its body."""
+    mesh = model.mesh(name).id
+    geom = int(
+        np.flatnonzero((model.geom_dataid == mesh) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH))[0]
+    )
+    vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+    return vertices @ to_matrix(model.geom_quat[geom]).T + model.geom_pos[geom]
+
+
+@pytest.mark.parametrize(("environment", "count"), [(FEEDING, 8), ("avrgym/DrinkingPR2-v1", 64)])
+def test_particles_are_one_mesh_drawn_many_times(environment: str, count: int) -> None:
+    (copies,) = (node for node in exported(environment)["nodes"] if "bodies" in node.get("extras", {}))
+    assert len(set(copies["extras"]["bodies"])) == count
+
+
+def test_skins_rest_where_their_bones_are_bound() -> None:
+    """Bones at their bind poses leave the skin as it is: each inverse bind matrix undoes its bone's pose."""
+    model, glb = model_of(FEEDING), exported(FEEDING)
+    for skin in range(model.nskin):
+        name = model.skin(skin).name
+        (node,) = (node for node in glb["nodes"] if node.get("name") == name)
+        rest = model.skin_vert[model.skin_vertadr[skin] :][: model.skin_vertnum[skin]]
+        np.testing.assert_allclose(at_bind_pose(glb, model, node), rest, atol=2e-4, err_msg=name)
+
+
+def at_bind_pose(glb: GlbFile, model: mujoco.MjModel, node: dict) -> np.ndarray:
+    """A skin's places as glTF computes them with each bone where the model binds it."""
+    attributes = glb["meshes"][node["mesh"]]["primitives"][0]["attributes"]
+    places, bones, weights = (glb.numbers(attributes[a]) for a in ("POSITION", "JOINTS_0", "WEIGHTS_0"))
+    rig = glb["skins"][node["skin"]]
+    inverse = glb.numbers(rig["inverseBindMatrices"]).reshape(-1, 4, 4).swapaxes(1, 2)
+    bind = bind_matrices(model)
+    moved = np.zeros((len(places), 3))
+    for number, joint in enumerate(rig["joints"]):
+        extras = glb["nodes"][joint]["extras"]
+        matrix = bind[extras.get("body") or extras["swing"]] @ inverse[number]
+        weight = np.where(bones == number, weights, 0.0).sum(axis=1, keepdims=True)
+        moved += weight * (places @ matrix[:3, :3].T + matrix[:3, 3])
+    return moved
+
+
+def bind_matrices(model: mujoco.MjModel) -> dict[str, np.ndarray]:
+    found = {}
+    for bone, body in enumerate(model.skin_bonebodyid):
+        matrix = np.eye(4)
+        matrix[:3, :3] = to_matrix(model.skin_bonebindquat[bone].astype(float))
+        matrix[:3, 3] = model.skin_bonebindpos[bone]
+        found[model.body(body).name] = matrix
+    return found
+
+
+def test_only_limbs_have_swings_and_each_names_what_carries_it() -> None:
+    parents = {name: node["extras"]["parent"] for name, node in exported(FEEDING).nodes("swing").items()}
+    assert parents == {
+        f"person/{side}_{part}": parent
+        for side in ("right", "left")
+        for part, parent in (("upper_arm", "person/torso"), ("forearm", f"person/{side}_upper_arm"))
+    }
+
+
+def test_the_head_is_apart_from_the_body() -> None:
+    """A participant's own head is not drawn for them; all else of their body is."""
+    skins = [node for node in exported(FEEDING)["nodes"] if "skin" in node]
+    heads = {node["name"] for node in skins if node["extras"]["skin_of"] == "person/head"}
+    assert heads == {f"person/{part}" for part in ("face", "hair", "eye", "iris", "pupil", "teeth")}
+
+
+def test_the_skin_has_the_persons_tone() -> None:
+    stage = TASKS["ScratchItch"].stage(find_robot("Jaco"))
+    model = build_spec(stage, WASHED, moving=False, appearance=True).compile()
+    glb = GlbFile(export_glb(model))
+    (skin,) = (material for material in glb["materials"] if material["name"] == "person/skin")
+    expected = [*(np.array([0.48, 0.33, 0.24]) ** 2.2), 1.0]
+    np.testing.assert_allclose(skin["pbrMetallicRoughness"]["baseColorFactor"], expected, rtol=1e-5)

@@ -186,7 +186,7 @@ def test_the_observation_has_the_documented_order():
 
 def test_the_itch_is_marked_where_it_is_above_skin_and_sleeve():
     assert SCRATCHING.marks is not None
-    above = ITCH_W + np.array([-0.012, 0.0, 0.0])
+    above = ITCH_W + np.array([-0.008, 0.0, 0.0])
     assert_allclose(SCRATCHING.marks.places(state(), itching()), above[None, None], atol=1e-12)
 
 

@@ -28,7 +28,7 @@ const PLANKS = { tileM: 2, across: 10, pixels: 1024 };
 export function createRoom({ anisotropy, lighting }: Detail): Group {
   const room = new Group();
   room.add(floor(anisotropy), ceiling(), ...walls(), ...skirting(), ...windows());
-  room.add(skyLight(lighting ? 1.9 : 2.7), sunLight(lighting));
+  room.add(skyLight(lighting ? 1.15 : 2.7), sunLight(lighting));
   return room;
 }
 
@@ -125,7 +125,7 @@ function skyLight(intensity: number): HemisphereLight {
 }
 
 function sunLight(castShadow: boolean): Group {
-  const light = new DirectionalLight(0xfff3e2, 1.9);
+  const light = new DirectionalLight(0xfff3e2, 2.5);
   light.position.set(1.7, -1.9, 2.6);
   light.target.position.set(0, 0, 0.5);
   light.castShadow = castShadow;

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from avrgym import transforms
 from avrgym.models import contacts
-from avrgym.models.human_shape import add_appearance
 from avrgym.models.parts import CAPSULE, SPHERE, add_collision
 
 Array = NDArray[np.float64]
@@ -121,6 +120,16 @@ BODIES = tuple(PARENTS)
 RIGHT_ARM = ("right_upper_arm", "right_forearm", "right_hand")
 """Bodies, and the geom of the same name in each: their frames are shoulder, elbow and wrist."""
 
+SKIN_TONES: Mapping[str, tuple[float, float, float]] = {
+    "light": (0.90, 0.74, 0.65),
+    "fair": (0.83, 0.65, 0.54),
+    "medium": (0.75, 0.56, 0.43),
+    "olive": (0.64, 0.46, 0.34),
+    "brown": (0.48, 0.33, 0.24),
+    "dark": (0.31, 0.21, 0.16),
+}
+"""How people look in pictures: red, green, blue from 0 to 1."""
+
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -178,12 +187,14 @@ class Posture:
     """What carries the person: rotations about x of the hips in the world and of the undriven legs.
 
     ``hips_pos_w`` is the origin of the hips, or ``None`` where they rest on a seat: then it depends on the sex.
+    ``shoes``: whether the person wears any.
     """
 
     hips_pos_w: tuple[float, float, float] | None
     hips_deg: float
     thigh_deg: float
     shin_deg: float
+    shoes: bool = True
 
     def hips(self, p: Proportions) -> Array:
         """The origin of the hips, (3,) or (N, 3), world frame."""
@@ -200,7 +211,7 @@ class Posture:
 
 
 SEATED = Posture(hips_pos_w=None, hips_deg=0.0, thigh_deg=-90.0, shin_deg=80.0)
-RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, shin_deg=0.0)
+RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, shin_deg=0.0, shoes=False)
 """In a wheelchair, and in a bed whose backrest is raised by 60° (reference)."""
 
 
@@ -222,7 +233,7 @@ SEATED_RAD = joint_angles()
 
 @dataclass(frozen=True)
 class Person:
-    """One person: sex, torso height (hip bone to head centre) and joint angles (20,) in radians.
+    """One person: sex, torso height (hip bone to head centre), joint angles (20,) in radians, tone of the skin.
 
     Raises:
         ValueError: when a value is outside what the model allows.
@@ -231,10 +242,13 @@ class Person:
     sex: Sex = "woman"
     torso_height_m: float = 0.54
     joint_angles_rad: Array = field(default_factory=lambda: SEATED_RAD.copy())
+    skin_tone: str = "fair"
 
     def __post_init__(self) -> None:
         if self.sex not in SEXES:
             raise ValueError(f"unknown sex {self.sex!r}; the models are {' and '.join(SEXES)}")
+        if self.skin_tone not in SKIN_TONES:
+            raise ValueError(f"unknown skin tone {self.skin_tone!r}; there are {', '.join(SKIN_TONES)}")
         check_torso_height(self.torso_height_m)
         if np.shape(self.joint_angles_rad) != (len(JOINTS),):
             raise ValueError(
@@ -443,22 +457,32 @@ def body_frames(people: People, posture: Posture = SEATED) -> tuple[dict[str, Ar
     return pos_w, q_w
 
 
+_STANDING = Posture(hips_pos_w=(0.0, 0.0, 0.0), hips_deg=0.0, thigh_deg=0.0, shin_deg=0.0)
+BIND_RAD = joint_angles(right_shoulder_y=42.0, left_shoulder_y=-42.0, right_elbow_x=-45.0, left_elbow_x=-45.0)
+
+
+def bind_frames(sex: Sex, torso_height_m: float) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Where the skin is bound to the bodies: standing, hips at the origin, arms half raised and half bent.
+
+    Positions (3,) and quaternions (4,) by body name.
+    """
+    pos, q = body_frames(People.of([Person(sex, torso_height_m, BIND_RAD)]), _STANDING)
+    return {body: pos[body][0] for body in BODIES}, {body: q[body][0] for body in BODIES}
+
+
 def person_model(person: Person, posture: Posture = SEATED, *, moving: bool) -> mujoco.MjModel:
-    """A person alone, without what only pictures need; see ``add_person``."""
+    """A person alone; see ``add_person``."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
-    add_person(spec, person, posture, moving=moving, appearance=False)
+    add_person(spec, person, posture, moving=moving)
     return spec.compile()
 
 
-def add_person(
-    spec: mujoco.MjSpec, person: Person, posture: Posture = SEATED, *, moving: bool, appearance: bool
-) -> None:
+def add_person(spec: mujoco.MjSpec, person: Person, posture: Posture = SEATED, *, moving: bool) -> None:
     """Add a person to a scene, hips fixed to the world.
 
     A moving person has the 20 driven joints, each with a position servo of limited torque, weightless by
-    gravity compensation (muscle tone holds the posture). A static one is welded in its pose. ``appearance``
-    adds the clothed body for pictures.
+    gravity compensation (muscle tone holds the posture). A static one is welded in its pose.
     """
     frames = layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]), posture)
     rotations = body_rotations(person.joint_angles_rad[None], posture)
@@ -474,8 +498,6 @@ def add_person(
         bodies[body].add_site(name=PREFIX + name, pos=frames.site_pos[name][0], size=[0.005] * 3, group=4)
     if moving:
         _add_joints(spec, bodies)
-    if appearance:
-        add_appearance(spec, bodies, person.sex, person.torso_height_m / PROPORTIONS[person.sex].torso_height)
 
 
 def _add_geoms(bodies: dict[str, mujoco.MjsBody], frames: Layout, mass_kg: float) -> None:

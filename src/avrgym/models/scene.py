@@ -9,6 +9,7 @@ from avrgym import transforms
 from avrgym.models import contacts, grips, human, robots
 from avrgym.models.furniture import FURNITURE
 from avrgym.models.human import Person, Posture
+from avrgym.models.human_shape import add_appearance
 from avrgym.models.parts import add_collision
 from avrgym.models.robots import Arm, Robot
 from avrgym.models.tools import BODY as TOOL_BODY
@@ -64,7 +65,9 @@ def build_spec(stage: Stage, person: Person, *, moving: bool, appearance: bool) 
     add_collision(
         spec.worldbody, "floor", mujoco.mjtGeom.mjGEOM_PLANE, contacts.FURNITURE, size=[5.0, 5.0, 0.1]
     )
-    human.add_person(spec, person, stage.posture, moving=moving, appearance=appearance)
+    human.add_person(spec, person, stage.posture, moving=moving)
+    if appearance:
+        add_appearance(spec, person, stage.posture, open_mouth=stage.tool.particles is not None)
     for name in stage.furniture:
         FURNITURE[name](spec, appearance)
     _add_robot(spec, stage, appearance)

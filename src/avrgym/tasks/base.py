@@ -96,7 +96,7 @@ class Marks:
     places: Callable[[State, Memory], Array]
 
 
-DRAWN_ABOVE_M = 0.012
+DRAWN_ABOVE_M = 0.008
 
 
 def above_clothes(places: Array) -> Array:

@@ -1,128 +1,218 @@
 """The scene as a GLB file: what the client draws, from the same model that pictures use.
 
-One node per body with ``extras.body``, its meshes below it, one per material, in the body's frame; z up.
+Its nodes stand in the world's frame, z up, and say in ``extras`` what moves them:
+
+- ``body``: the node follows this body. Bodies that cannot move against each other are one node.
+- ``swing``: the node follows this body without its twist about its own z axis, ``parent`` being the body that carries
+  it; see ``skins``.
+- ``bodies``: the mesh is drawn once at each of these bodies, which look alike.
+- ``skin_of``: a skinned mesh, and the body that most of it follows.
 """
+
+import io
+from collections.abc import Iterable
 
 import mujoco
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from trimesh.visual import TextureVisuals
-from trimesh.visual.material import PBRMaterial
+from PIL import Image
 
 from avrgym.models.contacts import VISUAL_GROUP
-from avrgym.transforms import to_matrix
+from avrgym.vr.glb import Glb
+from avrgym.vr.meshes import geom_mesh, pose_matrix
+from avrgym.vr.skins import Bone, Skin, skins_of
 
-DETAILED_TRIANGLES = 1500
-"""Meshes with more triangles keep these and an eighth of the rest: CAD meshes have far more than a headset shows."""
-SMOOTHING_ANGLE_RAD = np.radians(35.0)
+Array = NDArray[np.float64]
 
-
-def visible_bodies(model: mujoco.MjModel) -> tuple[str, ...]:
-    """The bodies that have something to draw, in the model's order."""
-    return tuple(model.body(body).name for body in _geoms_by_body(model))
+FEWEST_ALIKE = 3
+"""So many bodies must look alike to be drawn as copies of one."""
+_SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
 
 
 def export_glb(model: mujoco.MjModel) -> bytes:
-    """The visual geoms of a model that was built with its appearance."""
-    scene = trimesh.Scene(base_frame="world")
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    for body, geoms in _geoms_by_body(model).items():
-        name = model.body(body).name
-        pose = _matrix(data.xpos[body], data.xquat[body])
-        scene.graph.update(frame_to=name, frame_from="world", matrix=pose, metadata={"body": name})
-        for material, mesh in _meshes_by_material(model, geoms).items():
-            scene.add_geometry(
-                mesh, node_name=f"{name}:{material}", geom_name=f"{name}:{material}", parent_node_name=name
+    """The visual geoms and skins of a model that was built with its appearance."""
+    return _Export(model).run()
+
+
+class _Export:
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model, self._glb = model, Glb()
+        self._data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, self._data)
+        self._roots: list[int] = []
+        self._materials: dict[int, int] = {}
+        self._joints: dict[tuple[str, bool], int] = {}
+
+    def run(self) -> bytes:
+        carried = _geoms_by_carrier(self._model)
+        for bodies in _alike(self._model, carried):
+            self._add_copies(bodies, carried.pop(bodies[0]))
+            for body in bodies[1:]:
+                del carried[body]
+        for body, geoms in carried.items():
+            self._add_body(body, geoms)
+        for skin in skins_of(self._model):
+            self._add_skin(skin)
+        return self._glb.finish(self._roots)
+
+    # Rigid things
+
+    def _add_body(self, body: int, geoms: list[int]) -> None:
+        children = [
+            self._glb.add("nodes", mesh=mesh, scale=[scale] * 3)
+            for material, part in self._by_material(body, geoms).items()
+            for mesh, scale in [self._add_mesh(part, material)]
+        ]
+        self._add_root(body, children=children)
+
+    def _add_root(self, body: int, **content: object) -> int:
+        name = self._model.body(body).name
+        node = self._glb.add("nodes", name=name, **self._pose(body), **content, extras={"body": name})
+        self._roots.append(node)
+        return node
+
+    def _add_copies(self, bodies: list[int], geoms: list[int]) -> None:
+        ((material, part),) = self._by_material(bodies[0], geoms).items()
+        mesh, _ = self._add_mesh(part, material, quantised=False)
+        names = [self._model.body(body).name for body in bodies]
+        self._roots.append(self._glb.add("nodes", mesh=mesh, extras={"bodies": names}))
+
+    def _pose(self, body: int) -> dict[str, list[float]]:
+        w, x, y, z = self._data.xquat[body].tolist()
+        return {"translation": self._data.xpos[body].tolist(), "rotation": [x, y, z, w]}
+
+    def _by_material(self, carrier: int, geoms: Iterable[int]) -> dict[int, trimesh.Trimesh]:
+        """The geoms of one node, joined by material, in the frame of the body that carries them."""
+        pieces: dict[int, list[trimesh.Trimesh]] = {}
+        from_world = np.linalg.inv(pose_matrix(self._data.xpos[carrier], self._data.xquat[carrier]))
+        for geom in geoms:
+            body = self._model.geom_bodyid[geom]
+            mesh = geom_mesh(self._model, geom)
+            mesh.apply_transform(from_world @ pose_matrix(self._data.xpos[body], self._data.xquat[body]))
+            pieces.setdefault(int(self._model.geom_matid[geom]), []).append(mesh)
+        return {material: _joined(parts) for material, parts in pieces.items()}
+
+    def _add_mesh(self, mesh: trimesh.Trimesh, material: int, *, quantised: bool = True) -> tuple[int, float]:
+        """A mesh and the scale of its numbers."""
+        scale = float(np.abs(mesh.vertices).max()) if quantised else 1.0
+        attributes = self._surface(mesh.vertices, mesh.vertex_normals, scale, quantised=quantised)
+        return self._add_primitive(attributes, mesh.faces, material), scale
+
+    def _surface(
+        self, vertices: Array, normals: Array, scale: float, *, quantised: bool = True
+    ) -> dict[str, int]:
+        places = np.round(vertices / scale * _SHORT).astype(np.int16) if quantised else vertices.astype("<f4")
+        return {
+            "POSITION": self._glb.add_vertices(places, normalized=quantised),
+            "NORMAL": self._glb.add_vertices(np.round(normals * _BYTE).astype(np.int8), normalized=True),
+        }
+
+    def _add_primitive(self, attributes: dict[str, int], faces: NDArray, material: int) -> int:
+        indices = self._glb.add_indices(faces)
+        primitive = {"attributes": attributes, "indices": indices, "material": self._material(material)}
+        return self._glb.add("meshes", primitives=[primitive])
+
+    # Skins
+
+    def _add_skin(self, skin: Skin) -> None:
+        scale = float(np.abs(skin.vertices).max())
+        attributes = self._surface(skin.vertices, skin.normals, scale) | {
+            "TEXCOORD_0": self._glb.add_vertices(_full_range(skin.uv, np.uint16), normalized=True),
+            "JOINTS_0": self._glb.add_vertices(skin.bone_of.astype(np.uint8)),
+            "WEIGHTS_0": self._glb.add_vertices(_weights(skin.weight_of), normalized=True),
+        }
+        mesh = self._add_primitive(attributes, skin.faces, skin.material)
+        joints = [self._joint(bone) for bone in skin.bones]
+        grown = np.diag([scale, scale, scale, 1.0])
+        inverse = self._glb.add_matrices(np.stack([bone.inverse_bind @ grown for bone in skin.bones]))
+        rig = self._glb.add("skins", joints=joints, inverseBindMatrices=inverse)
+        extras = {"skin_of": skin.main_body}
+        self._roots.append(self._glb.add("nodes", name=skin.name, mesh=mesh, skin=rig, extras=extras))
+
+    def _joint(self, bone: Bone) -> int:
+        key = bone.body, bone.swing
+        if key not in self._joints:
+            body = self._model.body(bone.body).id
+            self._joints[key] = self._add_swing(body) if bone.swing else self._add_root(body)
+        return self._joints[key]
+
+    def _add_swing(self, body: int) -> int:
+        name = self._model.body(body).name
+        parent = self._model.body(self._model.body_parentid[body]).name
+        extras = {"swing": name, "parent": parent}
+        node = self._glb.add("nodes", name=f"{name}/swing", **self._pose(body), extras=extras)
+        self._roots.append(node)
+        return node
+
+    # Materials
+
+    def _material(self, number: int) -> int:
+        if number not in self._materials:
+            model = self._model
+            self._materials[number] = self._glb.add(
+                "materials",
+                name=model.mat(number).name,
+                pbrMetallicRoughness={
+                    "baseColorFactor": [*(model.mat_rgba[number][:3] ** 2.2).tolist(), 1.0],
+                    "metallicFactor": float(model.mat_metallic[number]),
+                    "roughnessFactor": float(model.mat_roughness[number]),
+                    **self._texture(number),
+                },
             )
-    return scene.export(file_type="glb", include_normals=True)  # type: ignore[return-value]
+        return self._materials[number]
+
+    def _texture(self, material: int) -> dict[str, object]:
+        texture = self._model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]
+        if texture < 0:
+            return {}
+        model, start = self._model, self._model.tex_adr[texture]
+        shape = model.tex_height[texture], model.tex_width[texture], model.tex_nchannel[texture]
+        pixels = model.tex_data[start : start + np.prod(shape)].reshape(shape)
+        encoded = io.BytesIO()
+        Image.fromarray(pixels).save(encoded, "JPEG", quality=88)
+        return {"baseColorTexture": {"index": self._glb.add_texture(encoded.getvalue(), "image/jpeg")}}
 
 
-def _geoms_by_body(model: mujoco.MjModel) -> dict[int, list[int]]:
+def _geoms_by_carrier(model: mujoco.MjModel) -> dict[int, list[int]]:
+    """Visual geoms by the body that carries them: the outermost one that they cannot move against."""
     found: dict[int, list[int]] = {}
     for geom in range(model.ngeom):
         if model.geom_group[geom] == VISUAL_GROUP:
-            found.setdefault(int(model.geom_bodyid[geom]), []).append(geom)
+            found.setdefault(_carrier(model, int(model.geom_bodyid[geom])), []).append(geom)
     return found
 
 
-def _meshes_by_material(model: mujoco.MjModel, geoms: list[int]) -> dict[str, trimesh.Trimesh]:
-    pieces: dict[int, list[trimesh.Trimesh]] = {}
-    for geom in geoms:
-        pieces.setdefault(int(model.geom_matid[geom]), []).append(_geom_mesh(model, geom))
-    return {model.mat(material).name: _painted(model, material, parts) for material, parts in pieces.items()}
+def _carrier(model: mujoco.MjModel, body: int) -> int:
+    """Bodies that stand in the world are each placed anew in every episode."""
+    while model.body_jntnum[body] == 0 and model.body_parentid[body] != 0:
+        body = int(model.body_parentid[body])
+    return body
 
 
-def _painted(model: mujoco.MjModel, material: int, parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+def _alike(model: mujoco.MjModel, carried: dict[int, list[int]]) -> list[list[int]]:
+    """Bodies of one geom each that look the same, in groups."""
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for body, geoms in carried.items():
+        if len(geoms) == 1 and model.geom_type[geoms[0]] != mujoco.mjtGeom.mjGEOM_MESH:
+            (geom,) = geoms
+            place = [*model.geom_pos[geom], *model.geom_quat[geom], *model.geom_size[geom]]
+            groups.setdefault((model.geom_type[geom], model.geom_matid[geom], *place), []).append(body)
+    return [bodies for bodies in groups.values() if len(bodies) >= FEWEST_ALIKE]
+
+
+def _joined(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
     mesh = trimesh.util.concatenate(parts)
     assert isinstance(mesh, trimesh.Trimesh)
-    linear = np.append(model.mat_rgba[material][:3] ** 2.2, 1.0)
-    mesh.visual = TextureVisuals(
-        material=PBRMaterial(
-            name=model.mat(material).name,
-            baseColorFactor=linear,
-            metallicFactor=float(model.mat_metallic[material]),
-            roughnessFactor=float(model.mat_roughness[material]),
-        )
-    )
     return mesh
 
 
-def _geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
-    mesh = _unplaced_mesh(model, geom)
-    mesh.apply_transform(_matrix(model.geom_pos[geom], model.geom_quat[geom]))
-    return mesh
+def _full_range(shares: Array, kind: type) -> NDArray:
+    return np.round(shares * np.iinfo(kind).max).astype(kind)
 
 
-def _unplaced_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
-    size = model.geom_size[geom]
-    kind = mujoco.mjtGeom(model.geom_type[geom])
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        return _asset_mesh(model, int(model.geom_dataid[geom]))
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return _flat(trimesh.creation.box(extents=2.0 * size))
-    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return _cylinder(float(size[0]), float(size[1]))
-    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return trimesh.creation.capsule(radius=size[0], height=2.0 * size[1], count=(10, 10))
-    ball = trimesh.creation.icosphere(subdivisions=2)
-    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        return ball.apply_scale(size[0])
-    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        return ball.apply_scale(size)
-    raise ValueError(f"cannot draw a geom of type {kind.name}")
-
-
-def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
-    """A mesh, simplified where it has very many triangles: smooth where it is smooth, sharp at its edges."""
-    vertices = slice(model.mesh_vertadr[mesh], model.mesh_vertadr[mesh] + model.mesh_vertnum[mesh])
-    faces = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
-    full = trimesh.Trimesh(model.mesh_vert[vertices], model.mesh_face[faces], process=False)
-    if len(full.faces) > DETAILED_TRIANGLES:
-        full = full.simplify_quadric_decimation(face_count=_kept_triangles(len(full.faces)))
-    return trimesh.graph.smooth_shade(full, angle=SMOOTHING_ANGLE_RAD)
-
-
-def _kept_triangles(count: int) -> int:
-    return DETAILED_TRIANGLES + (count - DETAILED_TRIANGLES) // 8
-
-
-def _flat(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    mesh.unmerge_vertices()
-    normals = np.repeat(mesh.face_normals, 3, axis=0)
-    return trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=normals, process=False)
-
-
-def _cylinder(radius_m: float, half_length_m: float) -> trimesh.Trimesh:
-    mesh = _flat(trimesh.creation.cylinder(radius=radius_m, height=2.0 * half_length_m, sections=28))
-    radial = mesh.vertices * [1.0, 1.0, 0.0] / radius_m
-    on_cap = np.abs(mesh.vertex_normals[:, 2:]) > 0.9
-    normals = np.where(on_cap, mesh.vertex_normals, radial)
-    return trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=normals, process=False)
-
-
-def _matrix(pos: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = to_matrix(q), pos
-    return matrix
+def _weights(weight_of: Array) -> NDArray[np.uint8]:
+    """Weights (V, 4) in bytes that sum to 255."""
+    weights = np.round(255.0 * weight_of)
+    weights[:, 0] += 255.0 - weights.sum(axis=1)
+    return weights.astype(np.uint8)

@@ -1,0 +1,97 @@
+"""Writes GLB files: what ``scene_export`` needs of glTF 2.0, with ``KHR_mesh_quantization``."""
+
+import json
+import struct
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+_COMPONENT = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint32": 5125, "float32": 5126}
+_VECTOR = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+_ALIGNMENT = 4
+_JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+
+
+class Glb:
+    """A glTF document that grows; every ``add_…`` returns the index of what it added."""
+
+    def __init__(self) -> None:
+        self._binary = bytearray()
+        self._lists: dict[str, list[dict[str, Any]]] = {}
+
+    def add(self, kind: str, **content: Any) -> int:
+        """Add an element to one of the document's lists, such as ``nodes``."""
+        elements = self._lists.setdefault(kind, [])
+        elements.append(content)
+        return len(elements) - 1
+
+    def add_vertices(self, values: Array, *, normalized: bool = False) -> int:
+        """Add an accessor of one row (V, K) per vertex, padded to whole words."""
+        width = values.shape[1] * values.itemsize
+        padding = -width % _ALIGNMENT
+        rows = np.ascontiguousarray(values).view(np.uint8).reshape(len(values), width)
+        data = np.pad(rows, ((0, 0), (0, padding))).tobytes()
+        view = self._add_view(data, target=34962, byteStride=width + padding)
+        bounds = {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+        return self._add_accessor(values, view, normalized=normalized, **bounds)
+
+    def add_indices(self, faces: Array) -> int:
+        """Add an accessor of the corners of triangles (F, 3)."""
+        kind = np.uint16 if faces.max() < np.iinfo(np.uint16).max else np.uint32
+        corners = faces.astype(kind).reshape(-1, 1)
+        return self._add_accessor(corners, self._add_view(corners.tobytes(), target=34963))
+
+    def add_matrices(self, matrices: Array) -> int:
+        """Add an accessor of matrices (M, 4, 4)."""
+        columns = np.swapaxes(matrices, 1, 2).astype(np.float32).reshape(-1, 16)
+        return self._add_accessor(columns, self._add_view(columns.tobytes()))
+
+    def add_texture(self, data: bytes, mime_type: str) -> int:
+        """Add an encoded picture as a texture."""
+        image = self.add("images", bufferView=self._add_view(data), mimeType=mime_type)
+        return self.add("textures", source=image, sampler=self._sampler())
+
+    def finish(self, roots: Sequence[int], extras: Mapping[str, Any] | None = None) -> bytes:
+        """The file, showing the nodes ``roots``."""
+        document = {
+            "asset": {"version": "2.0", "generator": "AVR Gym"},
+            "extensionsUsed": ["KHR_mesh_quantization"],
+            "extensionsRequired": ["KHR_mesh_quantization"],
+            "scene": 0,
+            "scenes": [{"nodes": list(roots), "extras": dict(extras or {})}],
+            "buffers": [{"byteLength": len(self._binary)}],
+            **self._lists,
+        }
+        words = json.dumps(document, separators=(",", ":")).encode()
+        chunks = _chunk(_JSON_CHUNK, words, b" ") + _chunk(_BINARY_CHUNK, bytes(self._binary), b"\0")
+        return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+    def _add_view(self, data: bytes, **layout: int) -> int:
+        self._binary += b"\0" * (-len(self._binary) % _ALIGNMENT)
+        offset = len(self._binary)
+        self._binary += data
+        return self.add("bufferViews", buffer=0, byteOffset=offset, byteLength=len(data), **layout)
+
+    def _add_accessor(self, values: Array, view: int, **rest: Any) -> int:
+        return self.add(
+            "accessors",
+            bufferView=view,
+            componentType=_COMPONENT[values.dtype.name],
+            count=len(values),
+            type=_VECTOR[values.shape[1]],
+            **rest,
+        )
+
+    def _sampler(self) -> int:
+        if "samplers" not in self._lists:
+            self.add("samplers", magFilter=9729, minFilter=9987, wrapS=33071, wrapT=33071)
+        return 0
+
+
+def _chunk(kind: int, data: bytes, padding: bytes) -> bytes:
+    padded = data + padding * (-len(data) % _ALIGNMENT)
+    return struct.pack("<II", len(padded), kind) + padded

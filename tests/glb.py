@@ -1,0 +1,43 @@
+"""Reads the GLB files that ``avrgym.vr.glb`` writes."""
+
+import json
+import struct
+from typing import Any
+
+import numpy as np
+
+KINDS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+
+
+class GlbFile:
+    """The document of a GLB file, and the numbers of its accessors as glTF 2.0 defines them."""
+
+    def __init__(self, data: bytes) -> None:
+        magic, version, length = struct.unpack("<4sII", data[:12])
+        assert (magic, version, length) == (b"glTF", 2, len(data))
+        (words,) = struct.unpack("<I", data[12:16])
+        self.document: dict[str, Any] = json.loads(data[20 : 20 + words])
+        self._binary = data[28 + words :]
+
+    def __getitem__(self, name: str) -> list[dict[str, Any]]:
+        return self.document[name]
+
+    def numbers(self, accessor: int) -> np.ndarray:
+        """Rows (N, K); normalised integers become shares."""
+        about = self["accessors"][accessor]
+        view = self["bufferViews"][about["bufferView"]]
+        kind, width = np.dtype(KINDS[about["componentType"]]), WIDTHS[about["type"]]
+        stride = view.get("byteStride", width * kind.itemsize)
+        rows = np.frombuffer(self._binary, np.uint8, about["count"] * stride, view["byteOffset"])
+        packed = rows.reshape(-1, stride)[:, : width * kind.itemsize]
+        values = np.ascontiguousarray(packed).view(kind)
+        return values / np.iinfo(kind).max if about.get("normalized") else values
+
+    def primitives(self) -> list[dict[str, Any]]:
+        return [primitive for mesh in self["meshes"] for primitive in mesh["primitives"]]
+
+    def nodes(self, extra: str) -> dict[str, dict[str, Any]]:
+        """The nodes that have this word in their ``extras``, by what it says."""
+        found = [node for node in self["nodes"] if extra in node.get("extras", {})]
+        return {str(node["extras"][extra]): node for node in found}
