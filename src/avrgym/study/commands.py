@@ -62,6 +62,21 @@ def check(folder: Folder, json_file: JsonFile = None) -> None:
         raise typer.Exit(1)
 
 
+@app.command()
+def export(
+    folder: Folder,
+    out: Annotated[Path, typer.Option(help="A folder for the export; it must not hold anything yet.")],
+    data_format: Annotated[str, typer.Option("--format", help="csv, bids, hdf5 or lerobot.")],
+) -> None:
+    """Export a study, pseudonymised: movements of head and hands may still identify a person."""
+    from avrgym.study.export import export_study
+    from avrgym.study.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        files = export_study(store, data_format, out)
+    say(f"{files} files in {out}. They are pseudonymised, not anonymous.")
+
+
 @app.command("delete-participant")
 def delete_participant(
     folder: Folder,

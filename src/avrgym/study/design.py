@@ -87,8 +87,9 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return items_to_ask(self.questionnaires, when, seed)
 
     def protocol(self) -> dict[str, Any]:
-        """The fields that orders and trials follow from, as plain values."""
-        return {name: msgspec.to_builtins(getattr(self, name)) for name in PROTOCOL}
+        """The fields that orders and trials follow from, as JSON has them."""
+        plain = msgspec.json.decode(msgspec.json.encode(self))
+        return {name: plain[name] for name in PROTOCOL}
 
     def policy_codes(self) -> dict[str, str]:
         """A letter for each policy, for whoever must not know which it is; the seed decides."""

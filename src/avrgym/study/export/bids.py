@@ -1,0 +1,254 @@
+"""A study in BIDS with its extension for motion (https://bids-specification.readthedocs.io, version 1.10).
+
+Each completed trial is a run: the tracked head and hands with a LATENCY channel, its events, and a row in the
+session's scans. Answers go to ``phenotype``, a column for each condition and item.
+"""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from avrgym.study.export import NOTICE
+from avrgym.study.export.tables import neutral
+from avrgym.study.export.trials import ExportedAttempt, completed_attempts
+from avrgym.study.records import Event, Pose, TrackingFrame
+from avrgym.study.store import Store
+
+VERSION = "1.10.0"
+TRACKED = {"head": "head", "left": "left_hand", "right": "right_hand"}
+"""Field of a tracking frame to the tracked point."""
+AXES = ("x", "y", "z")
+QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
+FRAME = "local_floor"
+TRACKING_SYSTEM = "headset"
+CONDITION = {
+    "simulated": "Whether a simulated participant took the place of a person.",
+    "practice": "Whether this was a practice trial, which has no questionnaire.",
+    "task": "What the robot helped with.",
+    "robot": "Which robot helped.",
+    "policy": "Which trained policy controlled the robot.",
+    "reward": "The sum of the rewards of all control steps.",
+    "success": "Whether the robot succeeded.",
+}
+
+
+def write(store: Store, folder: Path) -> None:
+    """Write the data set into a folder."""
+    _write_json(folder / "dataset_description.json", _description(store))
+    (folder / "README").write_text(f"{store.design.title}\n\n{NOTICE}\n", encoding="utf-8")
+    attempts = list(completed_attempts(store))
+    _write_participants(store, attempts, folder)
+    for _, session in groupby(attempts, key=lambda exported: exported.session.id):
+        _write_session(list(session), folder)
+    _write_answers(store, attempts, folder / "phenotype")
+
+
+def _description(store: Store) -> dict[str, Any]:
+    return {
+        "Name": store.design.title,
+        "BIDSVersion": VERSION,
+        "DatasetType": "raw",
+        "GeneratedBy": [{"Name": "AVR Gym"}],
+        "Acknowledgements": NOTICE,
+    }
+
+
+def _write_participants(store: Store, attempts: Sequence[ExportedAttempt], folder: Path) -> None:
+    present = {exported.participant.number for exported in attempts}
+    rows = [
+        {
+            "participant_id": participant.pseudonym,
+            "age": participant.age_years,
+            "sex": {"man": "male", "woman": "female"}[participant.sex],
+            "simulated": participant.simulated,
+        }
+        for participant in store.participants()
+        if participant.number in present
+    ]
+    _write_table(folder / "participants.tsv", rows)
+    _write_json(
+        folder / "participants.json",
+        {
+            "age": {"Description": "Age when enrolled.", "Units": "year"},
+            "sex": {"Description": "Which body model stood for the participant."},
+            "simulated": {"Description": CONDITION["simulated"]},
+        },
+    )
+
+
+def _write_session(attempts: list[ExportedAttempt], folder: Path) -> None:
+    first = attempts[0]
+    prefix = f"{first.participant.pseudonym}_{first.session.name}"
+    place = folder / first.participant.pseudonym / first.session.name
+    (place / "motion").mkdir(parents=True)
+    for exported in attempts:
+        _write_run(exported, place / "motion")
+    _write_table(place / f"{prefix}_scans.tsv", [_scan(exported) for exported in attempts])
+    _write_json(
+        place / f"{prefix}_scans.json",
+        {name: {"Description": description} for name, description in CONDITION.items()},
+    )
+
+
+def _scan(exported: ExportedAttempt) -> dict[str, Any]:
+    figures = {name: exported.attempt.figures.get(name) for name in ("reward", "success")}
+    labels = exported.labels()
+    moment = exported.attempt.started_at.removesuffix("+00:00")
+    return {
+        "filename": f"motion/{_run_name(exported)}_motion.tsv",
+        "acq_time": f"{moment}Z",
+        **{name: labels[name] for name in ("simulated", "practice", "task", "robot", "policy")},
+        **figures,
+    }
+
+
+def _run_name(exported: ExportedAttempt) -> str:
+    return (
+        f"{exported.participant.pseudonym}_{exported.session.name}_task-{exported.task}"
+        f"_tracksys-{TRACKING_SYSTEM}_run-{exported.trial.position:02}"
+    )
+
+
+def _write_run(exported: ExportedAttempt, folder: Path) -> None:
+    name = _run_name(exported)
+    topics = exported.read().topics
+    frames = [frame for _, frame in topics["/tracking"]]
+    channels = list(_channels())
+    _write_rows(folder / f"{name}_motion.tsv", [_row(frame, frames[0]) for frame in frames])
+    _write_table(folder / f"{name}_channels.tsv", channels)
+    _write_json(folder / f"{name}_channels.json", _reference_frame())
+    _write_json(folder / f"{name}_motion.json", _sidecar(exported, frames, len(channels)))
+    start_s = frames[0].received_time_s if frames else 0.0
+    _write_events(topics["/events"], start_s, folder / f"{name}_events")
+
+
+def _write_events(events: Sequence[tuple[int, Event]], start_s: float, path: Path) -> None:
+    """Write what happened, with onsets from the first frame on."""
+    rows = [
+        {"onset": time_ns / 1e9 - start_s, "duration": None, "trial_type": event.name, "detail": event.detail}
+        for time_ns, event in events
+    ]
+    if rows:
+        _write_table(path.with_suffix(".tsv"), rows)
+        _write_json(path.with_suffix(".json"), {"detail": {"Description": "More about the event."}})
+
+
+def _channels() -> Iterator[dict[str, Any]]:
+    yield _channel("latency", "n/a", "LATENCY", "n/a", "s", "n/a")
+    for point in TRACKED.values():
+        for axis in AXES:
+            yield _channel(f"{point}_{axis}", axis, "POS", point, "m", FRAME)
+        for component in QUATERNION:
+            yield _channel(f"{point}_{component}", component, "ORNT", point, "n/a", FRAME)
+
+
+def _channel(
+    name: str, component: str, kind: str, point: str, units: str, reference_frame: str
+) -> dict[str, str]:
+    return {
+        "name": name,
+        "component": component,
+        "type": kind,
+        "tracked_point": point,
+        "units": units,
+        "reference_frame": reference_frame,
+    }
+
+
+def _reference_frame() -> dict[str, Any]:
+    frame = {
+        "SpatialAxes": "RSP",
+        "RotationRule": "right-hand",
+        "Description": "WebXR's local-floor space: origin on the floor, x right, y up, z backward.",
+    }
+    return {"reference_frame": {"Levels": {FRAME: frame}}}
+
+
+def _sidecar(exported: ExportedAttempt, frames: Sequence[TrackingFrame], channels: int) -> dict[str, Any]:
+    duration_s = frames[-1].received_time_s - frames[0].received_time_s if frames else 0.0
+    rate_hz = (len(frames) - 1) / duration_s if duration_s > 0 else 0.0
+    points = len(TRACKED)
+    return {
+        "TaskName": exported.task,
+        "TaskDescription": f"A virtual {exported.robot} helps the participant: {exported.task}.",
+        "SamplingFrequency": rate_hz,
+        "SamplingFrequencyEffective": rate_hz,
+        "RecordingDuration": duration_s,
+        "TrackingSystemName": TRACKING_SYSTEM,
+        "TrackedPointsCount": points,
+        "MotionChannelCount": channels,
+        "POSChannelCount": points * len(AXES),
+        "ORNTChannelCount": points * len(QUATERNION),
+        "LATENCYChannelCount": 1,
+        "MissingValues": "n/a",
+        "Simulated": exported.participant.simulated,
+    }
+
+
+def _row(frame: TrackingFrame, first: TrackingFrame) -> list[float | None]:
+    row: list[float | None] = [frame.received_time_s - first.received_time_s]
+    for field in TRACKED:
+        pose: Pose | None = getattr(frame, field)
+        row += [*pose.position, *pose.orientation] if pose else [None] * (len(AXES) + len(QUATERNION))
+    return row
+
+
+def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Path) -> None:
+    folder.mkdir()
+    for questionnaire in store.design.questionnaires:
+        items = {item.id: item for item in questionnaire.items}
+        rows = _rows_of_answers(store, attempts, set(items))
+        if not any(len(row) > 2 for row in rows):
+            continue
+        columns = list(dict.fromkeys(name for row in rows for name in row))
+        _write_table(folder / f"{questionnaire.name}.tsv", [{c: row.get(c) for c in columns} for row in rows])
+        described = {name: _describe(items[name.rpartition("_")[2]]) for name in columns[2:]}
+        described["simulated"] = {"Description": CONDITION["simulated"]}
+        _write_json(folder / f"{questionnaire.name}.json", described)
+    if not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _describe(item: Any) -> dict[str, Any]:
+    return {"Description": item.text, "Levels": {"1": item.low, str(item.points): item.high}}
+
+
+def _rows_of_answers(
+    store: Store, attempts: Sequence[ExportedAttempt], items: set[str]
+) -> list[dict[str, Any]]:
+    """A row for each participant with answers to these items, a column for each condition or session and item."""
+    rows = []
+    for number, own in groupby(attempts, key=lambda exported: exported.participant.number):
+        conditions = {e.attempt.id: f"{e.task}_{e.robot}_{e.trial.policy}" for e in own}
+        participant = next(p for p in store.participants() if p.number == number)
+        sessions = {session.id: session.name for session in store.sessions(participant.pseudonym)}
+        row: dict[str, Any] = {"participant_id": participant.pseudonym, "simulated": participant.simulated}
+        for answer in store.answers(participant.pseudonym):
+            about = sessions[answer.session] if answer.attempt is None else conditions.get(answer.attempt)
+            if about is not None and answer.item in items:
+                row[f"{about}_{answer.item}"] = answer.value
+        rows.append(row)
+    return rows
+
+
+def _write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    names = list(rows[0]) if rows else []
+    _write_rows(path, [names, *(list(row.values()) for row in rows)])
+
+
+def _write_rows(path: Path, rows: Iterable[Sequence[Any]]) -> None:
+    """Rows with tabs between; what is missing is ``n/a``."""
+    with open(path, "x", encoding="utf-8", newline="") as file:
+        for row in rows:
+            file.write("\t".join(_cell(value) for value in row) + "\n")
+
+
+def _cell(value: Any) -> str:
+    text = " ".join(str(neutral(value)).split()) if value is not None else ""
+    return text or "n/a"
+
+
+def _write_json(path: Path, values: Mapping[str, Any]) -> None:
+    path.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")

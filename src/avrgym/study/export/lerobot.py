@@ -1,0 +1,160 @@
+"""A study as LeRobot datasets, format v3.0, one for each environment, without video.
+
+https://huggingface.co/docs/lerobot/lerobot-dataset-v3 describes it.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from avrgym.study.export import NOTICE
+from avrgym.study.export.trials import ExportedAttempt, scenes
+from avrgym.study.store import Store
+
+VERSION = "v3.0"
+STEPS_PER_S = 10
+FILE = "chunk-000/file-000.parquet"
+PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+Columns = Mapping[str, NDArray[Any]]
+
+
+def write(store: Store, folder: Path) -> None:
+    """Write the datasets into a folder."""
+    (folder / "README.md").write_text(NOTICE + "\n", encoding="utf-8")
+    for scene, attempts in scenes(store).items():
+        _write_dataset(attempts, folder / scene)
+
+
+def _write_dataset(attempts: Sequence[ExportedAttempt], folder: Path) -> None:
+    for place in ("data/chunk-000", "meta/episodes/chunk-000"):
+        (folder / place).mkdir(parents=True)
+    (folder / "README.md").write_text(NOTICE + "\n", encoding="utf-8")
+    tasks = list(dict.fromkeys(_task(exported) for exported in attempts))
+    episodes, rows, start = [], [], 0
+    for number, exported in enumerate(attempts):
+        columns = _columns(exported, number, start, tasks.index(_task(exported)))
+        length = len(columns["index"])
+        episodes.append(columns)
+        rows.append(_episode(exported, columns, number, start, length))
+        start += length
+    whole = {name: np.concatenate([columns[name] for columns in episodes]) for name in episodes[0]}
+    pq.write_table(pa.table({name: _arrow(values) for name, values in whole.items()}), folder / "data" / FILE)
+    pq.write_table(pa.Table.from_pylist(rows), folder / "meta" / "episodes" / FILE)
+    pq.write_table(_task_table(tasks), folder / "meta" / "tasks.parquet")
+    _write_json(folder / "meta" / "info.json", _info(attempts, whole, len(tasks)))
+    _write_json(folder / "meta" / "stats.json", {name: _statistics(values) for name, values in whole.items()})
+
+
+def _task(exported: ExportedAttempt) -> str:
+    return f"The {exported.robot} helps a person: {exported.task}."
+
+
+def _columns(exported: ExportedAttempt, episode: int, start: int, task: int) -> Columns:
+    """One trial's frames by feature, each (steps,) or (steps, size)."""
+    steps = [control for _, control in exported.control_steps()]
+    numbers = np.arange(len(steps))
+    return {
+        "observation.state": np.array([control.observation for control in steps], np.float32),
+        "action": np.array([control.action for control in steps], np.float32),
+        "next.reward": np.array([control.reward for control in steps], np.float32),
+        "next.done": numbers == len(steps) - 1,
+        "next.success": np.array([control.success for control in steps], bool),
+        "simulated": np.full(len(steps), exported.participant.simulated),
+        "timestamp": (numbers / STEPS_PER_S).astype(np.float32),
+        "frame_index": numbers,
+        "episode_index": np.full(len(steps), episode),
+        "index": start + numbers,
+        "task_index": np.full(len(steps), task),
+    }
+
+
+def _episode(
+    exported: ExportedAttempt, columns: Columns, number: int, start: int, length: int
+) -> dict[str, Any]:
+    statistics = {
+        f"stats/{feature}/{name}": value
+        for feature, values in columns.items()
+        for name, value in _statistics(values).items()
+    }
+    labels = {f"study/{name}": value for name, value in exported.labels().items()}
+    return {
+        "episode_index": number,
+        "tasks": [_task(exported)],
+        "length": length,
+        "dataset_from_index": start,
+        "dataset_to_index": start + length,
+        "data/chunk_index": 0,
+        "data/file_index": 0,
+        "meta/episodes/chunk_index": 0,
+        "meta/episodes/file_index": 0,
+        **labels,
+        **statistics,
+    }
+
+
+def _statistics(values: NDArray[Any]) -> dict[str, list[float]]:
+    """Over all frames, each a list of the feature's size."""
+    numbers = values.reshape(len(values), -1).astype(np.float64)
+    return {
+        "min": numbers.min(axis=0).tolist(),
+        "max": numbers.max(axis=0).tolist(),
+        "mean": numbers.mean(axis=0).tolist(),
+        "std": numbers.std(axis=0).tolist(),
+        "count": [len(numbers)],
+    }
+
+
+def _arrow(values: NDArray[Any]) -> pa.Array:
+    if values.ndim == 1:
+        return pa.array(values)
+    return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+
+
+def _task_table(tasks: Sequence[str]) -> pa.Table:
+    """The tasks' numbers with their words as the index that pandas restores."""
+    kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
+    columns = [
+        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
+        for name, (kind, numpy) in kinds.items()
+    ]
+    described = {
+        "index_columns": ["task"],
+        "column_indexes": [],
+        "columns": columns,
+        "pandas_version": "2.0.0",
+    }
+    table = pa.table({"task_index": np.arange(len(tasks)), "task": list(tasks)})
+    return table.replace_schema_metadata({"pandas": json.dumps(described)})
+
+
+def _info(attempts: Sequence[ExportedAttempt], whole: Columns, tasks: int) -> dict[str, Any]:
+    return {
+        "codebase_version": VERSION,
+        "robot_type": attempts[0].robot,
+        "total_episodes": len(attempts),
+        "total_frames": len(whole["index"]),
+        "total_tasks": tasks,
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": STEPS_PER_S,
+        "splits": {"train": f"0:{len(attempts)}"},
+        "data_path": f"data/{PATTERN}",
+        "video_path": None,
+        "features": {name: _feature(values) for name, values in whole.items()},
+    }
+
+
+def _feature(values: NDArray[Any]) -> dict[str, Any]:
+    shape = list(values.shape[1:]) or [1]
+    return {"dtype": values.dtype.name, "shape": shape, "names": None}
+
+
+def _write_json(path: Path, values: Mapping[str, Any]) -> None:
+    path.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")

@@ -1,0 +1,60 @@
+"""A study as demonstrations in robomimic's HDF5 structure, one file for each environment.
+
+https://robomimic.github.io/docs/datasets/overview.html describes it. The last sample's next observation repeats
+its observation, since nothing was observed after the last step.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from avrgym.study.export import NOTICE
+from avrgym.study.export.trials import ExportedAttempt, scenes
+from avrgym.study.store import Store
+
+GYM_TYPE = 2
+"""robomimic's number for environments of Gymnasium."""
+OBSERVATION = "observation"
+
+
+def write(store: Store, folder: Path) -> None:
+    """Write the files into a folder."""
+    (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
+    for scene, attempts in scenes(store).items():
+        with h5py.File(folder / f"{scene}.hdf5", "x") as file:
+            _write_file(file, attempts)
+
+
+def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt]) -> None:
+    data = file.create_group("data")
+    environment = {"env_name": attempts[0].trial.environment, "type": GYM_TYPE, "env_kwargs": {}}
+    data.attrs["env_args"] = json.dumps(environment)
+    data.attrs["notice"] = NOTICE
+    data.attrs["total"] = sum(
+        _write_demonstration(data.create_group(f"demo_{number}"), exported)
+        for number, exported in enumerate(attempts)
+    )
+    for name, simulated in (("simulated", True), ("people", False)):
+        chosen = [f"demo_{i}" for i, e in enumerate(attempts) if e.participant.simulated == simulated]
+        if chosen:
+            file[f"mask/{name}"] = np.array(chosen, dtype="S")
+
+
+def _write_demonstration(group: h5py.Group, exported: ExportedAttempt) -> int:
+    """Write one trial; the number of its samples."""
+    steps = [control for _, control in exported.control_steps()]
+    observations = np.array([control.observation for control in steps])
+    for name, value in exported.labels().items():
+        group.attrs[name] = value
+    group.attrs["seed"] = exported.trial.seed
+    group.attrs["num_samples"] = len(steps)
+    group["actions"] = np.array([control.action for control in steps])
+    group["rewards"] = np.array([control.reward for control in steps])
+    group["dones"] = np.arange(1, len(steps) + 1) == len(steps)
+    group["success"] = np.array([control.success for control in steps])
+    group[f"obs/{OBSERVATION}"] = observations
+    group[f"next_obs/{OBSERVATION}"] = np.concatenate([observations[1:], observations[-1:]])
+    return len(steps)

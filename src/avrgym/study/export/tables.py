@@ -1,0 +1,143 @@
+"""A study as tables of comma-separated values, one row per thing."""
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from avrgym.envs import ACTIONS
+from avrgym.study.export import NOTICE
+from avrgym.study.export.trials import ExportedAttempt, all_attempts, completed_attempts
+from avrgym.study.states import StudyError
+from avrgym.study.store import Store
+from avrgym.tasks import TASKS
+
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+"""How text begins that a spreadsheet would take for a formula."""
+
+
+def write(store: Store, folder: Path) -> None:
+    """Write all tables into a folder."""
+    (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
+    attempts = list(all_attempts(store))
+    write_csv(folder / "participants.csv", _participants(store))
+    write_csv(folder / "trials.csv", _trials(store, attempts))
+    write_csv(folder / "attempts.csv", (_attempt(exported) for exported in attempts))
+    write_csv(folder / "answers.csv", _answers(store, attempts))
+    write_csv(folder / "control_steps.csv", _control_steps(store))
+
+
+def write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write rows of equal keys; text that a spreadsheet would run as a formula gets an apostrophe in front."""
+    with open(path, "x", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        for number, row in enumerate(rows):
+            if number == 0:
+                writer.writerow(row)
+            writer.writerow(neutral(value) for value in row.values())
+
+
+def neutral(value: Any) -> Any:
+    """A value of a table that no spreadsheet runs; truth as ``true`` and ``false``, nothing as empty."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str) and value.startswith(FORMULA):
+        return f"'{value}"
+    return value
+
+
+def _participants(store: Store) -> Iterator[dict[str, Any]]:
+    for participant in store.participants():
+        yield {
+            "participant": participant.pseudonym,
+            "simulated": participant.simulated,
+            "state": participant.state,
+            "sex": participant.sex,
+            "age_years": participant.age_years,
+            "cell": participant.cell,
+            "consent_version": participant.consent_version,
+            "consented_at": participant.consented_at,
+        }
+
+
+def _trials(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str, Any]]:
+    tries: dict[int, list[ExportedAttempt]] = {}
+    for exported in attempts:
+        tries.setdefault(exported.trial.id, []).append(exported)
+    for participant in store.participants():
+        for trial in store.trials(participant.pseudonym):
+            own = tries.get(trial.id, [])
+            completed = [exported.attempt for exported in own if exported.attempt.state == "completed"]
+            yield {
+                "participant": participant.pseudonym,
+                "simulated": participant.simulated,
+                "position": trial.position,
+                "practice": trial.practice,
+                "environment": trial.environment,
+                "policy": trial.policy,
+                "seed": trial.seed,
+                "state": trial.state,
+                "attempts": len(own),
+                "recording": completed[0].recording if completed else None,
+            }
+
+
+def _attempt(exported: ExportedAttempt) -> dict[str, Any]:
+    attempt = exported.attempt
+    figures = {name: attempt.figures.get(name) for name in ("steps", "reward", "success", "seconds")}
+    return exported.labels() | {
+        "state": attempt.state,
+        "started_at": attempt.started_at,
+        "ended_at": attempt.ended_at,
+        **figures,
+        "recording": attempt.recording,
+        "sha256": attempt.sha256,
+    }
+
+
+def _answers(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str, Any]]:
+    """Every answer; those about a whole session have no trial."""
+    by_id = {exported.attempt.id: exported.labels() for exported in attempts}
+    for participant in store.participants():
+        numbers = {session.id: session.number for session in store.sessions(participant.pseudonym)}
+        for answer in store.answers(participant.pseudonym):
+            labels = by_id.get(answer.attempt or 0, {})
+            whose = {"participant": participant.pseudonym, "simulated": participant.simulated}
+            yield {
+                **whose,
+                "session": numbers[answer.session],
+                **{
+                    name: labels.get(name)
+                    for name in ("position", "practice", "task", "robot", "policy", "attempt")
+                },
+                "item": answer.item,
+                "value": answer.value,
+                "points": store.design.items[answer.item].points
+                if answer.item in store.design.items
+                else None,
+                "response_time_s": answer.response_time_s,
+                "answered_at": answer.answered_at,
+            }
+
+
+def _control_steps(store: Store) -> Iterator[dict[str, Any]]:
+    terms = sorted({term for task in store.design.tasks for term in TASKS[task].weights})
+    for exported in completed_attempts(store):
+        labels = exported.labels()
+        for time_s, control in exported.control_steps():
+            unknown = set(control.reward_terms) - set(terms)
+            if unknown:
+                raise StudyError(
+                    f"{exported.attempt.recording}: unknown reward terms {', '.join(sorted(unknown))}"
+                )
+            yield {
+                **labels,
+                "step": control.step,
+                "time_s": time_s,
+                "reward": control.reward,
+                "success": control.success,
+                "distance_m": control.distance_m,
+                "force_on_person_n": control.force_on_person_n,
+                **{f"term_{term}": control.reward_terms.get(term) for term in terms},
+                **{f"action_{joint + 1}": control.action[joint] for joint in range(ACTIONS)},
+            }

@@ -1,0 +1,165 @@
+"""Small studies for tests, with real recordings."""
+
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+import psycopg
+
+from avrgym.study.design import default_text
+from avrgym.study.participants import enrol, record_consent, record_inclusion
+from avrgym.study.recording import RecordingWriter
+from avrgym.study.records import Answer, BodyTargets, Control, Event, Pose, TrackingFrame
+from avrgym.study.rows import StudySession, Trial, TrialAttempt
+from avrgym.study.sessions import begin_attempt, close_session, complete_attempt, open_session, record_answer
+from avrgym.study.store import Store
+
+STEPS = 3
+FIGURES = {"steps": STEPS, "reward": -1.5, "success": True, "seconds": 4.0}
+OBSERVATION = [0.25, -1.0, 0.5]
+
+
+def make_study(folder: Path, **changes: str) -> Path:
+    """A study's folder with the paper's protocol, but for values that are written as in TOML."""
+    text = default_text()
+    for name, value in changes.items():
+        (line,) = (line for line in text.splitlines() if line.startswith(f"{name} = "))
+        text = text.replace(line, f"{name} = {value}")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "study.toml").write_text(text)
+    return folder
+
+
+def small_study(folder: Path) -> Path:
+    """One task with both robots and policies: a practice trial and four trials for each participant."""
+    return make_study(folder, tasks='["Feeding"]')
+
+
+def fitting_answers(store: Store) -> dict[str, bool]:
+    """The answers of someone who can take part."""
+    return {question.id: question.required for question in store.design.inclusion}
+
+
+def take_in(store: Store, simulated: bool = True, name: str = "", contact: str = "") -> str:
+    """Enrol someone, with consent and an order."""
+    pseudonym = enrol(store, "woman", age_years=22, name=name, contact=contact, simulated=simulated)
+    record_consent(store, pseudonym)
+    assert record_inclusion(store, pseudonym, fitting_answers(store))
+    return pseudonym
+
+
+def record(store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool = True) -> None:
+    """Write the complete recording of an attempt: a few steps and frames, and the answers."""
+    metadata = {
+        "environment": trial.environment,
+        "policy": trial.policy,
+        "seed": trial.seed,
+        "practice": trial.practice,
+        "trial": trial.position,
+        "attempt": attempt.number,
+        "simulated": simulated,
+        "joints": ["waist_x", "waist_y"],
+    }
+    writer = RecordingWriter(store.path(attempt.recording), metadata)
+    for step in range(1, STEPS + 1):
+        time_ns = step * 100_000_000
+        writer.write("/tracking", time_ns, _frame(step))
+        writer.write("/body_targets", time_ns, BodyTargets([0.1 * step, -0.1]))
+        terms = {"distance_m": 0.5, "action_squared": 0.0}
+        control = Control(step, OBSERVATION, [0.5] * 7, -0.5, terms, step == STEPS, 0.3 / step, 1.0)
+        writer.write("/control", time_ns, control)
+    writer.write("/events", 0, Event("phase", "trial"))
+    if not trial.practice:
+        for value, item in enumerate(store.design.items_at("after_trial"), start=3):
+            writer.write("/answers", 400_000_000, Answer(item.id, value, 1.25))
+    writer.close({"result": "completed", **FIGURES})
+
+
+def _frame(step: int) -> TrackingFrame:
+    head = Pose([0.1, 1.2, -0.3 * step], [0.0, 0.0, 0.0, 1.0])
+    left = None if step == 2 else Pose([-0.3, 0.8, -0.2], [0.5, 0.5, 0.5, 0.5])
+    return TrackingFrame(
+        step, step * 10.0, step / 10, applied=True, held=False, head=head, left=left, right=head
+    )
+
+
+def run_trial(store: Store, session: StudySession, trial: Trial, *, simulated: bool = True) -> TrialAttempt:
+    """One whole trial: attempt, recording, answers, completion."""
+    attempt = begin_attempt(store, session.id, trial.position)
+    record(store, attempt, trial, simulated=simulated)
+    if not trial.practice:
+        for value, item in enumerate(store.design.items_at("after_trial"), start=3):
+            record_answer(store, attempt.id, item.id, value, 1.25)
+    complete_attempt(store, attempt.id, FIGURES)
+    return attempt
+
+
+def run_participant(
+    store: Store, pseudonym: str, trials: int | None = None, *, simulated: bool = True
+) -> None:
+    """A session with a participant's remaining trials, or the first few of them."""
+    session = open_session(store, pseudonym)
+    for trial in store.remaining_trials(pseudonym)[:trials]:
+        run_trial(store, session, trial, simulated=simulated)
+    close_session(store, session.id)
+
+
+# PostgreSQL --------------------------------------------------------------------------------------------------------
+
+
+def postgresql_programs() -> Path | None:
+    """Where PostgreSQL's server programs are, if they are installed."""
+    folders = sorted(Path("/usr/lib/postgresql").glob("*/bin"), key=lambda path: int(path.parent.name))
+    if folders:
+        return folders[-1]
+    found = shutil.which("initdb")
+    return Path(found).resolve().parent if found else None
+
+
+@contextmanager
+def postgresql_server(programs: Path) -> Iterator[Path]:
+    """A server of its own on a socket in a temporary folder, which is given; it ends with the context."""
+    folder = Path(tempfile.mkdtemp(prefix="avrgym-"))
+    user = "nobody" if os.geteuid() == 0 else None  # the server refuses to run as root
+    if user:
+        shutil.chown(folder, user)
+    data = folder / "data"
+    initialise = [
+        programs / "initdb",
+        "-D",
+        data,
+        "-U",
+        "avrgym",
+        "-A",
+        "trust",
+        "--no-sync",
+        "--no-locale",
+        "-E",
+        "UTF8",
+    ]
+    serve = [programs / "postgres", "-D", data, "-k", folder, "-c", "listen_addresses=", "-c", "fsync=off"]
+    try:
+        subprocess.run(initialise, check=True, capture_output=True, user=user, cwd=folder)
+        with subprocess.Popen(serve, stderr=subprocess.PIPE, user=user, cwd=folder, text=True) as server:
+            try:
+                assert server.stderr is not None
+                next(line for line in server.stderr if "ready to accept connections" in line)
+                yield folder
+            finally:
+                server.send_signal(signal.SIGQUIT)  # its data go with it
+    finally:
+        shutil.rmtree(folder)
+
+
+def new_postgresql_database(server: Path) -> str:
+    """The URL of a new, empty database."""
+    name = f"study_{uuid4().hex}"
+    with psycopg.connect(host=str(server), user="avrgym", dbname="postgres", autocommit=True) as connection:
+        connection.execute(f"CREATE DATABASE {name}".encode())
+    return f"postgresql://avrgym@/{name}?host={server}"

@@ -1,0 +1,227 @@
+"""Exports, opened again by the tools that read their formats."""
+
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+from avrgym.study.export import FORMATS, export_study
+from avrgym.study.export.tables import neutral, write_csv
+from avrgym.study.sessions import begin_attempt, end_attempt, open_session
+from avrgym.study.states import StudyError
+from avrgym.study.store import Store
+from studies import OBSERVATION, STEPS, record, run_participant, small_study, take_in
+
+NAME = "Ada Unverwechselbar"
+SCENES = {"FeedingJaco", "FeedingPR2"}
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+    """A simulated participant who has finished and a person in the middle of their trials."""
+    with Store(small_study(tmp_path_factory.mktemp("study"))) as opened:
+        run_participant(opened, take_in(opened))
+        person = take_in(opened, simulated=False, name=NAME, contact="ada@example.org")
+        run_participant(opened, person, trials=3, simulated=False)
+        session = open_session(opened, person)
+        trial = opened.remaining_trials(person)[0]
+        attempt = begin_attempt(opened, session.id, trial.position)
+        record(opened, attempt, trial, simulated=False)
+        end_attempt(opened, attempt.id, "stopped")
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def exports(store: Store, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """All formats, each in a folder."""
+    folder = tmp_path_factory.mktemp("exports")
+    for name in FORMATS:
+        assert export_study(store, name, folder / name) == len(
+            [p for p in (folder / name).rglob("*") if p.is_file()]
+        )
+    return {name: folder / name for name in FORMATS}
+
+
+def table(path: Path) -> Any:  # a pandas data frame, whose types no checker follows
+    return pd.read_csv(
+        path, sep="\t" if path.suffix == ".tsv" else ",", na_values="n/a", keep_default_na=True
+    )
+
+
+# All formats
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_no_name_is_in_an_export_and_it_is_called_pseudonymised(exports: dict[str, Path], name: str) -> None:
+    files = [path.read_bytes() for path in exports[name].rglob("*") if path.is_file()]
+    assert not any(secret in data for data in files for secret in (NAME.encode(), b"ada@example.org"))
+    assert any(b"pseudonymised, not anonymous" in data for data in files)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_an_export_never_overwrites(
+    store: Store, exports: dict[str, Path], name: str, tmp_path: Path
+) -> None:
+    before = {path: path.stat().st_mtime_ns for path in exports[name].rglob("*")}
+    with pytest.raises(StudyError, match="holds something already; choose another folder"):
+        export_study(store, name, exports[name])
+    assert {path: path.stat().st_mtime_ns for path in exports[name].rglob("*")} == before
+    export_study(store, name, tmp_path)
+
+
+def test_an_export_that_fails_leaves_nothing(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Store, "trials", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        export_study(store, "csv", tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_format_is_refused(store: Store, tmp_path: Path) -> None:
+    with pytest.raises(StudyError, match="unknown format 'xlsx'; allowed: csv, bids, hdf5, lerobot"):
+        export_study(store, "xlsx", tmp_path / "out")
+
+
+# CSV
+
+
+def test_tables_hold_a_row_for_each_thing(exports: dict[str, Path]) -> None:
+    folder = exports["csv"]
+    participants = table(folder / "participants.csv")
+    assert participants["state"].tolist() == ["completed", "allocated"]
+    trials, attempts = table(folder / "trials.csv"), table(folder / "attempts.csv")
+    assert (len(trials), trials["state"].eq("completed").sum(), trials["practice"].sum()) == (10, 8, 2)
+    assert (len(attempts), attempts["state"].eq("stopped").sum()) == (9, 1)
+    answers = table(folder / "answers.csv")
+    assert len(answers) == 4 * 4 + 2 * 4
+    assert set(answers["item"]) == {"L1", "L2", "L3", "L4"}
+    assert answers["value"].between(1, answers["points"]).all()
+    steps = table(folder / "control_steps.csv")
+    assert len(steps) == 8 * STEPS
+    assert np.allclose(steps["reward"], -0.5)
+    assert np.allclose(steps["term_distance_m"], 0.5)
+    assert np.allclose(steps["action_7"], 0.5)
+
+
+@pytest.mark.parametrize("name", ["participants", "trials", "attempts", "answers", "control_steps"])
+def test_every_row_says_whether_it_was_simulated(exports: dict[str, Path], name: str) -> None:
+    rows = table(exports["csv"] / f"{name}.csv")
+    assert set(rows.loc[rows["simulated"], "participant"]) == {"sub-001"}
+    assert set(rows.loc[~rows["simulated"], "participant"]) == {"sub-002"}
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+A1", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "\n=1"])
+def test_no_spreadsheet_runs_a_text(tmp_path: Path, text: str) -> None:
+    write_csv(tmp_path / "a.csv", [{"text": text, "number": -1.5, "truth": True, "nothing": None}])
+    with open(tmp_path / "a.csv", newline="") as file:
+        (_, row) = csv.reader(file)
+    assert row == ["'" + text, "-1.5", "true", ""]
+    assert neutral("plain - text") == "plain - text"
+
+
+# BIDS
+
+
+def test_bids_runs_have_a_column_for_each_channel(exports: dict[str, Path]) -> None:
+    runs = sorted(exports["bids"].glob("sub-*/ses-*/motion/*_motion.tsv"))
+    assert len(runs) == 8
+    assert runs[0].name == "sub-001_ses-01_task-Feeding_tracksys-headset_run-01_motion.tsv"
+    for run in runs:
+        stem = str(run).removesuffix("_motion.tsv")
+        channels = table(Path(f"{stem}_channels.tsv"))
+        assert list(channels.columns[:5]) == ["name", "component", "type", "tracked_point", "units"]
+        motion: Any = pd.read_csv(run, sep="\t", header=None, na_values="n/a")
+        assert motion.shape == (STEPS, len(channels))
+        assert motion[0].tolist() == pytest.approx([0.0, 0.1, 0.2])
+        left = channels.index[channels["tracked_point"] == "left_hand"]
+        assert motion[left].isna().all(axis=1).tolist() == [False, True, False]
+        sidecar = json.loads(Path(f"{stem}_motion.json").read_text())
+        assert sidecar["TaskName"] == "Feeding"
+        assert sidecar["SamplingFrequency"] == pytest.approx(10.0)
+        kinds = channels["type"].value_counts()
+        assert all(sidecar[f"{kind}ChannelCount"] == count for kind, count in kinds.items())
+        assert sidecar["Simulated"] == ("sub-001" in run.name)
+
+
+def test_bids_tables_lead_to_the_runs_and_their_conditions(exports: dict[str, Path]) -> None:
+    folder = exports["bids"]
+    participants = table(folder / "participants.tsv")
+    assert participants["participant_id"].tolist() == ["sub-001", "sub-002"]
+    assert participants["simulated"].tolist() == [True, False]
+    for scans in folder.glob("sub-*/ses-*/*_scans.tsv"):
+        rows = table(scans)
+        assert all((scans.parent / name).is_file() for name in rows["filename"])
+        assert rows["acq_time"].str.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z").all()
+    assert json.loads((folder / "dataset_description.json").read_text())["BIDSVersion"] == "1.10.0"
+
+
+def test_bids_answers_have_a_row_for_each_participant(exports: dict[str, Path]) -> None:
+    answers = table(exports["bids"] / "phenotype" / "likert.tsv").set_index("participant_id")
+    assert answers.loc["sub-001", "Feeding_PR2_original_L1"] == 3
+    assert answers.loc["sub-001"].notna().sum() == 1 + 16
+    assert answers.loc["sub-002"].notna().sum() == 1 + 8
+    described = json.loads((exports["bids"] / "phenotype" / "likert.json").read_text())
+    assert set(described) == set(answers.columns)
+    assert described["Feeding_PR2_original_L1"]["Levels"] == {"1": "strongly disagree", "7": "strongly agree"}
+
+
+# robomimic
+
+
+def test_hdf5_has_robomimic_s_structure(exports: dict[str, Path]) -> None:
+    files = sorted(exports["hdf5"].glob("*.hdf5"))
+    assert {path.stem for path in files} == SCENES
+    for path in files:
+        with h5py.File(path) as file:
+            data: Any = file["data"]
+            masks: Any = file["mask"]
+            assert json.loads(data.attrs["env_args"])["env_name"] == f"avrgym/{path.stem}-v1"
+            assert sorted(data) == [f"demo_{number}" for number in range(len(data))]
+            for demo in data.values():
+                assert demo["actions"].shape == (STEPS, 7)
+                assert demo["obs/observation"][:].tolist() == [OBSERVATION] * STEPS
+                assert demo["next_obs/observation"].shape == demo["obs/observation"].shape
+                assert demo["rewards"].shape == (STEPS,)
+                assert demo["dones"][:].tolist() == [False] * (STEPS - 1) + [True]
+                assert demo.attrs["num_samples"] == STEPS
+                assert demo.attrs["simulated"] == (demo.attrs["participant"] == "sub-001")
+            assert data.attrs["total"] == STEPS * len(data)
+            masked = {name.decode() for mask in masks.values() for name in mask}
+            assert masked == set(data)
+
+
+# LeRobot
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_lerobot_datasets_are_described_by_their_metadata(exports: dict[str, Path], scene: str) -> None:
+    folder = exports["lerobot"] / scene
+    info = json.loads((folder / "meta" / "info.json").read_text())
+    frames: Any = pd.read_parquet(folder / info["data_path"].format(chunk_index=0, file_index=0))
+    assert info["codebase_version"] == "v3.0"
+    assert set(frames.columns) == set(info["features"])
+    assert len(frames) == info["total_frames"] == STEPS * info["total_episodes"]
+    for name, feature in info["features"].items():
+        assert np.atleast_1d(frames[name].iloc[0]).shape == tuple(feature["shape"])
+    schema = pq.read_schema(folder / "data" / "chunk-000" / "file-000.parquet")
+    assert str(schema.field("action").type) == "fixed_size_list<element: float>[7]"
+    episodes: Any = pd.read_parquet(folder / "meta" / "episodes" / "chunk-000" / "file-000.parquet")
+    for _, episode in episodes.iterrows():
+        own = frames.iloc[episode["dataset_from_index"] : episode["dataset_to_index"]]
+        assert set(own["episode_index"]) == {episode["episode_index"]}
+        assert own["frame_index"].tolist() == list(range(episode["length"]))
+        assert own["simulated"].eq(episode["study/participant"] == "sub-001").all()
+    tasks: Any = pd.read_parquet(folder / "meta" / "tasks.parquet")
+    assert tasks.index.name == "task"
+    assert tasks.loc[episodes["tasks"].iloc[0][0], "task_index"] == 0
+    stats = json.loads((folder / "meta" / "stats.json").read_text())
+    assert set(stats) == set(info["features"])
+    assert stats["action"]["mean"] == pytest.approx([0.5] * 7)
