@@ -7,10 +7,14 @@ Its nodes stand in the world's frame, z up, and say in ``extras`` what moves the
   it; see ``skins``.
 - ``bodies``: the mesh is drawn once at each of these bodies, which look alike.
 - ``skin_of``: a skinned mesh, and the body that most of it follows.
+
+Colours are those of the vertices, so that all of one finish on one node is one mesh: a headset draws few large things
+faster than many small ones.
 """
 
 import io
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -18,16 +22,41 @@ import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
+from avrgym.models import human
 from avrgym.models.contacts import VISUAL_GROUP
 from avrgym.vr.glb import Glb
 from avrgym.vr.meshes import geom_mesh, pose_matrix
-from avrgym.vr.skins import Bone, Skin, skins_of
+from avrgym.vr.skins import Bone, Skin, joined, skins_of
 
 Array = NDArray[np.float64]
 
+Piece = tuple[trimesh.Trimesh, int]
+"""A mesh and the number of its material."""
+
+HEAD = human.PREFIX + "head"
+GAMMA = 2.2
+"""Between colours as they are chosen and light as it is computed."""
 FEWEST_ALIKE = 3
 """So many bodies must look alike to be drawn as copies of one."""
 _SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
+
+
+@dataclass(frozen=True)
+class Finish:
+    """What distinguishes surfaces but for their colour; ``texture`` is the model's number of it, or −1."""
+
+    metallic: float
+    roughness: float
+    texture: int
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, material: int) -> "Finish":
+        """That of a material, near enough to have few of them: in steps of a half and a quarter."""
+        return cls(
+            metallic=round(2.0 * float(model.mat_metallic[material])) / 2.0,
+            roughness=round(4.0 * float(model.mat_roughness[material])) / 4.0,
+            texture=int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]),
+        )
 
 
 def export_glb(model: mujoco.MjModel) -> bytes:
@@ -41,7 +70,7 @@ class _Export:
         self._data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self._data)
         self._roots: list[int] = []
-        self._materials: dict[int, int] = {}
+        self._finishes: dict[Finish, int] = {}
         self._joints: dict[tuple[str, bool], int] = {}
 
     def run(self) -> bytes:
@@ -52,8 +81,8 @@ class _Export:
                 del carried[body]
         for body, geoms in carried.items():
             self._add_body(body, geoms)
-        for skin in skins_of(self._model):
-            self._add_skin(skin)
+        for finish, skins in self._skins_by_finish().items():
+            self._add_skin(joined(skins), finish[1])
         return self._glb.finish(self._roots)
 
     # Rigid things
@@ -61,8 +90,8 @@ class _Export:
     def _add_body(self, body: int, geoms: list[int]) -> None:
         children = [
             self._glb.add("nodes", mesh=mesh, scale=[scale] * 3)
-            for material, part in self._by_material(body, geoms).items()
-            for mesh, scale in [self._add_mesh(part, material)]
+            for finish, pieces in self._by_finish(body, geoms).items()
+            for mesh, scale in [self._add_mesh(pieces, finish)]
         ]
         self._add_root(body, children=children)
 
@@ -73,8 +102,8 @@ class _Export:
         return node
 
     def _add_copies(self, bodies: list[int], geoms: list[int]) -> None:
-        ((material, part),) = self._by_material(bodies[0], geoms).items()
-        mesh, _ = self._add_mesh(part, material, quantised=False)
+        ((finish, pieces),) = self._by_finish(bodies[0], geoms).items()
+        mesh, _ = self._add_mesh(pieces, finish, quantised=False)
         names = [self._model.body(body).name for body in bodies]
         self._roots.append(self._glb.add("nodes", mesh=mesh, extras={"bodies": names}))
 
@@ -82,47 +111,61 @@ class _Export:
         w, x, y, z = self._data.xquat[body].tolist()
         return {"translation": self._data.xpos[body].tolist(), "rotation": [x, y, z, w]}
 
-    def _by_material(self, carrier: int, geoms: Iterable[int]) -> dict[int, trimesh.Trimesh]:
-        """The geoms of one node, joined by material, in the frame of the body that carries them."""
-        pieces: dict[int, list[trimesh.Trimesh]] = {}
+    def _by_finish(self, carrier: int, geoms: Iterable[int]) -> dict[Finish, list[Piece]]:
+        """The geoms of one node by their finish, in the frame of the body that carries them."""
+        pieces: dict[Finish, list[Piece]] = {}
         from_world = np.linalg.inv(pose_matrix(self._data.xpos[carrier], self._data.xquat[carrier]))
         for geom in geoms:
-            body = self._model.geom_bodyid[geom]
+            body, material = self._model.geom_bodyid[geom], int(self._model.geom_matid[geom])
             mesh = geom_mesh(self._model, geom)
             mesh.apply_transform(from_world @ pose_matrix(self._data.xpos[body], self._data.xquat[body]))
-            pieces.setdefault(int(self._model.geom_matid[geom]), []).append(mesh)
-        return {material: _joined(parts) for material, parts in pieces.items()}
+            pieces.setdefault(Finish.of(self._model, material), []).append((mesh, material))
+        return pieces
 
-    def _add_mesh(self, mesh: trimesh.Trimesh, material: int, *, quantised: bool = True) -> tuple[int, float]:
-        """A mesh and the scale of its numbers."""
+    def _add_mesh(self, pieces: list[Piece], finish: Finish, *, quantised: bool = True) -> tuple[int, float]:
+        """A mesh of all pieces, and the scale of its numbers."""
+        mesh = trimesh.util.concatenate([piece for piece, _ in pieces])
+        assert isinstance(mesh, trimesh.Trimesh)
+        materials = np.concatenate([np.full(len(piece.vertices), material) for piece, material in pieces])
         scale = float(np.abs(mesh.vertices).max()) if quantised else 1.0
-        attributes = self._surface(mesh.vertices, mesh.vertex_normals, scale, quantised=quantised)
-        return self._add_primitive(attributes, mesh.faces, material), scale
+        surface = self._surface(mesh.vertices, mesh.vertex_normals, materials, scale, quantised=quantised)
+        return self._add_primitive(surface, mesh.faces, finish), scale
 
     def _surface(
-        self, vertices: Array, normals: Array, scale: float, *, quantised: bool = True
+        self, vertices: Array, normals: Array, materials: NDArray, scale: float, *, quantised: bool = True
     ) -> dict[str, int]:
         places = np.round(vertices / scale * _SHORT).astype(np.int16) if quantised else vertices.astype("<f4")
+        linear = self._model.mat_rgba[materials, :3] ** GAMMA
         return {
             "POSITION": self._glb.add_vertices(places, normalized=quantised),
             "NORMAL": self._glb.add_vertices(np.round(normals * _BYTE).astype(np.int8), normalized=True),
+            "COLOR_0": self._glb.add_vertices(_full_range(linear, np.uint8), normalized=True),
         }
 
-    def _add_primitive(self, attributes: dict[str, int], faces: NDArray, material: int) -> int:
+    def _add_primitive(self, attributes: dict[str, int], faces: NDArray, finish: Finish) -> int:
         indices = self._glb.add_indices(faces)
-        primitive = {"attributes": attributes, "indices": indices, "material": self._material(material)}
+        primitive = {"attributes": attributes, "indices": indices, "material": self._material(finish)}
         return self._glb.add("meshes", primitives=[primitive])
 
     # Skins
 
-    def _add_skin(self, skin: Skin) -> None:
+    def _skins_by_finish(self) -> dict[tuple[bool, Finish], list[Skin]]:
+        """The skins in groups that may be one: the head's apart from the others, because its owner does not see it."""
+        groups: dict[tuple[bool, Finish], list[Skin]] = {}
+        for skin in skins_of(self._model):
+            of_head = skin.main_body == HEAD
+            finish = Finish.of(self._model, int(skin.materials[0]))
+            groups.setdefault((of_head, finish), []).append(skin)
+        return groups
+
+    def _add_skin(self, skin: Skin, finish: Finish) -> None:
         scale = float(np.abs(skin.vertices).max())
-        attributes = self._surface(skin.vertices, skin.normals, scale) | {
+        attributes = self._surface(skin.vertices, skin.normals, skin.materials, scale) | {
             "TEXCOORD_0": self._glb.add_vertices(_full_range(skin.uv, np.uint16), normalized=True),
             "JOINTS_0": self._glb.add_vertices(skin.bone_of.astype(np.uint8)),
             "WEIGHTS_0": self._glb.add_vertices(_weights(skin.weight_of), normalized=True),
         }
-        mesh = self._add_primitive(attributes, skin.faces, skin.material)
+        mesh = self._add_primitive(attributes, skin.faces, finish)
         joints = [self._joint(bone) for bone in skin.bones]
         grown = np.diag([scale, scale, scale, 1.0])
         inverse = self._glb.add_matrices(np.stack([bone.inverse_bind @ grown for bone in skin.bones]))
@@ -147,23 +190,17 @@ class _Export:
 
     # Materials
 
-    def _material(self, number: int) -> int:
-        if number not in self._materials:
-            model = self._model
-            self._materials[number] = self._glb.add(
-                "materials",
-                name=model.mat(number).name,
-                pbrMetallicRoughness={
-                    "baseColorFactor": [*(model.mat_rgba[number][:3] ** 2.2).tolist(), 1.0],
-                    "metallicFactor": float(model.mat_metallic[number]),
-                    "roughnessFactor": float(model.mat_roughness[number]),
-                    **self._texture(number),
-                },
-            )
-        return self._materials[number]
+    def _material(self, finish: Finish) -> int:
+        if finish not in self._finishes:
+            surface = {
+                "metallicFactor": finish.metallic,
+                "roughnessFactor": finish.roughness,
+                **self._texture(finish.texture),
+            }
+            self._finishes[finish] = self._glb.add("materials", pbrMetallicRoughness=surface)
+        return self._finishes[finish]
 
-    def _texture(self, material: int) -> dict[str, object]:
-        texture = self._model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]
+    def _texture(self, texture: int) -> dict[str, object]:
         if texture < 0:
             return {}
         model, start = self._model, self._model.tex_adr[texture]
@@ -199,12 +236,6 @@ def _alike(model: mujoco.MjModel, carried: dict[int, list[int]]) -> list[list[in
             place = [*model.geom_pos[geom], *model.geom_quat[geom], *model.geom_size[geom]]
             groups.setdefault((model.geom_type[geom], model.geom_matid[geom], *place), []).append(body)
     return [bodies for bodies in groups.values() if len(bodies) >= FEWEST_ALIKE]
-
-
-def _joined(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
-    mesh = trimesh.util.concatenate(parts)
-    assert isinstance(mesh, trimesh.Trimesh)
-    return mesh
 
 
 def _full_range(shares: Array, kind: type) -> NDArray:

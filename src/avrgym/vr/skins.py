@@ -6,7 +6,7 @@ bodies, and their twist would wring the skin there; each upper arm and forearm h
 swing to the body.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -33,10 +33,10 @@ class Bone:
 @dataclass(frozen=True)
 class Skin:
     """A skin at rest: ``vertices`` and ``normals`` (V, 3), ``uv`` (V, 2), ``faces`` (F, 3); at each vertex four of
-    its ``bones`` and their weights, (V, 4). ``material`` is the model's number of it."""
+    its ``bones`` and their weights, (V, 4). ``materials`` (V,) are the model's numbers of them."""
 
     name: str
-    material: int
+    materials: NDArray[np.int64]
     vertices: Array
     normals: Array
     uv: Array
@@ -63,7 +63,7 @@ def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
         bone_of = np.where(weight_of > 0.0, bone_of, 0)
         yield Skin(
             name=model.skin(skin).name,
-            material=int(model.skin_matid[skin]),
+            materials=np.full(model.skin_vertnum[skin], model.skin_matid[skin], int),
             vertices=_rows(model.skin_vert, model.skin_vertadr, model.skin_vertnum, skin),
             normals=normals[skin],
             uv=_uv(model, skin),
@@ -72,6 +72,25 @@ def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
             bone_of=bone_of,
             weight_of=weight_of / weight_of.sum(axis=1, keepdims=True),
         )
+
+
+def joined(skins: Sequence[Skin]) -> Skin:
+    """Several skins as one, with the name of the first."""
+    bones = list({(bone.body, bone.swing): bone for skin in skins for bone in skin.bones}.values())
+    numbers = {(bone.body, bone.swing): number for number, bone in enumerate(bones)}
+    bone_of = [np.array([numbers[b.body, b.swing] for b in skin.bones])[skin.bone_of] for skin in skins]
+    starts = np.cumsum([0, *(len(skin.vertices) for skin in skins)])
+    return Skin(
+        name=skins[0].name,
+        materials=np.concatenate([skin.materials for skin in skins]),
+        vertices=np.concatenate([skin.vertices for skin in skins]),
+        normals=np.concatenate([skin.normals for skin in skins]),
+        uv=np.concatenate([skin.uv for skin in skins]),
+        faces=np.concatenate([skin.faces + start for skin, start in zip(skins, starts, strict=False)]),
+        bones=tuple(bones),
+        bone_of=np.concatenate(bone_of),
+        weight_of=np.concatenate([skin.weight_of for skin in skins]),
+    )
 
 
 def _rows(values: NDArray, starts: NDArray, counts: NDArray, index: int) -> NDArray:
