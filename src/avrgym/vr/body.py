@@ -1,14 +1,15 @@
 """From where head and hands are to the 20 joint angles of the simulated body."""
 
 from dataclasses import dataclass
+from math import atan2, cos, radians
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, SEATED, UPPER_RAD, Person, Posture
+from avrgym.vr import axes
+from avrgym.vr.arm import ARM_PARTS, ArmSolver
 from avrgym.vr.webxr import Pose
 
 Array = NDArray[np.float64]
@@ -18,7 +19,6 @@ WAIST_YAW_SHARE = 0.3
 
 _WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 _HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
-ARM_PARTS = ("shoulder_y", "shoulder_x", "shoulder_z", "elbow_x", "forearm_z", "wrist_x", "wrist_y")
 _ARMS = {side: [JOINT_INDEX[f"{side}_{part}"] for part in ARM_PARTS] for side in ("right", "left")}
 
 
@@ -31,16 +31,20 @@ class BodyPose:
     right: Pose | None
 
 
-def seated_head_centre(person: Person, posture: Posture = SEATED) -> Array:
+def resting_head_centre(person: Person, posture: Posture) -> Array:
     """The centre of the head (3,) of a person who sits upright, or lies with their back on the bed; world frame."""
-    pos_w, q_w = hips_frame(person, posture)
-    return pos_w + transforms.rotate(q_w, [0.0, 0.0, person.torso_height_m])
+    pos_w, axes_w = hips_frame(person, posture)
+    return pos_w + person.torso_height_m * axes_w[:, 2]
+
+
+def seated_head_centre(person: Person) -> Array:
+    """The centre of the head (3,) of a person who sits upright, world frame."""
+    return resting_head_centre(person, SEATED)
 
 
 def hips_frame(person: Person, posture: Posture) -> tuple[Array, Array]:
-    """Where the hips are in the world: position (3,) and quaternion (4,)."""
-    tilt = transforms.from_axis_angle(human.X, np.radians(posture.hips_deg))
-    return posture.hips(PROPORTIONS[person.sex]), tilt
+    """Where the hips are in the world: their origin (3,) and their axes (3, 3) as columns."""
+    return posture.hips(PROPORTIONS[person.sex]), axes.of_xyz(radians(posture.hips_deg), 0.0, 0.0)
 
 
 def torso_height(sex: human.Sex, head_height_m: float) -> float:
@@ -70,35 +74,21 @@ def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> Array
     """
     p = PROPORTIONS[person.sex]
     scale = person.torso_height_m / p.torso_height
-    pos, q = transforms.compose(*transforms.invert(*hips_frame(person, posture)), head.pos_w, head.q_w)
-    neck = pos - transforms.rotate(q, [0.0, 0.0, p.head_centre_rise * scale])
-    psi = neck - np.array([0.0, 0.0, p.waist_rise * scale])
-    a = -np.arctan2(psi[1], psi[2])
-    b = np.arctan2(psi[0] * np.cos(a), psi[2])
-    tilt = _limited(_WAIST, np.array([a, b, 0.0]))
-    yaw = WAIST_YAW_SHARE * _seen_from(tilt, q)[2]
-    waist = _limited(_WAIST, np.array([*tilt[:2], yaw]))
-    return np.concatenate([waist, _limited(_HEAD, _seen_from(waist, q))])
+    hips_w, hips_axes_w = hips_frame(person, posture)
+    head_axes = hips_axes_w.T @ axes.of_quaternion(head.q_w)
+    psi = hips_axes_w.T @ (head.pos_w - hips_w) - p.head_centre_rise * scale * head_axes[:, 2]
+    psi[2] -= p.waist_rise * scale
+    a = -atan2(psi[1], psi[2])
+    b = atan2(psi[0] * cos(a), psi[2])
+    a, b, _ = _limited(_WAIST, (a, b, 0.0))
+    yaw = WAIST_YAW_SHARE * axes.xyz_of(axes.of_xyz(a, b, 0.0).T @ head_axes)[2]
+    waist = _limited(_WAIST, (a, b, yaw))
+    return np.array([*waist, *_limited(_HEAD, axes.xyz_of(axes.of_xyz(*waist).T @ head_axes))])
 
 
-def _seen_from(waist_rad: Array, q: Array) -> Array:
-    """The angles (3,) x, y, z of the head's joints for a rotation (4,) in the hips' frame."""
-    x, y, z = (
-        transforms.from_axis_angle(axis, waist_rad[i]) for i, axis in enumerate((human.X, human.Y, human.Z))
-    )
-    torso = transforms.multiply(transforms.multiply(x, y), z)
-    return transforms.euler_xyz(transforms.multiply(transforms.conjugate(torso), q))
-
-
-def _limited(joints: list[int], angles_rad: Array) -> Array:
-    return np.clip(angles_rad, LOWER_RAD[joints], UPPER_RAD[joints])
-
-
-DAMPING = 0.08
-MAX_TURN_RAD = 0.033
-METRES_PER_RADIAN = 0.15
-POSTURE_GAIN = 0.02
-ITERATIONS = 3
+def _limited(joints: list[int], angles_rad: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = (min(max(a, LOWER_RAD[j]), UPPER_RAD[j]) for a, j in zip(angles_rad, joints, strict=True))
+    return float(x), float(y), float(z)
 
 
 class BodySolver:
@@ -109,55 +99,61 @@ class BodySolver:
 
     def __init__(self, person: Person, posture: Posture = SEATED) -> None:
         self.person, self.posture = person, posture
-        self._model = human.person_model(person, posture, moving=True)
-        self._data = mujoco.MjData(self._model)
-        self._sites = {side: self._model.site(f"{human.PREFIX}{side}_hand_centre").id for side in _ARMS}
-        self._jacobian = np.zeros((6, self._model.nv))
+        frames = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
+        self._waist_h, self._shoulder_t = frames.body_pos["torso"][0], frames.body_pos["right_upper_arm"][0]
+        self._arm = ArmSolver(person)
 
     def solve(self, pose: BodyPose, start_rad: Array) -> Array:
         """Joint angles (20,) within their ranges that bring head and hands to ``pose``.
 
-        Waist and head follow at once; arms turn at most 0.1 rad per joint, from ``start_rad`` (20,), so that
-        no single frame makes them jump.
+        Waist and head follow at once; arms turn by less than 0.1 rad per joint, from ``start_rad`` (20,), so
+        that no single frame makes them jump. A hand that is not tracked keeps its arm's angles.
         """
         angles = np.array(start_rad, float)
         angles[_WAIST + _HEAD] = torso_angles(self.person, pose.head, self.posture)
-        hands = {
-            side: hand for side, hand in (("left", pose.left), ("right", pose.right)) if hand is not None
-        }
-        for _ in range(ITERATIONS if hands else 0):
-            self._data.qpos[:] = angles
-            mujoco.mj_kinematics(self._model, self._data)
-            mujoco.mj_comPos(self._model, self._data)
-            for side, hand in hands.items():
-                angles[_ARMS[side]] += self._arm_step(side, hand, angles)
-            angles = np.clip(angles, LOWER_RAD, UPPER_RAD)
+        torso = self._torso_frame(angles[_WAIST])
+        for side, hand in (("right", pose.right), ("left", pose.left)):
+            if hand is not None:
+                angles[_ARMS[side]] = self._arm_angles(hand, torso, _MIRROR[side], angles[_ARMS[side]])
         return angles
 
-    def _arm_step(self, side: str, hand: Pose, angles: Array) -> Array:
-        """One damped least-squares step of an arm, with a pull of its null space towards the relaxed pose."""
-        columns, site = _ARMS[side], self._sites[side]
-        mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], site)
-        j = self._jacobian[:, columns]
-        j[3:] *= METRES_PER_RADIAN
-        error = np.concatenate(
-            [hand.pos_w - self._data.site_xpos[site], METRES_PER_RADIAN * self._turn(hand, site)]
+    def _torso_frame(self, waist_rad: Array) -> tuple[Array, Array]:
+        """Where the waist is in the world, (3,), and the torso's axes (3, 3) as columns."""
+        hips_w, hips_axes_w = hips_frame(self.person, self.posture)
+        return hips_w + hips_axes_w @ self._waist_h, hips_axes_w @ axes.of_xyz(*waist_rad.tolist())
+
+    def _arm_angles(
+        self, hand: Pose, torso: tuple[Array, Array], mirror: "_Mirror", start_rad: Array
+    ) -> Array:
+        """The angles (7,) of an arm; the left one is solved as the right one of the mirrored person."""
+        waist_w, torso_axes_w = torso
+        hand_pos_t = torso_axes_w.T @ (hand.pos_w - waist_w)
+        hand_axes_t = torso_axes_w.T @ axes.of_quaternion(hand.q_w)
+        angles = self._arm.solve(
+            mirror.vector * hand_pos_t - self._shoulder_t,
+            mirror.matrix * hand_axes_t,
+            mirror.angles * start_rad,
         )
-        posture = POSTURE_GAIN * (RELAXED_RAD[columns] - angles[columns])
-        step = posture + j.T @ np.linalg.solve(j @ j.T + _DAMPING_MATRIX, error - j @ posture)
-        return step * min(1.0, MAX_TURN_RAD / max(float(np.abs(step).max()), 1e-12))
-
-    def _turn(self, hand: Pose, site: int) -> Array:
-        """The rotation vector (3,), world frame, from the hand's site to its target."""
-        q, turn, vector = np.empty(4), np.empty(4), np.empty(3)
-        mujoco.mju_mat2Quat(q, self._data.site_xmat[site])
-        mujoco.mju_negQuat(q, q)
-        mujoco.mju_mulQuat(turn, hand.q_w, q)
-        mujoco.mju_quat2Vel(vector, turn, 1.0)
-        return vector
+        return mirror.angles * angles
 
 
-_DAMPING_MATRIX = DAMPING**2 * np.eye(6)
+@dataclass(frozen=True, eq=False)
+class _Mirror:
+    """Signs that reflect a vector (3,), a rotation matrix (3, 3) and an arm's angles (7,) at the plane x = 0."""
+
+    vector: Array
+    matrix: Array
+    angles: Array
+
+    @classmethod
+    def of(cls, x: float) -> "_Mirror":
+        vector = np.array([x, 1.0, 1.0])
+        return cls(
+            vector, np.outer(vector, vector), np.array([1.0 if part[-1] == "x" else x for part in ARM_PARTS])
+        )
+
+
+_MIRROR = {"right": _Mirror.of(1.0), "left": _Mirror.of(-1.0)}
 
 RELAXED_RAD = human.joint_angles(
     right_shoulder_x=-15.0, left_shoulder_x=-15.0, right_shoulder_y=8.0, left_shoulder_y=-8.0
