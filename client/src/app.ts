@@ -1,16 +1,22 @@
 import { Connection, type Link } from "./connection";
-import { awaitsReady, isRunning, panelContent, type Display } from "./display";
+import { awaitsReady, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
+import { FlatPlay } from "./flatplay";
 import { Immersive } from "./immersive";
-import type { ClientMessage, Phase, Scene, ServerMessage, State } from "./messages";
+import type { Outgoing } from "./codec";
+import type { Phase, Scene, ServerMessage, State, Welcome } from "./messages";
 import { Page, isStopKey } from "./page";
 import { Panel } from "./panel";
 import { Questionnaire } from "./questionnaire";
 import { createRoom } from "./room";
+import { Senses } from "./senses";
 import { ImmersiveSession, reasonAgainstVR } from "./session";
 import { View, type Detail } from "./view";
+import { Watching } from "./watching";
 import { World } from "./world";
 
 const PROBLEM_SHOWN_MS = 6000;
+/** As often as a headset of 72 Hz sends its poses. */
+const PLAY_INTERVAL_MS = 1000 / 72;
 
 /** The whole client: what the server says goes in, what the participant does goes out. */
 export class App {
@@ -26,6 +32,10 @@ export class App {
   private readonly world = new World();
   private readonly session: ImmersiveSession;
   private readonly connection: Connection;
+  private readonly flat: FlatPlay;
+  private readonly senses: Senses;
+  private readonly watching: Watching | null;
+  private welcome: Welcome | null = null;
   private link: Link = "connecting";
   private linkReason = "";
   private problem: string | null = null;
@@ -37,14 +47,19 @@ export class App {
     private readonly token: string,
     private readonly emulated: boolean,
     detail: Detail,
+    private readonly watches: boolean,
   ) {
     this.page = new Page({
       enterOrLeave: () => void this.enterOrLeave(),
+      playOrEnd: () => this.playOrEnd(),
+      ready: () => this.send({ type: "ready" }),
+      recalibrate: () => this.send({ type: "recalibrate" }),
       answer: (value) => this.answer(value),
     });
+    this.flat = new FlatPlay(this.page.view);
     this.view = new View(this.page.view, this.page.card, detail);
     this.panel = new Panel(detail.anisotropy);
-    this.connection = new Connection(socketAddress(), token, emulated, {
+    this.connection = new Connection(socketAddress(watches ? "watch" : "ws"), token, emulated, {
       message: (message) => this.receive(message),
       link: (link, reason) => this.linked(link, reason),
     });
@@ -53,14 +68,43 @@ export class App {
       entered: () => this.entered(),
       left: () => this.left(),
       selected: (source, frame) => this.selected(source, frame),
-      menuPressed: () => this.send({ type: "stop" }),
+      menuPressed: () => this.send({ type: mayRecalibrate(this.phase) ? "recalibrate" : "stop" }),
       originReset: () => this.originReset(),
     });
+    this.senses = new Senses(
+      (hand, strength, ms) => this.session.pulse(hand, strength, ms),
+      () => this.allowedSenses(),
+    );
+    this.watching = watches ? this.watch() : null;
     this.furnish(detail);
+  }
+
+  private watch(): Watching {
+    this.page.hideTakingPart();
+    return new Watching(
+      (message) => this.send(message),
+      (fromInside) => this.seeFromInside(fromInside),
+    );
+  }
+
+  private seeFromInside(inside: boolean): void {
+    this.world.seeFromInside(inside);
+    this.view.seeWith(inside && this.watching ? this.watching.eyes : null);
+  }
+
+  /** The plan and the participant must both want them. */
+  private allowedSenses(): { haptics: boolean; sounds: boolean } {
+    const { haptics, sounds } = this.page.senses;
+    return { haptics: haptics && !!this.welcome?.haptics, sounds: sounds && !!this.welcome?.sounds };
   }
 
   get presenting(): boolean {
     return this.session.presenting;
+  }
+
+  /** Whether somebody takes part here, in VR or without a headset. */
+  private get takesPart(): boolean {
+    return this.presenting || this.flat.playing;
   }
 
   start(): void {
@@ -68,6 +112,7 @@ export class App {
     this.refresh();
     this.view.renderer.setAnimationLoop((timeMs, frame) => this.frame(timeMs, frame));
     window.addEventListener("keydown", (event) => this.key(event));
+    setInterval(() => this.playFrame(), PLAY_INTERVAL_MS);
     navigator.xr?.addEventListener("devicechange", () => void this.checkVR());
     void this.checkVR();
   }
@@ -81,7 +126,7 @@ export class App {
     this.view.standBefore(root);
   }
 
-  private send(message: ClientMessage): boolean {
+  private send(message: Outgoing): boolean {
     return this.connection.send(message);
   }
 
@@ -89,7 +134,11 @@ export class App {
 
   private receive(message: ServerMessage): void {
     if (message.type === "state") return this.stateCame(message);
-    if (message.type === "welcome") this.welcomed();
+    if (message.type === "feedback") return this.senses.take(message);
+    if (message.type === "status") return this.watching?.statusCame(message);
+    if (message.type === "timing") return this.watching?.timingCame(message);
+    if (message.type === "upcoming") return this.fetchAhead(message.url);
+    if (message.type === "welcome") this.welcomed(message);
     if (message.type === "scene") void this.sceneCame(message);
     if (message.type === "phase") this.phaseCame(message);
     if (message.type === "question") this.questionnaire.show(message, performance.now());
@@ -98,9 +147,18 @@ export class App {
   }
 
   /** A new connection knows nothing of the participant in VR yet. */
-  private welcomed(): void {
+  private welcomed(welcome: Welcome): void {
+    this.welcome = welcome;
+    this.watching?.welcomed(welcome);
     this.world.forgetStates();
-    if (this.presenting) this.send({ type: "entered" });
+    if (this.takesPart) this.send({ type: "entered" });
+  }
+
+  /** Fills the browser's cache, so that the scene is there when it is wanted. */
+  private fetchAhead(url: string): void {
+    void fetch(url, { headers: { Authorization: `Bearer ${this.token}` } })
+      .then((response) => response.arrayBuffer())
+      .catch(() => undefined);
   }
 
   private stateCame(state: State): void {
@@ -109,12 +167,13 @@ export class App {
   }
 
   private async sceneCame(scene: Scene): Promise<void> {
+    this.watching?.sceneCame(scene);
     try {
       const before = this.world.root.matrix.clone();
       const loading = this.world.load(scene, this.token);
       if (!this.world.root.matrix.equals(before)) this.view.standBefore(this.world.root);
       await loading;
-      this.send({ type: "scene_loaded", url: scene.url });
+      if (!this.watches) this.send({ type: "scene_loaded", url: scene.url });
     } catch (error) {
       this.showProblem(`The scene could not be loaded: ${words(error)}.`);
     }
@@ -122,6 +181,7 @@ export class App {
 
   private phaseCame(phase: Phase): void {
     this.phase = phase;
+    if (phase.name === "viewing") this.page.hideTakingPart();
     this.phaseEndsMs = phase.seconds === null ? Infinity : performance.now() + phase.seconds * 1000;
     this.secondsLeft = secondsUntil(this.phaseEndsMs, performance.now());
     if (phase.name !== "questionnaire") this.questionnaire.clear();
@@ -137,6 +197,7 @@ export class App {
 
   private async enterOrLeave(): Promise<void> {
     if (this.presenting) return this.session.leave();
+    this.senses.wake();
     if (this.emulated && !navigator.userActivation.isActive) {
       return this.showProblem("Enter VR needs a real click: a headset's browser would refuse this one.");
     }
@@ -145,6 +206,17 @@ export class App {
       .enter(navigator.xr!)
       .catch((error) => this.showProblem(`VR could not be entered: ${words(error)}.`));
     this.page.setReason("");
+  }
+
+  private playOrEnd(): void {
+    const playing = !this.flat.playing;
+    this.senses.wake();
+    this.flat.playing = playing;
+    this.page.setPlaying(playing);
+    this.world.seeFromInside(playing);
+    this.view.seeWith(playing ? this.flat.camera : null);
+    this.send({ type: playing ? "entered" : "left" });
+    this.refresh();
   }
 
   private entered(): void {
@@ -178,9 +250,12 @@ export class App {
   }
 
   private key(event: KeyboardEvent): void {
-    if (!isStopKey(event) || !(this.presenting || isRunning(this.phase))) return;
+    if (this.flat.press(event.code)) return;
+    if (this.flat.playing && event.key === "Enter" && event.target === document.body && awaitsReady(this.phase))
+      this.send({ type: "ready" });
+    if (!isStopKey(event) || !(this.takesPart || this.watching || isRunning(this.phase))) return;
     event.preventDefault();
-    this.send({ type: "stop" });
+    this.send(this.watching ? { type: "command", name: "stop" } : { type: "stop" });
   }
 
   private originReset(): void {
@@ -210,7 +285,8 @@ export class App {
   private refresh(): void {
     const { link, linkReason, phase, problem, secondsLeft } = this;
     const { question, answered } = this.questionnaire;
-    const display: Display = { link, linkReason, phase, question, answered, problem, secondsLeft };
+    const { takesPart } = this;
+    const display: Display = { link, linkReason, phase, question, answered, problem, secondsLeft, takesPart };
     this.page.show(display);
     this.panel.show(this.presenting ? panelContent(display) : null);
   }
@@ -224,8 +300,12 @@ export class App {
     if (frame && space && this.presenting) {
       this.session.watchButtons(frame.session.inputSources);
       this.immersive.frame(frame, space, timeMs);
-    }
+    } else if (this.watching?.fromInside) this.watching.follow(this.lastState, this.world.root);
     this.view.render();
+  }
+
+  private playFrame(): void {
+    if (this.flat.playing) this.send(this.flat.frame(performance.now()));
   }
 
   private countDown(): void {
@@ -237,8 +317,8 @@ export class App {
 }
 
 /** The server's socket beside this page; the token stays out of the address. */
-function socketAddress(): string {
-  const address = new URL("ws", location.origin + location.pathname);
+function socketAddress(name: string): string {
+  const address = new URL(name, location.origin + location.pathname);
   address.protocol = location.protocol.replace("http", "ws");
   return address.href;
 }

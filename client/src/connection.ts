@@ -1,5 +1,5 @@
-import { decode, encode } from "./codec";
-import { PROTOCOL, type ClientMessage, type ServerMessage } from "./messages";
+import { decode, encode, type Outgoing } from "./codec";
+import { PROTOCOL, type ServerMessage } from "./messages";
 
 export type Link = "connecting" | "connected" | "lost" | "superseded";
 
@@ -56,7 +56,7 @@ export class Connection {
   }
 
   /** Sends and returns true, or returns false when there is no connection. */
-  send(message: ClientMessage): boolean {
+  send(message: Outgoing): boolean {
     if (!this.connected) return false;
     this.socket?.send(encode(message));
     return true;

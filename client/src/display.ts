@@ -10,6 +10,8 @@ export interface Display {
   answered: number | null;
   problem: string | null;
   secondsLeft: number | null;
+  /** Whether the participant is in VR, or plays without a headset. */
+  takesPart: boolean;
 }
 
 export interface PanelContent {
@@ -56,7 +58,12 @@ function phaseText(phase: Phase | null): string {
 
 /** Whether a press of the trigger tells the server to go on. */
 export function awaitsReady(phase: Phase | null): boolean {
-  return phase !== null && ["calibration", "paused"].includes(phase.name);
+  return phase !== null && ["calibration", "check", "paused"].includes(phase.name);
+}
+
+/** Whether the participant may ask to be measured again. */
+export function mayRecalibrate(phase: Phase | null): boolean {
+  return phase?.name === "check";
 }
 
 /** Whether the person and the robot may be moving, so that the stop key must work. */

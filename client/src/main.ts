@@ -4,12 +4,15 @@ import { FULL_DETAIL, LIGHT_DETAIL } from "./view";
 
 const asked = new URLSearchParams(location.search);
 const emulated = asked.get("emulate") === "1";
-const detail = emulated && asked.get("detail") !== "full" ? LIGHT_DETAIL : FULL_DETAIL;
+const wanted = asked.get("detail") ?? (emulated ? "light" : "full");
+const detail = wanted === "light" ? LIGHT_DETAIL : FULL_DETAIL;
 const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
 const emulator = emulated ? await import("./emulator") : null;
 const device = emulator?.installEmulator();
 
-const app = new App(token, emulated, detail);
+const watches = location.pathname.endsWith("/spectator");
+
+const app = new App(token, emulated, detail, watches);
 if (emulator && device) emulator.exposeEmulator(app, device);
 app.start();
 window.addEventListener("hashchange", () => location.reload());

@@ -6,7 +6,7 @@ export type Vector3 = [number, number, number];
 
 export type Quaternion = [number, number, number, number];
 
-export type Modality = "controllers" | "hands" | "none";
+export type Modality = "controllers" | "hands" | "mouse" | "none";
 
 export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 

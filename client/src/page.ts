@@ -1,8 +1,14 @@
-import { linkWords, phaseLabel, type Display } from "./display";
+import { awaitsReady, linkWords, mayRecalibrate, phaseLabel, type Display } from "./display";
 import type { Question } from "./messages";
+import type { Allowed } from "./senses";
+
+const SENSES = ["haptics", "sounds"] as const;
 
 export interface PageEvents {
   enterOrLeave(): void;
+  playOrEnd(): void;
+  ready(): void;
+  recalibrate(): void;
   answer(value: number): void;
 }
 
@@ -15,11 +21,16 @@ export class Page {
   readonly view = element("view");
   readonly card = element("card");
   private readonly enter = element<HTMLButtonElement>("enter");
+  private readonly play = element<HTMLButtonElement>("play");
   private shown: Question | null = null;
   private readonly texts = new Map<string, string>();
 
   constructor(private readonly events: PageEvents) {
     this.enter.addEventListener("click", () => events.enterOrLeave());
+    this.play.addEventListener("click", () => events.playOrEnd());
+    element("ready").addEventListener("click", () => events.ready());
+    element("again").addEventListener("click", () => events.recalibrate());
+    for (const sense of SENSES) remember(element<HTMLInputElement>(sense));
     element<HTMLDetailsElement>("help").open = window.innerHeight > 620 && window.innerWidth > 720;
   }
 
@@ -35,6 +46,24 @@ export class Page {
     this.enter.blur();
   }
 
+  /** What the participant wants to feel and hear. */
+  get senses(): Allowed {
+    const [haptics, sounds] = SENSES.map((sense) => element<HTMLInputElement>(sense).checked);
+    return { haptics: haptics!, sounds: sounds! };
+  }
+
+  setPlaying(playing: boolean): void {
+    this.play.textContent = playing ? "Stop playing" : "Play without a headset";
+    element("play-help").hidden = !playing;
+    this.enter.hidden = element("reason").hidden = playing;
+    this.play.blur();
+  }
+
+  /** Whoever only watches takes no part. */
+  hideTakingPart(): void {
+    element("take-part").hidden = element("help").hidden = true;
+  }
+
   show(display: Display): void {
     const { phase, question, problem, secondsLeft } = display;
     element("status").dataset["link"] = display.link;
@@ -44,6 +73,8 @@ export class Page {
     this.text("phase-text", phase?.text ?? "");
     this.text("countdown", secondsLeft === null ? "" : `${secondsLeft} s`);
     element("problem").hidden = !problem;
+    element("go-on").hidden = !display.takesPart || !awaitsReady(phase);
+    element("again").hidden = !mayRecalibrate(phase);
     element("phase").hidden = !phase?.text || question !== null;
     this.showQuestion(question, display.answered);
   }
@@ -83,9 +114,15 @@ export class Page {
   }
 }
 
+/** Keeps a check box as it was set, on this device. */
+function remember(box: HTMLInputElement): void {
+  box.checked = localStorage.getItem(box.id) !== "off";
+  box.addEventListener("change", () => localStorage.setItem(box.id, box.checked ? "on" : "off"));
+}
+
 /** Whether a key press asks the robot to stop: Escape anywhere, Space unless it presses a button. */
 export function isStopKey(event: KeyboardEvent): boolean {
   if (event.repeat) return false;
-  const onControl = event.target instanceof Element && event.target.closest("button, summary, a") !== null;
+  const onControl = event.target instanceof Element && event.target.closest("button, summary, a, input, label") !== null;
   return event.key === "Escape" || (event.key === " " && !onControl);
 }

@@ -55,6 +55,13 @@ export class ImmersiveSession {
     void this.session?.end();
   }
 
+  /** A tick in the controller of a hand, where it has a motor. */
+  pulse(hand: XRHandedness, strength: number, ms: number): void {
+    for (const source of this.session?.inputSources ?? []) {
+      if (source.handedness === hand) void motorOf(source)?.pulse(strength, ms);
+    }
+  }
+
   /** Looks for a menu button that goes down; call it in every frame. */
   watchButtons(sources: XRInputSourceArray): void {
     const down = menuIsDown(sources);
@@ -87,6 +94,15 @@ async function setFrameRate(session: XRSession): Promise<void> {
   const [best] = rates.sort((a, b) => distance(a) - distance(b));
   if (best && best !== session.frameRate)
     await session.updateTargetFrameRate(best).catch(() => console.warn(`${best} Hz was refused`));
+}
+
+interface Motor {
+  pulse(strength: number, ms: number): Promise<boolean>;
+}
+
+/** WebXR's gamepads have the motors of the Gamepad Extensions, which the browsers' types leave out. */
+function motorOf({ gamepad }: XRInputSource): Motor | undefined {
+  return (gamepad as { hapticActuators?: Motor[] } | undefined)?.hapticActuators?.[0];
 }
 
 function menuIsDown(sources: XRInputSourceArray): boolean {

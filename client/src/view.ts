@@ -11,8 +11,8 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 /** Where the spectator stands and looks, in the simulation's frame: a person sits at its origin facing -y. */
-const EYE_W = new Vector3(-0.93, -1.57, 1.4);
-const REFLECTION = 0.35;
+const EYE_W = new Vector3(0.93, -1.57, 1.4);
+const REFLECTION = 0.5;
 const CENTRE = new Vector3(0, 1, 0);
 const CHEST_W = new Vector3(0, 0.05, 0.88);
 
@@ -36,6 +36,7 @@ export class View {
   private readonly eyes = new PerspectiveCamera(70, 1, 0.03, 30);
   private readonly spectator = new PerspectiveCamera(45, 1, 0.05, 30);
   private readonly controls: OrbitControls;
+  private borrowed: PerspectiveCamera | null = null;
 
   constructor(
     holder: HTMLElement,
@@ -52,6 +53,7 @@ export class View {
     renderer.xr.setReferenceSpaceType("local-floor");
     holder.append(renderer.domElement);
     this.controls = new OrbitControls(this.spectator, renderer.domElement);
+    this.controls.listenToKeyEvents(window);
     Object.assign(this.controls, { minDistance: 0.4, maxDistance: 2.9, maxPolarAngle: 1.7 });
     window.addEventListener("resize", () => this.fit());
     new ResizeObserver(() => this.fit()).observe(card);
@@ -64,19 +66,23 @@ export class View {
     const card = this.card.getBoundingClientRect();
     const besides = card.width < width * 0.7;
     this.renderer.setSize(width, height);
-    this.spectator.aspect = width / height;
     this.spectator.fov = besides ? 45 : 62;
-    this.spectator.setViewOffset(
-      width,
-      height,
-      besides ? -card.right / 2 : 0,
-      besides ? 0 : card.height / 2,
-      width,
-      height,
-    );
+    this.controls.enabled = !this.borrowed;
+    for (const camera of [this.spectator, this.borrowed]) {
+      if (!camera) continue;
+      camera.aspect = width / height;
+      const [x, y] = besides ? [-card.right / 2, 0] : [0, card.height / 2];
+      camera.setViewOffset(width, height, x, y, width, height);
+    }
   }
 
-  /** Shows the person from the front right, wherever the simulation's frame stands. */
+  /** Shows what this camera sees, or the spectator's view again. */
+  seeWith(camera: PerspectiveCamera | null): void {
+    this.borrowed = camera;
+    this.fit();
+  }
+
+  /** Shows the person from the front left, where no robot stands, wherever the simulation's frame stands. */
   standBefore(root: Object3D): void {
     this.spectator.position.copy(root.localToWorld(EYE_W.clone()));
     this.controls.target.copy(root.localToWorld(CHEST_W.clone()));
@@ -96,6 +102,7 @@ export class View {
   }
 
   render(): void {
-    this.renderer.render(this.scene, this.renderer.xr.isPresenting ? this.eyes : this.spectator);
+    const flat = this.borrowed ?? this.spectator;
+    this.renderer.render(this.scene, this.renderer.xr.isPresenting ? this.eyes : flat);
   }
 }

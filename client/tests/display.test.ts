@@ -19,7 +19,7 @@ function phase(name: Phase["name"], text = "Words"): Phase {
 }
 
 function display(changes: Partial<Display>): Display {
-  const nothing = { phase: null, question: null, answered: null, problem: null, secondsLeft: null };
+  const nothing = { phase: null, question: null, answered: null, problem: null, secondsLeft: null, takesPart: true };
   return { link: "connected", linkReason: "", ...nothing, ...changes };
 }
 

@@ -37,7 +37,7 @@ class TrackingFrame(Record, frozen=True):
 
     ``applied``: the frame moved the person; one that a newer frame overtook did not.
     ``held``: the frame was stale or invalid, and the person kept the last pose.
-    ``modality``: what was tracked: ``controllers``, ``hands`` or ``none``.
+    ``modality``: what was tracked: ``controllers``, ``hands``, a ``mouse`` in place of a headset, or ``none``.
     """
 
     sequence: int

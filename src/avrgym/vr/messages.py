@@ -13,7 +13,7 @@ PROTOCOL = 3
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-Modality = Literal["controllers", "hands", "none"]
+Modality = Literal["controllers", "hands", "mouse", "none"]
 
 
 class XRPose(msgspec.Struct, frozen=True, array_like=True):
