@@ -2,6 +2,8 @@
 
 import csv
 import json
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -151,6 +153,18 @@ def test_bids_runs_have_a_column_for_each_channel(exports: dict[str, Path]) -> N
         assert sidecar["Simulated"] == ("sub-001" in run.name)
 
 
+def test_the_validator_of_bids_finds_no_error(exports: dict[str, Path]) -> None:
+    validator = Path(sys.executable).with_name("bids-validator-deno")
+    if not validator.exists():
+        pytest.skip("the validator of BIDS is not installed (`pip install avrgym[dev]` brings it)")
+    command = [validator, exports["bids"], "--format", "json"]
+    result = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+    issues = result["issues"]["issues"]
+    assert [issue for issue in issues if issue["severity"] == "error"] == []
+    assert result["summary"]["tasks"] == ["Feeding"]
+    assert len(result["summary"]["subjects"]) == 2
+
+
 def test_bids_tables_lead_to_the_runs_and_their_conditions(exports: dict[str, Path]) -> None:
     folder = exports["bids"]
     participants = table(folder / "participants.tsv")
@@ -170,7 +184,9 @@ def test_bids_answers_have_a_row_for_each_participant(exports: dict[str, Path]) 
     assert answers.loc["sub-002"].notna().sum() == 1 + 8
     described = json.loads((exports["bids"] / "phenotype" / "likert.json").read_text())
     assert set(described) == set(answers.columns)
-    assert described["Feeding_PR2_original_L1"]["Levels"] == {"1": "strongly disagree", "7": "strongly agree"}
+    levels = described["Feeding_PR2_original_L1"]["Levels"]
+    assert list(levels) == [str(value) for value in range(1, 8)]
+    assert (levels["1"], levels["7"]) == ("strongly disagree", "strongly agree")
 
 
 # robomimic

@@ -17,6 +17,7 @@ from alembic.migration import MigrationContext
 
 from avrgym.study import database, schema
 from avrgym.study.allocation import cell_orders
+from avrgym.study.deletion import delete_participant
 from avrgym.study.participants import add_note, enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.rows import Trial
 from avrgym.study.sessions import (
@@ -423,6 +424,23 @@ def _run_and_kill(folder: Path, after_s: float) -> None:
 
 def _plan(trial: Trial) -> tuple:
     return trial.position, trial.environment, trial.policy, trial.seed, trial.practice
+
+
+# Deletion
+
+
+def test_of_a_deleted_participant_only_a_tombstone_stays(store: Store) -> None:
+    for _ in range(2):
+        run_participant(store, take_in(store), trials=2)
+    add_note(store, "sub-001", "a note")
+    kept = store.trials("sub-002"), store.attempts("sub-002"), store.answers("sub-002")
+    delete_participant(store, "sub-001")
+    assert [participant.pseudonym for participant in store.participants()] == ["sub-002"]
+    assert (store.trials("sub-002"), store.attempts("sub-002"), store.answers("sub-002")) == kept
+    assert {event.participant for event in store.events()} == {2}
+    assert [tombstone.number for tombstone in store.tombstones()] == [1]
+    assert len(contents(store)["attempt"]) == len(kept[1])
+    refused(store, lambda: delete_participant(store, "sub-003"), "there is no sub-003")
 
 
 # Several stations

@@ -13,6 +13,7 @@ from typing import Any
 from avrgym.study.export import NOTICE
 from avrgym.study.export.tables import neutral
 from avrgym.study.export.trials import ExportedAttempt, completed_attempts
+from avrgym.study.questionnaire import Item
 from avrgym.study.records import Event, Pose, TrackingFrame
 from avrgym.study.store import Store
 
@@ -211,8 +212,9 @@ def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Pa
         folder.rmdir()
 
 
-def _describe(item: Any) -> dict[str, Any]:
-    return {"Description": item.text, "Levels": {"1": item.low, str(item.points): item.high}}
+def _describe(item: Item) -> dict[str, Any]:
+    between = {str(value): f"{value} of {item.points}" for value in range(2, item.points)}
+    return {"Description": item.text, "Levels": {"1": item.low, **between, str(item.points): item.high}}
 
 
 def _rows_of_answers(

@@ -1,0 +1,199 @@
+"""Who takes part stays private, and goes without a trace on request."""
+
+import hashlib
+import os
+import shutil
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from avrgym.study import database, deletion, keyfile, schema
+from avrgym.study.database import Database
+from avrgym.study.deletion import delete_participant
+from avrgym.study.participants import add_note, enrol, set_identity
+from avrgym.study.sessions import close_session, open_session, tell
+from avrgym.study.states import StudyError
+from avrgym.study.store import Store
+from studies import run_participant, small_study, take_in
+
+NAME, CONTACT = "Grace Unverwechselbar", "grace.unverwechselbar@example.org"
+TRACES = (
+    NAME.encode(),
+    CONTACT.encode(),
+    b"Unverwechselbar",
+    b"she-laughed-at-the-spoon",
+    b"sub-002",
+    b"ses-01-trace",
+)
+
+
+@pytest.fixture
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
+    """Three people, each with some trials; the second has left traces wherever that is possible."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    with Store(small_study(tmp_path / "study")) as opened:
+        for number in (1, 2, 3):
+            second = number == 2
+            pseudonym = take_in(
+                opened,
+                simulated=False,
+                name=NAME if second else f"Person {number}",
+                contact=CONTACT if second else "",
+            )
+            run_participant(opened, pseudonym, trials=2, simulated=False)
+        add_note(opened, "sub-002", "she-laughed-at-the-spoon")
+        session = open_session(opened, "sub-002")
+        tell(opened, session.id, "reconnected", "ses-01-trace")
+        close_session(opened, session.id)
+        yield opened
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def found(folder: Path) -> set[bytes]:
+    """The traces that a search through the bytes and names of all files finds."""
+    held = files(folder)
+    everything = [*held.values(), *(name.encode() for name in held)]
+    return {trace for trace in TRACES if any(trace in data for data in everything)}
+
+
+def others(store: Store) -> tuple:
+    """What belongs to the other participants: rows, and checksums of recordings."""
+    rows = tuple(
+        (store.participant(p), store.trials(p), store.sessions(p), store.attempts(p), store.answers(p))
+        for p in ("sub-001", "sub-003")
+    )
+    recordings = {
+        name: hashlib.sha256(data).hexdigest() for name, data in files(store.folder / "recordings").items()
+    }
+    return rows, {name: digest for name, digest in recordings.items() if not name.startswith("sub-002")}
+
+
+# The key file
+
+
+def test_names_are_only_in_the_key_file_which_only_its_owner_may_read(store: Store) -> None:
+    private = store.folder / "private"
+    holders = [name for name, data in files(store.folder).items() if b"Unverwechselbar" in data]
+    assert holders == ["private/key.json"]
+    assert keyfile.read_key(store.folder)["sub-002"] == keyfile.Identity(NAME, CONTACT)
+    assert stat.S_IMODE(private.stat().st_mode) == 0o700
+    assert stat.S_IMODE((private / "key.json").stat().st_mode) == 0o600
+    assert keyfile.exposed(store.folder) == []
+
+
+def test_the_key_file_is_private_whatever_the_process_allows(store: Store) -> None:
+    before = os.umask(0)
+    try:
+        set_identity(store, "sub-001", "Another Name", "")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((store.folder / "private" / "key.json").stat().st_mode) == 0o600
+
+
+def test_a_key_file_that_is_damaged_is_refused_and_kept(store: Store) -> None:
+    path = store.folder / "private" / "key.json"
+    path.write_text("{ damaged")
+    with pytest.raises(StudyError, match="not a key file"):
+        set_identity(store, "sub-001", "Another Name", "")
+    assert path.read_text() == "{ damaged"
+
+
+def test_a_simulated_participant_has_no_name(store: Store) -> None:
+    with pytest.raises(StudyError, match="neither name nor contact"):
+        enrol(store, "man", name="Robo", simulated=True)
+    assert len(store.participants()) == 3
+
+
+# Deletion
+
+
+def test_deletion_leaves_no_trace_and_changes_nobody_else(store: Store) -> None:
+    before = others(store)
+    assert found(store.folder) == set(TRACES)
+    delete_participant(store, "sub-002")
+    assert found(store.folder) == set()
+    assert others(store) == before
+    (tombstone,) = store.tombstones()
+    assert (tombstone.number, tombstone.simulated) == (2, False)
+    assert [participant.number for participant in store.participants()] == [1, 3]
+    store.close()
+    assert found(store.folder) == set()
+
+
+def test_a_deleted_number_is_never_given_again_and_its_order_is(store: Store) -> None:
+    cell = store.participant("sub-003").cell
+    delete_participant(store, "sub-003")
+    pseudonym = take_in(store, simulated=False)
+    assert pseudonym == "sub-004"
+    assert store.participant(pseudonym).cell == cell
+
+
+def test_backups_of_the_database_go_with_a_participant(store: Store) -> None:
+    backups = store.folder / "backups"
+    backups.mkdir()
+    shutil.copy(store.folder / "study.db", backups / "0001_first-copy.db")
+    delete_participant(store, "sub-002")
+    assert not backups.exists()
+    assert found(store.folder) == set()
+
+
+@pytest.mark.parametrize("step", ["remove_entry", "_remove", "erase_traces"])
+def test_a_deletion_that_broke_off_is_finished_by_deleting_again(
+    store: Store, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    before = others(store)
+    owner = {"remove_entry": keyfile, "_remove": deletion, "erase_traces": Database}[step]
+    with monkeypatch.context() as crash:
+        crash.setattr(owner, step, lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            delete_participant(store, "sub-002")
+    delete_participant(store, "sub-002")
+    delete_participant(store, "sub-002")
+    assert found(store.folder) == set()
+    assert others(store) == before
+
+
+def test_nobody_is_deleted_while_their_session_runs(store: Store) -> None:
+    session = open_session(store, "sub-002")
+    before = files(store.folder / "recordings")
+    with pytest.raises(StudyError, match=r"is open at .*; close it there before deleting"):
+        delete_participant(store, "sub-002")
+    assert files(store.folder / "recordings") == before
+    assert store.participant("sub-002").state == "allocated"
+    close_session(store, session.id)
+    delete_participant(store, "sub-002")
+
+
+def test_whoever_reads_the_study_meanwhile_keeps_traces_from_being_erased(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(database, "WAIT_S", 0.1)
+    with Store(store.folder) as reader, reader.database.read() as connection:
+        connection.execute(schema.PARTICIPANT.select()).all()
+        with pytest.raises(StudyError, match="the study is in use: stop what uses it and delete again"):
+            delete_participant(store, "sub-002")
+    delete_participant(store, "sub-002")
+    assert found(store.folder) == set()
+
+
+@pytest.mark.parametrize("pseudonym", ["sub-009", "../recordings", "sub-002/../sub-001", "*", "sub-2"])
+def test_only_a_participant_can_be_deleted(store: Store, pseudonym: str) -> None:
+    before = {name: data for name, data in files(store.folder).items() if "study.db" not in name}
+    with pytest.raises(StudyError, match=r"no participant|there is no sub-009"):
+        delete_participant(store, pseudonym)
+    assert {name: data for name, data in files(store.folder).items() if "study.db" not in name} == before
+
+
+def test_deletion_does_not_follow_links(store: Store, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    shutil.move(store.folder / "recordings" / "sub-002", elsewhere)
+    (store.folder / "recordings" / "sub-002").symlink_to(elsewhere)
+    kept = files(elsewhere)
+    delete_participant(store, "sub-002")
+    assert files(elsewhere) == kept
+    assert not os.path.lexists(store.folder / "recordings" / "sub-002")
