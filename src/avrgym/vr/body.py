@@ -37,30 +37,9 @@ def resting_head_centre(person: Person, posture: Posture) -> Array:
     return pos_w + person.torso_height_m * axes_w[:, 2]
 
 
-def seated_head_centre(person: Person) -> Array:
-    """The centre of the head (3,) of a person who sits upright, world frame."""
-    return resting_head_centre(person, SEATED)
-
-
 def hips_frame(person: Person, posture: Posture) -> tuple[Array, Array]:
     """Where the hips are in the world: their origin (3,) and their axes (3, 3) as columns."""
     return posture.hips(PROPORTIONS[person.sex]), axes.of_xyz(radians(posture.hips_deg), 0.0, 0.0)
-
-
-def torso_height(sex: human.Sex, head_height_m: float) -> float:
-    """Torso height from the height of the head's centre above the floor, sitting upright in our wheelchair.
-
-    Raises:
-        ValueError: for a height that no seated adult has, naming the heights that are allowed.
-    """
-    hips = PROPORTIONS[sex].seated_hips_height
-    low, high = (hips + limit for limit in human.TORSO_HEIGHT_RANGE_M)
-    if not low <= head_height_m <= high:
-        raise ValueError(
-            f"the headset is {head_height_m:.2f} m above the floor; of a seated person it must be "
-            f"{low:.2f} to {high:.2f} m: sit upright, and check the floor height of the headset"
-        )
-    return head_height_m - hips
 
 
 def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> Array:

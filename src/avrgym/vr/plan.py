@@ -1,7 +1,7 @@
 """What a session runs: its trials in order, and how they are run."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from avrgym.envs import ACTIONS
 from avrgym.episodes import EPISODE_STEPS
@@ -9,6 +9,7 @@ from avrgym.models.human import Sex
 from avrgym.policies import Policy, load_policy
 from avrgym.study.questionnaire import LIKERT_ITEMS, Item
 from avrgym.tasks import TASKS, find_environment
+from avrgym.vr.calibration import RealFurniture
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class SessionPlan:
     ``free_movement_s`` is how long the person moves freely before and after each trial, ``countdown_s`` the wait
     before the robot starts, ``trial_steps`` a trial's length in control steps of 0.1 s. ``first_trial`` counts
     from 1: a session that goes on after a break begins there. ``haptics`` and ``sounds`` say whether touches are
-    felt and successes heard.
+    felt and successes heard. ``furniture`` is what the participant really sits and lies on.
     """
 
     trials: Sequence[TrialPlan]
@@ -41,10 +42,19 @@ class SessionPlan:
     first_trial: int = 1
     haptics: bool = True
     sounds: bool = True
+    furniture: RealFurniture = field(default_factory=RealFurniture)
 
     def __post_init__(self) -> None:
         if not 1 <= self.first_trial <= len(self.trials):
             raise ValueError(f"first_trial is {self.first_trial}; there are trials 1 to {len(self.trials)}")
+
+
+def practised_trials(environments: Sequence[str], policy: str, trials: int, seed: int) -> list[TrialPlan]:
+    """For each environment a practice trial and then so many trials; each trial takes the next seed."""
+    order = [(environment, i == 0) for environment in environments for i in range(trials + 1)]
+    return [
+        TrialPlan(environment, policy, seed + i, practice) for i, (environment, practice) in enumerate(order)
+    ]
 
 
 Policies = Mapping[tuple[str, str], Policy]

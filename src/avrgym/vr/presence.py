@@ -7,7 +7,7 @@ from avrgym.models.human import SEATED, Person, Posture
 from avrgym.vr import messages
 from avrgym.vr.body import BodyPose, resting_head_centre
 from avrgym.vr.messages import XRPose
-from avrgym.vr.tracking import Frame, TrackingFeed, body_pose, measure_torso_height
+from avrgym.vr.tracking import Frame, TrackingFeed, body_pose
 from avrgym.vr.webxr import Registration, register
 from avrgym.vr.world import LiveWorld
 
@@ -76,13 +76,9 @@ class Presence:
         """Let the next usable frame say where the participant is."""
         self.registration = self._pose = self._resting = None
 
-    def steady_heads(self, now_s: float) -> list[XRPose]:
-        """The headset's poses over the last half second.
-
-        Raises:
-            ValueError: when they are too few or moved too much, in words for the participant.
-        """
-        return self._feed.steady_heads(now_s)
+    def steady_head(self, now_s: float) -> XRPose:
+        """The headset at rest; see ``TrackingFeed.steady_head``."""
+        return self._feed.steady_head(now_s)
 
     def follow(self, world: LiveWorld, now_s: float) -> Followed:
         """Move the world's person to the newest frame, or hold them when it is stale."""
@@ -102,8 +98,3 @@ class Presence:
             self._pose = body_pose(registration, newest.tracking)
         world.follow(self._pose)
         return is_new
-
-
-def measured_torso_height(person: Person, heads: list[XRPose]) -> float:
-    """The torso height in metres of who holds still; see ``measure_torso_height``."""
-    return measure_torso_height(person.sex, heads)

@@ -20,11 +20,12 @@ from avrgym.study.recording import RecordingError
 from avrgym.vr import messages, transitions
 from avrgym.vr.asking import Asking
 from avrgym.vr.attempt import Attempt, configuration
+from avrgym.vr.calibration import measure_torso_height
 from avrgym.vr.experimenter import COMMANDS, correct_torso_height
 from avrgym.vr.messages import PhaseName
 from avrgym.vr.plan import Policies, SessionPlan, TrialPlan, load_policies
 from avrgym.vr.preparation import AtOnce
-from avrgym.vr.presence import Presence, measured_torso_height
+from avrgym.vr.presence import Presence
 from avrgym.vr.reporting import Reporter, status
 from avrgym.vr.scenery import Scenery
 from avrgym.vr.tracking import STALE_S
@@ -385,16 +386,18 @@ class Session:
 
     def _calibrate(self, now_s: float) -> None:
         """Seat the participant: height, place and direction from the last half second of tracking."""
-        measured = not self.height_known
+        measured, posture = not self.height_known, self._world.stage.posture
         try:
-            heads = self.presence.steady_heads(now_s)
+            head = self.presence.steady_head(now_s)
             if measured:
-                self._give_torso_height(measured_torso_height(self.person, heads))
+                self._give_torso_height(
+                    measure_torso_height(self.plan.sex, posture, head, self.plan.furniture)
+                )
         except ValueError as error:
             self.problem(str(error))
             return
-        self._calibrated_for = self._world.stage.posture
-        self.presence.place(heads[-1], self.person, self._calibrated_for)
+        self._calibrated_for = posture
+        self.presence.place(head, self.person, posture)
         self.tell(transitions.Calibrated(now_s, self.person.torso_height_m, measured))
         self.load(self.enter_check, now_s)
 

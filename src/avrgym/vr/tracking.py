@@ -5,16 +5,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avrgym.models.human import Sex
-from avrgym.vr.body import BodyPose, torso_height
+from avrgym import transforms
+from avrgym.vr.body import BodyPose
 from avrgym.vr.messages import Tracking, XRPose
-from avrgym.vr.webxr import Registration, hand_pose, head_pose, is_valid, register
+from avrgym.vr.webxr import Registration, hand_pose, head_pose, is_valid
 
 STALE_S = 0.2
 """A frame older than this no longer moves the person."""
 CALIBRATION_S = 0.5
 CALIBRATION_FRAMES = 5
 STEADY_M = 0.03
+STEEPEST_GAZE = 0.85
+"""The sine of the steepest angle, up or down, at which a headset still says where somebody faces."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +55,11 @@ class TrackingFeed:
         """Whether frames came, but none for 200 ms."""
         return self.newest is not None and now_s - self.newest.received_s > STALE_S
 
-    def steady_heads(self, now_s: float) -> list[XRPose]:
-        """The headset's poses over the last half second.
+    def steady_head(self, now_s: float) -> XRPose:
+        """The headset at rest: of its poses over the last half second the one of median height.
 
         Raises:
-            ValueError: when they are too few or moved too much, in words for the participant.
+            ValueError: when they are too few, moved too much or look too steeply, in words for the participant.
         """
         self._forget(now_s - CALIBRATION_S)
         heads = [f.tracking.head for f in self._recent if f.tracking.head is not None]
@@ -68,9 +70,15 @@ class TrackingFeed:
         spread = np.ptp([head.position for head in heads], axis=0).max()
         if spread > STEADY_M:
             raise ValueError(
-                f"your head moved by {100 * spread:.0f} cm; keep it within {100 * STEADY_M:.0f} cm"
+                f"your head moved by {100 * spread:.1f} cm; keep it within {100 * STEADY_M:.0f} cm"
             )
-        return heads
+        head = sorted(heads, key=lambda head: head.position[1])[len(heads) // 2]
+        q_w = head_pose(Registration(np.zeros(3), 0.0), head).q_w
+        if abs(transforms.rotate(q_w, [0.0, -1.0, 0.0])[2]) > STEEPEST_GAZE:
+            raise ValueError(
+                "you look up or down too steeply to tell which way you face; look straight ahead"
+            )
+        return head
 
     def _forget(self, until_s: float) -> None:
         while self._recent and self._recent[0].received_s <= until_s:
@@ -81,16 +89,6 @@ class TrackingFeed:
         replayed = self.newest is not None and frame.sequence <= self.newest.tracking.sequence
         poses = [pose for pose in (frame.head, frame.left, frame.right) if pose is not None]
         return frame.head is not None and not replayed and all(is_valid(pose) for pose in poses)
-
-
-def measure_torso_height(sex: Sex, heads: list[XRPose]) -> float:
-    """Torso height in metres from poses of the headset of somebody who sits upright.
-
-    Raises:
-        ValueError: for a height that no seated adult has, naming what is allowed.
-    """
-    centres = [head_pose(register(head, np.zeros(3)), head).pos_w for head in heads]
-    return torso_height(sex, float(np.median([centre[2] for centre in centres])))
 
 
 def body_pose(registration: Registration, frame: Tracking) -> BodyPose:

@@ -38,7 +38,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Registration:
-    """Where ``local-floor`` lies in the world: its origin (3,) and the yaw of its axes, floor on floor."""
+    """Where ``local-floor`` lies in the world: its origin (3,) and the yaw of its axes."""
 
     origin_w: Array
     yaw_rad: float
@@ -67,18 +67,15 @@ class Registration:
 
 
 def register(head: XRPose, head_centre_w: Array) -> Registration:
-    """Put the participant's head over ``head_centre_w`` (x and y count) with their gaze along −y.
+    """Put the participant's head at ``head_centre_w`` with their gaze along −y.
 
-    Heights stay as they are: floor on floor.
+    The heads agree, and so do the seats: the floors then lie apart by as much as the seats' heights differ.
     """
-    flat = Registration(np.zeros(3), 0.0)
-    upright = head_pose(flat, head)
+    upright = head_pose(Registration(np.zeros(3), 0.0), head)
     ahead = transforms.rotate(upright.q_w, [0.0, -1.0, 0.0])
     yaw = -0.5 * np.pi - np.arctan2(ahead[1], ahead[0])
     turned = transforms.rotate(transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(yaw)), upright.pos_w)
-    return Registration(
-        np.array([head_centre_w[0] - turned[0], head_centre_w[1] - turned[1], 0.0]), float(yaw)
-    )
+    return Registration(head_centre_w - turned, float(yaw))
 
 
 def head_pose(registration: Registration, head: XRPose) -> Pose:

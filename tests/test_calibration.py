@@ -1,0 +1,90 @@
+"""Laws of measuring a torso from a headset, and of putting seats and heads together."""
+
+import numpy as np
+import pytest
+
+from avrgym import transforms
+from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Posture, Sex
+from avrgym.vr.body import BodyPose, BodySolver, hips_frame, resting_head_centre, torso_angles
+from avrgym.vr.calibration import RealFurniture, measure_torso_height
+from avrgym.vr.messages import Tracking, XRPose
+from avrgym.vr.tracking import TrackingFeed
+from avrgym.vr.webxr import Pose, Registration, head_pose, headset_from_head, register
+
+POSTURES = (SEATED, RECLINED)
+ROOM = Registration(np.array([0.4, -0.2, 0.0]), 2.0)
+VIRTUAL = RealFurniture()
+
+
+def headset(person: Person, posture: Posture, rise_m: float = 0.0) -> XRPose:
+    """The headset of somebody who rests on furniture higher than ours by ``rise_m``, in a room of their own."""
+    _, axes_w = hips_frame(person, posture)
+    centre_w = resting_head_centre(person, posture) + np.array([0.0, 0.0, rise_m])
+    return headset_from_head(ROOM, Pose(centre_w, transforms.from_matrix(axes_w)))
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+@pytest.mark.parametrize("sex", SEXES)
+@pytest.mark.parametrize("rise_m", [-0.1, 0.0, 0.07])
+def test_the_measure_is_the_torso_height_whatever_they_rest_on(
+    sex: Sex, posture: Posture, rise_m: float
+) -> None:
+    real = RealFurniture(VIRTUAL.seat_height_m + rise_m, VIRTUAL.mattress_height_m + rise_m)
+    for height_m in (0.45, 0.54, 0.70):
+        head = headset(Person(sex, height_m), posture, rise_m)
+        assert measure_torso_height(sex, posture, head, real) == pytest.approx(height_m)
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+@pytest.mark.parametrize("rise_m", [-0.1, 0.0, 0.07])
+def test_registering_somebody_at_rest_gives_no_angles(posture: Posture, rise_m: float) -> None:
+    person = Person("man", 0.57)
+    head = headset(person, posture, rise_m)
+    registration = register(head, resting_head_centre(person, posture))
+    np.testing.assert_allclose(torso_angles(person, head_pose(registration, head), posture), 0.0, atol=1e-6)
+    assert registration.origin_w[2] == pytest.approx(-rise_m)
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+def test_a_torso_height_that_was_entered_fits_the_same_headset(posture: Posture) -> None:
+    """The experimenter corrects the measure: the person changes, the head stays where it is."""
+    measured, corrected = Person("woman", 0.57), Person("woman", 0.53)
+    head = headset(measured, posture)
+    pose = head_pose(register(head, resting_head_centre(corrected, posture)), head)
+    angles = BodySolver(corrected, posture).solve(BodyPose(pose, None, None), corrected.joint_angles_rad)
+    np.testing.assert_allclose(angles[:6], 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("posture", "words"), [(SEATED, "seated person"), (RECLINED, "person in the bed")])
+def test_heights_that_nobody_has_are_refused(posture: Posture, words: str) -> None:
+    for height_m in (0.3, 0.95, 1.5, 1.8):
+        head = XRPose((0.0, height_m, 0.0), (0.0, 0.0, 0.0, 1.0))
+        with pytest.raises(ValueError, match=rf"{height_m:.2f} m above the floor; of a {words} .* 1\.\d\d m"):
+            measure_torso_height("woman", posture, head, VIRTUAL)
+
+
+def test_furniture_that_nobody_sits_on_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"seat is 1\.20 m high; allowed are 0\.30 to 0\.70 m"):
+        RealFurniture(seat_height_m=1.2)
+    with pytest.raises(ValueError, match=r"mattress is nan m high"):
+        RealFurniture(mattress_height_m=float("nan"))
+
+
+def feed_of(*heads: XRPose) -> TrackingFeed:
+    feed = TrackingFeed()
+    for i, head in enumerate(heads):
+        feed.add(Tracking(i, 10.0 * i, head, None, None, "controllers"), 0.01 * i)
+    return feed
+
+
+def test_the_headset_at_rest_is_the_one_of_median_height() -> None:
+    heights = (1.20, 1.21, 1.215, 1.205, 1.22, 1.2, 1.21)
+    heads = [XRPose((0.0, height, 0.0), (0.0, 0.0, 0.0, 1.0)) for height in heights]
+    assert feed_of(*heads).steady_head(0.1).position[1] == 1.21
+
+
+def test_who_looks_at_the_ceiling_faces_nowhere() -> None:
+    sine, cosine = np.sin(np.radians(40.0)), np.cos(np.radians(40.0))
+    up = XRPose((0.0, 1.2, 0.0), (float(sine), 0.0, 0.0, float(cosine)))
+    with pytest.raises(ValueError, match="too steeply"):
+        feed_of(*[up] * 6).steady_head(0.1)
