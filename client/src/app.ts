@@ -141,7 +141,7 @@ export class App {
     if (message.type === "welcome") this.welcomed(message);
     if (message.type === "scene") void this.sceneCame(message);
     if (message.type === "phase") this.phaseCame(message);
-    if (message.type === "question") this.questionnaire.show(message, performance.now());
+    if (message.type === "question" && !this.watches) this.questionnaire.show(message, performance.now());
     if (message.type === "problem") this.showProblem(message.message);
     this.refresh();
   }

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
@@ -63,43 +63,75 @@ def serve(
     study: Annotated[Path, typer.Option(help="The folder that recordings go into.", metavar="DIR")] = Path(
         "study"
     ),
-    host: Annotated[str, typer.Option(help="The address to listen on: this machine only.")] = "127.0.0.1",
+    host: Annotated[
+        str | None, typer.Option(help="The address to listen on: this machine's own, or with --lan any.")
+    ] = None,
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
     ] = 8000,
-    env: Annotated[str, typer.Option(help="The environment of the trials.")] = "avrgym/FeedingJaco-v1",
+    lan: Annotated[
+        bool,
+        typer.Option("--lan", help="Serve the local network too, over TLS with a certificate of our own."),
+    ] = False,
+    env: Annotated[
+        list[str] | None, typer.Option(help="An environment of the trials, again for more.")
+    ] = None,
     policy: Annotated[str, typer.Option(help="A packaged policy or a policy file.")] = "revised",
     person: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")] = "woman",
-    trials: Annotated[int, typer.Option(help="Trials after the practice trial.", min=1)] = 1,
+    trials: Annotated[int, typer.Option(help="Trials after each environment's practice trial.", min=1)] = 1,
     seed: Seed = 0,
 ) -> None:
-    """Serve one participant's session to a headset: a practice trial, then trials with the questionnaire."""
-    from avrgym.vr.server import LiveServer
-    from avrgym.vr.session import Session, SessionPlan, TrialPlan, load_policies
+    """Serve one participant's session to a headset: for each environment practice, then trials with questions."""
+    from concurrent.futures import ThreadPoolExecutor
 
-    with plain_errors():
+    from avrgym.vr.certificate import certificate_for, data_folder, lan_names
+    from avrgym.vr.plan import SessionPlan, load_policies, practised_trials
+    from avrgym.vr.server import EVERY_ADDRESS, LOOPBACK, LiveServer
+    from avrgym.vr.session import Session
+
+    with plain_errors(), ThreadPoolExecutor(1) as workers:
         if person not in SEXES:
             raise ValueError(f"unknown person {person!r}; the body models are {' and '.join(SEXES)}")
-        plans = [TrialPlan(env, policy, seed=seed + i, practice=i == 0) for i in range(trials + 1)]
-        plan = SessionPlan(plans, person, free_movement_s=5.0, simulated=False)
+        planned = practised_trials(env or ["avrgym/FeedingJaco-v1"], policy, trials, seed)
+        plan = SessionPlan(planned, person, free_movement_s=5.0, simulated=False)
         policies = load_policies(plan)
+        certificate = certificate_for(lan_names(), data_folder()) if lan else None
         with LiveServer(
-            lambda send: Session(plan, policies, study / "recordings", send, identifier=study.name),
-            host,
+            lambda send: Session(
+                plan, policies, study / "recordings", send, identifier=study.name, workers=workers
+            ),
+            host or (EVERY_ADDRESS if lan else LOOPBACK[0]),
             port,
+            certificate,
         ) as server:
             _explain(server)
             _wait(server)
 
 
 def _explain(server: "LiveServer") -> None:
+    own, *in_network = server.urls()
     say(
         "Headset on a USB cable (Quest, Pico): run this first, then open the address in the headset's browser"
     )
     say(f"    adb reverse tcp:{server.port} tcp:{server.port}")
-    say("Headset connected to this computer (SteamVR, Rift S): open the address in Chrome")
-    say(f"    {server.url}")
+    say(f"    {own}")
+    say("Headset connected to this computer (SteamVR, Rift S), or none at all: open it in Chrome here")
+    if in_network:
+        _explain_network(in_network)
+    say("Experimenter: watch and command here; this address is not for the participant")
+    say(f"    {server.urls('spectator', server.tokens.experimenter)[0]}")
+    say("Spectators: watch here")
+    say(f"    {server.urls('spectator', server.tokens.spectator)[0]}")
     say("Stop with Ctrl+C.")
+
+
+def _explain_network(urls: list[str]) -> None:
+    import segno
+
+    say("Headset in this network: open one of these; its browser asks once whether to trust the certificate")
+    for url in urls:
+        say(f"    {url}")
+    segno.make(urls[0]).terminal(compact=True)
 
 
 @app.command()
@@ -253,6 +285,38 @@ def bench_sim(
     print_table(rows)
     with plain_errors():
         write_json(json_file, rows)
+
+
+@bench.command("vr")
+def bench_vr(
+    env: Annotated[
+        list[str] | None, typer.Option(help="An environment id, again for more; without one, all.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="How long each environment is measured.", min=1.0)] = 60.0,
+    json_file: JsonFile = None,
+) -> None:
+    """Measure the live server over loopback, with recording: ticks and round trips. Best on an idle machine."""
+    from avrgym.vr.benchmark import measure_vr
+
+    rows = []
+    with plain_errors():
+        check_folder(json_file)
+        for environment in _chosen(env, not env):
+            with console.status(environment):
+                rows.append(asdict(measure_vr(environment, seconds)))
+    print_table([_brief(row) for row in rows])
+    with plain_errors():
+        write_json(json_file, rows)
+
+
+def _brief(row: dict[str, Any]) -> dict[str, Any]:
+    """What of a row of ``bench vr`` fits a table."""
+    spreads = {
+        f"{name.removesuffix('_ms')} {share}, ms": row[name][share]
+        for name in ("tick_ms", "round_trip_ms")
+        for share in ("p50", "p99", "max")
+    }
+    return {"env": row["env"], "rate_hz": row["rate_hz"], **spreads, "missed": row["missed_deadlines"]}
 
 
 def _chosen(environments: list[str] | None, every: bool) -> list[str]:
