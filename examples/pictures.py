@@ -1,49 +1,180 @@
-"""Pictures of environments in the middle of an episode, the robot led by its oracle.
+"""Pictures of environments in the middle of an episode, the robot led by its oracle, as the VR client draws them.
 
-MUJOCO_GL=egl python examples/pictures.py docs/pictures [ENVIRONMENT_ID…]
+    python examples/pictures.py docs/pictures [ENVIRONMENT_ID…]
+
+It needs the built client and Chromium, in which three.js tells its developer tools of the renderer: that is how these
+pictures get a camera of their own.
 """
 
 import sys
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.image import imsave
 from numpy.typing import NDArray
+from playwright.sync_api import Page, sync_playwright
 
+from avrgym import transforms
 from avrgym.episodes import Episodes
 from avrgym.oracles import ORACLES
-from avrgym.rendering import Camera
 from avrgym.tasks import ENVIRONMENTS
+from avrgym.vr import messages
+from avrgym.vr.emulation import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.loop import Received, Send
+from avrgym.vr.server import LiveServer
+from avrgym.vr.webxr import Registration
+from avrgym.vr.world import TICK_S, poses, scene_message
 
-MOMENTS = {"Feeding": (3, 75), "Drinking": (3, 110), "ScratchItch": (6, 30), "BedBathing": (3, 90)}
+MOMENTS = {"Feeding": (3, 52), "Drinking": (3, 100), "ScratchItch": (6, 36), "BedBathing": (3, 90)}
 """By task, the seed of an episode and the control step at which it shows."""
+SIZE_PX = {"width": 900, "height": 600}
+PATIENCE_MS = 180_000
+QUALITY = 82
 
 
-def picture(environment_id: str) -> NDArray[np.uint8]:
-    """One world of an environment at its moment."""
-    episodes = Episodes(environment_id, 1, distribution="revised", num_threads=1)
-    seed, steps = MOMENTS[episodes.task.name]
-    episodes.begin(np.array([0]), [np.random.default_rng(seed)])
-    act = ORACLES[episodes.task.name](episodes)
-    for _ in range(steps):
-        episodes.step(act(episodes.observe()))
-    camera = Camera(episodes, 0)
-    try:
-        return camera.picture()
-    finally:
-        camera.close()
+@dataclass(frozen=True)
+class Camera:
+    """From where to where it looks, world frame, metres; its upward direction and vertical angle of view."""
+
+    eye: list[float]
+    at: list[float]
+    up: list[float]
+    angle_deg: float
+    inside: bool
+
+
+def beside(eye: tuple[float, float, float], at: tuple[float, float, float]) -> Camera:
+    """A bystander's view."""
+    return Camera(list(eye), list(at), [0.0, 0.0, 1.0], 42.0, inside=False)
+
+
+BYSTANDERS = {
+    ("Feeding", "Jaco"): beside((0.75, -1.55, 1.45), (-0.05, -0.20, 0.92)),
+    ("Drinking", "Jaco"): beside((0.75, -1.75, 1.45), (-0.08, -0.10, 0.82)),
+    ("ScratchItch", "Jaco"): beside((-0.75, -1.85, 1.45), (-0.15, -0.10, 0.80)),
+    ("BedBathing", "Jaco"): beside((-1.05, -1.95, 1.75), (-0.20, -0.10, 0.78)),
+    ("Feeding", "PR2"): beside((0.85, -1.95, 1.55), (-0.25, -0.25, 0.85)),
+    ("Drinking", "PR2"): beside((0.85, -2.00, 1.50), (-0.25, -0.15, 0.80)),
+    ("ScratchItch", "PR2"): beside((0.35, -2.25, 1.55), (-0.30, -0.15, 0.82)),
+    ("BedBathing", "PR2"): beside((0.75, -2.15, 1.85), (-0.30, -0.15, 0.80)),
+}
+GLANCES_DEG = {
+    "Feeding": (-14.0, 18.0),
+    "Drinking": (-18.0, 20.0),
+    "ScratchItch": (-38.0, 38.0),
+    "BedBathing": (-42.0, 32.0),
+}
+"""How far the participant looks up and to the right, by task."""
+
+OWN_CAMERA = """
+window.__THREE_DEVTOOLS__ = new EventTarget();
+window.__THREE_DEVTOOLS__.addEventListener("observe", ({ detail: renderer }) => {
+  if (!renderer.setAnimationLoop) return;
+  const render = renderer.render.bind(renderer);
+  renderer.render = (scene, camera) => {
+    const wanted = window.wantedView;
+    const root = scene.children.find((child) => child.rotation.x !== 0 && child.children.length > 1);
+    if (!wanted || !root) return render(scene, camera);
+    const own = (window.ownCamera ??= camera.clone());
+    const inScene = (place) => root.localToWorld(own.position.clone().fromArray(place));
+    own.clearViewOffset();
+    Object.assign(own, { fov: wanted.angle_deg, aspect: innerWidth / innerHeight, near: 0.02 });
+    own.up.copy(inScene(wanted.up).sub(inScene([0, 0, 0])));
+    own.position.copy(inScene(wanted.eye));
+    own.lookAt(inScene(wanted.at));
+    own.updateProjectionMatrix();
+    own.updateMatrixWorld();
+    scene.traverse(({ userData, material }) => {
+      if (userData.skin_of === "person/head") material.colorWrite = material.depthWrite = !wanted.inside;
+    });
+    render(scene, own);
+    const dressed = [];
+    scene.traverse((node) => node.isSkinnedMesh && dressed.push(node));
+    if (dressed.length > 0) window.shownViews = (window.shownViews ?? 0) + 1;
+  };
+});
+"""
+
+
+class Moment:
+    """A session in which time stands still in the middle of an episode."""
+
+    def __init__(self, environment_id: str, send: Send) -> None:
+        self._send = send
+        self._episodes = Episodes(environment_id, 1, distribution="revised", num_threads=1)
+        seed, steps = MOMENTS[self._episodes.task.name]
+        self._episodes.begin(np.array([0]), [np.random.default_rng(seed)])
+        act = ORACLES[self._episodes.task.name](self._episodes)
+        for _ in range(steps):
+            self._episodes.step(act(self._episodes.observe()))
+        self.scenes = [(environment_id, self._episodes.person_in(0))]
+        self._poses = poses(self._episodes)
+        self._ticks = 0
+
+    def greet(self, send: Send, role: messages.Role, now_s: float) -> None:
+        """Tell the client what to draw."""
+        name = self._episodes.environment_id
+        send(messages.Welcome(messages.PROTOCOL, name, role, haptics=False, sounds=False))
+        send(self._scene())
+
+    def receive(self, message: Received, now_s: float) -> None:
+        """Nothing that a client says changes anything."""
+
+    def tick(self, now_s: float) -> None:
+        """Send the same state again."""
+        self._ticks += 1
+        self._send(messages.State(self._ticks, self._ticks * TICK_S, -1, self._poses))
+
+    def close(self, now_s: float) -> None:
+        """Nothing is kept."""
+
+    def glance(self) -> Camera:
+        """What the participant sees who looks at the robot's tool."""
+        scene = self._scene()
+        state = np.frombuffer(self._poses, "<f4").reshape(-1, 7)
+        head = state[scene.bodies.index(scene.head_bodies[0])].astype(float)
+        up, right = np.radians(GLANCES_DEG[self._episodes.task.name])
+        ahead = [-np.sin(right) * np.cos(up), -np.cos(right) * np.cos(up), np.sin(up)]
+        eye = head[:3] + transforms.rotate(head[3:], scene.eyes)
+        at = eye + transforms.rotate(head[3:], ahead)
+        upwards = transforms.rotate(head[3:], [0.0, 0.0, 1.0])
+        return Camera(_numbers(eye), _numbers(at), _numbers(upwards), 75.0, inside=True)
+
+    def _scene(self) -> messages.Scene:
+        return scene_message(0, self._episodes, Registration(np.zeros(3), 0.0))
+
+
+def _numbers(vector: NDArray[np.float64]) -> list[float]:
+    return np.asarray(vector).tolist()
+
+
+def take(page: Page, camera: Camera, file: Path) -> None:
+    """Save what a camera sees once it has been drawn twice."""
+    page.evaluate("view => { window.wantedView = view; window.shownViews = 0; }", asdict(camera))
+    page.wait_for_function("() => window.shownViews > 2", timeout=PATIENCE_MS)
+    hidden = "body > :not(#view) { visibility: hidden }"
+    page.screenshot(path=file, type="jpeg", quality=QUALITY, style=hidden, timeout=PATIENCE_MS)
+    print(file)
 
 
 def main() -> None:
-    """Write ``<task>_<robot>.png`` for the environments named on the command line, or for all."""
+    """Write two pictures of each environment named on the command line, or of all: from beside and from inside."""
     folder, wanted = Path(sys.argv[1]), sys.argv[2:] or list(ENVIRONMENTS)
     folder.mkdir(parents=True, exist_ok=True)
-    for environment_id in wanted:
-        task, robot = ENVIRONMENTS[environment_id]
-        name = "".join(f"_{c.lower()}" if c.isupper() else c for c in task).lstrip("_")
-        file = folder / f"{name}_{robot.lower()}.png"
-        imsave(file, picture(environment_id))
-        print(file)
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        for environment_id in wanted:
+            task, robot = ENVIRONMENTS[environment_id]
+            name = "".join(f"_{c.lower()}" if c.isupper() else c for c in task).lstrip("_")
+            stem = f"{name}_{robot.lower()}"
+            with LiveServer(lambda send, shown=environment_id: Moment(shown, send), "127.0.0.1", 0) as server:
+                page = chromium.new_page(viewport=SIZE_PX)  # type: ignore[arg-type]
+                page.add_init_script(OWN_CAMERA)
+                page.goto(server.url)
+                take(page, BYSTANDERS[task, robot], folder / f"{stem}.jpg")
+                take(page, server.session.glance(), folder / f"{stem}_inside.jpg")
+                page.close()
+        chromium.close()
 
 
 if __name__ == "__main__":

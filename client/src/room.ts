@@ -10,9 +10,12 @@ import {
   PlaneGeometry,
   RepeatWrapping,
   SRGBColorSpace,
+  type BufferGeometry,
   type Material,
+  type Object3D,
   type Texture,
 } from "three";
+import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 import type { Detail } from "./view";
 
 /** The room in the simulation's frame: z up, centred on the world's origin, metres. */
@@ -23,21 +26,45 @@ const WINDOW = { bottom: 0.95, width: 1.8, height: 1.35 };
 const LEFT_WINDOW_Y = 1.45;
 const FRONT_WINDOW_X = 1.35;
 
+const WOODWORK = new MeshStandardMaterial({ color: 0xfcfbf8, roughness: 0.55 });
 const PLANKS = { tileM: 2, across: 10, pixels: 1024 };
 
 export function createRoom({ anisotropy, lighting }: Detail): Group {
-  const room = new Group();
-  room.add(floor(anisotropy), ceiling(), ...walls(), ...skirting(), ...windows());
+  const built = new Group();
+  built.add(floor(anisotropy), ceiling(), ...walls(), ...skirting(), ...windows());
+  const room = joinedByMaterial(built);
   room.add(skyLight(lighting ? 1.15 : 2.7), sunLight(lighting));
   return room;
+}
+
+/** The same surfaces with one mesh, and so one draw call, for each material. They only receive shadows. */
+function joinedByMaterial(built: Group): Group {
+  const pieces = new Map<Material, BufferGeometry[]>();
+  built.updateMatrixWorld();
+  built.traverse((node) => {
+    if (isMesh(node)) pieces.set(node.material, [...(pieces.get(node.material) ?? []), placed(node)]);
+  });
+  const joined = new Group();
+  for (const [material, geometries] of pieces) {
+    const mesh = new Mesh(mergeGeometries(geometries), material);
+    mesh.receiveShadow = true;
+    joined.add(mesh);
+  }
+  return joined;
+}
+
+function placed({ geometry, matrixWorld }: Mesh): BufferGeometry {
+  return geometry.clone().applyMatrix4(matrixWorld);
+}
+
+function isMesh(node: Object3D): node is Mesh<BufferGeometry, Material> {
+  return node instanceof Mesh;
 }
 
 function floor(anisotropy: number): Mesh {
   const map = plankTexture();
   map.anisotropy = anisotropy;
-  const mesh = new Mesh(new PlaneGeometry(SIZE, SIZE), new MeshStandardMaterial({ map, roughness: 0.62 }));
-  mesh.receiveShadow = true;
-  return mesh;
+  return new Mesh(new PlaneGeometry(SIZE, SIZE), new MeshStandardMaterial({ map, roughness: 0.62 }));
 }
 
 function ceiling(): Mesh {
@@ -57,15 +84,13 @@ function walls(): Group[] {
     const wall = new Mesh(new PlaneGeometry(SIZE, HEIGHT), material);
     wall.rotation.x = Math.PI / 2;
     wall.position.set(0, HALF, HEIGHT / 2);
-    wall.receiveShadow = true;
     return wall;
   });
 }
 
 function skirting(): Group[] {
-  const material = new MeshStandardMaterial({ color: 0xfbfaf7, roughness: 0.6 });
   return quarters(() => {
-    const board = new Mesh(new BoxGeometry(SIZE, 0.016, 0.09), material);
+    const board = new Mesh(new BoxGeometry(SIZE, 0.016, 0.09), WOODWORK);
     board.position.set(0, HALF - 0.008, 0.045);
     return board;
   });
@@ -82,37 +107,36 @@ function quarters(make: () => Mesh): Group[] {
 
 /** On the person's left and in front: the sun comes from between them. */
 function windows(): Group[] {
-  const onLeft = makeWindow();
+  const sky = new MeshBasicMaterial({ map: skyTexture() });
+  const onLeft = makeWindow(sky);
   onLeft.position.set(HALF - 0.005, LEFT_WINDOW_Y, WINDOW.bottom + WINDOW.height / 2);
   onLeft.rotation.set(Math.PI / 2, -Math.PI / 2, 0);
-  const inFront = makeWindow();
+  const inFront = makeWindow(sky);
   inFront.position.set(FRONT_WINDOW_X, -HALF + 0.005, WINDOW.bottom + WINDOW.height / 2);
   inFront.rotation.set(Math.PI / 2, Math.PI, 0);
   return [onLeft, inFront];
 }
 
 /** A window in its own x (along), y (up) and z (into the room). */
-function makeWindow(): Group {
+function makeWindow(sky: Material): Group {
   const { width, height } = WINDOW;
-  const sky = new Mesh(new PlaneGeometry(width, height), new MeshBasicMaterial({ map: skyTexture() }));
-  return new Group().add(sky, ...windowFrame(width, height));
+  return new Group().add(new Mesh(new PlaneGeometry(width, height), sky), ...windowFrame(width, height));
 }
 
 function windowFrame(width: number, height: number): Mesh[] {
-  const material = new MeshStandardMaterial({ color: 0xfdfcfa, roughness: 0.5 });
   const bar = 0.06;
   const [x, y] = [width / 2, height / 2];
   return [
-    box(material, width + bar, bar, 0.05, 0, y),
-    box(material, width + 0.24, 0.035, 0.22, 0, -y),
-    box(material, bar, height, 0.05, -x, 0),
-    box(material, bar, height, 0.05, x, 0),
-    box(material, bar * 0.8, height, 0.04, 0, 0),
+    box( width + bar, bar, 0.05, 0, y),
+    box( width + 0.24, 0.035, 0.22, 0, -y),
+    box( bar, height, 0.05, -x, 0),
+    box( bar, height, 0.05, x, 0),
+    box( bar * 0.8, height, 0.04, 0, 0),
   ];
 }
 
-function box(material: Material, width: number, height: number, depth: number, x: number, y: number): Mesh {
-  const mesh = new Mesh(new BoxGeometry(width, height, depth), material);
+function box(width: number, height: number, depth: number, x: number, y: number): Mesh {
+  const mesh = new Mesh(new BoxGeometry(width, height, depth), WOODWORK);
   mesh.position.set(x, y, depth / 2);
   return mesh;
 }

@@ -19,13 +19,13 @@ PLAIN_UV = (0.01, 0.01)
 
 SLEEVE_M, HEM_M, BELT_M, CUFF_M, SHOE_TOP_M = 0.105, -0.075, 0.03, 0.020, 0.035
 """Sleeve below the shoulder; shirt's hem and trousers' top above the hips; cuff and shoe's top above the ankle."""
-COLLAR_M, OVERLAP_M = 0.088, 0.025
+COLLAR_M, OVERLAP_M = 0.088, 0.018
 FOREHEAD_M = (-0.088, 0.142)
 NAPE_M = {"man": (0.07, 0.0), "woman": (0.055, -0.06)}
 EAR_M = (-0.003, 0.070, 0.032)
 """In the head's frame, y and z: where the hair begins at the forehead and ends at the nape; middle and radius of the
 ears."""
-HAIR_M = {"man": (0.003, 0.009), "woman": (0.006, 0.013)}
+HAIR_M = {"man": (0.0015, 0.009), "woman": (0.002, 0.014)}
 """Thickness of the hair at its edge and 5 cm above."""
 STRANDS_M = 0.32
 """Side of the square of hair that the texture of its strands covers."""
@@ -52,6 +52,7 @@ class Wardrobe:
             "hair": self._hair(skin),
             **self._eyes(),
             "teeth": join([self._group("helper-upper-teeth"), self._group("helper-lower-teeth")]),
+            "tongue": self._group("helper-tongue"),
         }
 
     # Surfaces of the source
@@ -133,7 +134,7 @@ class Wardrobe:
         }
 
     def _shirt(self, tights: Surface) -> Surface:
-        loose = shift(smooth(tights, 6), 0.009)
+        loose = shift(smooth(tights, 6), 0.009 + 0.004 * self._weight(tights, "upper_arm"))
         above_hem = self._local(loose, "hips")[:, 2] - HEM_M
         cut = np.minimum.reduce([above_hem, -self._beyond_sleeve(loose), -self._above_neckline(loose)])
         return hem(clip(loose, cut), 0.012)
@@ -161,7 +162,7 @@ class Wardrobe:
         thin_m, thick_m = HAIR_M[self._sex]
         rise = np.clip(self._above_hairline(scalp) / 0.05, 0.0, 1.0)
         shell = smooth(self._without_ears(scalp, thin_m + (thick_m - thin_m) * rise), 2)
-        hemmed = hem(shell, 0.5 * thick_m)
+        hemmed = hem(shell, 2.0 * thin_m)
         x, y, z = self._local(hemmed, "head").T
         across, along = (x, y) if self._sex == "man" else (y, z)
         return replace(hemmed, uv=0.5 + np.stack([across, along], axis=1) / STRANDS_M)

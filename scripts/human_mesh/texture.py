@@ -37,7 +37,7 @@ def strands(seed: int) -> Image.Image:
     random = np.random.default_rng(seed)
     fine, broad = (random.uniform(size=(2, HAIR_PIXELS // width)).repeat(width, axis=1) for width in (1, 8))
     down = np.linspace(0.0, 1.0, HAIR_PIXELS)[:, None]
-    light = 0.45 + 0.25 * (fine[0] * (1.0 - down) + fine[1] * down)
+    light = 0.30 + 0.40 * (fine[0] * (1.0 - down) + fine[1] * down)
     light = light + 0.30 * (broad[0] * (1.0 - down) + broad[1] * down)
     image = Image.fromarray(np.round(255.0 * light).astype(np.uint8)).filter(ImageFilter.GaussianBlur(0.7))
     return image.convert("RGB")

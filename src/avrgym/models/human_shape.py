@@ -47,13 +47,14 @@ PARTS: Mapping[str, Part] = {
     "shirt": Part((0.27, 0.45, 0.60), 0.9),
     "trousers": Part((0.20, 0.22, 0.28), 0.9),
     "shoes": Part((0.30, 0.25, 0.22), 0.6),
-    "hair": Part((0.26, 0.17, 0.11), 0.7),
+    "hair": Part((0.30, 0.20, 0.13), 0.7),
     "eye": Part((0.93, 0.92, 0.90), 0.15),
     "iris": Part((0.30, 0.20, 0.12), 0.15),
     "pupil": Part((0.02, 0.02, 0.02), 0.15),
-    "teeth": Part((0.88, 0.85, 0.78), 0.3),
+    "teeth": Part((0.80, 0.77, 0.70), 0.3),
+    "tongue": Part((0.60, 0.28, 0.26), 0.3),
 }
-HEAD_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth")
+HEAD_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
 """What a participant does not see of their own body."""
 
 PLACE_M, OPENING_M, MOUTH_OPEN = 1.2, 0.06, 0.7
