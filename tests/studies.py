@@ -12,12 +12,14 @@ from uuid import uuid4
 
 import psycopg
 
+from avrgym.study.answers import record_answer
+from avrgym.study.attempts import begin_attempt, complete_attempt
 from avrgym.study.design import default_text
 from avrgym.study.participants import enrol, record_consent, record_inclusion
 from avrgym.study.recording import RecordingWriter
 from avrgym.study.records import Answer, BodyTargets, Control, Event, Pose, TrackingFrame
 from avrgym.study.rows import StudySession, Trial, TrialAttempt
-from avrgym.study.sessions import begin_attempt, close_session, complete_attempt, open_session, record_answer
+from avrgym.study.sessions import close_session, open_session
 from avrgym.study.store import Store
 
 STEPS = 3

@@ -11,8 +11,9 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli import app
 from avrgym.study import database, schema
+from avrgym.study.attempts import begin_attempt
 from avrgym.study.checking import check_study
-from avrgym.study.sessions import begin_attempt, open_session
+from avrgym.study.sessions import open_session
 from avrgym.study.store import Store
 from studies import run_participant, small_study, take_in
 
@@ -117,6 +118,11 @@ def _change(table: sa.Table, **values: int | str) -> Callable[[Store], None]:
     return change
 
 
+def _mark(store: Store, simulated: bool) -> None:
+    with store.database.write() as connection:
+        connection.execute(sa.update(schema.PARTICIPANT).values(simulated=simulated))
+
+
 DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
     "missing": (lambda s: s.path(FIRST).unlink(), FIRST, "is missing"),
     "changed": (lambda s: _flip(s.path(FIRST)), FIRST, "its checksum is another"),
@@ -126,6 +132,7 @@ DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
     "answer gone": (_forget_an_answer, SECOND, "completed without answers to L2"),
     "answer changed": (_change(schema.ANSWER, value=7), SECOND, "with another answer"),
     "seed changed": (_change(schema.TRIAL, seed=1), SECOND, "with another seed"),
+    "person marked": (lambda s: _mark(s, simulated=False), FIRST, "with another simulated"),
     "trial undone": (_change(schema.TRIAL, state="planned"), "trial 2 of sub-001", "is planned with 1 completed"),
     "escape": (_change(schema.ATTEMPT, recording="../../x.mcap"), "../../x.mcap", "leads out of the study's folder"),
     "open key": (lambda s: s.path("private/key.json").chmod(0o644), "private/key.json", "others than its owner"),

@@ -17,21 +17,12 @@ from alembic.migration import MigrationContext
 
 from avrgym.study import database, schema
 from avrgym.study.allocation import cell_orders
+from avrgym.study.answers import record_answer, record_session_answer
+from avrgym.study.attempts import BROKEN_OFF, begin_attempt, complete_attempt, end_attempt
 from avrgym.study.deletion import delete_participant
 from avrgym.study.participants import add_note, enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.rows import Trial
-from avrgym.study.sessions import (
-    BROKEN_OFF,
-    begin_attempt,
-    close_session,
-    complete_attempt,
-    end_attempt,
-    open_session,
-    record_answer,
-    record_session_answer,
-    skip_trial,
-    tell,
-)
+from avrgym.study.sessions import close_session, open_session, skip_trial, tell
 from avrgym.study.states import TRANSITIONS, StudyError, check_transition
 from avrgym.study.store import Store
 from studies import (
@@ -154,7 +145,7 @@ def test_a_broken_off_attempt_is_repeated_and_a_skipped_trial_comes_last(store: 
         end_attempt(store, attempt.id, state, {"steps": 1})
     skip_trial(store, session.id, first.position)
     assert [trial.position for trial in store.remaining_trials(pseudonym)] == [3, 4, 5, 2]
-    assert run_trial(store, session, first).number == 4
+    assert run_trial(store, session, first).number == len(BROKEN_OFF) + 1
     assert [a.state for a in store.attempts(pseudonym)] == ["completed", *BROKEN_OFF, "completed"]
     assert all(attempt.sha256 for attempt in store.attempts(pseudonym))
 
@@ -256,7 +247,7 @@ def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
     refused(store, lambda: begin_attempt(store, session.id, 2), "is running and cannot become running")
     refused(store, lambda: begin_attempt(store, session.id, 3), "still runs; end it before")
     refused(
-        store, lambda: end_attempt(store, attempt.id, "completed"), "allowed: stopped, interrupted, failed"
+        store, lambda: end_attempt(store, attempt.id, "completed"), "allowed: stopped, paused, interrupted"
     )
     refused(
         store, lambda: record_answer(store, attempt.id, "L9", 3, 1.0), "no item 'L9'; allowed: L1, L2, L3, L4"
@@ -298,6 +289,25 @@ def test_a_stray_file_is_never_overwritten(store: Store) -> None:
     assert stray.read_text() == "precious"
 
 
+def test_an_attempt_takes_the_file_that_was_opened_for_it(store: Store, tmp_path: Path) -> None:
+    session = open_session(store, take_in(store))
+    folder = store.path(session.folder)
+    folder.mkdir(parents=True)
+    for path in (
+        folder / "missing.mcap",
+        tmp_path / "x.mcap",
+        folder / ".." / "x.mcap",
+        store.folder / "study.toml",
+    ):
+        if path.name == "x.mcap":
+            path.write_bytes(b"")
+        refused(store, lambda path=path: begin_attempt(store, session.id, 1, path), "is no file in")
+    opened = folder / "trial-01_attempt-7.mcap"
+    opened.write_bytes(b"")
+    attempt = begin_attempt(store, session.id, 1, opened)
+    assert (attempt.number, attempt.recording) == (1, f"{session.folder}/trial-01_attempt-7.mcap")
+
+
 def test_recordings_do_not_leave_the_study_through_a_link(store: Store, tmp_path: Path) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -324,15 +334,21 @@ def test_the_protocol_stays_as_it_is_once_someone_has_an_order(kind: str, tmp_pa
 # Crashes
 
 
+CRASH = """
+import os, sys
+from pathlib import Path
+from avrgym.study.attempts import begin_attempt
+from avrgym.study.sessions import open_session
+from avrgym.study.store import Store
+store = Store(Path(sys.argv[1]))
+begin_attempt(store, open_session(store, sys.argv[2]).id, 1)
+os._exit(9)
+"""
+
+
 def test_a_session_of_a_process_that_died_is_taken_over_at_once(store: Store) -> None:
     pseudonym = take_in(store)
-    script = (
-        "import sys; from pathlib import Path\n"
-        "from avrgym.study.store import Store\nfrom avrgym.study.sessions import begin_attempt, open_session\n"
-        f"store = Store(Path(sys.argv[1])); session = open_session(store, {pseudonym!r})\n"
-        "begin_attempt(store, session.id, 1)\nimport os; os._exit(9)"
-    )
-    assert subprocess.run([sys.executable, "-c", script, store.folder]).returncode == 9
+    assert subprocess.run([sys.executable, "-c", CRASH, store.folder, pseudonym]).returncode == 9
     session = open_session(store, pseudonym)
     assert session.number == 2
     assert [visit.state for visit in store.sessions(pseudonym)] == ["interrupted", "open"]

@@ -1,14 +1,15 @@
 """Checking a study: whether everything that was stored is there, whole and unchanged."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from avrgym.study import keyfile
+from avrgym.study.attempts import sha256_of
 from avrgym.study.recording import Recording, RecordingError, read_recording
 from avrgym.study.rows import RECORDINGS, GivenAnswer, Participant, StudySession, Trial, TrialAttempt
-from avrgym.study.sessions import sha256_of
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 
@@ -61,7 +62,9 @@ def _check_participant(
     answers = store.answers(pseudonym)
     for attempt in attempts:
         own = [answer for answer in answers if answer.attempt == attempt.id]
-        yield from _check_attempt(store, sessions[attempt.session], by_id[attempt.trial], attempt, own)
+        yield from _check_attempt(
+            store, participant, sessions[attempt.session], by_id[attempt.trial], attempt, own
+        )
     for trial in trials:
         completed = [a for a in attempts if a.trial == trial.id and a.state == "completed"]
         if len(completed) != (trial.state == "completed"):
@@ -69,7 +72,12 @@ def _check_participant(
 
 
 def _check_attempt(
-    store: Store, session: StudySession, trial: Trial, attempt: TrialAttempt, answers: list[GivenAnswer]
+    store: Store,
+    participant: Participant,
+    session: StudySession,
+    trial: Trial,
+    attempt: TrialAttempt,
+    answers: list[GivenAnswer],
 ) -> Iterator[Finding]:
     completed = attempt.state == "completed"
     if completed and not trial.practice:
@@ -83,7 +91,13 @@ def _check_attempt(
         yield Finding(attempt.recording, str(error))
         return
     if path.is_file():
-        yield from _check_recording(store, trial, attempt, path, answers)
+        planned = {
+            "environment": trial.environment,
+            "seed": trial.seed,
+            "practice": trial.practice,
+            "simulated": participant.simulated,
+        }
+        yield from _check_recording(store, planned, attempt, path, answers)
     elif session.station != store.station:
         yield Finding(attempt.recording, f"is not here; it was recorded at {session.station}", wrong=False)
     elif completed or attempt.sha256 is not None:
@@ -91,7 +105,11 @@ def _check_attempt(
 
 
 def _check_recording(
-    store: Store, trial: Trial, attempt: TrialAttempt, path: Path, answers: list[GivenAnswer]
+    store: Store,
+    planned: Mapping[str, Any],
+    attempt: TrialAttempt,
+    path: Path,
+    answers: list[GivenAnswer],
 ) -> Iterator[Finding]:
     if attempt.state != "running" and sha256_of(store, attempt.recording) != attempt.sha256:
         yield Finding(attempt.recording, "was changed: its checksum is another")
@@ -102,14 +120,16 @@ def _check_recording(
         return
     if attempt.state == "completed" and not recording.complete:
         yield Finding(attempt.recording, "is not complete though its trial is")
-    for name in _differences(recording, trial, answers):
+    for name in _differences(recording, planned, answers):
         yield Finding(attempt.recording, f"was recorded with another {name} than was planned or stored")
 
 
-def _differences(recording: Recording, trial: Trial, answers: list[GivenAnswer]) -> Iterator[str]:
+def _differences(
+    recording: Recording, planned: Mapping[str, Any], answers: list[GivenAnswer]
+) -> Iterator[str]:
     """Names of what recording and database tell differently."""
-    for name in ("environment", "seed", "practice"):
-        if recording.metadata.get(name) != getattr(trial, name):
+    for name, value in planned.items():
+        if recording.metadata.get(name) != value:
             yield name
     recorded = {answer.item: answer.value for _, answer in recording.topics["/answers"]}
     if any(recorded.get(answer.item) != answer.value for answer in answers):

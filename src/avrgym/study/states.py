@@ -19,13 +19,8 @@ TRIAL: Transitions = {
     "running": ("planned", "completed"),
     "completed": (),
 }
-ATTEMPT: Transitions = {
-    "running": ("completed", "stopped", "interrupted", "failed"),
-    "completed": (),
-    "stopped": (),
-    "interrupted": (),
-    "failed": (),
-}
+_ATTEMPT_ENDS = ("completed", "stopped", "paused", "interrupted", "repeated", "skipped", "ended", "failed")
+ATTEMPT: Transitions = {"running": _ATTEMPT_ENDS} | dict.fromkeys(_ATTEMPT_ENDS, ())
 
 TRANSITIONS: Mapping[str, Transitions] = {
     "participant": PARTICIPANT,

@@ -184,6 +184,33 @@ def find_participant(connection: sa.Connection, pseudonym: str) -> Participant:
     return find(connection, Participant, pseudonym, number=participant_number(pseudonym))
 
 
+def find_session(connection: sa.Connection, session_id: int) -> StudySession:
+    """A session by its id."""
+    return find(connection, StudySession, f"session {session_id}", id=session_id)
+
+
+def find_open_session(connection: sa.Connection, session_id: int) -> StudySession:
+    """A session by its id; ``StudyError`` when it has ended."""
+    session = find_session(connection, session_id)
+    if session.state != "open":
+        raise StudyError(f"{session} is {session.state}; it must be open")
+    return session
+
+
+def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
+    """An attempt by its id; ``StudyError`` when it has ended."""
+    attempt = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
+    if attempt.state != "running":
+        raise StudyError(f"{attempt} is {attempt.state}; it must be running")
+    return attempt
+
+
+def find_trial(connection: sa.Connection, session: StudySession, position: int) -> Trial:
+    """The trial at a position of the participant whose session it is."""
+    own = {"participant": session.participant, "position": position}
+    return find(connection, Trial, f"trial {position}", **own)
+
+
 def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row]:
     """All rows with these values, in the order they were made."""
     table = TABLES[kind]
@@ -206,6 +233,11 @@ def change_state(
     check_transition(table.name, str(row), before, after)
     connection.execute(sa.update(table).where(own).values(state=after, **values))
     record_event(connection, f"{table.name} {after}", detail, about)
+
+
+def about(session: StudySession) -> dict[str, int]:
+    """Whom and what an event in a session is about."""
+    return {"participant": session.participant, "session": session.id}
 
 
 def record_event(connection: sa.Connection, name: str, detail: str, about: Mapping[str, int]) -> None:
