@@ -4,16 +4,14 @@ from typing import Literal
 
 import numpy as np
 
-from avrgym.envs import ACTIONS
 from avrgym.episodes import EPISODE_STEPS, Episodes
 from avrgym.evaluation import actor
 from avrgym.models.human import Person
-from avrgym.models.scene import SUBSTEPS
 from avrgym.vr import messages
 from avrgym.vr.loop import Received, Send
 from avrgym.vr.reporting import STATE_EVERY_TICKS
 from avrgym.vr.webxr import Registration
-from avrgym.vr.world import TICK_S, poses, scene_message
+from avrgym.vr.world import TICK_S, ControlSteps, poses, scene_message
 
 LOOK_AT_END_S = 2.0
 LOADING_S = 15.0
@@ -83,8 +81,8 @@ class Viewing:
         self._seed += 1
         self._episodes.begin(np.array([0]), [generator])
         self._act = actor(self._policy, self._episodes, [generator])
-        self._action = np.zeros((1, ACTIONS))
-        self._steps = self._substep = 0
+        self._control = ControlSteps(self._episodes)
+        self._steps = 0
         self._success = False
         self.scenes.append((self._episodes.environment_id, self._episodes.person_in(0)))
         self._phase, self._waits_until_s = "loading", self._now_s + LOADING_S
@@ -96,16 +94,11 @@ class Viewing:
         self._tell()
 
     def _advance(self) -> None:
-        if self._substep == 0:
-            self._action = self._act(self._episodes.observe()).astype(float)
-            self._episodes.command(self._action)
-        self._episodes.simulation.step(1)
-        self._substep = (self._substep + 1) % SUBSTEPS
-        if self._substep == 0:
-            self._finish_step()
+        step = self._control.tick(self._act)
+        if step is not None:
+            self._finish_step(bool(step.outcome.success[0]))
 
-    def _finish_step(self) -> None:
-        success = bool(self._episodes.judge(self._action).success[0])
+    def _finish_step(self, success: bool) -> None:
         self._steps += 1
         if self._steps == EPISODE_STEPS:
             self._phase, self._waits_until_s = "ended", self._now_s + LOOK_AT_END_S

@@ -1,5 +1,6 @@
 """The world that a participant sits in: one scene with a moving person, stepped tick by tick."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from avrgym.vr.webxr import HEADSET_AHEAD_M, Registration
 Array = NDArray[np.float64]
 
 TICK_S = PHYSICS_STEP_S
+Act = Callable[[Array], NDArray[np.floating]]
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,34 @@ class ControlStep:
     observation: Array
     action: Array
     outcome: Step
+
+
+class ControlSteps:
+    """Control steps of 0.1 s of the first world, taken in ticks of 10 ms."""
+
+    def __init__(self, episodes: Episodes) -> None:
+        self._episodes = episodes
+        self._observation = np.zeros((1, episodes.task.observation_size))
+        self._action = np.zeros((1, ACTIONS))
+        self._substep = 0
+
+    def tick(self, act: Act | None) -> ControlStep | None:
+        """Advance by 10 ms. With ``act``, from observations to actions, every tenth tick gives a control step."""
+        if act is not None and self._substep == 0:
+            self._observation = self._episodes.observe()
+            self._action = act(self._observation).astype(float)
+            self._episodes.command(self._action)
+        self._episodes.simulation.step(1)
+        if act is None:
+            return None
+        self._substep = (self._substep + 1) % SUBSTEPS
+        if self._substep:
+            return None
+        return ControlStep(self._observation[0], self._action[0], self._episodes.judge(self._action))
+
+    def drop(self) -> None:
+        """Forget a control step that had begun."""
+        self._substep = 0
 
 
 class LiveWorld:
@@ -46,9 +76,7 @@ class LiveWorld:
         """
         self._episodes = Episodes(environment_id, 1, person=person, moving=True, num_threads=1)
         self._solver = BodySolver(person, self._episodes.stage.posture)
-        self._action = np.zeros(ACTIONS)
-        self._observation = np.zeros(self._episodes.task.observation_size)
-        self._substep = 0
+        self._steps = ControlSteps(self._episodes)
         self.person = person
         self.joint_targets_rad = person.joint_angles_rad
         self.ticks = 0
@@ -88,7 +116,6 @@ class LiveWorld:
         """Put robot, furniture and food at the start of an episode; the person stays as they sit."""
         self._episodes.person = replace(self.person, joint_angles_rad=self.joint_targets_rad)
         self._episodes.begin(np.array([0]), [np.random.default_rng(seed)])
-        self._substep = 0
         self.hold()
 
     def follow(self, pose: BodyPose) -> None:
@@ -98,24 +125,13 @@ class LiveWorld:
 
     def hold(self) -> None:
         """Stop the robot where it is; a control step that had begun is dropped."""
-        self._action = np.zeros(ACTIONS)
         self._episodes.simulation.halt_robot()
-        self._substep = 0
+        self._steps.drop()
 
     def tick(self, policy: Policy | None) -> ControlStep | None:
         """Advance by 10 ms. With a policy the robot drives; every tenth tick then gives a control step."""
-        if policy is not None and self._substep == 0:
-            self._observation = self._episodes.observe()[0]
-            self._action = policy.act(self._observation[None])[0].astype(float)
-            self._episodes.command(self._action[None])
-        self._episodes.simulation.step(1)
         self.ticks += 1
-        if policy is None:
-            return None
-        self._substep = (self._substep + 1) % SUBSTEPS
-        if self._substep:
-            return None
-        return ControlStep(self._observation, self._action, self._episodes.judge(self._action[None]))
+        return self._steps.tick(None if policy is None else policy.act)
 
     def state_vector(self) -> Array:
         """The simulator's integration state."""

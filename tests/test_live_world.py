@@ -1,0 +1,70 @@
+"""Laws of the world that a participant is in: every environment goes live, and its person follows."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from avrgym import transforms
+from avrgym.models import human
+from avrgym.models.human import Person, Posture
+from avrgym.tasks import ENVIRONMENTS, TASKS
+from avrgym.vr.body import BodyPose
+from avrgym.vr.webxr import Pose
+from avrgym.vr.world import LiveWorld
+
+SETTLED_TICKS = 100
+
+
+def pose_of(person: Person, posture: Posture, angles_rad: np.ndarray) -> BodyPose:
+    """Where head and hands of a person with joint angles (20,) are."""
+    model = human.person_model(person, posture, moving=True)
+    data = mujoco.MjData(model)
+    data.qpos[:] = angles_rad
+    mujoco.mj_kinematics(model, data)
+    head, left, right = (
+        Pose(
+            data.site(human.PREFIX + site).xpos.copy(),
+            transforms.normalize(data.body(human.PREFIX + body).xquat),
+        )
+        for site, body in (
+            ("head_centre", "head"),
+            ("left_hand_centre", "left_hand"),
+            ("right_hand_centre", "right_hand"),
+        )
+    )
+    return BodyPose(head, left, right)
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_a_persons_head_and_hands_come_to_the_participants(environment: str) -> None:
+    """Sitting or lying, from the task's rest: a nod, a lean and both arms, in the simulated physics."""
+    task, _ = ENVIRONMENTS[environment]
+    rest_rad = TASKS[task].pose.rest_rad
+    person = Person("woman", 0.56, rest_rad)
+    world = LiveWorld(environment, person)
+    lifted = human.joint_angles(waist_x=4, head_x=10, right_shoulder_y=15, left_shoulder_y=-15)
+    wanted = pose_of(person, world.stage.posture, lifted)
+    for _ in range(SETTLED_TICKS):
+        world.follow(wanted)
+        world.tick(None)
+    reached = pose_of(person, world.stage.posture, world.simulation.person_angles_rad()[0])
+    for there, here in (
+        (reached.head, wanted.head),
+        (reached.left, wanted.left),
+        (reached.right, wanted.right),
+    ):
+        assert there is not None
+        assert here is not None
+        assert np.linalg.norm(there.pos_w - here.pos_w) < 0.01
+        assert np.degrees(transforms.angle_between(there.q_w, here.q_w)) < 5.0
+
+
+def test_a_lost_hand_keeps_its_pose() -> None:
+    world = LiveWorld("avrgym/ScratchItchJaco-v1", Person())
+    raised = pose_of(world.person, world.stage.posture, human.joint_angles(right_shoulder_x=-40))
+    for _ in range(SETTLED_TICKS):
+        world.follow(raised)
+    before = world.joint_targets_rad
+    world.follow(BodyPose(raised.head, raised.left, None))
+    right = [i for i, name in enumerate(human.JOINTS) if name.startswith("right_")]
+    np.testing.assert_array_equal(world.joint_targets_rad[right], before[right])
