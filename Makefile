@@ -30,7 +30,7 @@ test: setup lint ## every check: linters, types, the client's tests, the tests
 	cd client && npm test
 	.venv/bin/python -m pytest
 
-setup: $(DONE)/test $(DONE)/chromium $(CLIENT) ## install all that development and training need
+setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install all that development and training need
 
 client: $(CLIENT) ## build the VR client into the package
 
@@ -92,4 +92,14 @@ $(DONE)/chromium: $(DONE)/python
 	elif $(PIP_INSTALL) playwright && .venv/bin/playwright install chromium; \
 	then touch $@; \
 	else echo 'No Chromium: going on without a browser' >&2; \
+	fi
+
+# Without a server the tests on PostgreSQL are skipped, so a failure here ends nothing.
+$(DONE)/postgresql: $(DONE)/python
+	@if command -v initdb || ls /usr/lib/postgresql/*/bin/initdb 2>/dev/null; \
+	then touch $@; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
+		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq --yes postgresql >/dev/null; \
+	then touch $@; \
+	else echo 'No PostgreSQL server: going on without one' >&2; \
 	fi

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,12 +11,13 @@ import sqlalchemy as sa
 from typer.testing import CliRunner, Result
 
 from avrgym.cli import app
+from avrgym.policies import packaged_policies
 from avrgym.study import database, schema
 from avrgym.study.attempts import begin_attempt
 from avrgym.study.checking import check_study
 from avrgym.study.sessions import open_session
 from avrgym.study.store import Store
-from studies import run_participant, small_study, take_in
+from studies import make_study, run_participant, small_study, take_in
 
 FIRST = "recordings/sub-001/ses-01/trial-01_attempt-1.mcap"
 SECOND = "recordings/sub-001/ses-01/trial-02_attempt-1.mcap"
@@ -52,7 +54,8 @@ def test_the_life_of_a_study_on_the_command_line(folder: Path, tmp_path: Path) -
     assert [row["simulated"] for row in status["participants"]] == [True, False]
 
     checked = study("check", folder, "--json", tmp_path / "check.json")
-    assert (checked.exit_code, json.loads((tmp_path / "check.json").read_text())) == (0, [])
+    assert checked.exit_code == 0
+    assert not any(finding["wrong"] for finding in json.loads((tmp_path / "check.json").read_text()))
     assert "nothing is wrong" in checked.stdout
 
     exported = study("export", folder, "--format", "csv", "--out", tmp_path / "tables")
@@ -94,6 +97,19 @@ def test_what_cannot_be_done_is_said_in_one_line(folder: Path, arguments: list[s
     (line,) = result.stderr.splitlines()
     assert line.startswith("avrgym: ")
     assert message in line
+
+
+def test_the_page_about_studies_leads_from_consent_to_a_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[1] / "docs" / "study.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    exec(code, {})
+    assert len(capsys.readouterr().out.splitlines()) == 20
+    with Store(tmp_path / "my-study") as store:
+        assert [session.state for session in store.sessions("sub-001")] == ["closed"]
 
 
 # What the check finds
@@ -154,15 +170,30 @@ def test_the_check_finds_and_names(folder: Path, store: Store, damage: str) -> N
     assert re.search(rf"wrong  {re.escape(where)}: .*{re.escape(what)}", checked.stdout)
 
 
+def test_a_policy_that_is_still_missing_is_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    folder = make_study(tmp_path, tasks='["Feeding"]', policies='["mine", "revised"]', robots='["Jaco"]')
+    with Store(folder) as store:
+        (finding,) = check_study(store)
+        assert (finding.where, finding.wrong) == ("policy mine", False)
+        assert "no policy 'mine' for avrgym/FeedingJaco-v1; allowed: original, revised" in finding.what
+        own = folder / "mine" / "FeedingJaco.safetensors"
+        own.parent.mkdir()
+        shutil.copy(packaged_policies("avrgym/FeedingJaco-v1")["original"], own)
+        assert check_study(store) == []
+        assert store.policy_source("avrgym/FeedingJaco-v1", "mine") == str(own)
+        assert store.policy_source("avrgym/FeedingJaco-v1", "revised") == "revised"
+
+
 def test_an_attempt_that_runs_is_no_fault(store: Store) -> None:
     session = open_session(store, "sub-002")
     begin_attempt(store, session.id, store.remaining_trials("sub-002")[0].position)
-    assert check_study(store) == []
+    assert not any(finding.wrong for finding in check_study(store))
 
 
 def test_recordings_of_another_station_are_noted_only(folder: Path, store: Store) -> None:
     store.station = "elsewhere"
     store.path(FIRST).unlink()
-    (finding,) = check_study(store)
-    assert (finding.where, finding.wrong) == (FIRST, False)
+    (finding,) = (finding for finding in check_study(store) if finding.where == FIRST)
+    assert not finding.wrong
     assert "is not here; it was recorded at" in finding.what

@@ -3,9 +3,11 @@
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
+from avrgym.policies import PolicyError, find_policy
 from avrgym.study import keyfile
 from avrgym.study.attempts import sha256_of
 from avrgym.study.recording import Recording, RecordingError, read_recording
@@ -26,6 +28,7 @@ class Finding:
 def check_study(store: Store) -> list[Finding]:
     """All that is to be said about a study; nothing is changed."""
     findings = [Finding("database", fault) for fault in store.database.faults()]
+    findings += _check_policies(store)
     findings += _check_private(store)
     expected: set[str] = set()
     for participant in store.participants():
@@ -35,6 +38,17 @@ def check_study(store: Store) -> list[Finding]:
     return findings + [
         Finding(name, "belongs to no attempt of this study") for name in _files(store) if name not in expected
     ]
+
+
+def _check_policies(store: Store) -> Iterator[Finding]:
+    design = store.design
+    wanted = {*design.policies, design.practice_policy} - {""}
+    for task, robot, policy in product(design.tasks, design.robots, sorted(wanted)):
+        environment = f"avrgym/{task}{robot}-v1"
+        try:
+            find_policy(store.policy_source(environment, policy), environment)
+        except PolicyError as error:
+            yield Finding(f"policy {policy}", str(error), wrong=False)
 
 
 def _check_private(store: Store) -> Iterator[Finding]:

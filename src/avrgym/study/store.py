@@ -26,6 +26,7 @@ from avrgym.study.rows import (
     participant_number,
 )
 from avrgym.study.states import StudyError, check_transition
+from avrgym.tasks import find_environment
 
 PRIVATE = "private"
 Row = TypeVar("Row")
@@ -99,6 +100,12 @@ class Store:
         if not path.resolve().is_relative_to(self.folder):
             raise StudyError(f"{relative!r} leads out of the study's folder")
         return path
+
+    def policy_source(self, environment: str, policy: str) -> str:
+        """What to load a policy of the design from: a file in the study's folder, else the packaged one's name."""
+        task, robot = find_environment(environment)
+        own = self.folder / policy / f"{task}{robot}.safetensors"
+        return str(own) if own.is_file() else policy
 
     def participants(self) -> list[Participant]:
         """Everyone who takes or took part, in the order of their numbers."""
