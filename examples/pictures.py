@@ -16,6 +16,7 @@ from playwright.sync_api import Page, sync_playwright
 
 from avrgym import transforms
 from avrgym.episodes import Episodes
+from avrgym.models.scene import TOOL
 from avrgym.oracles import ORACLES
 from avrgym.tasks import ENVIRONMENTS
 from avrgym.vr import messages
@@ -25,7 +26,7 @@ from avrgym.vr.server import LiveServer
 from avrgym.vr.webxr import Registration
 from avrgym.vr.world import TICK_S, poses, scene_message
 
-MOMENTS = {"Feeding": (3, 52), "Drinking": (3, 100), "ScratchItch": (6, 36), "BedBathing": (3, 90)}
+MOMENTS = {"Feeding": (3, 11), "Drinking": (3, 11), "ScratchItch": (6, 36), "BedBathing": (3, 90)}
 """By task, the seed of an episode and the control step at which it shows."""
 SIZE_PX = {"width": 900, "height": 600}
 PATIENCE_MS = 180_000
@@ -58,14 +59,6 @@ BYSTANDERS = {
     ("ScratchItch", "PR2"): beside((0.35, -2.25, 1.55), (-0.30, -0.15, 0.82)),
     ("BedBathing", "PR2"): beside((0.75, -2.15, 1.85), (-0.30, -0.15, 0.80)),
 }
-GLANCES_DEG = {
-    "Feeding": (-14.0, 18.0),
-    "Drinking": (-18.0, 20.0),
-    "ScratchItch": (-38.0, 38.0),
-    "BedBathing": (-42.0, 32.0),
-}
-"""How far the participant looks up and to the right, by task."""
-
 OWN_CAMERA = """
 window.__THREE_DEVTOOLS__ = new EventTarget();
 window.__THREE_DEVTOOLS__.addEventListener("observe", ({ detail: renderer }) => {
@@ -131,14 +124,13 @@ class Moment:
     def glance(self) -> Camera:
         """What the participant sees who looks at the robot's tool."""
         scene = self._scene()
-        state = np.frombuffer(self._poses, "<f4").reshape(-1, 7)
-        head = state[scene.bodies.index(scene.head_bodies[0])].astype(float)
-        up, right = np.radians(GLANCES_DEG[self._episodes.task.name])
-        ahead = [-np.sin(right) * np.cos(up), -np.cos(right) * np.cos(up), np.sin(up)]
+        pose = dict(
+            zip(scene.bodies, np.frombuffer(self._poses, "<f4").reshape(-1, 7).astype(float), strict=False)
+        )
+        head, tool = pose[scene.head_bodies[0]], pose[TOOL]
         eye = head[:3] + transforms.rotate(head[3:], scene.eyes)
-        at = eye + transforms.rotate(head[3:], ahead)
         upwards = transforms.rotate(head[3:], [0.0, 0.0, 1.0])
-        return Camera(_numbers(eye), _numbers(at), _numbers(upwards), 75.0, inside=True)
+        return Camera(_numbers(eye), _numbers(tool[:3]), _numbers(upwards), 70.0, inside=True)
 
     def _scene(self) -> messages.Scene:
         return scene_message(0, self._episodes, Registration(np.zeros(3), 0.0))

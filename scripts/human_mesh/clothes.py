@@ -25,6 +25,8 @@ NAPE_M = {"man": (0.07, 0.0), "woman": (0.055, -0.06)}
 EAR_M = (-0.003, 0.070, 0.032)
 """In the head's frame, y and z: where the hair begins at the forehead and ends at the nape; middle and radius of the
 ears."""
+PARTING_M = 0.014
+"""How far left of the middle the hair parts."""
 HAIR_M = {"man": (0.0015, 0.009), "woman": (0.002, 0.014)}
 """Thickness of the hair at its edge and 5 cm above."""
 STRANDS_M = 0.32
@@ -109,7 +111,9 @@ class Wardrobe:
         x, y, z = self._local(surface, "torso").T
         p = PROPORTIONS[self._sex]
         beside = COLLAR_M - np.hypot(x, np.where(y < 0.0, 0.8, 1.0) * y)
-        above = np.minimum(beside, z - (p.chest_rise + p.shoulder_rise + 0.046) - 0.42 * y)
+        above = np.minimum(
+            beside, z - (p.chest_rise + p.shoulder_rise + 0.046) - np.where(y < 0.0, 0.42, 0.8) * y
+        )
         above = np.where(self._weight(surface, "arm", "hand") > 0.3, -1.0, above)
         return np.where(self._weight(surface, "head") > 0.35, 1.0, above)
 
@@ -160,7 +164,9 @@ class Wardrobe:
         """A shell over the scalp, thicker away from the hairline; a woman's covers the ears, a man's does not."""
         scalp = self._scalp(skin)
         thin_m, thick_m = HAIR_M[self._sex]
-        rise = np.clip(self._above_hairline(scalp) / 0.05, 0.0, 1.0)
+        rise = np.clip(self._above_hairline(scalp) / 0.05, 0.0, 1.0) * (
+            1.0 - 0.8 * self._parting(scalp, 0.007)
+        )
         shell = smooth(self._without_ears(scalp, thin_m + (thick_m - thin_m) * rise), 2)
         hemmed = hem(shell, 2.0 * thin_m)
         x, y, z = self._local(hemmed, "head").T
@@ -176,7 +182,14 @@ class Wardrobe:
         _, y, z = self._local(surface, "head").T
         back, low = NAPE_M[self._sex]
         share = (y - FOREHEAD_M[0]) / (back - FOREHEAD_M[0])
-        return z - FOREHEAD_M[1] - share * (low - FOREHEAD_M[1])
+        raised = 0.018 * self._parting(surface, 0.024)
+        return z - FOREHEAD_M[1] - share * (low - FOREHEAD_M[1]) - raised
+
+    def _parting(self, surface: Surface, half_width_m: float) -> Array:
+        """How near the parting of a woman's hair is, from 0 to 1."""
+        x, y, _ = self._local(surface, "head").T
+        before = np.clip((0.05 - y) / 0.04, 0.0, 1.0) if self._sex == "woman" else 0.0
+        return before * np.exp(-(((x - PARTING_M) / half_width_m) ** 2))
 
     def _beside_ear(self, surface: Surface) -> Array:
         """Metres outside of the ears where the hair leaves them free."""

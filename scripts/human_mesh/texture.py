@@ -12,7 +12,7 @@ from .source import Source
 
 Array = NDArray[np.float64]
 PIXELS, HAIR_PIXELS = 1024, 256
-PLAIN, LIPS, MOUTH, NAIL = (0.96, 0.96, 0.96), (0.88, 0.66, 0.64), (0.50, 0.22, 0.20), (1.0, 0.97, 0.95)
+PLAIN, LIPS, MOUTH, NAIL = (0.96, 0.96, 0.96), (0.89, 0.70, 0.68), (0.50, 0.22, 0.20), (1.0, 0.97, 0.95)
 FLUSH, BROW, LASH, BEARD = (0.98, 0.86, 0.83), (0.30, 0.24, 0.21), (0.28, 0.22, 0.20), (0.90, 0.89, 0.89)
 
 
@@ -49,7 +49,7 @@ def _layers(place: Array, eye: Array, sex: Sex, masks: Mapping[str, Array]):
     front = _soft(-0.045 - y, 0.02)
     cheek = _spot(x - 0.040, 0.022) * _spot(z - (eye[2] - 0.033), 0.016) * front
     nose = _spot(x, 0.014) * _spot(z - (eye[2] - 0.034), 0.012) * front
-    yield 0.8 * np.maximum(cheek, nose), FLUSH
+    yield 0.6 * np.maximum(cheek, nose), FLUSH
     yield 0.5 * _mask(masks["ears"], 6), FLUSH
     if sex == "man":
         yield 0.8 * _soft(0.045 - z, 0.02) * _soft(-0.01 - y, 0.03) * _soft(z + 0.06, 0.02), BEARD
