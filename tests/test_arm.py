@@ -91,7 +91,7 @@ def test_an_arm_stays_where_its_hand_stays() -> None:
 
 
 def test_hands_come_to_nearly_every_pose_within_the_ranges(rng: np.random.Generator) -> None:
-    """From the relaxed pose within a second, hands come to 98 % of poses within 1 cm and 5°; all joints' ranges count."""
+    """Within a second from the relaxed pose, 98 % of poses within 1 cm and 5°, in the full ranges of all joints."""
     solver, reached = ArmSolver(PERSON), []
     for goal in rng.uniform(LOWER, UPPER, (50, 7)):
         way = [hand_of(angles) for angles in (*smooth(RELAXED, goal, 65), *[goal] * 35)]

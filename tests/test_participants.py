@@ -1,5 +1,6 @@
 """Simulated participants: sound frames of a person in a room, and answers that follow what they saw."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,17 +8,23 @@ import pytest
 from numpy.typing import NDArray
 
 from avrgym.models import human
-from avrgym.models.human import SEXES, Sex
+from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Sex
+from avrgym.models.scene import TOOL
 from avrgym.participants import SimulatedParticipant, draw_traits
 from avrgym.study.questionnaire import LIKERT_ITEMS
 from avrgym.study.recording import read_recording
+from avrgym.tasks import TASKS
 from avrgym.vr.attendance import InProcessAttendance
-from avrgym.vr.messages import Tracking, XRPose, decode_client, encode
+from avrgym.vr.calibration import RealFurniture, measure_torso_height
+from avrgym.vr.messages import State, Tracking, XRPose, decode_client, encode
 from avrgym.vr.session import Session
-from avrgym.vr.webxr import is_valid
+from avrgym.vr.webxr import Registration, is_valid
+from avrgym.vr.world import LiveWorld
 from visit import driving, plan
 
 Array = NDArray[np.float64]
+
+FEEDING, BATHING = "avrgym/FeedingJaco-v1", "avrgym/BedBathingJaco-v1"
 
 
 def participant(seed: int, sex: Sex = "woman") -> SimulatedParticipant:
@@ -60,6 +67,41 @@ def test_torso_heights_are_those_of_the_papers_participants(sex: Sex) -> None:
     heights_m = [draw_traits(sex, seed).torso_height_m for seed in range(200)]
     assert 0.51 <= min(heights_m) < 0.515
     assert 0.575 < max(heights_m) <= 0.58
+
+
+@pytest.mark.parametrize("sex", SEXES)
+def test_who_lies_is_measured_as_tall_as_who_sits(sex: Sex) -> None:
+    someone = participant(4, sex)
+    measured = []
+    for environment, posture in ((FEEDING, SEATED), (BATHING, RECLINED)):
+        someone.take_place(environment)
+        head = someone.frame(7.0, moving=False).head
+        assert head is not None
+        measured.append(measure_torso_height(sex, posture, head, RealFurniture()))
+    assert measured == pytest.approx([someone.traits.torso_height_m] * 2)
+    with pytest.raises(ValueError, match="unknown environment 'avrgym/Flying-v1'"):
+        someone.take_place("avrgym/Flying-v1")
+
+
+def arm_after_watching(cooperation: float, environment: str) -> Array:
+    """The right hand of somebody who watched the tool near their elbow for two seconds, in their own room."""
+    traits = replace(draw_traits("woman", 2), cooperation=cooperation, sway_deg=0.0)
+    someone = SimulatedParticipant(traits, 2)
+    someone.take_place(environment)
+    world = LiveWorld(environment, Person("woman", traits.torso_height_m, TASKS["BedBathing"].pose.rest_rad))
+    someone.watch(world.scene(0, Registration(np.zeros(3), 0.0)))
+    poses = np.frombuffer(world.body_poses(), "<f4").reshape(-1, 7).copy()
+    poses[world.bodies.index(TOOL)] = poses[world.bodies.index("person/right_forearm")]
+    for i in range(20):
+        someone.watch(State(i, 0.1 * i, -1, poses.tobytes()))
+    hand = someone.frame(2.0, moving=True).right
+    assert hand is not None
+    return np.array(hand.position)
+
+
+def test_who_cooperates_brings_the_arm_to_the_tool() -> None:
+    still, half, full = (arm_after_watching(share, BATHING) for share in (0.0, 0.5, 1.0))
+    assert 0.01 < np.linalg.norm(half - still) < np.linalg.norm(full - still)
 
 
 @pytest.mark.parametrize("sex", SEXES)
@@ -129,6 +171,15 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
     assert all(
         answer.response_time_s == pytest.approx(1.5, abs=0.05) for _, answer in trial.topics["/answers"]
     )
+
+
+def test_a_participant_sits_and_then_lies_through_a_session(tmp_path: Path) -> None:
+    attendance = InProcessAttendance(participant(1), lambda text: None)
+    trials = plan(environments=(FEEDING, BATHING), seeds=(1, 2))
+    session = Session(trials, driving(trials), tmp_path, attendance.hear, "lying")
+    attendance.run(session)
+    assert session.person.torso_height_m == pytest.approx(participant(1).traits.torso_height_m, abs=0.002)
+    assert all(read_recording(path).complete for path in session.recordings)
 
 
 def test_a_participant_who_cannot_begin_gives_up_in_words(tmp_path: Path) -> None:

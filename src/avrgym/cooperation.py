@@ -7,7 +7,7 @@ sway below 0.5 Hz.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,36 @@ from avrgym import transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.simulation import State
 from avrgym.uniform import between
 
 Array = NDArray[np.float64]
 
 Offered = Literal["mouth", "arm"]
+
+
+class Sight(Protocol):
+    """What N people see and feel of the tool and of themselves, as in ``simulation.State``; world frame."""
+
+    @property
+    def tool_pos_w(self) -> Array:
+        """The tool, (N, 3)."""
+        ...
+
+    @property
+    def head_pos_w(self) -> Array:
+        """The head's centre, (N, 3)."""
+        ...
+
+    @property
+    def mouth_pos_w(self) -> Array:
+        """The mouth, (N, 3)."""
+        ...
+
+    @property
+    def right_arm_pos_w(self) -> Array:
+        """Shoulder, elbow and wrist, (N, 3, 3)."""
+        ...
+
 
 UNIFORMS = 6
 """How many uniform numbers a person's manner takes."""
@@ -82,18 +106,18 @@ def begin(people: People, uniforms: Array) -> Mind:
     )
 
 
-def see(mind: Mind, state: State, offered: Offered, posture: Posture) -> Mind:
+def see(mind: Mind, sight: Sight, offered: Offered, posture: Posture) -> Mind:
     """They see the tool, and their targets move.
 
     Args:
         mind: what they carry.
-        state: of the worlds now.
+        sight: what they see now.
         offered: what they bring to the tool.
         posture: how they sit or lie.
     """
-    seen = np.concatenate([state.tool_pos_w[:, None], mind.seen_w[:, :-1]], axis=1)
+    seen = np.concatenate([sight.tool_pos_w[:, None], mind.seen_w[:, :-1]], axis=1)
     tool = seen[np.arange(len(seen)), mind.reaction]
-    wanted = _bring_mouth(mind, state, tool, posture) if offered == "mouth" else _bring_arm(mind, state, tool)
+    wanted = _bring_mouth(mind, sight, tool, posture) if offered == "mouth" else _bring_arm(mind, sight, tool)
     reach = SPEED_RAD_S * CONTROL_STEP_S
     moved = mind.targets_rad + np.clip(wanted - mind.targets_rad, -reach, reach)
     return replace(mind, seen_w=seen, targets_rad=moved)
@@ -115,11 +139,11 @@ def sway_rad(mind: Mind) -> Array:
     return wave
 
 
-def _bring_mouth(mind: Mind, state: State, tool_w: Array, posture: Posture) -> Array:
+def _bring_mouth(mind: Mind, sight: Sight, tool_w: Array, posture: Posture) -> Array:
     """Targets that turn the face to the tool, and lean to it when it is near and in front."""
     torso_q_w = _torso_rotation(mind.targets_rad, posture)
     seen = np.asarray(np.isfinite(tool_w).all(axis=-1))
-    offset = np.where(seen[:, None], tool_w, state.mouth_pos_w) - state.head_pos_w
+    offset = np.where(seen[:, None], tool_w, sight.mouth_pos_w) - sight.head_pos_w
     ahead = transforms.rotate(transforms.conjugate(torso_q_w), offset)
     distance = transforms.norm(ahead)
     facing = np.zeros((len(seen), 3))
@@ -133,9 +157,9 @@ def _bring_mouth(mind: Mind, state: State, tool_w: Array, posture: Posture) -> A
     return wanted
 
 
-def _bring_arm(mind: Mind, state: State, tool_w: Array) -> Array:
+def _bring_arm(mind: Mind, sight: Sight, tool_w: Array) -> Array:
     """Targets that lift the right arm sideways and stretch it a little when the tool is near."""
-    gap = transforms.norm(state.right_arm_pos_w - tool_w[:, None]).min(axis=-1)
+    gap = transforms.norm(sight.right_arm_pos_w - tool_w[:, None]).min(axis=-1)
     lifted = mind.rest_rad[:, _LIFT] + LIFT_RAD
     wanted = mind.targets_rad.copy()
     wanted[:, _LIFT] = np.where((gap < NEAR_ARM_M)[:, None], lifted, wanted[:, _LIFT])

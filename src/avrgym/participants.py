@@ -1,17 +1,23 @@
 """Simulated participants: they emit the tracking frames that a headset would, and answer the questionnaire.
 
-They serve dry runs, demonstrations and tests. Whatever they leave behind is marked as simulated.
+They sit or lie, sway, and bring mouth or arm to the tool as ``cooperation`` has it. They serve dry runs,
+demonstrations and tests. Whatever they leave behind is marked as simulated.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym import cooperation, people, transforms
 from avrgym.models import human
-from avrgym.models.human import Person, Sex
+from avrgym.models.human import LOWER_RAD, SEATED, SEATED_RAD, UPPER_RAD, Person, Sex
+from avrgym.models.robots import find_robot
+from avrgym.models.scene import CONTROL_STEP_S, TOOL
+from avrgym.tasks import TASKS, find_environment
+from avrgym.vr import messages
 from avrgym.vr.messages import Tracking, XRPose
 from avrgym.vr.webxr import Pose, Registration, grip_from_hand, headset_from_head
 
@@ -23,7 +29,9 @@ class Traits:
     """How a simulated participant is built and behaves.
 
     ``sway_m`` and ``sway_hz`` describe the slow movement of the head; ``lean_deg`` how far they bend forward at
-    rest; ``agreement`` (0 to 1) how far their answers follow what they saw; the rest of an answer is chance.
+    rest, ``arm_deg`` how much farther back than most they hold their arms; ``agreement`` (0 to 1) how far their
+    answers follow what they saw; the rest of an answer is chance. ``cooperation`` (0 to 1) is how far they bring
+    mouth or arm to the tool, as they saw it ``reaction_s`` ago.
     """
 
     sex: Sex
@@ -33,6 +41,8 @@ class Traits:
     lean_deg: float
     arm_deg: float
     agreement: float
+    cooperation: float
+    reaction_s: float
 
 
 def draw_traits(sex: Sex, seed: int) -> Traits:
@@ -46,11 +56,26 @@ def draw_traits(sex: Sex, seed: int) -> Traits:
         lean_deg=float(random.uniform(-2.0, 5.0)),
         arm_deg=float(random.uniform(-8.0, 8.0)),
         agreement=0.8,
+        cooperation=float(random.uniform(0.0, 1.0)),
+        reaction_s=float(random.uniform(0.2, 0.4)),
     )
 
 
+@dataclass(frozen=True)
+class _Sight:
+    """See ``cooperation.Sight``; of one person."""
+
+    tool_pos_w: Array
+    head_pos_w: Array
+    mouth_pos_w: Array
+    right_arm_pos_w: Array
+
+
 class SimulatedParticipant:
-    """A seated participant in a room of their own, whose origin and direction differ from the simulation's."""
+    """A participant in a room of their own, whose origin and direction differ from the simulation's.
+
+    They sit until they are told to ``take_place`` elsewhere.
+    """
 
     def __init__(self, traits: Traits, seed: int) -> None:
         random = np.random.default_rng([seed, 1])
@@ -61,11 +86,67 @@ class SimulatedParticipant:
         )
         self._phase = random.uniform(0.0, 2.0 * np.pi, 3)
         self._sequence = -1
-        self._model = human.person_model(Person(traits.sex, traits.torso_height_m), moving=True)
+        self._bodies: list[str] = []
+        self._environment = ""
+        self._offered: cooperation.Offered = "mouth"
+        self._rest(SEATED, SEATED_RAD)
+
+    def take_place(self, environment_id: str) -> None:
+        """Sit or lie as an environment has it; whoever is there already stays.
+
+        Raises:
+            ValueError: for an unknown environment, naming what there is.
+        """
+        if environment_id == self._environment:
+            return
+        task, robot = find_environment(environment_id)
+        self._environment, self._offered = environment_id, TASKS[task].offered
+        self._rest(TASKS[task].stage(find_robot(robot)).posture, TASKS[task].pose.rest_rad)
+
+    def watch(self, message: messages.Message) -> None:
+        """See what a client is told: where the tool is, and that a trial begins."""
+        if isinstance(message, messages.Scene):
+            self._bodies = message.bodies
+        elif isinstance(message, messages.Phase) and message.name == "free_before":
+            self._open_mind()
+        elif isinstance(message, messages.State) and TOOL in self._bodies:
+            self._see(message)
+
+    def _rest(self, posture: human.Posture, rest_rad: Array) -> None:
+        self._posture, self._rest_rad = posture, rest_rad
+        person = Person(self.traits.sex, self.traits.torso_height_m, rest_rad)
+        self._people = people.repeat(person, 1)
+        self._sites = human.layout(self._people.is_woman, self._people.torso_height_m).site_pos
+        self._model = human.person_model(person, posture, moving=True)
         self._data = mujoco.MjData(self._model)
+        self._open_mind()
+
+    def _open_mind(self) -> None:
+        """Forget what was seen."""
+        mind = cooperation.begin(self._people, np.full((1, cooperation.UNIFORMS), 0.5))
+        self._mind = replace(mind, reaction=np.array([round(self.traits.reaction_s / CONTROL_STEP_S)]))
+        self._next_look_s = -np.inf
+
+    def _see(self, state: messages.State) -> None:
+        """Look at the tool ten times a second."""
+        if state.simulation_time_s < self._next_look_s:
+            return
+        self._next_look_s = state.simulation_time_s + CONTROL_STEP_S
+        poses = np.frombuffer(state.poses, "<f4").reshape(-1, 7).astype(float)
+        sight = self._sight(dict(zip(self._bodies, poses, strict=False)))
+        self._mind = cooperation.see(self._mind, sight, self._offered, self._posture)
+
+    def _sight(self, bodies: Mapping[str, Array]) -> _Sight:
+        """From the poses (7,) of bodies by name."""
+        head = bodies[human.PREFIX + "head"]
+        head_centre, mouth = (
+            head[:3] + transforms.rotate(head[3:], self._sites[name]) for name in ("head_centre", "mouth")
+        )
+        arm = np.stack([bodies[human.PREFIX + part][:3] for part in human.RIGHT_ARM])
+        return _Sight(bodies[TOOL][None, :3], head_centre, mouth, arm[None])
 
     def frame(self, time_s: float, *, moving: bool) -> Tracking:
-        """The tracking frame at a time: upright and still, or swaying a little when ``moving``."""
+        """The tracking frame at a time: at rest and still, or swaying and reacting when ``moving``."""
         return self.frame_of(self._joint_angles(time_s, moving), time_s)
 
     def frame_of(self, joint_angles_rad: Array, time_s: float) -> Tracking:
@@ -91,13 +172,19 @@ class SimulatedParticipant:
 
     def _joint_angles(self, time_s: float, moving: bool) -> Array:
         if not moving:
-            return human.SEATED_RAD
+            return self._rest_rad
+        brought = self._mind.targets_rad[0] - self._rest_rad
+        angles = self._rest_rad + self.traits.cooperation * brought + self._habits(time_s)
+        return np.clip(angles, LOWER_RAD, UPPER_RAD)
+
+    def _habits(self, time_s: float) -> Array:
+        """What lean, sway and the way to hold the arms add to the joint angles (20,)."""
         traits = self.traits
         wave = traits.sway_deg * np.sin(
             2.0 * np.pi * traits.sway_hz * time_s * np.array([1.0, 0.7, 0.5]) + self._phase
         )
         lean = traits.lean_deg * min(1.0, time_s / 2.0)
-        return human.joint_angles(
+        swaying = human.joint_angles(
             waist_x=lean + wave[0],
             waist_y=0.5 * wave[1],
             head_x=-lean,
@@ -105,6 +192,7 @@ class SimulatedParticipant:
             right_shoulder_x=-10.0 + traits.arm_deg + wave[1],
             left_shoulder_x=-10.0 + traits.arm_deg - wave[1],
         )
+        return swaying - SEATED_RAD
 
     def _grip(self, side: str) -> XRPose:
         return grip_from_hand(self._room, self._pose(f"{side}_hand_centre", f"{side}_hand"))

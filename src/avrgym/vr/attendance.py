@@ -29,6 +29,7 @@ class InProcessAttendance:
 
     def hear(self, message: Message) -> None:
         """Take a message that the session sends."""
+        self._participant.watch(message)
         if isinstance(message, messages.Phase):
             self._heard_s, self._question = self._now_s, None
             if message.trial != self._trial:
@@ -51,6 +52,7 @@ class InProcessAttendance:
         tick = 0
         while session.phase != "finished":
             self._now_s = tick * TICK_S
+            self._participant.take_place(session.plan.trials[max(self._trial - 1, 0)].environment)
             if tick % TRACKING_EVERY_TICKS == 0:
                 frame = self._participant.frame(self._now_s, moving=session.phase != "calibration")
                 session.receive(frame, self._now_s)

@@ -171,6 +171,7 @@ class BrowserAttendance:
         found = phase["name"], phase["trial"]
         if found != self._phase:
             self._phase, self._phase_began = found, now_s
+            self._participant.take_place(self._session.plan.trials[max(found[1] - 1, 0)].environment)
             self._say(f"{found[0].replace('_', ' ')} (trial {found[1]} of {phase['trials']})")
 
     def _act(self, now_s: float) -> None:
