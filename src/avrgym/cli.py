@@ -226,7 +226,7 @@ def train(
             if resume:
                 training.resume(folder, tell)
             else:
-                training.train(training.TrainingConfiguration(env, people, steps, seed), folder, tell)
+                training.train(training.configuration_for(env, people, steps, seed), folder, tell)
     say(f"policy    {folder / 'policy.safetensors'}")
 
 

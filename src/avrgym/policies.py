@@ -32,7 +32,9 @@ class PolicyError(ValueError):
 class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a policy was trained on, and how well it did.
 
-    ``steps`` counts environment steps; ``measured`` holds plain figures such as ``success_rate``.
+    ``steps`` counts environment steps, ``seconds`` the time that training took. ``measured`` holds plain figures
+    such as ``success_rate``. ``curve`` is how training went: steps so far, and mean reward and share of successes
+    of the latest episodes, whose actions are random about the policy's.
     """
 
     environment: str
@@ -40,7 +42,9 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     steps: int
     seed: int
     git_commit: str = ""
+    seconds: float = 0.0
     measured: dict[str, bool | int | float | str] = {}
+    curve: list[tuple[int, float, float]] = []
 
 
 @dataclass(frozen=True, eq=False)

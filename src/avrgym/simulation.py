@@ -145,10 +145,7 @@ class Simulation:
     def command_robot(self, action: Array) -> None:
         """Set the arm's speed for the coming steps: action (N, 7) in −1..1 of each joint's speed limit."""
         names = self._names
-        angles = self._qpos[:, names.arm_qpos]
-        self._act[:, names.arm_act] = np.clip(
-            self._act[:, names.arm_act], angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD
-        )
+        self._act[:, names.arm_act] = self.arm_targets_rad()
         self._ctrl[:, names.arm_ctrl] = np.clip(action, -1.0, 1.0) * self._speed_limit
 
     def halt_robot(self) -> None:
@@ -209,6 +206,11 @@ class Simulation:
         """Where the robots' bases stand: positions (N, 3), quaternions (N, 4), world frame."""
         body = self._names.robot_base
         return self._body_pos[:, body].copy(), self._body_quat[:, body].copy()
+
+    def arm_targets_rad(self) -> Array:
+        """Where the arm's servos aim, (N, 7): no farther ahead of the joints than a command leaves them."""
+        angles = self._qpos[:, self._names.arm_qpos]
+        return np.clip(self._act[:, self._names.arm_act], angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD)
 
     def controls(self) -> Array:
         """What all servos are told, (N, nu)."""

@@ -1,39 +1,45 @@
-"""Training with PPO (Stable-Baselines3) over the native vector environment.
+"""Training: imitation of a teacher, then PPO (Stable-Baselines3) over the native vector environment.
 
 Needs the extra ``train``. What it leaves is a policy file that needs neither of them.
 """
 
 import subprocess
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+from stable_baselines3.common.vec_env import VecNormalize
 
 from avrgym import checkpoint
-from avrgym.envs import ACTIONS, AssistiveVectorEnv
+from avrgym.envs import AssistiveVectorEnv
 from avrgym.episodes import EPISODE_STEPS
 from avrgym.evaluation import evaluate
 from avrgym.files import write_whole
+from avrgym.imitation import imitate
 from avrgym.policies import Policy, PolicyMetadata
-
-Array = NDArray[Any]
-
+from avrgym.stable_baselines import SB3VectorEnv
+from avrgym.tasks import find_environment
 
 POLICY_FILE, CONFIGURATION_FILE, CHECKPOINT_FILE = "policy.safetensors", "configuration.json", "checkpoint.pt"
 MEASURED_EPISODES = 100
+CURVE_POINTS = 100
 
 
 @dataclass(frozen=True)
 class TrainingConfiguration:
-    """What a training run is made of. Network and algorithm are the paper's (section V); the rest is ours."""
+    """What a training run is made of. Network and algorithm are the paper's (section V); the rest is ours.
+
+    The policy first imitates its task's teacher for ``imitation_rounds`` episodes in every world, though for no more
+    than half of all steps. Then only the critic learns for ``critic_updates``. The learning rate falls to a tenth.
+    ``force_weight_per_n`` is what each newton on the person takes off a step's reward in training, beyond what the
+    task's own reward does.
+    """
 
     environment: str
     people: str = "original"
@@ -46,57 +52,42 @@ class TrainingConfiguration:
     discount: float = 0.99
     gae_lambda: float = 0.95
     clip_range: float = 0.2
-    initial_log_std: float = -0.7
+    initial_log_std: float = -1.5
     hidden: tuple[int, ...] = (64, 64)
+    imitation_rounds: int = 8
+    critic_updates: int = 5
+    force_weight_per_n: float = 0.02
     threads: int = 0
 
+    @property
+    def update_steps(self) -> int:
+        """Environment steps of one update: an episode in every world."""
+        return self.worlds * EPISODE_STEPS
 
-class SB3VectorEnv(VecEnv):
-    """The native vector environment as Stable-Baselines3 wants it."""
+    @property
+    def imitation_steps(self) -> int:
+        """Environment steps of imitation, whole rounds."""
+        rounds = min(self.imitation_rounds, self.steps // 2 // self.update_steps)
+        return rounds * self.update_steps
 
-    def __init__(self, env: AssistiveVectorEnv) -> None:
-        self.env = env  # the base class asks it for its render mode
-        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-        self._actions: Array = np.zeros((env.num_envs, ACTIONS))
-        self._seed: int | None = None
 
-    def seed(self, seed: int | None = None) -> list[int | None]:
-        self._seed = seed
-        return [None if seed is None else seed + i for i in range(self.num_envs)]
+TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
+    "Feeding": {"imitation_rounds": 16, "initial_log_std": -1.8},
+    "Drinking": {"imitation_rounds": 16, "initial_log_std": -2.5},
+    "ScratchItch": {"imitation_rounds": 24, "initial_log_std": -1.8},
+    "BedBathing": {"imitation_rounds": 8, "initial_log_std": -1.0},
+}
+"""Where a task does better with settings other than the usual ones."""
 
-    def reset(self) -> Array:
-        observation, _ = self.env.reset(seed=self._seed)
-        self._seed = None
-        return observation
 
-    def step_async(self, actions: Array) -> None:
-        self._actions = actions
+def configuration_for(environment: str, people: str, steps: int, seed: int) -> TrainingConfiguration:
+    """How we train in an environment.
 
-    def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
-        observation, reward, _, truncated, info = self.env.step(self._actions)
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for i in np.nonzero(truncated)[0]:
-            infos[i] = {
-                "terminal_observation": info["final_obs"][i],
-                "TimeLimit.truncated": True,
-                "success": bool(info["success"][i]),
-            }
-        return observation, reward, truncated, infos
-
-    def close(self) -> None:
-        self.env.close()
-
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
-
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        raise NotImplementedError("the worlds share their attributes")
-
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        raise NotImplementedError("the worlds share their methods")
-
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        return [False] * len(list(self._get_indices(indices)))
+    Raises:
+        ValueError: for an unknown environment, naming what there is.
+    """
+    task, _ = find_environment(environment)
+    return TrainingConfiguration(environment, people, steps, seed, **TASK_SETTINGS[task])
 
 
 @dataclass(frozen=True)
@@ -122,14 +113,25 @@ class _Watch(BaseCallback):
     ) -> None:
         super().__init__()
         self._configuration, self._out, self._native, self._tell = configuration, out, native, tell
-        self._returns = np.zeros(configuration.worlds)
         self._finished: list[tuple[float, bool]] = []
+        self._curve: list[Progress] = []
         self._best_reward: float | None = None
+        self._seconds_before, self._began = 0.0, time.monotonic()
 
     def resume(self, notes: dict[str, Any]) -> None:
         """Go on from the notes of a checkpoint."""
         self._finished = [(reward, success) for reward, success in notes["finished"]]
-        self._best_reward = notes["best_reward"]
+        self._curve = [Progress(*point) for point in notes["curve"]]
+        self._best_reward, self._seconds_before = notes["best_reward"], notes["seconds"]
+
+    def hear(self, steps: int, finished: list[tuple[float, bool]]) -> Progress:
+        """Take return and success of episodes that ended after ``steps`` in all, and tell how training stands."""
+        self._finished = (self._finished + finished)[-2 * self._configuration.worlds :]
+        reward, success = (sum(column) / len(column) for column in zip(*self._finished, strict=True))
+        now = Progress(steps, reward, success)
+        self._curve.append(now)
+        self._tell(now)
+        return now
 
     def _on_rollout_start(self) -> None:
         self.save_checkpoint()
@@ -137,31 +139,45 @@ class _Watch(BaseCallback):
     def save_checkpoint(self) -> None:
         """Save where the training is, between two updates."""
         assert isinstance(self.model, PPO)
-        notes = {"finished": self._recent, "best_reward": self._best_reward}
+        notes = {
+            "finished": self._finished,
+            "curve": [(now.steps, now.reward_mean, now.success_rate) for now in self._curve],
+            "best_reward": self._best_reward,
+            "seconds": self._seconds,
+        }
         checkpoint.save(self._out / CHECKPOINT_FILE, self.model, self._native, notes)
 
     @property
-    def _recent(self) -> list[tuple[float, bool]]:
-        return self._finished[-2 * self._configuration.worlds :]
+    def _seconds(self) -> float:
+        return self._seconds_before + time.monotonic() - self._began
 
     def _on_step(self) -> bool:
-        normalised = self.training_env
-        assert isinstance(normalised, VecNormalize)
-        self._returns += normalised.get_original_reward()
-        for i in np.nonzero(self.locals["dones"])[0]:
-            self._finished.append((float(self._returns[i]), self.locals["infos"][i]["success"]))
-            self._returns[i] = 0.0
         return True
 
     def _on_rollout_end(self) -> None:
-        reward, success = (float(np.mean(column)) for column in zip(*self._recent, strict=True))
-        self.logger.record("rollout/reward_mean", reward)
-        self.logger.record("rollout/success_rate", success)
-        self._tell(Progress(self.num_timesteps, reward, success))
-        if self._best_reward is None or reward > self._best_reward:
-            self._best_reward = reward
-            assert isinstance(self.model, PPO)
-            export_policy(self.model, self._configuration).save(self._out / POLICY_FILE, overwrite=True)
+        assert isinstance(self.model, PPO)
+        now = self.hear(self.num_timesteps, _finished(self.locals["infos"]))
+        self.logger.record("rollout/reward_mean", now.reward_mean)
+        self.logger.record("rollout/success_rate", now.success_rate)
+        if self._best_reward is None or now.reward_mean > self._best_reward:
+            self._best_reward = now.reward_mean
+            policy = export_policy(self.model, self._configuration, self._seconds, self._curve)
+            policy.save(self._out / POLICY_FILE, overwrite=True)
+        self._free_actor(self.model)
+
+    def _free_actor(self, model: PPO) -> None:
+        """Let the actor learn too, unless the critic does not know yet what the imitated actor is worth."""
+        configuration = self._configuration
+        critic_steps = configuration.critic_updates * configuration.update_steps
+        imitated = configuration.imitation_steps
+        learns = imitated == 0 or self.num_timesteps > imitated + critic_steps
+        model.policy.mlp_extractor.policy_net.requires_grad_(learns)
+        model.policy.action_net.requires_grad_(learns)
+        model.policy.log_std.requires_grad_(learns)
+
+
+def _finished(infos: list[dict[str, Any]]) -> list[tuple[float, bool]]:
+    return [(info["episode_return"], info["success"]) for info in infos]
 
 
 def train(configuration: TrainingConfiguration, out: Path, tell: Tell = lambda progress: None) -> Policy:
@@ -184,22 +200,23 @@ def train(configuration: TrainingConfiguration, out: Path, tell: Tell = lambda p
     native = _environment(configuration)
     out.mkdir(parents=True, exist_ok=True)
     write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
-    watch = _Watch(configuration, out, native, tell)
-    return _learn(_ppo(configuration, SB3VectorEnv(native), out), configuration, watch, out)
+    return _begin(configuration, native, out, tell)
 
 
 def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
     """Go on with the training in ``out`` from its latest checkpoint, to the same weights as if never cut off.
 
+    One that was cut off before its first checkpoint begins again, with the same seed.
+
     Raises:
         ValueError: when there is none, when it is complete, or when its files are damaged.
     """
     configuration = stored_configuration(out)
-    if not (out / CHECKPOINT_FILE).exists():
-        raise ValueError(f"{out} holds no checkpoint; begin the training anew in another folder")
     native = _environment(configuration)
+    if not (out / CHECKPOINT_FILE).exists():
+        return _begin(configuration, native, out, tell)
     watch = _Watch(configuration, out, native, tell)
-    model = _ppo(configuration, SB3VectorEnv(native), out)
+    model = _ppo(configuration, native, out)
     watch.resume(checkpoint.restore(out / CHECKPOINT_FILE, model, native))
     if model.num_timesteps >= configuration.steps and Policy.load(out / POLICY_FILE).metadata.measured:
         raise ValueError(f"the training in {out} is complete, after {model.num_timesteps} steps")
@@ -219,6 +236,16 @@ def stored_configuration(out: Path) -> TrainingConfiguration:
         return msgspec.json.decode(path.read_bytes(), type=TrainingConfiguration)
     except msgspec.DecodeError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def _begin(configuration: TrainingConfiguration, native: AssistiveVectorEnv, out: Path, tell: Tell) -> Policy:
+    model = _ppo(configuration, native, out)
+    watch = _Watch(configuration, out, native, tell)
+    rounds = configuration.imitation_steps // configuration.update_steps
+    if rounds:
+        imitate(model, native.episodes, rounds, configuration.seed, watch.hear)
+        model.num_timesteps = configuration.imitation_steps
+    return _learn(model, configuration, watch, out)
 
 
 def _learn(model: PPO, configuration: TrainingConfiguration, watch: _Watch, out: Path) -> Policy:
@@ -251,11 +278,13 @@ def _measure(configuration: TrainingConfiguration, path: Path) -> Policy:
     return policy
 
 
-def _ppo(configuration: TrainingConfiguration, env: VecEnv, out: Path) -> PPO:
+def _ppo(configuration: TrainingConfiguration, native: AssistiveVectorEnv, out: Path) -> PPO:
+    torch.set_num_threads(1)  # so small a network gains nothing from more, and its sums keep their order
+    env = SB3VectorEnv(native, configuration.force_weight_per_n)
     return PPO(
         "MlpPolicy",
         VecNormalize(env, gamma=configuration.discount, clip_obs=5.0),
-        learning_rate=configuration.learning_rate,
+        learning_rate=lambda remaining: configuration.learning_rate * (0.1 + 0.9 * remaining),
         n_steps=EPISODE_STEPS,
         batch_size=configuration.minibatch,
         n_epochs=configuration.epochs,
@@ -273,13 +302,19 @@ def _ppo(configuration: TrainingConfiguration, env: VecEnv, out: Path) -> PPO:
     )
 
 
-def export_policy(model: PPO, configuration: TrainingConfiguration) -> Policy:
-    """The deterministic actor of a PPO model with its observation normaliser."""
+def export_policy(
+    model: PPO, configuration: TrainingConfiguration, seconds: float, curve: list[Progress]
+) -> Policy:
+    """The deterministic actor of a PPO model with its observation normaliser.
+
+    ``seconds`` it was trained for; of the ``curve`` a hundred points are kept.
+    """
     normaliser = model.get_env()
     assert isinstance(normaliser, VecNormalize)
     actor = model.policy
     layers = [layer for layer in actor.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
     layers.append(actor.action_net)  # type: ignore[arg-type]
+    stride = -(-len(curve) // CURVE_POINTS) or 1
     return Policy(
         weights=tuple(layer.weight.detach().numpy().T for layer in layers),
         biases=tuple(layer.bias.detach().numpy() for layer in layers),
@@ -293,6 +328,8 @@ def export_policy(model: PPO, configuration: TrainingConfiguration) -> Policy:
             steps=model.num_timesteps,
             seed=configuration.seed,
             git_commit=_git_commit(),
+            seconds=round(seconds, 1),
+            curve=[(now.steps, now.reward_mean, now.success_rate) for now in curve[::-stride][::-1]],
         ),
     )
 

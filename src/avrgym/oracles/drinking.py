@@ -67,7 +67,7 @@ class DrinkingOracle:
         state, guide = self._simulation.state(), self._guide
         self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
         swing = guide.swing(self._before_rad, CARRY_M_S, TIPPED_RAD)
-        pos_w, q_w = _at_mouth(state, self._way, self._tilt_rad)
+        pos_w, q_w = at_mouth(state, self._way, self._tilt_rad)
         near = self._arrived & (norm(pos_w - guide.pos_w) < NEAR_M)
         rate = np.where(self._tilt_rad < FULL_RAD, TURN_RAD_S, POUR_RAD_S)
         self._tilt_rad = np.minimum(self._tilt_rad + np.where(near, CONTROL_STEP_S * rate, 0.0), EMPTY_RAD)
@@ -88,8 +88,8 @@ class DrinkingOracle:
 
     def _try(self, state: State, way: Way) -> tuple[Array, Array]:
         """What a way costs, (N,), and the arm's angles (N, 7) where it begins."""
-        pos_w, q_w = _at_mouth(state, way, np.full_like(way.roll_rad, TIPPED_RAD))
-        before_w = pos_w - AWAY_M * transforms.rotate(_yaw_q_w(state, way), FORWARD)
+        pos_w, q_w = at_mouth(state, way, np.full_like(way.roll_rad, TIPPED_RAD))
+        before_w = pos_w - AWAY_M * transforms.rotate(yaw_q_w(state, way), FORWARD)
         angles, seconds = (
             part[:, 0] for part in self._guide.find(before_w[:, None], q_w[:, None], TIPPED_RAD)
         )
@@ -99,7 +99,7 @@ class DrinkingOracle:
         """What it costs, (N,), that the rim stays away from the mouth and the arm comes close to something."""
         gap_m = np.full(len(angles_rad), np.inf)
         for tilt in TILTS_RAD:
-            pos_w, q_w = _at_mouth(state, way, np.full_like(way.roll_rad, tilt))
+            pos_w, q_w = at_mouth(state, way, np.full_like(way.roll_rad, tilt))
             angles_rad = self._guide.angles_at(pos_w, q_w, angles_rad)
             gap = self._clearance.least_m(angles_rad[:, None], state, tool=False)[:, 0]
             gap_m = np.minimum(gap_m, gap)
@@ -108,15 +108,15 @@ class DrinkingOracle:
         return SECONDS_PER_M * distance + BLOCKED_S * np.clip(1.0 - gap_m / CLEARANCE_M, 0.0, 1.0)
 
 
-def _yaw_q_w(state: State, way: Way) -> Array:
+def yaw_q_w(state: State, way: Way) -> Array:
     """The rotation (N, 4) of an upright cup whose x axis is the way's heading."""
     into = heading(state)
     return transforms.from_axis_angle(UP, np.arctan2(into[:, 1], into[:, 0]) + way.aside_rad)
 
 
-def _at_mouth(state: State, way: Way, tilt_rad: Array) -> tuple[Array, Array]:
+def at_mouth(state: State, way: Way, tilt_rad: Array) -> tuple[Array, Array]:
     """The cup's pose, (N, 3) and (N, 4), at a tilt, its lowest edge as near to the lips as the head lets it."""
-    yaw = _yaw_q_w(state, way)
+    yaw = yaw_q_w(state, way)
     tilt = transforms.from_axis_angle([0.0, 1.0, 0.0], tilt_rad)
     roll = transforms.from_axis_angle(UP, way.roll_rad)
     q_w = transforms.multiply(transforms.multiply(yaw, tilt), roll)

@@ -49,7 +49,7 @@ class FeedingOracle:
         state, guide = self._simulation.state(), self._guide
         self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
         swing = guide.swing(self._before_rad, CARRY_M_S, TILT_RAD)
-        target = _at_mouth(state, self._q_w, self._rise_m, self._clearance_m)
+        target = at_mouth(state, self._q_w, self._rise_m, self._clearance_m)
         there = self._arrived & (norm(target - guide.pos_w) < 2.0 * NEARER_M)
         self._clearance_m -= np.where(there & _is_hungry(state), NEARER_M, 0.0)
         into = guide.straight(target, self._q_w, ENTER_M_S, TURN_RAD_S)
@@ -59,7 +59,7 @@ class FeedingOracle:
         """Of all ways that the arm can reach, take the quickest that brings much food into the mouth."""
         q_w = _spoon_q_w(state)
         pos_w = np.stack(
-            [_at_mouth(state, q_w[:, way], rise, self._clearance_m) for way, rise in enumerate(RISES_M)],
+            [at_mouth(state, q_w[:, way], rise, self._clearance_m) for way, rise in enumerate(RISES_M)],
             axis=1,
         )
         food_w = pos_w[:, :, None] + transforms.rotate(q_w[:, :, None], FOOD.start)
@@ -85,7 +85,7 @@ def _spoon_q_w(state: State) -> Array:
     return transforms.multiply(turn, transforms.multiply(pitch, roll))
 
 
-def _at_mouth(state: State, q_w: Array, rise_m: Array | float, clearance_m: Array) -> Array:
+def at_mouth(state: State, q_w: Array, rise_m: Array | float, clearance_m: Array) -> Array:
     """Where (N, 3) the spoon is in the middle of the mouth, or as far in as it stays clear of the face."""
     pos_w = state.mouth_pos_w + np.multiply.outer(rise_m, UP)
     outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], OUTLINE)

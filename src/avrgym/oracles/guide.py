@@ -7,7 +7,6 @@ from avrgym import kinematics, transforms
 from avrgym.episodes import Episodes
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.oracles.clearance import Clearance
-from avrgym.simulation import MAX_LEAD_RAD
 from avrgym.tasks import places
 
 Array = NDArray[np.float64]
@@ -30,10 +29,9 @@ UP = (0.0, 0.0, 1.0)
 class Guide:
     """The moving arms of N worlds and the angles they are asked for, from one control step to the next.
 
-    What is asked for runs ahead of the arm, so that the servos' lag does not slow the tool down, but no farther
-    than the servos' own targets do. ``pos_w`` (N, 3) and ``q_w`` (N, 4) are the tool's pose at these angles.
-    ``posture_rad`` (N, 7), the arm's first angles until an oracle sets others, draws the arm wherever the tool
-    leaves it free.
+    What is asked for goes on from where the servos aim, so that their lag does not slow the tool down. ``pos_w``
+    (N, 3) and ``q_w`` (N, 4) are the tool's pose at these angles. ``posture_rad`` (N, 7), the arm's first angles
+    until an oracle sets others, draws the arm wherever the tool leaves it free.
     """
 
     def __init__(self, episodes: Episodes) -> None:
@@ -89,6 +87,11 @@ class Guide:
         step = self._within_limits(angles_rad - self.angles_rad)
         self._put(self.angles_rad + step)
         return step / self._reach_rad
+
+    def relax(self) -> None:
+        """Go on from where the servos aim, the arm drawn nowhere."""
+        self._see()
+        self.posture_rad = self.angles_rad
 
     def find(self, pos_w: Array, q_w: Array, tilt_rad: float = np.pi) -> tuple[Array, Array]:
         """Angles (N, K, 7) for K tool poses per world, (N, K, 3) and (N, K, 4): near, and clear of all else.
@@ -156,9 +159,8 @@ class Guide:
         return np.where(inside, turned, angles_rad)
 
     def _see(self) -> None:
-        """Take back what was asked of joints that did not follow, as the servos do."""
-        angles = self._simulation.state().arm_angles_rad
-        self._put(np.clip(self.angles_rad, angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD))
+        """Go on from where the servos aim, whoever has asked them to."""
+        self._put(self._simulation.arm_targets_rad())
 
     def _put(self, angles_rad: Array) -> None:
         self.angles_rad = angles_rad

@@ -7,6 +7,7 @@ from avrgym import transforms
 from avrgym.episodes import Episodes
 from avrgym.models.scratcher import RADIUS_M
 from avrgym.oracles.guide import Guide
+from avrgym.simulation import State
 from avrgym.tasks.scratch_itch import ScratchItchMemory, itch_pos_w, limb_frame
 
 Array = NDArray[np.float64]
@@ -28,8 +29,10 @@ HARD_S, DETOUR_STEPS = 20.0, 50
 """Ways that cost more are planned anew after a detour to a place before and above the person's wrist."""
 FROM_WRIST_M = (0.0, -0.15, 0.10)
 DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
-STROKE_M, TURN_BACK_M = 0.02, 0.007
-"""How far past the itch a stroke aims, and how far past it the rod turns back: strokes of well over 1 cm."""
+ROD = (1.0, 0.0, 0.0)
+"""Where the rod points in the tool's frame."""
+LOOP_M, AHEAD_RAD = np.array([0.014, 0.009]), np.radians(75.0)
+"""The tip goes round the itch, so far away along the limb and across it, and aims so far ahead on its way."""
 
 
 class ScratchItchOracle:
@@ -41,7 +44,6 @@ class ScratchItchOracle:
         self._guide = Guide(episodes)
         count = episodes.simulation.num_worlds
         self._arrived, self._touched = np.zeros((2, count), dtype=bool)
-        self._depths_m, self._side = np.zeros((count, 2)), np.ones(count)
         self._q_limb, self._before_rad = np.zeros((count, 4)), np.zeros((count, 7))
         self._steps = 0
         hard = self._plan(np.ones(count, dtype=bool)) > HARD_S
@@ -64,26 +66,16 @@ class ScratchItchOracle:
         return guide.ask(np.where(self._arrived[:, None], straight, swing))
 
     def _rub(self) -> tuple[Array, Array]:
-        """The tip's next place (N, 3) and the rod's rotation (N, 4): along the limb, turning back either side."""
+        """The tip's next place (N, 3) and the rod's rotation (N, 4)."""
         state, memory = self._episodes.simulation.state(), self._episodes.memory
         _, limb_q_w = limb_frame(state, memory)
-        out, along = _surface(memory, limb_q_w)
-        itch_w = itch_pos_w(state, memory)
-        offset_m = ((state.tool_pos_w - itch_w) * along).sum(axis=-1)
-        depth_m = self._depth_m(offset_m, state.tool_force_n)
-        self._side = np.where(np.abs(offset_m) > TURN_BACK_M, -np.sign(offset_m), self._side)
+        out, _ = surface(memory, limb_q_w)
         q_w = transforms.multiply(limb_q_w, self._q_limb)
-        middle_w = itch_w + (STROKE_M * self._side * self._touched)[:, None] * along - depth_m[:, None] * out
-        return _tip(middle_w, out, transforms.rotate(q_w, [1.0, 0.0, 0.0])), q_w
-
-    def _depth_m(self, offset_m: Array, force_n: Array) -> Array:
-        """How deep to aim (N,): it changes evenly along the stroke, and follows the force at either end."""
-        self._touched |= self._arrived & (force_n > TOUCH_N)
-        high = np.clip(0.5 + 0.5 * offset_m / TURN_BACK_M, 0.0, 1.0)
-        share = np.stack([1.0 - high, high], axis=-1)
-        change = np.clip(M_PER_N * (PRESS_N - force_n), SOFTER_M, FIRMER_M) * self._touched
-        self._depths_m += share * change[:, None]
-        return np.where(self._touched, (share * self._depths_m).sum(axis=-1), SEEK_DEPTH_M)
+        rod_w = transforms.rotate(q_w, ROD)
+        self._touched |= self._arrived & (state.tool_force_n > TOUCH_N)
+        inside_w = tip(itch_pos_w(state, memory) - SEEK_DEPTH_M * out, out, rod_w)
+        rubbed_w = rub(state, memory, self._guide.pos_w, rod_w)
+        return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
     def _find_detour(self) -> tuple[Array, Array]:
         """Angles (N, 7) before and above the wrist, the rod pointing down, and what it costs to go there (N,)."""
@@ -105,11 +97,11 @@ class ScratchItchOracle:
         """
         state, memory = self._episodes.simulation.state(), self._episodes.memory
         _, limb_q_w = limb_frame(state, memory)
-        out, along = _surface(memory, limb_q_w)
+        out, along = surface(memory, limb_q_w)
         into, tilt = _ways(out, along)
-        here = np.broadcast_to(transforms.rotate(state.tool_q_w, [1.0, 0.0, 0.0])[:, None], into.shape)
+        here = np.broadcast_to(transforms.rotate(state.tool_q_w, ROD)[:, None], into.shape)
         q_w = transforms.multiply(_turn(here, into), state.tool_q_w[:, None])
-        tip_w = _tip(itch_pos_w(state, memory)[:, None], out[:, None], into)
+        tip_w = tip(itch_pos_w(state, memory)[:, None], out[:, None], into)
         angles, cost_s = self._guide.find(tip_w, q_w)
         world, best = np.arange(len(out)), (cost_s + SECONDS_PER_RAD * tilt).argmin(axis=-1)
         tip_w, q_w, into = tip_w[world, best], q_w[world, best], into[world, best]
@@ -123,7 +115,31 @@ class ScratchItchOracle:
         return cost_s[world, best]
 
 
-def _surface(memory: ScratchItchMemory, limb_q_w: Array) -> tuple[Array, Array]:
+def rub(state: State, memory: ScratchItchMemory, pos_w: Array, rod_w: Array) -> Array:
+    """The next place (N, 3) of a tip that goes round and round about the itch.
+
+    Where it goes depends on nothing but where it is, how deep on what it feels.
+
+    Args:
+        state: of N worlds.
+        memory: where it itches.
+        pos_w: where the tip aims now (N, 3), world frame.
+        rod_w: where the rod points, (N, 3) unit vectors, world frame.
+    """
+    _, limb_q_w = limb_frame(state, memory)
+    out, along = surface(memory, limb_q_w)
+    axes = np.stack([along, transforms.cross(out, along)], axis=1)
+    middle_w = tip(itch_pos_w(state, memory), out, rod_w)
+    offset = ((state.tool_pos_w - middle_w)[:, None] * axes).sum(axis=-1) / LOOP_M
+    angle = np.arctan2(offset[:, 1], offset[:, 0]) + AHEAD_RAD
+    ahead = LOOP_M * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    next_w = middle_w + (ahead[..., None] * axes).sum(axis=1)
+    deeper = np.clip(M_PER_N * (PRESS_N - state.tool_force_n), SOFTER_M, FIRMER_M)
+    height = ((pos_w - next_w) * out).sum(axis=-1) - deeper
+    return next_w + height[:, None] * out
+
+
+def surface(memory: ScratchItchMemory, limb_q_w: Array) -> tuple[Array, Array]:
     """Unit vectors (N, 3), world frame, at the itch: out of the limb, and along it."""
     out = transforms.normalize(memory.itch * [1.0, 1.0, 0.0])
     return transforms.rotate(limb_q_w, out), transforms.rotate(limb_q_w, [0.0, 0.0, 1.0])
@@ -138,7 +154,7 @@ def _ways(out: Array, along: Array) -> tuple[Array, Array]:
     return np.stack([-out, *tilted], axis=1), np.concatenate([[0.0], np.repeat(TILTS_RAD, SIDES)])
 
 
-def _tip(skin_w: Array, out: Array, into: Array) -> Array:
+def tip(skin_w: Array, out: Array, into: Array) -> Array:
     """Where the tip (..., 3) is when the round end of a rod that points ``into`` touches the skin there."""
     return skin_w + RADIUS_M * (out + into)
 

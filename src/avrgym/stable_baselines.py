@@ -1,0 +1,69 @@
+"""The native vector environment for Stable-Baselines3."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+from avrgym.envs import ACTIONS, AssistiveVectorEnv
+
+Array = NDArray[Any]
+
+
+class SB3VectorEnv(VecEnv):
+    """The native vector environment as Stable-Baselines3 wants it.
+
+    The infos of a finished episode hold ``success`` and ``episode_return``, the sum of the task's own rewards.
+    """
+
+    def __init__(self, env: AssistiveVectorEnv, force_weight_per_n: float = 0.0) -> None:
+        """``force_weight_per_n``: what each newton on the person takes off a step's reward, beyond the task's own."""
+        self.env = env  # the base class asks it for its render mode
+        self._force_weight_per_n = force_weight_per_n
+        self._returns: Array = np.zeros(env.num_envs)
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._actions: Array = np.zeros((env.num_envs, ACTIONS))
+        self._seed: int | None = None
+
+    def seed(self, seed: int | None = None) -> list[int | None]:
+        self._seed = seed
+        return [None if seed is None else seed + i for i in range(self.num_envs)]
+
+    def reset(self) -> Array:
+        observation, _ = self.env.reset(seed=self._seed)
+        self._seed = None
+        self._returns[:] = 0.0
+        return observation
+
+    def step_async(self, actions: Array) -> None:
+        self._actions = actions
+
+    def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
+        observation, reward, _, truncated, info = self.env.step(self._actions)
+        self._returns += reward
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for i in np.nonzero(truncated)[0]:
+            infos[i] = {
+                "terminal_observation": info["final_obs"][i],
+                "TimeLimit.truncated": True,
+                "success": bool(info["success"][i]),
+                "episode_return": float(self._returns[i]),
+            }
+            self._returns[i] = 0.0
+        return observation, reward - self._force_weight_per_n * info["force_on_person"], truncated, infos
+
+    def close(self) -> None:
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        raise NotImplementedError("the worlds share their attributes")
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        raise NotImplementedError("the worlds share their methods")
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        return [False] * len(list(self._get_indices(indices)))
