@@ -2,6 +2,7 @@
 
 import gc
 import socket
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -28,6 +29,8 @@ MAX_MESSAGE_BYTES = 1 << 16
 PING_INTERVAL_S, PING_TIMEOUT_S = 1.0, 4.0
 """How a connection is found dead that did not say goodbye: a headset that fell asleep or left the network."""
 FAREWELL_S = 5
+SWITCH_INTERVAL_S = 0.0005
+"""How long a thread may keep the others waiting: Python's own 5 ms would be half of a tick."""
 SCENE_KEPT_S = 3600
 """How long a browser may keep a scene: a session."""
 
@@ -120,8 +123,8 @@ class LiveServer(Generic[S]):
             raise
         self._renderer = SceneRenderer()
         hosts = [*LOOPBACK, *(certificate.names if certificate else ())]
-        app = create_app(self.loop, hub, self.tokens, hosts, self._renderer)
-        self._server = uvicorn.Server(_configuration(app, certificate))
+        self.app = create_app(self.loop, hub, self.tokens, hosts, self._renderer)
+        self._server = uvicorn.Server(_configuration(self.app, certificate))
         self._thread = threading.Thread(
             target=self._server.run, kwargs={"sockets": [self._socket]}, daemon=True
         )
@@ -151,6 +154,8 @@ class LiveServer(Generic[S]):
     def __enter__(self) -> "LiveServer[S]":
         gc.collect()
         gc.freeze()  # what stays for the whole session need not be looked through while it runs
+        self._switch_interval_s = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
         self.loop.start()
         self._thread.start()
         return self
@@ -161,6 +166,7 @@ class LiveServer(Generic[S]):
         self.loop.stop()
         self._renderer.close()
         self._socket.close()
+        sys.setswitchinterval(self._switch_interval_s)
         gc.unfreeze()
 
     def wait(self) -> None:

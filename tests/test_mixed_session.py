@@ -1,0 +1,446 @@
+"""Sessions of several environments, what the experimenter may ask of them, and what their observer is told."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from avrgym.models import human
+from avrgym.participants import SimulatedParticipant
+from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
+from avrgym.vr import scenery as scenery_module
+from avrgym.vr import transitions
+from avrgym.vr.feedback import ArmTouch, successes
+from avrgym.vr.messages import (
+    Command,
+    CommandName,
+    CorrectTorsoHeight,
+    Entered,
+    Feedback,
+    Left,
+    Ready,
+    Recalibrate,
+    Scene,
+    SceneLoaded,
+    State,
+    Status,
+    Upcoming,
+)
+from avrgym.vr.plan import SessionPlan, practised_trials
+from avrgym.vr.session import Disconnected, Session
+from avrgym.vr.world import LiveWorld
+from visit import Visit, driving, plan
+
+FEEDING, SCRATCHING = "avrgym/FeedingJaco-v1", "avrgym/ScratchItchPR2-v1"
+
+
+@pytest.fixture
+def visit(tmp_path: Path) -> Iterator[Callable[..., Visit]]:
+    """Makes visits whose trials are short."""
+    visits: list[Visit] = []
+
+    def make(**how) -> Visit:
+        visits.append(Visit(tmp_path / f"visit-{len(visits)}", plan(**how)))
+        return visits[-1]
+
+    yield make
+    for each in visits:
+        each.leave()
+
+
+def attend(visit: Visit) -> None:
+    """Sit through the rest of a session: calibrate when asked, answer what is asked."""
+    for _ in range(10_000):
+        if visit.phase == "finished":
+            return
+        if visit.phase == "questionnaire":
+            visit.answer(4, 4, 4, 4)
+        elif visit.phase == "calibration":
+            visit.tick(60)
+            visit.tell(Ready())
+        visit.tick()
+    raise AssertionError(f"still in {visit.phase}; problems: {visit.problems}")
+
+
+def command(visit: Visit, name: CommandName) -> None:
+    visit.tell(Command(name=name))
+
+
+def happened(visit: Visit, kind: type) -> list:
+    return [transition for transition in visit.observed if isinstance(transition, kind)]
+
+
+# Several environments ----------------------------------------------------------------------------------------
+
+
+def test_a_session_goes_through_all_environments(visit: Callable[..., Visit]) -> None:
+    """Each recording is of its environment; the body keeps its size; a new posture is calibrated."""
+    session = visit(environments=list(ENVIRONMENTS), seeds=range(8), practice=True)
+    session.tell(Entered())
+    attend(session)
+    assert not session.problems
+    recorded = session.recordings()
+    assert [recording.metadata["environment"] for recording in recorded] == list(ENVIRONMENTS)
+    assert all(recording.complete for recording in recorded)
+    sizes = {recording.metadata["person"]["torso_height_m"] for recording in recorded}
+    assert sizes == {session.session.person.torso_height_m}
+    lying = [environment.startswith("avrgym/BedBathing") for environment in ENVIRONMENTS]
+    changes = 1 + sum(a != b for a, b in pairwise(lying))
+    assert session.phases.count("calibration") == changes
+    assert [calibrated.measured for calibrated in happened(session, transitions.Calibrated)] == [
+        True, *[False] * (changes - 1)
+    ]  # fmt: skip
+
+
+def test_the_next_scene_is_told_while_the_participant_answers(visit: Callable[..., Visit]) -> None:
+    session = visit(environments=(FEEDING, SCRATCHING), seeds=(1, 2))
+    session.go_to("questionnaire")
+    (upcoming,) = session.said(Upcoming)
+    number = int(upcoming.url.removeprefix("/scenes/").removesuffix(".glb"))
+    environment, person = session.session.scenes[number]
+    assert environment == SCRATCHING
+    assert person.torso_height_m == session.session.person.torso_height_m
+    assert session.said(Scene)[-1].url != upcoming.url
+    session.answer(4, 4, 4, 4)
+    session.tick(2)
+    assert session.said(Scene)[-1].url == upcoming.url
+
+
+def test_no_trial_begins_before_its_scene_is_shown(visit: Callable[..., Visit]) -> None:
+    session = visit(environments=(FEEDING, SCRATCHING), seeds=(1, 2))
+    session.go_to("questionnaire")
+    session.loads = False
+    session.answer(4, 4, 4, 4)
+    session.tick(50)
+    assert session.phase == "loading"
+    session.tell(SceneLoaded(url="/scenes/0.glb"))
+    session.tick()
+    assert session.phase == "loading"
+    session.tell(SceneLoaded(url=session.said(Scene)[-1].url))
+    session.tick()
+    assert session.phase == "free_before"
+
+
+def test_time_never_jumps_back_between_worlds(visit: Callable[..., Visit]) -> None:
+    session = visit(environments=(FEEDING, SCRATCHING), seeds=(1, 2))
+    session.tell(Entered())
+    attend(session)
+    for number in (lambda state: state.simulation_time_s, lambda state: state.sequence):
+        told = [number(state) for state in session.said(State)]
+        assert told == sorted(set(told))
+
+
+class Later(Executor):
+    """Makes nothing until it is told to, as a slow machine would."""
+
+    def __init__(self) -> None:
+        self._waiting: list = []
+
+    def submit(self, fn, /, *args, **kwargs) -> Future:
+        future: Future = Future()
+        self._waiting.append((future, fn, args))
+        return future
+
+    def work(self) -> None:
+        for future, fn, args in self._waiting:
+            if not future.cancelled():
+                future.set_result(fn(*args))
+        self._waiting.clear()
+
+
+def test_the_session_ticks_on_while_a_world_is_made(tmp_path: Path) -> None:
+    visit, workers = Visit(tmp_path, plan()), Later()
+    visit.session = Session(plan(), driving(plan()), tmp_path, visit.heard.append, "slow", workers=workers)
+    visit.sit_down()
+    states = len(visit.said(State))
+    visit.tick(100)
+    assert visit.phase == "loading"
+    assert len(visit.said(State)) == states + 50
+    workers.work()
+    visit.until("free_before")
+    visit.leave()
+
+
+def test_a_world_that_cannot_be_made_is_named_and_tried_again(
+    visit: Callable[..., Visit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = visit()
+    with monkeypatch.context() as broken:
+        broken.setattr(LiveWorld, "begin", lambda self, seed: 1 / 0)
+        session.sit_down()
+        session.until("paused")
+        assert "cannot be made" in session.problems[-1]
+    session.tell(Ready())
+    session.until("trial")
+
+
+def test_a_session_may_begin_with_a_later_trial(tmp_path: Path) -> None:
+    trials = practised_trials([FEEDING, SCRATCHING], "drive", trials=1, seed=7)
+    assert [(t.environment, t.seed, t.practice) for t in trials] == [
+        (FEEDING, 7, True), (FEEDING, 8, False), (SCRATCHING, 9, True), (SCRATCHING, 10, False)
+    ]  # fmt: skip
+    late = SessionPlan(trials, "woman", 0.1, simulated=True, trial_steps=2, countdown_s=0.1, first_trial=3)
+    visit = Visit(tmp_path, late)
+    visit.tell(Entered())
+    attend(visit)
+    assert [path.name for path in visit.session.recordings] == [
+        "trial-03_attempt-1.mcap", "trial-04_attempt-1.mcap"
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match="trials 1 to 4"):
+        SessionPlan(trials, "woman", 0.1, simulated=True, first_trial=5)
+
+
+# The observer ------------------------------------------------------------------------------------------------
+
+
+def test_the_observer_is_told_all_in_order(visit: Callable[..., Visit]) -> None:
+    session = visit(seeds=(1,))
+    session.session.greet(session.heard.append, "participant", 0.0)
+    session.go_to("questionnaire")
+    session.answer(7, 6, 5, 4)
+    names = [
+        type(each).__name__ for each in session.observed if not isinstance(each, transitions.PhaseEntered)
+    ]
+    assert names == ["ConnectionFound", "Calibrated", "TrialBegun", *["Answered"] * 4, "TrialEnded"]
+    entered = [each.phase for each in happened(session, transitions.PhaseEntered)]
+    assert entered == session.phases[1:]
+    times = [each.time_s for each in session.observed]
+    assert times == sorted(times)
+    assert [(each.item, each.value) for each in happened(session, transitions.Answered)] == [
+        ("L1", 7), ("L2", 6), ("L3", 5), ("L4", 4)
+    ]  # fmt: skip
+    (ended,) = happened(session, transitions.TrialEnded)
+    assert (ended.result, ended.complete, ended.steps, ended.attempt) == ("completed", True, 3, 1)
+    assert ended.recording == session.session.recordings[0]
+
+
+def test_the_observer_is_told_of_losses(visit: Callable[..., Visit]) -> None:
+    session = visit(free_movement_s=1.0)
+    session.go_to("free_before")
+    session.tracking = False
+    session.tick(40)
+    session.tracking = True
+    session.tick(10)
+    session.tell(Disconnected())
+    names = [type(each).__name__ for each in session.observed]
+    assert names.count("TrackingLost") == names.count("TrackingFound") == names.count("ConnectionLost") == 1
+    assert happened(session, transitions.TrialEnded)[0].result == "interrupted"
+
+
+@pytest.mark.parametrize("kind", [transitions.TrialBegun, transitions.Answered, transitions.TrialEnded])
+def test_what_an_observer_cannot_keep_is_repeated(tmp_path: Path, kind: type) -> None:
+    """A study's database that fails costs the attempt, never a wrong entry."""
+    failures = [1]
+
+    def fail_once(transition: transitions.Transition) -> None:
+        if isinstance(transition, kind) and failures:
+            failures.pop()
+            raise OSError("the database is gone")
+
+    visit = Visit(tmp_path, plan())
+    visit.session = Session(
+        plan(), driving(plan()), tmp_path / "again", visit.heard.append, "x", observe=fail_once
+    )
+    visit.sit_down()
+    for _ in range(2000):
+        if visit.phase == "questionnaire":
+            visit.answer(4)
+        visit.tick()
+        if visit.phase in ("paused", "finished"):
+            break
+    assert visit.phase == "paused"
+    assert "the database is gone" in visit.problems[-1]
+    visit.tell(Ready())
+    attend(visit)
+    assert len(visit.session.recordings) == 2
+    visit.leave()
+
+
+# The experimenter --------------------------------------------------------------------------------------------
+
+
+def test_the_experimenter_stops_the_robot(visit: Callable[..., Visit]) -> None:
+    session = visit()
+    session.go_to("trial")
+    command(session, "stop")
+    assert session.phase == "paused"
+    assert [each.by for each in happened(session, transitions.Stopped)] == ["experimenter"]
+    session.tell(Ready())
+    session.until("trial")
+
+
+@pytest.mark.parametrize(
+    "phase", ["check", "free_before", "countdown", "trial", "free_after", "questionnaire"]
+)
+def test_while_the_experimenter_pauses_no_trial_begins(visit: Callable[..., Visit], phase: str) -> None:
+    session = visit(seeds=(1, 2))
+    session.go_to(phase)
+    session.content = True
+    command(session, "pause")
+    session.tick(30)
+    if session.phase == "questionnaire":
+        session.answer(4, 4, 4, 4)
+    session.tick(30)
+    assert session.phase == "paused"
+    assert session.said(Status)[-1].paused
+    session.tell(Ready())
+    assert session.phase == "paused"
+    assert "experimenter" in session.problems[-1]
+    command(session, "continue")
+    session.until("trial")
+    running = phase in ("free_before", "countdown", "trial")
+    ended = happened(session, transitions.TrialEnded)
+    assert [each.result for each in ended] == (
+        ["paused"] if running else [] if phase == "check" else ["completed"]
+    )
+
+
+@pytest.mark.parametrize("phase", ["check", "free_before", "trial", "questionnaire", "paused"])
+def test_a_trial_is_repeated_or_skipped(visit: Callable[..., Visit], phase: str) -> None:
+    session = visit(seeds=(1, 2))
+    session.go_to(phase)
+    session.content = True
+    command(session, "repeat")
+    session.until("trial")
+    first = session.session.recordings
+    assert {path.name[:8] for path in first} == {"trial-01"}
+    command(session, "skip")
+    session.until("trial")
+    assert session.session.recordings[-1].name == "trial-02_attempt-1.mcap"
+    assert [each.trial for each in happened(session, transitions.TrialSkipped)] == [1]
+    command(session, "skip")
+    assert session.phase == "finished"
+    results = [each.result for each in happened(session, transitions.TrialEnded)]
+    assert results[-2:] == ["skipped", "skipped"]
+    assert "completed" not in results
+
+
+def test_the_experimenter_ends_the_session_once(visit: Callable[..., Visit]) -> None:
+    session = visit(seeds=(1, 2))
+    session.go_to("trial")
+    command(session, "end")
+    assert session.phase == "finished"
+    assert session.recordings()[0].outcome is not None
+    names: tuple[CommandName, ...] = ("end", "pause", "repeat", "skip", "recalibrate", "stop", "continue")
+    for name in names:
+        problems = len(session.problems)
+        command(session, name)
+        assert session.phase == "finished"
+        assert len(session.problems) == problems + 1
+
+
+@pytest.mark.parametrize("who", ["participant", "experimenter"])
+def test_a_wrong_measure_is_taken_again(visit: Callable[..., Visit], who: str) -> None:
+    session = visit()
+    session.go_to("check")
+    measured_m = session.session.person.torso_height_m
+    taller = replace(session.participant.traits, torso_height_m=0.60)
+    session.participant = SimulatedParticipant(taller, 3)
+    session.tell(Recalibrate() if who == "participant" else Command(name="recalibrate"))
+    assert session.phase == "calibration"
+    session.tracking = False
+    for number in range(10_000, 10_020):
+        frame = session.participant.frame(session.now_s, moving=False)
+        session.tell(msgspec.structs.replace(frame, sequence=number))
+        session.tick()
+    session.tell(Ready())
+    session.until("check")
+    assert session.session.person.torso_height_m == pytest.approx(0.60, abs=0.005)
+    assert session.session.person.torso_height_m != measured_m
+
+
+def test_who_comes_back_keeps_their_torso_height(visit: Callable[..., Visit]) -> None:
+    session = visit()
+    session.go_to("trial")
+    height_m = session.session.person.torso_height_m
+    session.tell(Left())
+    session.sit_down()
+    session.until("trial")
+    assert session.session.person.torso_height_m == height_m
+    assert [each.measured for each in happened(session, transitions.Calibrated)] == [True, False]
+
+
+@pytest.mark.parametrize("phase", ["waiting", "calibration", "check", "trial", "questionnaire"])
+def test_a_torso_height_is_corrected(visit: Callable[..., Visit], phase: str) -> None:
+    session = visit()
+    session.go_to(phase)
+    session.tell(CorrectTorsoHeight(torso_height_m=0.61))
+    if phase == "waiting":
+        session.tell(Entered())
+    if phase in ("waiting", "calibration"):
+        session.tick(60)
+        session.tell(Ready())
+    session.content = True
+    session.until("trial")
+    session.leave()
+    assert session.recordings()[-1].metadata["person"]["torso_height_m"] == 0.61
+    assert session.said(Status)[-1].torso_height_m == 0.61
+
+
+@pytest.mark.parametrize("height_m", [0.0, -1.0, 2.0, float("nan"), float("inf")])
+def test_a_torso_height_that_nobody_has_is_refused(visit: Callable[..., Visit], height_m: float) -> None:
+    session = visit()
+    session.go_to("trial")
+    before = session.session.person
+    session.tell(CorrectTorsoHeight(torso_height_m=height_m))
+    assert session.phase == "trial"
+    assert session.session.person is before
+    assert "torso height" in session.problems[-1]
+
+
+# Feedback ----------------------------------------------------------------------------------------------------
+
+
+def test_touches_are_felt_on_the_arm_that_is_touched() -> None:
+    """The tool is put onto one hand after the other."""
+    world = LiveWorld(FEEDING, human.Person())
+    touch, simulation = ArmTouch(world.simulation), world.simulation
+    assert touch.sides() == (False, False)
+    model = simulation.batch.get_model(0)
+    base = model.body("robot/" + world.stage.robot.base).id
+    body_pos, _ = simulation.batch.expand("body_pos"), None
+    for side, felt in (("left", (True, False)), ("right", (False, True))):
+        poses = dict(zip(simulation.bodies, simulation.body_poses(0), strict=True))
+        body_pos[0, base] += poses[f"person/{side}_hand"][:3] - poses["robot/tool"][:3]
+        simulation.batch.forward([0])
+        assert touch.sides() == felt
+
+
+def test_successes_are_counted_whatever_the_task() -> None:
+    one = np.ones(1)
+    assert successes({"food_in_mouth": 2 * one, "food_dropped": one}) == 2
+    assert successes({"scratch_force_n": 3.7 * one}) == 1
+    assert successes({"scratch_force_n": 0 * one, "markers_wiped": 4 * one}) == 4
+    assert successes({"distance_m": one}) == 0
+
+
+def test_feedback_is_told_when_something_changes(visit: Callable[..., Visit], monkeypatch) -> None:
+    session = visit()
+    session.go_to("free_before")
+    told = len(session.said(Feedback))
+    with monkeypatch.context() as touched:
+        touched.setattr(ArmTouch, "sides", lambda self: (True, False))
+        session.tick(40)
+    session.tick(40)
+    assert session.said(Feedback)[told:] == [Feedback(True, False, 0), Feedback(False, False, 0)]
+
+
+def test_scenes_are_shared_by_trials_that_look_alike(visit: Callable[..., Visit]) -> None:
+    session = visit(environments=(FEEDING, SCRATCHING), seeds=range(4))
+    session.tell(Entered())
+    attend(session)
+    assert [environment for environment, _ in session.session.scenes] == [FEEDING, FEEDING, SCRATCHING]
+
+
+def test_people_rest_as_their_task_finds_them() -> None:
+    person = human.Person("man", 0.6)
+    for environment in ENVIRONMENTS:
+        resting = scenery_module.resting(environment, person)
+        pose = TASKS[find_environment(environment)[0]].pose
+        assert np.array_equal(resting.joint_angles_rad, pose.rest_rad)
+        assert (resting.sex, resting.torso_height_m) == ("man", 0.6)
