@@ -2,7 +2,7 @@
 
 import json
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -55,14 +55,14 @@ class Glb:
         image = self.add("images", bufferView=self._add_view(data), mimeType=mime_type)
         return self.add("textures", source=image, sampler=self._sampler())
 
-    def finish(self, roots: Sequence[int], extras: Mapping[str, Any] | None = None) -> bytes:
+    def finish(self, roots: Sequence[int]) -> bytes:
         """The file, showing the nodes ``roots``."""
         document = {
             "asset": {"version": "2.0", "generator": "AVR Gym"},
             "extensionsUsed": ["KHR_mesh_quantization"],
             "extensionsRequired": ["KHR_mesh_quantization"],
             "scene": 0,
-            "scenes": [{"nodes": list(roots), "extras": dict(extras or {})}],
+            "scenes": [{"nodes": list(roots)}],
             "buffers": [{"byteLength": len(self._binary)}],
             **self._lists,
         }

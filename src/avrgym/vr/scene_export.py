@@ -81,8 +81,8 @@ class _Export:
                 del carried[body]
         for body, geoms in carried.items():
             self._add_body(body, geoms)
-        for finish, skins in self._skins_by_finish().items():
-            self._add_skin(joined(skins), finish[1])
+        for (_, finish), skins in self._skins_by_finish().items():
+            self._add_skin(joined(skins), finish)
         return self._glb.finish(self._roots)
 
     # Rigid things
