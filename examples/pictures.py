@@ -29,7 +29,7 @@ from avrgym.vr.world import TICK_S, poses, scene_message
 MOMENTS = {"Feeding": (3, 11), "Drinking": (3, 11), "ScratchItch": (6, 36), "BedBathing": (3, 90)}
 """By task, the seed of an episode and the control step at which it shows."""
 SIZE_PX = {"width": 900, "height": 600}
-PATIENCE_MS = 180_000
+PATIENCE_MS = 600_000
 QUALITY = 82
 
 
@@ -162,7 +162,7 @@ def main() -> None:
             with LiveServer(lambda send, shown=environment_id: Moment(shown, send), "127.0.0.1", 0) as server:
                 page = chromium.new_page(viewport=SIZE_PX)  # type: ignore[arg-type]
                 page.add_init_script(OWN_CAMERA)
-                page.goto(server.url)
+                page.goto(server.url, timeout=PATIENCE_MS)
                 take(page, BYSTANDERS[task, robot], folder / f"{stem}.jpg")
                 take(page, server.session.glance(), folder / f"{stem}_inside.jpg")
                 page.close()
