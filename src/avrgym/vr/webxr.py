@@ -86,7 +86,12 @@ def head_pose(registration: Registration, head: XRPose) -> Pose:
 
 
 def hand_pose(registration: Registration, grip: XRPose) -> Pose:
-    """The centre of the fist and the hand's axes from a controller's grip pose."""
+    """The centre of the fist and the hand's axes from a grip pose.
+
+    The grip's origin is where a rod would be held, in the middle of the fist, so nothing is added; the 8 cm of the
+    2020 reference lead there from the pose of its trackers. Tracked hands have a grip pose too and are taken alike;
+    a client that gets none for a hand sends none, and the arm keeps its pose.
+    """
     device = registration.to_world(grip)
     return Pose(device.pos_w, transforms.multiply(device.q_w, BODY_FROM_DEVICE_AXES))
 
