@@ -49,7 +49,11 @@ def test_the_life_of_a_study_on_the_command_line(folder: Path, tmp_path: Path) -
     assert shown.exit_code == 0
     assert "1 of 8 participants completed, 0 withdrew, 0 excluded, 0 deleted" in shown.stdout
     status = json.loads((tmp_path / "status.json").read_text())
-    assert (status["filled"], status["completed_cells"]) == ([1, 1, 0, 0], [1, 0, 0, 0])
+    assert (status["simulated"], status["filled"], status["completed_cells"]) == (
+        1,
+        [2, 0, 0, 0],
+        [1, 0, 0, 0],
+    )
     assert [row["trials_completed"] for row in status["participants"]] == [5, 2]
     assert [row["simulated"] for row in status["participants"]] == [True, False]
 

@@ -214,6 +214,14 @@ def test_who_does_not_fit_is_excluded_and_takes_no_order(store: Store) -> None:
     assert store.participant(take_in(store)).cell == 0
 
 
+def test_simulated_participants_never_take_the_place_of_people(store: Store) -> None:
+    cells = [
+        store.participant(take_in(store, simulated=simulated)).cell
+        for simulated in (True, True, False, True, False)
+    ]
+    assert cells == [0, 1, 0, 2, 1]
+
+
 def test_withdrawal_in_mid_trial_ends_attempt_and_session_for_good(store: Store) -> None:
     pseudonym = take_in(store)
     session = open_session(store, pseudonym)
@@ -221,6 +229,7 @@ def test_withdrawal_in_mid_trial_ends_attempt_and_session_for_good(store: Store)
     withdraw(store, pseudonym, "felt sick")
     assert [a.state for a in store.attempts(pseudonym)] == ["stopped"]
     assert [s.state for s in store.sessions(pseudonym)] == ["closed"]
+    assert store.attempts(pseudonym)[0].sha256 is None
     assert "felt sick" in [event.detail for event in store.events()]
     for action in (
         lambda: complete_attempt(store, attempt.id, FIGURES),
@@ -239,6 +248,7 @@ def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
     refused(store, lambda: begin_attempt(store, session.id, 9), "there is no trial 9")
     refused(store, lambda: begin_attempt(store, 99, 1), "there is no session 99")
     refused(store, lambda: add_note(store, other, "x", session.id), "is not one of sub-002")
+    refused(store, lambda: tell(store, session.id, "x", attempt_id=1), "there is no attempt 1")
     practice, first, *_ = store.remaining_trials(pseudonym)
     run_trial(store, session, practice)
     refused(store, lambda: begin_attempt(store, session.id, 1), "trial 1 of sub-001 is completed and cannot")

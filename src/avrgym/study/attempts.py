@@ -57,9 +57,9 @@ def begin_attempt(
             "session": session.id,
             "number": number,
             "state": "running",
-            "recording": _opened(store, session, recording)
+            "recording": _name(store, session, recording)
             if recording
-            else _free(store, session, trial, number),
+            else _free_name(store, session, trial, number),
             "figures": {},
             "started_at": now(),
         }
@@ -106,16 +106,27 @@ def end_attempt(
 
 
 def finish_attempt(
-    store: Store, connection: sa.Connection, attempt: TrialAttempt, after: str, figures: Mapping[str, Figure]
+    store: Store,
+    connection: sa.Connection,
+    attempt: TrialAttempt,
+    after: str,
+    figures: Mapping[str, Figure],
+    *,
+    closed: bool = True,
 ) -> None:
-    """End an attempt within a transaction; its trial is completed with it, or planned again."""
+    """End an attempt within a transaction; its trial is completed with it, or planned again.
+
+    The checksum is stored of a recording that is ``closed``: nobody writes it any more.
+    """
     trial = find(connection, Trial, "trial", id=attempt.trial)
     session = find_session(connection, attempt.session)
     event = {**about(session), "attempt": attempt.id}
-    change_state(
-        connection, attempt, after, event, attempt.recording,
-        ended_at=now(), sha256=sha256_of(store, attempt.recording), figures=_finite(figures),
-    )  # fmt: skip
+    ended = {
+        "ended_at": now(),
+        "sha256": sha256_of(store, attempt.recording) if closed else None,
+        "figures": _finite(figures),
+    }
+    change_state(connection, attempt, after, event, attempt.recording, **ended)
     change_state(connection, trial, "completed" if after == "completed" else "planned", event)
 
 
@@ -152,7 +163,7 @@ def _check_idle(connection: sa.Connection, session: StudySession) -> None:
         raise StudyError(f"{running[0]} still runs; end it before another begins")
 
 
-def _opened(store: Store, session: StudySession, recording: Path) -> str:
+def _name(store: Store, session: StudySession, recording: Path) -> str:
     """The name in the study of a file that was opened for an attempt."""
     folder = store.path(session.folder)
     if recording.resolve().parent != folder.resolve() or not recording.is_file():
@@ -160,7 +171,7 @@ def _opened(store: Store, session: StudySession, recording: Path) -> str:
     return f"{session.folder}/{recording.name}"
 
 
-def _free(store: Store, session: StudySession, trial: Trial, number: int) -> str:
+def _free_name(store: Store, session: StudySession, trial: Trial, number: int) -> str:
     """The first name, from that of the given attempt on, that no file has yet."""
     store.path(session.folder).mkdir(parents=True, exist_ok=True)
     while True:

@@ -36,7 +36,7 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
     say(f"{summary.title}")
     say(
         f"{summary.completed} of {summary.planned} participants completed, {summary.withdrawn} withdrew, "
-        f"{summary.excluded} excluded, {summary.deleted} deleted"
+        f"{summary.excluded} excluded, {summary.deleted} deleted; {summary.simulated} are simulated"
     )
     say(f"participants per order  {', '.join(map(str, summary.filled))}")
     if summary.participants:

@@ -96,7 +96,7 @@ def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) 
         if not fits:
             change_state(connection, participant, "excluded", about, inclusion=given)
             return False
-        cell = _free_cell(connection, store.design)
+        cell = _free_cell(connection, store.design, participant.simulated)
         change_state(connection, participant, "allocated", about, f"cell {cell}", cell=cell, inclusion=given)
         _plan(connection, store.design, cell, participant.number)
     return True
@@ -130,10 +130,11 @@ def _next_number(connection: sa.Connection) -> int:
     return max(highest) + 1
 
 
-def _free_cell(connection: sa.Connection, design: Design) -> int:
+def _free_cell(connection: sa.Connection, design: Design, simulated: bool) -> int:
+    """The cell of the next participant; simulated ones never take the place of people."""
     taken = [
         participant.cell
-        for participant in find_all(connection, Participant)
+        for participant in find_all(connection, Participant, simulated=simulated)
         if participant.state in TAKES_PART and participant.cell is not None
     ]
     return least_filled_cell(len(cell_orders(design)), taken)

@@ -75,14 +75,22 @@ def tell(store: Store, session_id: int, name: str, detail: str = "", attempt_id:
     """Store anything else that happened in a session, such as a lost connection."""
     with store.database.write() as connection:
         session = find_session(connection, session_id)
-        attempt = {} if attempt_id is None else {"attempt": attempt_id}
-        record_event(connection, name, detail, {**about(session), **attempt})
+        event = about(session)
+        if attempt_id is not None:
+            attempt = find(
+                connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id, session=session_id
+            )
+            event["attempt"] = attempt.id
+        record_event(connection, name, detail, event)
 
 
 def end_open_sessions(
     store: Store, connection: sa.Connection, participant: Participant, *, attempts: str, sessions: str
 ) -> None:
-    """End all of a participant's open sessions within a transaction, and what runs in them, in these states."""
+    """End all of a participant's open sessions within a transaction, and what runs in them, in these states.
+
+    With attempts ``interrupted`` nobody writes their recordings any more, and whole ones complete their trials.
+    """
     for session in find_all(connection, StudySession, participant=participant.number, state="open"):
         _end_session(store, connection, session, attempts=attempts, after=sessions)
 
@@ -114,9 +122,8 @@ def _end_session(
     store: Store, connection: sa.Connection, session: StudySession, *, attempts: str, after: str
 ) -> None:
     for attempt in find_all(connection, TrialAttempt, session=session.id, state="running"):
-        figures = whole_figures(store, connection, attempt) if attempts == "interrupted" else None
-        if figures is not None:
-            finish_attempt(store, connection, attempt, "completed", figures)
-        else:
-            finish_attempt(store, connection, attempt, attempts, {})
+        closed = attempts == "interrupted"
+        figures = whole_figures(store, connection, attempt) if closed else None
+        ended = attempts if figures is None else "completed"
+        finish_attempt(store, connection, attempt, ended, figures or {}, closed=closed)
     change_state(connection, session, after, about(session), closed_at=now())

@@ -31,6 +31,7 @@ class StudySummary:
 
     title: str
     planned: int
+    simulated: int
     completed: int
     withdrawn: int
     excluded: int
@@ -47,6 +48,7 @@ def summarise_study(store: Store) -> StudySummary:
     return StudySummary(
         title=store.design.title,
         planned=store.design.participants,
+        simulated=sum(participant.simulated for participant in participants),
         completed=states["completed"],
         withdrawn=states["withdrawn"],
         excluded=states["excluded"],
