@@ -1,0 +1,46 @@
+import { describe, expect, it } from "vitest";
+import type { Status } from "../src/messages";
+import { statusWords } from "../src/watching";
+
+const STATUS: Status = {
+  type: "status",
+  phase: "free_before",
+  trial: 2,
+  trials: 5,
+  attempt: 3,
+  environment: "avrgym/FeedingJaco-v1",
+  paused: true,
+  torso_height_m: 0.5449,
+  step: 12,
+  steps: 200,
+  reward: 41.26,
+  success: true,
+  distance_m: 0.123,
+  force_on_person_n: 1.5,
+  tracking_age_s: 0.011,
+  modality: "hands",
+};
+
+describe("how a session stands", () => {
+  it("is said in plain words and units", () => {
+    expect(statusWords(STATUS)).toEqual({
+      "watch-trial": "2 of 5, attempt 3",
+      "watch-environment": "FeedingJaco-v1",
+      "watch-phase": "free before, paused",
+      "watch-steps": "12 of 200",
+      "watch-reward": "41.3, success",
+      "watch-distance": "12.3 cm",
+      "watch-force": "1.5 N",
+      "watch-tracking": "11 ms old, hands",
+      "watch-height": "54.5 cm",
+    });
+  });
+
+  it("says when there is nothing to say", () => {
+    const words = statusWords({ ...STATUS, attempt: 0, tracking_age_s: null, paused: false, success: false });
+    expect(words["watch-trial"]).toBe("2 of 5, attempt –");
+    expect(words["watch-tracking"]).toBe("none yet");
+    expect(words["watch-phase"]).toBe("free before");
+    expect(words["watch-reward"]).toBe("41.3");
+  });
+});
