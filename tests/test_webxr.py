@@ -1,5 +1,7 @@
 """Laws of the change between WebXR's conventions and the world's."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from avrgym.vr.webxr import (
     Registration,
     grip_from_hand,
     hand_pose,
+    hand_pose_from_wrist,
     head_pose,
     headset_from_head,
     is_valid,
@@ -94,6 +97,17 @@ def test_a_fist_around_an_upright_rod_has_its_thumb_up() -> None:
     hand = hand_pose(Registration(np.zeros(3), np.pi), grip)
     np.testing.assert_allclose(transforms.rotate(hand.q_w, [0.0, -1.0, 0.0]), [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(transforms.rotate(hand.q_w, [0.0, 0.0, -1.0]), AHEAD_W, atol=1e-12)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_tracked_hand_on_a_table_points_ahead_with_its_thumb_inward(side: Literal["left", "right"]) -> None:
+    """Palm down, fingers ahead: of a wrist −z is ahead and y up; the hand's −z are its fingers, −y is its thumb."""
+    wrist = XRPose((0.0, 0.8, 0.0), UPRIGHT)
+    hand = hand_pose_from_wrist(Registration(np.zeros(3), np.pi), wrist, side)
+    inward = [1.0, 0.0, 0.0] if side == "right" else [-1.0, 0.0, 0.0]
+    np.testing.assert_allclose(transforms.rotate(hand.q_w, [0.0, 0.0, -1.0]), AHEAD_W, atol=1e-12)
+    np.testing.assert_allclose(hand.pos_w, [0.0, -0.08, 0.8], atol=1e-12)
+    np.testing.assert_allclose(transforms.rotate(hand.q_w, [0.0, -1.0, 0.0]), inward, atol=1e-12)
 
 
 @pytest.mark.parametrize(

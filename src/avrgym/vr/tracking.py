@@ -2,13 +2,14 @@
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from avrgym import transforms
 from avrgym.vr.body import BodyPose
 from avrgym.vr.messages import Tracking, XRPose
-from avrgym.vr.webxr import Registration, hand_pose, head_pose, is_valid
+from avrgym.vr.webxr import Pose, Registration, hand_pose, hand_pose_from_wrist, head_pose, is_valid
 
 STALE_S = 0.2
 """A frame older than this no longer moves the person."""
@@ -92,10 +93,14 @@ class TrackingFeed:
 
 
 def body_pose(registration: Registration, frame: Tracking) -> BodyPose:
-    """Where a usable frame puts head and hands in the world."""
+    """Where a usable frame puts head and hands in the world; of tracked hands a frame has the wrists."""
     assert frame.head is not None
-    return BodyPose(
-        head_pose(registration, frame.head),
-        None if frame.left is None else hand_pose(registration, frame.left),
-        None if frame.right is None else hand_pose(registration, frame.right),
-    )
+
+    def hand(side: Literal["left", "right"], pose: XRPose | None) -> Pose | None:
+        if pose is None:
+            return None
+        if frame.modality == "hands":
+            return hand_pose_from_wrist(registration, pose, side)
+        return hand_pose(registration, pose)
+
+    return BodyPose(head_pose(registration, frame.head), hand("left", frame.left), hand("right", frame.right))

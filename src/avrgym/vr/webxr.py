@@ -5,6 +5,7 @@ quaternions w, x, y, z; the person sits at its origin and faces −y.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ BODY_FROM_DEVICE_AXES = transforms.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0
 It serves the headset and the grip alike: of a fist around an upright rod, the grip's −z points to the thumb
 and its y from the knuckles to the wrist, as −y and z of our hand (WebXR Device API, ``gripSpace``)."""
 
+WRIST_TO_HAND_M = 0.08
+"""The hand's centre lies about 8 cm from a tracked wrist (2020 reference)."""
 HEADSET_AHEAD_M = 0.08
 """The headset's pose lies about 8 cm in front of the centre of the head (2020 reference)."""
 
@@ -89,11 +92,27 @@ def hand_pose(registration: Registration, grip: XRPose) -> Pose:
     """The centre of the fist and the hand's axes from a grip pose.
 
     The grip's origin is where a rod would be held, in the middle of the fist, so nothing is added; the 8 cm of the
-    2020 reference lead there from the pose of its trackers. Tracked hands have a grip pose too and are taken alike;
-    a client that gets none for a hand sends none, and the arm keeps its pose.
+    2020 reference lead there from the pose of its trackers.
     """
     device = registration.to_world(grip)
     return Pose(device.pos_w, transforms.multiply(device.q_w, BODY_FROM_DEVICE_AXES))
+
+
+def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Literal["left", "right"]) -> Pose:
+    """The centre of the hand and its axes from the wrist of a tracked hand.
+
+    Of a wrist −z points to the fingers and y out of the hand's back (WebXR Hand Input); our hand's −z points to the
+    fingers too, and its x to the person's left, which is out of a hanging left hand's back.
+    """
+    joint = registration.to_world(wrist)
+    q_w = transforms.multiply(joint.q_w, _HAND_FROM_WRIST_AXES[side])
+    return Pose(joint.pos_w + transforms.rotate(q_w, [0.0, 0.0, -WRIST_TO_HAND_M]), q_w)
+
+
+_HAND_FROM_WRIST_AXES = {
+    side: transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(turn))
+    for side, turn in (("left", 0.5 * np.pi), ("right", -0.5 * np.pi))
+}
 
 
 def headset_from_head(registration: Registration, head: Pose) -> XRPose:
