@@ -20,8 +20,9 @@ from avrgym.study.questionnaire import LIKERT_ITEMS
 from avrgym.study.recording import read_recording
 from avrgym.vr.emulation import EmulatedHeadset
 from avrgym.vr.messages import Tracking
+from avrgym.vr.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session, SessionPlan, TrialPlan, load_policies
+from avrgym.vr.session import Session
 from avrgym.vr.webxr import Registration, hand_pose, head_pose
 
 PATIENCE_S = 90.0
@@ -57,6 +58,8 @@ def test_a_participant_is_seated_fed_and_asked(journey: tuple[LiveServer, Emulat
     assert headset.call("presenting")
     await_phase(headset, "calibration")
     headset.await_frames(30)
+    headset.pull_trigger("right")
+    await_phase(headset, "check")
     headset.pull_trigger("right")
     await_phase(headset, "free_before")
     assert server.session.person.torso_height_m == pytest.approx(participant.traits.torso_height_m, abs=0.005)

@@ -253,9 +253,10 @@ export class App {
     if (this.flat.press(event.code)) return;
     if (this.flat.playing && event.key === "Enter" && event.target === document.body && awaitsReady(this.phase))
       this.send({ type: "ready" });
-    if (!isStopKey(event) || !(this.takesPart || this.watching || isRunning(this.phase))) return;
+    if (!isStopKey(event) || !(this.takesPart || isRunning(this.phase))) return;
     event.preventDefault();
-    this.send(this.watching ? { type: "command", name: "stop" } : { type: "stop" });
+    if (!this.watches) this.send({ type: "stop" });
+    else if (this.welcome?.role === "experimenter") this.send({ type: "command", name: "stop" });
   }
 
   private originReset(): void {

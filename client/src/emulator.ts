@@ -25,6 +25,8 @@ export interface EmulatorControls {
   /** Places the headset and the grips of the controllers; null: not tracked; left out: as before. */
   setPoses(poses: { head?: EmulatedPose; left?: EmulatedPose | null; right?: EmulatedPose | null }): void;
   setTrigger(hand: Hand, pressed: boolean): void;
+  /** Holds the menu button of a hand (X or A) down. */
+  holdMenu(hand: Hand, pressed: boolean): void;
   /** Turns a controller about its target ray's origin until the ray meets a point. */
   aimAt(hand: Hand, point: Triple): void;
   /** The buttons of the question on the panel; empty while none is to be seen. */
@@ -73,6 +75,8 @@ export function exposeEmulator(app: App, device: XRDevice): void {
       if (right !== undefined) setGrip(device, "right", right);
     },
     setTrigger: (hand, pressed) => controllerOf(device, hand).updateButtonValue("trigger", pressed ? 1 : 0),
+    holdMenu: (hand, pressed) =>
+      controllerOf(device, hand).updateButtonValue(hand === "left" ? "x-button" : "a-button", pressed ? 1 : 0),
     aimAt: (hand, point) => aim(controllerOf(device, hand), new Vector3(...point)),
     buttons: () => shownButtons(app),
     phase: () => app.phase,

@@ -164,7 +164,13 @@ def _attend(server: LiveServer, seconds: float) -> Trips:
     """Let the client's process attend until the trial is over; its figures."""
     here, there = multiprocessing.Pipe()
     client = multiprocessing.get_context("spawn").Process(
-        target=run_client, args=(f"ws://127.0.0.1:{server.port}/ws", server.tokens.participant, there)
+        target=run_client,
+        args=(
+            f"ws://127.0.0.1:{server.port}/ws",
+            server.tokens.participant,
+            server.session.scenes[0][0],
+            there,
+        ),
     )
     client.start()
     try:
@@ -176,16 +182,16 @@ def _attend(server: LiveServer, seconds: float) -> Trips:
         client.join()
 
 
-def run_client(url: str, token: str, results: Connection) -> None:
+def run_client(url: str, token: str, environment_id: str, results: Connection) -> None:
     """The client's process: sits down, sends tracking, and gives the trips of the trial once it is over."""
     with connect(url, max_size=None) as socket:
         socket.send(messages.encode(messages.Hello(messages.PROTOCOL, token, "benchmark", emulated=True)))
-        results.send(_Client(socket).run())
+        results.send(_Client(socket, environment_id).run())
 
 
 class _Client:
-    def __init__(self, socket: ClientConnection) -> None:
-        self._socket = socket
+    def __init__(self, socket: ClientConnection, environment_id: str) -> None:
+        self._socket, self._environment = socket, environment_id
         self._sent: dict[int, float] = {}
         self._came: dict[int, float] = {}
         self._phase = ""
@@ -212,6 +218,7 @@ class _Client:
 
     def _track(self) -> None:
         participant = SimulatedParticipant(draw_traits("woman", 0), 0)
+        participant.take_place(self._environment)
         began = due = time.monotonic()
         while not self._over.is_set():
             moving = self._phase not in ("calibration", "")

@@ -98,6 +98,12 @@ class EmulatedHeadset:
             self.call("setTrigger", hand, pressed)
             self.await_frames(2)
 
+    def press_menu(self, hand: str) -> None:
+        """Press and release a menu button."""
+        for pressed in (True, False):
+            self.call("holdMenu", hand, pressed)
+            self.await_frames(2)
+
     def await_frames(self, count: int) -> None:
         """Wait until the page has drawn some more XR frames."""
         sent = self.call("trackingSent")
