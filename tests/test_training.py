@@ -16,10 +16,14 @@ from avrgym import training
 from avrgym.envs import AssistiveVectorEnv
 from avrgym.policies import Policy
 from avrgym.stable_baselines import SB3VectorEnv
+from avrgym.teachers import TEACHERS
 from avrgym.training import Progress, TrainingConfiguration, export_policy, resume, train
 
 FEEDING = "avrgym/FeedingJaco-v1"
-TINY = TrainingConfiguration(FEEDING, people="revised", steps=3200, seed=4, worlds=8, epochs=2, threads=1)
+SCRATCHING = "avrgym/ScratchItchJaco-v1"
+TINY = TrainingConfiguration(
+    FEEDING, people="revised", steps=3200, seed=4, worlds=8, epochs=2, threads=1, imitation_rounds=0
+)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -48,8 +52,10 @@ def test_the_wrapper_tells_terminal_observations_only_at_the_end():
     env.seed(5)
     assert_array_equal(env.reset(), reference.reset(seed=5)[0])
     still = np.zeros((3, 7), np.float32)
+    returns = np.zeros(3)
     for _ in range(199):
-        _, _, done, infos = env.step(still)
+        _, reward, done, infos = env.step(still)
+        returns += reward
         reference.step(still)
         assert not done.any()
         assert infos == [{}, {}, {}]
@@ -61,6 +67,7 @@ def test_the_wrapper_tells_terminal_observations_only_at_the_end():
     for i, info in enumerate(infos):
         assert info["TimeLimit.truncated"] is True
         assert info["success"] is False
+        assert info["episode_return"] == pytest.approx(returns[i] + np.asarray(reward)[i])
         assert_array_equal(info["terminal_observation"], last["final_obs"][i])
         assert not np.array_equal(info["terminal_observation"], np.asarray(observation)[i])
 
@@ -72,6 +79,23 @@ def test_the_wrapper_goes_on_with_other_episodes():
     assert not np.array_equal(env.reset(), first)
     env.seed(5)
     assert_array_equal(env.reset(), first)
+
+
+def test_force_on_the_person_costs_what_the_wrapper_is_told():
+    plain, strict = (SB3VectorEnv(AssistiveVectorEnv(SCRATCHING, 2, num_threads=1)) for _ in range(2))
+    strict.force_weight_per_n = 0.5
+    for env in (plain, strict):
+        env.seed(5)
+        env.reset()
+    teacher = TEACHERS["ScratchItch"](plain.env.episodes)
+    most = 0.0
+    for _ in range(60):
+        action = teacher(plain.env.episodes.observe())
+        rewards = [env.step(action)[1] for env in (plain, strict)]
+        force_n = strict.env.episodes.simulation.state().robot_force_n
+        assert_allclose(rewards[0] - rewards[1], 0.5 * force_n, atol=1e-9)
+        most = max(most, force_n.max())
+    assert most > 1.0
 
 
 # Training
@@ -103,13 +127,25 @@ def test_a_used_folder_is_refused_and_left_alone(trained):
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
 
 
+def test_scratching_gets_better_within_20_000_steps(tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
+    few = TrainingConfiguration(
+        SCRATCHING, "revised", 20_000, seed=1, worlds=8, minibatch=200, imitation_rounds=0,
+        log_std=(-0.7, -1.0), threads=1,
+    )  # fmt: skip
+    heard: list[Progress] = []
+    train(few, tmp_path, heard.append)
+    rewards = [progress.reward_mean for progress in heard]
+    assert np.mean(rewards[-3:]) > np.mean(rewards[:3]) + 5.0
+
+
 class Killed(Exception):
     """Something ended the training."""
 
 
 def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
-    long = replace(TINY, steps=3 * 8 * 200)
+    long = replace(TINY, steps=4 * 8 * 200, imitation_rounds=1)
     heard: list[Progress] = []
 
     def kill_after_two_updates(progress: Progress) -> None:
@@ -122,7 +158,7 @@ def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(tmp_path, monke
     resume(tmp_path / "cut", heard.append)
     whole: list[Progress] = []
     train(long, tmp_path / "whole", whole.append)
-    assert [progress.steps for progress in heard] == [1600, 3200, 3200, 4800]
+    assert [progress.steps for progress in heard] == [3200, 4800, 4800, 6400]
     assert whole == [heard[0], *heard[2:]]
     first, second = (
         torch.load(tmp_path / name / "checkpoint.pt", weights_only=True) for name in ("cut", "whole")

@@ -18,11 +18,12 @@ from avrgym.teachers import TEACHERS
 
 Array = NDArray[np.float64]
 
-TEACHER_SHARE = 0.7
+TEACHER_SHARE = 0.8
 """The teacher drives all worlds in the first round, and in each later one this share of those of the round before."""
 BATCH = 1024
-STEPS_PER_ROUND, LAST_STEPS = 600, 6000
-LEARNING_RATE, FALL, LAST_FALL = 2e-3, 0.3, 0.01
+EPOCHS, LAST_EPOCHS = 4, 30
+"""How often all that was gathered is gone through at the end of a round and of the last."""
+LEARNING_RATE, FALL, LAST_FALL = 1e-3, 0.3, 0.01
 """The learning rate, and the share of it that is left at the end of a round and of the last."""
 
 Hear = Callable[[int, list[tuple[float, bool]]], object]
@@ -87,7 +88,8 @@ def _fit(model: PPO, seen: Array, shown: Array, random: np.random.Generator, las
     actor = model.policy
     parameters = [*actor.mlp_extractor.policy_net.parameters(), *actor.action_net.parameters()]
     optimizer = torch.optim.Adam(parameters, LEARNING_RATE)
-    steps, fall = (LAST_STEPS, LAST_FALL) if last else (STEPS_PER_ROUND, FALL)
+    epochs, fall = (LAST_EPOCHS, LAST_FALL) if last else (EPOCHS, FALL)
+    steps = -(-epochs * len(seen) // BATCH)
     rate = torch.optim.lr_scheduler.ExponentialLR(optimizer, fall ** (1.0 / steps))
     for _ in range(steps):
         rows = torch.as_tensor(random.integers(len(seen), size=BATCH))

@@ -15,12 +15,12 @@ class SB3VectorEnv(VecEnv):
     """The native vector environment as Stable-Baselines3 wants it.
 
     The infos of a finished episode hold ``success`` and ``episode_return``, the sum of the task's own rewards.
+    ``force_weight_per_n`` is what each newton on the person takes off a step's reward beyond that.
     """
 
-    def __init__(self, env: AssistiveVectorEnv, force_weight_per_n: float = 0.0) -> None:
-        """``force_weight_per_n``: what each newton on the person takes off a step's reward, beyond the task's own."""
+    def __init__(self, env: AssistiveVectorEnv) -> None:
         self.env = env  # the base class asks it for its render mode
-        self._force_weight_per_n = force_weight_per_n
+        self.force_weight_per_n = 0.0
         self._returns: Array = np.zeros(env.num_envs)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self._actions: Array = np.zeros((env.num_envs, ACTIONS))
@@ -51,7 +51,7 @@ class SB3VectorEnv(VecEnv):
                 "episode_return": float(self._returns[i]),
             }
             self._returns[i] = 0.0
-        return observation, reward - self._force_weight_per_n * info["force_on_person"], truncated, infos
+        return observation, reward - self.force_weight_per_n * info["force_on_person"], truncated, infos
 
     def close(self) -> None:
         self.env.close()

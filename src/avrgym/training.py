@@ -37,8 +37,10 @@ class TrainingConfiguration:
 
     The policy first imitates its task's teacher for ``imitation_rounds`` episodes in every world, though for no more
     than half of all steps. Then only the critic learns for ``critic_updates``. The learning rate falls to a tenth.
-    ``force_weight_per_n`` is what each newton on the person takes off a step's reward in training, beyond what the
-    task's own reward does.
+    ``log_std`` is how random actions are at the beginning of PPO and at its end, so that in the end the policy does
+    without chance.
+    ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
+    the task's own reward does: first the policy learns to help, then to be gentle.
     """
 
     environment: str
@@ -52,11 +54,11 @@ class TrainingConfiguration:
     discount: float = 0.99
     gae_lambda: float = 0.95
     clip_range: float = 0.2
-    initial_log_std: float = -1.5
+    log_std: tuple[float, float] = (-1.5, -3.0)
     hidden: tuple[int, ...] = (64, 64)
     imitation_rounds: int = 8
     critic_updates: int = 5
-    force_weight_per_n: float = 0.02
+    force_weight_per_n: float = 0.05
     threads: int = 0
 
     @property
@@ -72,10 +74,10 @@ class TrainingConfiguration:
 
 
 TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
-    "Feeding": {"imitation_rounds": 16, "initial_log_std": -1.8},
-    "Drinking": {"imitation_rounds": 16, "initial_log_std": -2.5},
-    "ScratchItch": {"imitation_rounds": 24, "initial_log_std": -1.8},
-    "BedBathing": {"imitation_rounds": 8, "initial_log_std": -1.0},
+    "Feeding": {"imitation_rounds": 16},
+    "Drinking": {"imitation_rounds": 16, "log_std": (-2.5, -3.5), "critic_updates": 2},
+    "ScratchItch": {"imitation_rounds": 24},
+    "BedBathing": {"log_std": (-1.0, -2.5)},
 }
 """Where a task does better with settings other than the usual ones."""
 
@@ -109,10 +111,10 @@ class _Watch(BaseCallback):
     """
 
     def __init__(
-        self, configuration: TrainingConfiguration, out: Path, native: AssistiveVectorEnv, tell: Tell
+        self, configuration: TrainingConfiguration, out: Path, env: SB3VectorEnv, tell: Tell
     ) -> None:
         super().__init__()
-        self._configuration, self._out, self._native, self._tell = configuration, out, native, tell
+        self._configuration, self._out, self._env, self._tell = configuration, out, env, tell
         self._finished: list[tuple[float, bool]] = []
         self._curve: list[Progress] = []
         self._best_reward: float | None = None
@@ -135,6 +137,13 @@ class _Watch(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         self.save_checkpoint()
+        configuration = self._configuration
+        ppo_steps = configuration.steps - configuration.imitation_steps
+        share = min(1.0, (self.num_timesteps - configuration.imitation_steps) / ppo_steps)
+        first, last = configuration.log_std
+        with torch.no_grad():
+            self.model.policy.log_std.fill_(first + share * (last - first))
+        self._env.force_weight_per_n = share * configuration.force_weight_per_n
 
     def save_checkpoint(self) -> None:
         """Save where the training is, between two updates."""
@@ -145,7 +154,7 @@ class _Watch(BaseCallback):
             "best_reward": self._best_reward,
             "seconds": self._seconds,
         }
-        checkpoint.save(self._out / CHECKPOINT_FILE, self.model, self._native, notes)
+        checkpoint.save(self._out / CHECKPOINT_FILE, self.model, self._env.env, notes)
 
     @property
     def _seconds(self) -> float:
@@ -173,7 +182,6 @@ class _Watch(BaseCallback):
         learns = imitated == 0 or self.num_timesteps > imitated + critic_steps
         model.policy.mlp_extractor.policy_net.requires_grad_(learns)
         model.policy.action_net.requires_grad_(learns)
-        model.policy.log_std.requires_grad_(learns)
 
 
 def _finished(infos: list[dict[str, Any]]) -> list[tuple[float, bool]]:
@@ -197,10 +205,10 @@ def train(configuration: TrainingConfiguration, out: Path, tell: Tell = lambda p
     """
     if (out / CONFIGURATION_FILE).exists():
         raise FileExistsError(f"{out} already holds a training; choose another folder, or resume it")
-    native = _environment(configuration)
+    env = _environment(configuration)
     out.mkdir(parents=True, exist_ok=True)
     write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
-    return _begin(configuration, native, out, tell)
+    return _begin(configuration, env, out, tell)
 
 
 def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
@@ -212,12 +220,12 @@ def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
         ValueError: when there is none, when it is complete, or when its files are damaged.
     """
     configuration = stored_configuration(out)
-    native = _environment(configuration)
+    env = _environment(configuration)
     if not (out / CHECKPOINT_FILE).exists():
-        return _begin(configuration, native, out, tell)
-    watch = _Watch(configuration, out, native, tell)
-    model = _ppo(configuration, native, out)
-    watch.resume(checkpoint.restore(out / CHECKPOINT_FILE, model, native))
+        return _begin(configuration, env, out, tell)
+    watch = _Watch(configuration, out, env, tell)
+    model = _ppo(configuration, env, out)
+    watch.resume(checkpoint.restore(out / CHECKPOINT_FILE, model, env.env))
     if model.num_timesteps >= configuration.steps and Policy.load(out / POLICY_FILE).metadata.measured:
         raise ValueError(f"the training in {out} is complete, after {model.num_timesteps} steps")
     return _learn(model, configuration, watch, out)
@@ -238,12 +246,12 @@ def stored_configuration(out: Path) -> TrainingConfiguration:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _begin(configuration: TrainingConfiguration, native: AssistiveVectorEnv, out: Path, tell: Tell) -> Policy:
-    model = _ppo(configuration, native, out)
-    watch = _Watch(configuration, out, native, tell)
+def _begin(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path, tell: Tell) -> Policy:
+    model = _ppo(configuration, env, out)
+    watch = _Watch(configuration, out, env, tell)
     rounds = configuration.imitation_steps // configuration.update_steps
     if rounds:
-        imitate(model, native.episodes, rounds, configuration.seed, watch.hear)
+        imitate(model, env.env.episodes, rounds, configuration.seed, watch.hear)
         model.num_timesteps = configuration.imitation_steps
     return _learn(model, configuration, watch, out)
 
@@ -256,12 +264,14 @@ def _learn(model: PPO, configuration: TrainingConfiguration, watch: _Watch, out:
     return _measure(configuration, out / POLICY_FILE)
 
 
-def _environment(configuration: TrainingConfiguration) -> AssistiveVectorEnv:
-    return AssistiveVectorEnv(
-        configuration.environment,
-        configuration.worlds,
-        people=configuration.people,
-        num_threads=configuration.threads,
+def _environment(configuration: TrainingConfiguration) -> SB3VectorEnv:
+    return SB3VectorEnv(
+        AssistiveVectorEnv(
+            configuration.environment,
+            configuration.worlds,
+            people=configuration.people,
+            num_threads=configuration.threads,
+        )
     )
 
 
@@ -278,10 +288,9 @@ def _measure(configuration: TrainingConfiguration, path: Path) -> Policy:
     return policy
 
 
-def _ppo(configuration: TrainingConfiguration, native: AssistiveVectorEnv, out: Path) -> PPO:
+def _ppo(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path) -> PPO:
     torch.set_num_threads(1)  # so small a network gains nothing from more, and its sums keep their order
-    env = SB3VectorEnv(native, configuration.force_weight_per_n)
-    return PPO(
+    model = PPO(
         "MlpPolicy",
         VecNormalize(env, gamma=configuration.discount, clip_obs=5.0),
         learning_rate=lambda remaining: configuration.learning_rate * (0.1 + 0.9 * remaining),
@@ -294,12 +303,13 @@ def _ppo(configuration: TrainingConfiguration, native: AssistiveVectorEnv, out: 
         policy_kwargs={
             "net_arch": list(configuration.hidden),
             "activation_fn": torch.nn.Tanh,
-            "log_std_init": configuration.initial_log_std,
         },
         tensorboard_log=str(out / "tensorboard"),
         seed=configuration.seed,
         device="cpu",
     )
+    model.policy.log_std.requires_grad_(False)
+    return model
 
 
 def export_policy(
