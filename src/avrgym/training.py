@@ -141,6 +141,7 @@ class _Watch(BaseCallback):
         ppo_steps = configuration.steps - configuration.imitation_steps
         share = min(1.0, (self.num_timesteps - configuration.imitation_steps) / ppo_steps)
         first, last = configuration.log_std
+        assert isinstance(self.model, PPO)
         with torch.no_grad():
             self.model.policy.log_std.fill_(first + share * (last - first))
         self._env.force_weight_per_n = share * configuration.force_weight_per_n
