@@ -75,23 +75,19 @@ def _maps(source: Source, sex: Sex, weights: Array) -> dict[str, Affine]:
     maps["head"] = _head(source, sex, place["head"])
     for side, letter in (("right", "R"), ("left", "L")):
         chain = _source_chain(source, letter)
-        ends = {
-            "upper_arm": "forearm", "forearm": "hand", "hand": None,
-            "thigh": "shin", "shin": "foot", "foot": None,
-        }  # fmt: skip
-        for part, end in ends.items():
-            name = f"{side}_{part}"
-            if end is None:
-                continue
-            at = place[name], place[f"{side}_{end}"]
-            begin, finish = chain[part]
-            girth, beside = _girth(source, weights[:, BODIES.index(name)], begin, finish, _radius(sex, part))
-            if part.endswith("arm"):
-                begin, finish = begin + beside, finish + beside
-            maps[name] = _limb(begin, finish, *at, girth)
+        for part, following in FOLLOWING.items():
+            weight = weights[:, BODIES.index(f"{side}_{part}")]
+            begin, end = chain[part]
+            girth, beside = _girth(source, weight, begin, end, _radius(sex, part))
+            middle = beside if part.endswith("arm") else np.zeros(3)
+            ends = place[f"{side}_{part}"], place[f"{side}_{following}"]
+            maps[f"{side}_{part}"] = _limb(begin + middle, end + middle, *ends, girth)
         maps[f"{side}_hand"] = _follow(maps[f"{side}_forearm"], chain["hand"][0], place[f"{side}_hand"])
         maps[f"{side}_foot"] = _foot(chain["foot"][0], place[f"{side}_foot"])
     return maps
+
+
+FOLLOWING = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot"}
 
 
 def _source_chain(source: Source, letter: str) -> dict[str, tuple[Array, Array]]:
