@@ -98,6 +98,23 @@ def test_force_on_the_person_costs_what_the_wrapper_is_told():
     assert most > 1.0
 
 
+def test_what_is_gained_after_success_counts_by_a_quarter():
+    env = SB3VectorEnv(AssistiveVectorEnv(FEEDING, 4, people="revised", num_threads=1))
+    env.seed(0)
+    env.reset()
+    teacher = TEACHERS["Feeding"](env.env.episodes)
+    gained, returns = np.zeros(4), np.zeros(4)
+    succeeded, infos = False, []
+    for _ in range(EPISODE_STEPS):
+        _, reward, _, infos = env.step(teacher(env.env.episodes.observe()))
+        gained += reward
+    for i, info in enumerate(infos):
+        succeeded |= info["success"]
+        returns[i] = info["episode_return"]
+        assert (gained[i] < returns[i] - 1.0) == info["success"]
+    assert succeeded
+
+
 # Training
 
 

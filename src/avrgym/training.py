@@ -105,7 +105,7 @@ Tell = Callable[[Progress], None]
 
 
 class _Watch(BaseCallback):
-    """Gathers finished episodes, logs each update, keeps the policy that did best lately, and saves checkpoints.
+    """Gathers finished episodes, logs each update, and saves policy and checkpoint before the next.
 
     An update's episodes are whole, so that each checkpoint lies between episodes.
     """
@@ -117,14 +117,13 @@ class _Watch(BaseCallback):
         self._configuration, self._out, self._env, self._tell = configuration, out, env, tell
         self._finished: list[tuple[float, bool]] = []
         self._curve: list[Progress] = []
-        self._best_reward: float | None = None
         self._seconds_before, self._began = 0.0, time.monotonic()
 
     def resume(self, notes: dict[str, Any]) -> None:
         """Go on from the notes of a checkpoint."""
         self._finished = [(reward, success) for reward, success in notes["finished"]]
         self._curve = [Progress(*point) for point in notes["curve"]]
-        self._best_reward, self._seconds_before = notes["best_reward"], notes["seconds"]
+        self._seconds_before = notes["seconds"]
 
     def hear(self, steps: int, finished: list[tuple[float, bool]]) -> Progress:
         """Take return and success of episodes that ended after ``steps`` in all, and tell how training stands."""
@@ -152,10 +151,11 @@ class _Watch(BaseCallback):
         notes = {
             "finished": self._finished,
             "curve": [(now.steps, now.reward_mean, now.success_rate) for now in self._curve],
-            "best_reward": self._best_reward,
             "seconds": self._seconds,
         }
         checkpoint.save(self._out / CHECKPOINT_FILE, self.model, self._env.env, notes)
+        policy = export_policy(self.model, self._configuration, self._seconds, self._curve)
+        policy.save(self._out / POLICY_FILE, overwrite=True)
 
     @property
     def _seconds(self) -> float:
@@ -169,10 +169,6 @@ class _Watch(BaseCallback):
         now = self.hear(self.num_timesteps, _finished(self.locals["infos"]))
         self.logger.record("rollout/reward_mean", now.reward_mean)
         self.logger.record("rollout/success_rate", now.success_rate)
-        if self._best_reward is None or now.reward_mean > self._best_reward:
-            self._best_reward = now.reward_mean
-            policy = export_policy(self.model, self._configuration, self._seconds, self._curve)
-            policy.save(self._out / POLICY_FILE, overwrite=True)
         self._free_actor(self.model)
 
     def _free_actor(self, model: PPO) -> None:
@@ -192,8 +188,8 @@ def _finished(infos: list[dict[str, Any]]) -> list[tuple[float, bool]]:
 def train(configuration: TrainingConfiguration, out: Path, tell: Tell = lambda progress: None) -> Policy:
     """Train, and leave ``policy.safetensors``, ``configuration.json`` and TensorBoard's log in ``out``.
 
-    The policy is the one with the best episodes. It carries what it reaches on people that
-    training never saw. A training that is cut off leaves its latest checkpoint, from which ``resume`` goes on.
+    The policy carries what it reaches on people that training never saw. A training that is cut off leaves its latest
+    policy and checkpoint, from which ``resume`` goes on.
 
     Args:
         configuration: what to train, on whom, for how long.

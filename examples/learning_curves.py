@@ -1,0 +1,48 @@
+"""How the packaged policies learned, one panel per environment, from what their own files say.
+
+    python examples/learning_curves.py docs/pictures/learning_curves.svg
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+
+from avrgym.models.robots import ROBOTS
+from avrgym.policies import Policy, packaged_policies
+from avrgym.tasks import TASKS
+
+STYLES = {"original": ("#b3541e", "--"), "revised": ("#1f5f8b", "-")}
+"""Colour and line of each kind, told apart without colour too."""
+
+
+def draw(path: Path) -> None:
+    """Write the figure."""
+    matplotlib.rcParams.update({"svg.hashsalt": "learning curves", "svg.fonttype": "none", "font.size": 9})
+    figure, axes = plt.subplots(
+        len(ROBOTS), len(TASKS), figsize=(11, 5), sharey=True, layout="constrained", squeeze=False
+    )
+    for row, robot in zip(axes, ROBOTS, strict=True):
+        for panel, task in zip(row, TASKS, strict=True):
+            _draw_panel(panel, f"avrgym/{task}{robot}-v1")
+    axes[0][0].legend(loc="lower right", frameon=False)
+    figure.supxlabel("environment steps, millions")
+    figure.supylabel("success of the latest training episodes, %")
+    figure.savefig(path, metadata={"Date": None})
+
+
+def _draw_panel(panel: Axes, environment: str) -> None:
+    for kind, file in packaged_policies(environment).items():
+        steps, _, successes = zip(*Policy.load(file).metadata.curve, strict=True)
+        colour, line = STYLES[kind]
+        millions, percent = [step / 1e6 for step in steps], [100.0 * success for success in successes]
+        panel.plot(millions, percent, line, color=colour, label=kind)
+    panel.set_title(environment.removeprefix("avrgym/").removesuffix("-v1"))
+    panel.set_ylim(0, 100)
+    panel.grid(alpha=0.3)
+
+
+if __name__ == "__main__":
+    draw(Path(sys.argv[1]))
