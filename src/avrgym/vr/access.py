@@ -36,11 +36,17 @@ class Tokens:
                 found = role
         return found
 
+    def bearer(self, headers: Headers) -> Role | None:
+        """Whose token a request presents."""
+        scheme, _, token = headers.get("authorization", "").partition(" ")
+        return self.role(token) if scheme == "Bearer" else None
+
 
 class OwnPagesOnly:
     """Refuses requests and sockets that a page of another origin sends; programs name no origin.
 
-    No answer of the server may be framed by another page either.
+    No answer of the server may be framed either, but for the picture that the dashboard shows. The dashboard itself
+    may load and reach nothing but this server, and makes no markup from texts.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -54,7 +60,7 @@ class OwnPagesOnly:
             )
             await refusal(scope, receive, send)
             return
-        await self._app(scope, receive, _unframed(send))
+        await self._app(scope, receive, _restricted(send, scope["path"]))
 
 
 def _is_own(headers: Headers) -> bool:
@@ -62,17 +68,28 @@ def _is_own(headers: Headers) -> bool:
     return origin is None or urlsplit(origin).netloc == headers.get("host")
 
 
-def _unframed(send: Send) -> Send:
-    async def send_unframed(message) -> None:
+def _restricted(send: Send, path: str) -> Send:
+    async def send_restricted(message) -> None:
         if message["type"] == "http.response.start":
-            message["headers"] = [*message["headers"], *_FRAMELESS]
+            policy = b"content-security-policy", _content_policy(path).encode()
+            message["headers"] = [*message["headers"], policy, *_RESTRICTIONS]
         await send(message)
 
-    return send_unframed
+    return send_restricted
 
 
-_FRAMELESS = (
-    (b"content-security-policy", b"frame-ancestors 'none'; object-src 'none'; base-uri 'none'"),
+def _content_policy(path: str) -> str:
+    if path.startswith("/dashboard"):
+        return _DASHBOARD_POLICY
+    ancestors = "'self'" if path == "/spectator" else "'none'"
+    return f"frame-ancestors {ancestors}; object-src 'none'; base-uri 'none'"
+
+
+_DASHBOARD_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; frame-src 'self'; "
+    "form-action 'none'; frame-ancestors 'none'; base-uri 'none'; require-trusted-types-for 'script'"
+)
+_RESTRICTIONS = (
     (b"referrer-policy", b"no-referrer"),
     (b"x-content-type-options", b"nosniff"),
 )

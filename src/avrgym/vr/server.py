@@ -35,12 +35,20 @@ SCENE_KEPT_S = 3600
 """How long a browser may keep a scene: a session."""
 
 
+StudyPages = Callable[[Tokens], FastAPI]
+
+
 class ServerError(RuntimeError):
     """The server cannot start; the message says why and what to do."""
 
 
 def create_app(
-    loop: RealTimeLoop, hub: Hub, tokens: Tokens, hosts: list[str], renderer: SceneRenderer
+    loop: RealTimeLoop,
+    hub: Hub,
+    tokens: Tokens,
+    hosts: list[str],
+    renderer: SceneRenderer,
+    study: StudyPages | None = None,
 ) -> FastAPI:
     """The web application of one session.
 
@@ -50,6 +58,7 @@ def create_app(
         tokens: what clients must present.
         hosts: the host names under which the server may be addressed.
         renderer: renders the scenes.
+        study: makes what the experimenter's dashboard reads and does.
     """
     app = FastAPI(openapi_url=None)
     app.add_middleware(OwnPagesOnly)
@@ -57,8 +66,7 @@ def create_app(
 
     @app.get("/scenes/{number}.glb")
     async def scene(number: int, request: Request) -> Response:
-        scheme, _, token = request.headers.get("authorization", "").partition(" ")
-        if scheme != "Bearer" or tokens.role(token) is None:
+        if tokens.bearer(request.headers) is None:
             raise HTTPException(401, "the address of this page lacks the session's token")
         known = loop.session.scenes
         if not 0 <= number < len(known):
@@ -81,6 +89,13 @@ def create_app(
     async def spectator() -> FileResponse:
         return FileResponse(STATIC / "index.html")
 
+    if study is not None:
+        app.mount("/study", study(tokens))
+
+        @app.get("/dashboard")
+        async def dashboard() -> FileResponse:
+            return FileResponse(STATIC / "dashboard.html")
+
     app.mount("/", StaticFiles(directory=STATIC, html=True))
     return app
 
@@ -97,6 +112,7 @@ class LiveServer(Generic[S]):
         host: str,
         port: int,
         certificate: Certificate | None = None,
+        study: StudyPages | None = None,
     ) -> None:
         """Bind the port and make the session.
 
@@ -105,6 +121,7 @@ class LiveServer(Generic[S]):
             host: the address to listen on; without a certificate only this machine's own.
             port: the port to listen on.
             certificate: for TLS, with the names under which other machines reach this one.
+            study: makes, from the tokens, what the experimenter's dashboard reads and does; see ``study.dashboard``.
 
         Raises:
             ServerError: when the client is not built or the port cannot be had.
@@ -123,7 +140,7 @@ class LiveServer(Generic[S]):
             raise
         self._renderer = SceneRenderer()
         hosts = [*LOOPBACK, *(certificate.names if certificate else ())]
-        self.app = create_app(self.loop, hub, self.tokens, hosts, self._renderer)
+        self.app = create_app(self.loop, hub, self.tokens, hosts, self._renderer, study)
         self._server = uvicorn.Server(_configuration(self.app, certificate))
         self._thread = threading.Thread(
             target=self._server.run, kwargs={"sockets": [self._socket]}, daemon=True
