@@ -1,0 +1,305 @@
+"""Who may come in, on every route: tokens by role, hosts, origins; the certificate for the local network."""
+
+import datetime
+import ssl
+import stat
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import cast
+
+import httpx
+import pytest
+from cryptography import x509
+from fastapi.routing import APIRoute, APIWebSocketRoute
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
+
+from avrgym.vr import certificate as certificate_module
+from avrgym.vr import messages
+from avrgym.vr.access import Tokens
+from avrgym.vr.certificate import Certificate, certificate_for, lan_names
+from avrgym.vr.messages import Command, Entered, Hello, Message, Phase, Problem, State, Status, Welcome
+from avrgym.vr.server import LiveServer, ServerError
+from avrgym.vr.session import Session
+from visit import driving, plan
+
+PATIENCE_S = 180.0
+SOCKETS = {"/ws": ("participant",), "/watch": ("experimenter", "spectator")}
+"""Every WebSocket, and the roles that it admits."""
+PAGES = ("/spectator",)
+"""Every HTTP route that needs no token: pages without any data. All others need one."""
+GUARDED = ("/scenes/0.glb",)
+
+CLIENT = httpx.Client(verify=False, timeout=PATIENCE_S, limits=httpx.Limits(max_keepalive_connections=0))
+"""Made once, because that takes long; it keeps no connection."""
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer[Session]]:
+    folder = tmp_path_factory.mktemp("study")
+    with LiveServer(
+        lambda send: Session(plan(), driving(plan()), folder, send, "test"), "127.0.0.1", 0
+    ) as server:
+        yield server
+
+
+def request(server: LiveServer, method: str, path: str, **headers: str) -> int:
+    url = f"http://127.0.0.1:{server.port}{path}"
+    return CLIENT.request(method, url, headers=headers).status_code
+
+
+@contextmanager
+def opened(
+    server: LiveServer, path: str, token: str, origin: str | None = None
+) -> Iterator[ClientConnection]:
+    """A socket that has said hello."""
+    url = f"ws://127.0.0.1:{server.port}{path}"
+    with connect(url, origin=cast(Origin, origin), max_size=None) as socket:
+        tell(socket, Hello(messages.PROTOCOL, token, "test", emulated=True))
+        yield socket
+
+
+def tell(socket: ClientConnection, message: Message) -> None:
+    socket.send(messages.encode(message))
+
+
+def hear(socket: ClientConnection, kind: type) -> Message:
+    """The next message of a kind."""
+    give_up = time.monotonic() + PATIENCE_S
+    while time.monotonic() < give_up:
+        message = messages.decode_server(bytes(socket.recv(PATIENCE_S, decode=False)))
+        if isinstance(message, kind):
+            return message
+    raise TimeoutError(f"no {kind.__name__}")
+
+
+def hear_phase(socket: ClientConnection, name: str) -> None:
+    """Wait until a phase is entered."""
+    while cast(Phase, hear(socket, Phase)).name != name:
+        pass
+
+
+@contextmanager
+def participant(server: LiveServer) -> Iterator[ClientConnection]:
+    """The participant's socket, let in once the one before is gone."""
+    give_up = time.monotonic() + PATIENCE_S
+    while time.monotonic() < give_up:
+        with opened(server, "/ws", server.tokens.participant) as socket:
+            if isinstance(hear(socket, Message), Welcome):
+                yield socket
+                return
+    raise TimeoutError("not let in")
+
+
+def test_these_tests_know_every_route(server: LiveServer) -> None:
+    routes = server.app.routes
+    assert {route.path for route in routes if isinstance(route, APIWebSocketRoute)} == set(SOCKETS)
+    found = {route.path for route in routes if isinstance(route, APIRoute)}
+    assert found == {*PAGES, "/scenes/{number}.glb"}
+    assert all(route.methods == {"GET"} for route in routes if isinstance(route, APIRoute))
+
+
+@pytest.mark.parametrize("path", SOCKETS)
+def test_a_socket_opens_only_to_its_roles(server: LiveServer, path: str) -> None:
+    for role in ("participant", "experimenter", "spectator"):
+        with opened(server, path, getattr(server.tokens, role)) as socket:
+            first = hear(socket, Message)
+            if role in SOCKETS[path]:
+                assert isinstance(first, Welcome)
+                assert first.role == role
+            else:
+                assert isinstance(first, Problem)
+                with pytest.raises(ConnectionClosed) as closed:
+                    hear(socket, State)
+                assert closed.value.rcvd is not None
+                assert closed.value.rcvd.code == 4401
+
+
+@pytest.mark.parametrize("path", SOCKETS)
+@pytest.mark.parametrize("token", ["", "x", "ü" * 60, "0" * 22])
+def test_without_its_token_no_socket_opens(server: LiveServer, path: str, token: str) -> None:
+    with opened(server, path, token) as socket:
+        assert isinstance(hear(socket, Message), Problem)
+        with pytest.raises(ConnectionClosed):
+            hear(socket, State)
+
+
+@pytest.mark.parametrize("path", GUARDED)
+def test_what_shows_data_needs_a_token(server: LiveServer, path: str) -> None:
+    for wrong in ({}, {"authorization": "Bearer x"}, {"authorization": server.tokens.spectator}):
+        assert request(server, "GET", path, **wrong) == 401
+    for role in ("participant", "experimenter", "spectator"):
+        assert request(server, "GET", path, authorization=f"Bearer {getattr(server.tokens, role)}") == 200
+
+
+@pytest.mark.parametrize("path", ["/", *PAGES, *GUARDED])
+@pytest.mark.parametrize("method", ["GET", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "HEAD"])
+def test_pages_of_other_origins_and_hosts_are_refused(server: LiveServer, method: str, path: str) -> None:
+    token = f"Bearer {server.tokens.experimenter}"
+    for origin in ("http://evil.test", "null", f"http://127.0.0.1:{server.port + 1}"):
+        assert request(server, method, path, origin=origin, authorization=token) == 403
+    for host in ("evil.test", f"evil.test:{server.port}", "127.0.0.1.evil.test"):
+        assert request(server, method, path, host=host, authorization=token) == 400
+    if method not in ("GET", "HEAD"):
+        assert request(server, method, path, authorization=token) == 405
+
+
+@pytest.mark.parametrize("path", SOCKETS)
+@pytest.mark.parametrize("origin", ["http://evil.test", "null", "https://127.0.0.1"])
+def test_sockets_of_other_origins_and_hosts_are_refused(server: LiveServer, path: str, origin: str) -> None:
+    with pytest.raises(InvalidStatus) as refused, opened(server, path, "", origin):
+        pass
+    assert refused.value.response.status_code == 403
+    with pytest.raises(InvalidStatus) as refused:
+        connect(f"ws://127.0.0.1:{server.port}{path}", additional_headers={"Host": "evil.test"})
+    assert refused.value.response.status_code == 400
+
+
+def test_no_answer_may_be_framed_but_by_the_dashboard(server: LiveServer) -> None:
+    for path, framed in {"/": "'none'", "/spectator": "'self'", "/scenes/0.glb": "'none'"}.items():
+        headers = httpx.get(f"http://127.0.0.1:{server.port}{path}").headers
+        assert f"frame-ancestors {framed};" in headers["content-security-policy"]
+
+
+def test_tokens_differ_and_are_never_in_the_log(
+    server: LiveServer, capfd: pytest.CaptureFixture[str]
+) -> None:
+    secrets = [server.tokens.participant, server.tokens.experimenter, server.tokens.spectator]
+    assert len({*secrets, *vars(Tokens.new()).values()}) == 6
+    for token in secrets:
+        request(server, "GET", "/scenes/99.glb", authorization=f"Bearer {token}")
+        for path in SOCKETS:
+            with opened(server, path, token) as socket:
+                if isinstance(hear(socket, Message), Welcome):
+                    socket.send("nonsense")
+                    hear(socket, Problem)
+    printed = "".join(capfd.readouterr())
+    assert not any(token in printed for token in secrets)
+
+
+# Watching ----------------------------------------------------------------------------------------------------
+
+
+def test_any_number_watch_while_the_participant_takes_part(server: LiveServer) -> None:
+    watchers = [opened(server, "/watch", server.tokens.spectator) for _ in range(5)]
+    with participant(server) as taking_part:
+        sockets = [watcher.__enter__() for watcher in watchers]
+        for socket in sockets:
+            assert isinstance(hear(socket, Status), Status)
+        tell(taking_part, Entered())
+        for socket in sockets:
+            hear_phase(socket, "calibration")
+        for watcher in watchers:
+            watcher.__exit__(None, None, None)
+        assert isinstance(hear(taking_part, State), State)
+
+
+def test_the_participant_is_never_told_how_the_robot_is_judged(server: LiveServer) -> None:
+    with (
+        participant(server) as taking_part,
+        opened(server, "/watch", server.tokens.experimenter) as experimenter,
+    ):
+        kinds = set()
+        for _ in range(3):
+            hear(experimenter, Status)
+        for _ in range(25):
+            kinds.add(type(hear(taking_part, Message)))
+        assert Status not in kinds
+
+
+def test_spectators_command_nothing(server: LiveServer) -> None:
+    with opened(server, "/watch", server.tokens.spectator) as spectator:
+        hear(spectator, Welcome)
+        tell(spectator, Command(name="end"))
+        assert "only watch" in cast(Problem, hear(spectator, Problem)).message
+        assert server.session.phase != "finished"
+
+
+def test_the_participant_commands_nothing(server: LiveServer) -> None:
+    with participant(server) as taking_part:
+        tell(taking_part, Command(name="end"))
+        assert "not a message" in cast(Problem, hear(taking_part, Problem)).message
+        assert server.session.phase != "finished"
+
+
+def test_the_experimenter_commands_the_session(tmp_path: Path) -> None:
+    with (
+        LiveServer(
+            lambda send: Session(plan(), driving(plan()), tmp_path, send, "x"), "127.0.0.1", 0
+        ) as server,
+        opened(server, "/watch", server.tokens.experimenter) as experimenter,
+    ):
+        tell(experimenter, Command(name="end"))
+        while cast(Status, hear(experimenter, Status)).phase != "finished":
+            pass
+
+
+# The local network -------------------------------------------------------------------------------------------
+
+NAMES = ("192.0.2.7", "lab", "lab.local")
+
+
+def loaded(certificate: Certificate) -> x509.Certificate:
+    return x509.load_pem_x509_certificate(certificate.certificate_file.read_bytes())
+
+
+def test_a_certificate_is_for_all_names_and_only_its_owner_reads_it(tmp_path: Path) -> None:
+    made = certificate_for(NAMES, tmp_path / "new")
+    names = loaded(made).extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert names.get_values_for_type(x509.DNSName) == ["localhost", "lab", "lab.local"]
+    assert [str(ip) for ip in names.get_values_for_type(x509.IPAddress)] == ["127.0.0.1", "192.0.2.7"]
+    for file in (made.certificate_file, made.key_file):
+        assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert stat.S_IMODE((tmp_path / "new").stat().st_mode) == 0o700
+
+
+def test_a_certificate_is_kept_until_it_no_longer_serves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def number(names: tuple[str, ...] = NAMES) -> int:
+        return loaded(certificate_for(names, tmp_path)).serial_number
+
+    first = number()
+    assert number() == first
+    assert number(NAMES[:1]) == first
+    other = number(("192.0.2.8",))
+    assert other != first
+    (tmp_path / "key.pem").write_text("broken")
+    mended = number(("192.0.2.8",))
+    assert mended != other
+    monkeypatch.setattr(certificate_module, "VALID_DAYS", certificate_module.RENEWED_BEFORE_DAYS - 1)
+    (tmp_path / "certificate.pem").unlink()
+    soon_over = number(("192.0.2.8",))
+    monkeypatch.undo()
+    renewed = certificate_for(("192.0.2.8",), tmp_path)
+    assert loaded(renewed).serial_number != soon_over
+    left = loaded(renewed).not_valid_after_utc - datetime.datetime.now(datetime.UTC)
+    assert left.days >= certificate_module.VALID_DAYS - 1
+
+
+def test_the_names_are_this_machines() -> None:
+    names = lan_names()
+    assert names[-1] == f"{names[-2]}.local"
+    assert "127.0.0.1" not in names
+
+
+def test_the_network_is_served_over_tls_and_needs_a_certificate(tmp_path: Path) -> None:
+    with pytest.raises(ServerError, match="--lan"):
+        LiveServer(lambda send: cast(Session, None), "0.0.0.0", 0)
+    made = certificate_for(("lab",), tmp_path)
+    with LiveServer(
+        lambda send: Session(plan(), driving(plan()), tmp_path / "study", send, "lan"), "0.0.0.0", 0, made
+    ) as server:
+        trusted = ssl.create_default_context(cafile=str(made.certificate_file))
+        with urllib.request.urlopen(f"https://localhost:{server.port}/spectator", context=trusted) as page:
+            assert page.status == 200
+        with pytest.raises(httpx.HTTPError):
+            httpx.get(f"http://localhost:{server.port}/")
+        assert server.url.startswith("https://localhost:")
+        assert [url.split("/")[2] for url in server.urls()] == [
+            f"localhost:{server.port}", f"lab:{server.port}"
+        ]  # fmt: skip
