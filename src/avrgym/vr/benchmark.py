@@ -32,7 +32,7 @@ from avrgym.vr.world import TICK_S
 TRACKING_HZ = 90.0
 HIDDEN_UNITS = 64
 POLICY = "untrained"
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
 
 Spread = dict[str, float]
