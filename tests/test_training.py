@@ -81,24 +81,21 @@ def test_the_wrapper_goes_on_with_other_episodes():
     assert_array_equal(env.reset(), first)
 
 
-def test_force_costs_what_the_wrapper_is_told_and_gains_after_success_count_by_a_quarter():
-    env = SB3VectorEnv(AssistiveVectorEnv(SCRATCHING, 4, num_threads=1))
-    reference = AssistiveVectorEnv(SCRATCHING, 4, num_threads=1)
+def test_force_on_the_person_costs_what_the_wrapper_is_told():
+    env = SB3VectorEnv(AssistiveVectorEnv(SCRATCHING, 2, num_threads=1))
+    reference = AssistiveVectorEnv(SCRATCHING, 2, num_threads=1)
     env.seed(5)
     env.reset()
     reference.reset(seed=5)
     env.force_weight_per_n = 0.5
     teacher = TEACHERS["ScratchItch"](reference.episodes)
-    gained, most_n = 0, 0.0
-    for _ in range(199):
+    most_n = 0.0
+    for _ in range(60):
         action = teacher(reference.episodes.observe())
         _, learned, _, _ = env.step(action)
         _, reward, _, _, info = reference.step(action)
-        late = info["success"] & (reward > 0.0)
-        force_n = info["force_on_person"]
-        assert_allclose(learned, np.where(late, 0.25 * reward, reward) - 0.5 * force_n, atol=1e-9)
-        gained, most_n = gained + late.sum(), max(most_n, force_n.max())
-    assert gained > 10
+        assert_allclose(learned, reward - 0.5 * info["force_on_person"], atol=1e-9)
+        most_n = max(most_n, info["force_on_person"].max())
     assert most_n > 1.0
 
 

@@ -10,15 +10,12 @@ from avrgym.envs import ACTIONS, AssistiveVectorEnv
 
 Array = NDArray[Any]
 
-AFTER_SUCCESS = 0.25
-
 
 class SB3VectorEnv(VecEnv):
     """The native vector environment as Stable-Baselines3 wants it.
 
     The infos of a finished episode hold ``success`` and ``episode_return``, the sum of the task's own rewards.
-    ``force_weight_per_n`` is what each newton on the person takes off a step's reward beyond that. After an episode's
-    success, rewards above 0 count by a quarter: it is worth more to help everybody than to help some very much.
+    ``force_weight_per_n`` is what each newton on the person takes off a step's reward beyond that.
     """
 
     def __init__(self, env: AssistiveVectorEnv) -> None:
@@ -54,9 +51,7 @@ class SB3VectorEnv(VecEnv):
                 "episode_return": float(self._returns[i]),
             }
             self._returns[i] = 0.0
-        learned = np.where(info["success"] & (reward > 0.0), AFTER_SUCCESS * reward, reward)
-        learned -= self.force_weight_per_n * info["force_on_person"]
-        return observation, learned, truncated, infos
+        return observation, reward - self.force_weight_per_n * info["force_on_person"], truncated, infos
 
     def close(self) -> None:
         self.env.close()

@@ -58,7 +58,7 @@ class TrainingConfiguration:
     hidden: tuple[int, ...] = (64, 64)
     imitation_rounds: int = 8
     critic_updates: int = 5
-    force_weight_per_n: float = 0.05
+    force_weight_per_n: float = 0.03
     threads: int = 0
 
     @property
@@ -74,10 +74,10 @@ class TrainingConfiguration:
 
 
 TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
-    "Feeding": {"imitation_rounds": 16},
+    "Feeding": {"imitation_rounds": 16, "log_std": (-1.2, -2.0)},
     "Drinking": {"imitation_rounds": 16, "log_std": (-2.5, -3.5), "critic_updates": 2},
     "ScratchItch": {"imitation_rounds": 24},
-    "BedBathing": {"log_std": (-1.0, -2.5)},
+    "BedBathing": {"log_std": (-1.0, -1.2)},
 }
 """Where a task does better with settings other than the usual ones."""
 

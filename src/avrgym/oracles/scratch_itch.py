@@ -23,6 +23,8 @@ AWAY_M, ARRIVED_RAD = 0.06, 0.05
 TOUCH_N, PRESS_N = 0.3, 3.0
 M_PER_N, SOFTER_M, FIRMER_M = 0.0005, -0.002, 0.001
 """By how much the depth changes in a control step for each newton too few, and at most."""
+LOST_M = 0.004
+"""By how much it does where the tip has left the skin."""
 SEEK_DEPTH_M = 0.03
 """Where the rod aims before it touches: it meets the skin on the way."""
 HARD_S, DETOUR_STEPS = 20.0, 50
@@ -135,6 +137,7 @@ def rub(state: State, memory: ScratchItchMemory, pos_w: Array, rod_w: Array) -> 
     ahead = LOOP_M * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     next_w = middle_w + (ahead[..., None] * axes).sum(axis=1)
     deeper = np.clip(M_PER_N * (PRESS_N - state.tool_force_n), SOFTER_M, FIRMER_M)
+    deeper = np.where(state.tool_force_n > 0.0, deeper, LOST_M)
     height = ((pos_w - next_w) * out).sum(axis=-1) - deeper
     return next_w + height[:, None] * out
 
