@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 TEACHER_SHARE = 0.8
 """The teacher drives all worlds in the first round, and in each later one this share of those of the round before."""
 BATCH = 1024
-EPOCHS, LAST_EPOCHS = 4, 30
+EPOCHS, LAST_EPOCHS = 10, 100
 """How often all that was gathered is gone through at the end of a round and of the last."""
 LEARNING_RATE, FALL, LAST_FALL = 1e-3, 0.3, 0.01
 """The learning rate, and the share of it that is left at the end of a round and of the last."""

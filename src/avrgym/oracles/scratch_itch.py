@@ -8,7 +8,8 @@ from avrgym.episodes import Episodes
 from avrgym.models.scratcher import RADIUS_M
 from avrgym.oracles.guide import Guide
 from avrgym.simulation import State
-from avrgym.tasks.scratch_itch import ScratchItchMemory, itch_pos_w, limb_frame
+from avrgym.tasks.scratch_itch import ITCH_RADIUS_M, ScratchItchMemory, itch_pos_w, limb_frame
+from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 
@@ -74,7 +75,8 @@ class ScratchItchOracle:
         out, _ = surface(memory, limb_q_w)
         q_w = transforms.multiply(limb_q_w, self._q_limb)
         rod_w = transforms.rotate(q_w, ROD)
-        self._touched |= self._arrived & (state.tool_force_n > TOUCH_N)
+        near = norm(state.tool_pos_w - itch_pos_w(state, memory)) < ITCH_RADIUS_M
+        self._touched = near & (self._touched | (self._arrived & (state.tool_force_n > TOUCH_N)))
         inside_w = tip(itch_pos_w(state, memory) - SEEK_DEPTH_M * out, out, rod_w)
         rubbed_w = rub(state, memory, self._guide.pos_w, rod_w)
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
