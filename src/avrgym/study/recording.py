@@ -21,6 +21,7 @@ from avrgym.study.records import TOPICS, Record, decode, encode, json_schema
 FLUSH_INTERVAL_S = 0.1
 STALL_S = 0.75
 CAPACITY_MESSAGES = 4000
+FEW_MESSAGES = 100
 CLOSE_TIMEOUT_S = 10.0
 
 _CONFIGURATION = "configuration"
@@ -75,6 +76,11 @@ class RecordingWriter:
             self._failure = RecordingError(f"{self.path}: a record is lost: the disk is too slow")
         if self._failure is None:
             self._queue.put((topic, log_time_ns, record))
+
+    def catch_up(self) -> None:
+        """Wait until little is queued, for callers faster than real time; no longer than the disk takes data."""
+        while self._queue.qsize() > FEW_MESSAGES and self.error is None:
+            time.sleep(0.001)
 
     def close(self, outcome: Mapping[str, Any] | None = None) -> None:
         """Write what is queued and end the file; with an outcome, and all data on disk, mark it complete.

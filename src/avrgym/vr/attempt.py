@@ -25,7 +25,9 @@ class Attempt:
     control steps, of which ``latest`` is the last one.
     """
 
-    def __init__(self, folder: Path, trial: int, configuration: Configuration, began_s: float) -> None:
+    def __init__(
+        self, folder: Path, trial: int, configuration: Configuration, began_s: float, *, first_number: int = 1
+    ) -> None:
         """Open the recording of the first attempt at this trial that ``folder`` does not hold yet.
 
         Args:
@@ -33,6 +35,7 @@ class Attempt:
             trial: the trial's number, from 1.
             configuration: gives what to store with an attempt of a number.
             began_s: now.
+            first_number: that of the first attempt that this folder is for; earlier ones are elsewhere.
 
         Raises:
             OSError: when no recording can be opened.
@@ -42,7 +45,7 @@ class Attempt:
         self.trial = trial
         self.latest: ControlStep | None = None
         self._told_of_stall = False
-        self.number, self._recording = _open(folder, trial, configuration)
+        self.number, self._recording = _open(folder, trial, configuration, first_number)
 
     @property
     def path(self) -> Path:
@@ -62,6 +65,10 @@ class Attempt:
             return None
         self._told_of_stall = True
         return error
+
+    def catch_up(self) -> None:
+        """Wait until little is left to be written, for sessions faster than real time."""
+        self._recording.catch_up()
 
     def record(self, topic: str, record: records.Record, now_s: float) -> None:
         """Record anything that happened at ``now_s``."""
@@ -148,14 +155,16 @@ def configuration(
         "bodies": list(world.bodies),
         "xr_from_world": {"position": xr_from_world.position, "orientation": xr_from_world.orientation},
         "reward_weights": dict(world.task.weights),
-        "items": [{"id": item.id, "text": item.text, "points": item.points} for item in plan.items],
+        "items": [
+            {"id": item.id, "text": item.text, "points": item.points} for item in plan.items_after(trial)
+        ],
         "versions": {"avrgym": version("avrgym"), "mujoco": mujoco.__version__},
     }
 
 
-def _open(folder: Path, trial: int, configuration: Configuration) -> tuple[int, RecordingWriter]:
+def _open(folder: Path, trial: int, configuration: Configuration, number: int) -> tuple[int, RecordingWriter]:
+    """The first attempt from ``number`` on that there is no file of, and its new recording."""
     folder.mkdir(parents=True, exist_ok=True)
-    number = 1
     while True:
         path = folder / f"trial-{trial:02}_attempt-{number}.mcap"
         try:

@@ -58,6 +58,7 @@ class InProcessAttendance:
                 session.receive(frame, self._now_s)
             self._respond(session)
             session.tick(self._now_s)
+            session.catch_up()
             tick += 1
         session.close(self._now_s)
 

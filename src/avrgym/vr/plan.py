@@ -1,6 +1,6 @@
 """What a session runs: its trials in order, and how they are run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from avrgym.envs import ACTIONS
@@ -14,12 +14,18 @@ from avrgym.vr.calibration import RealFurniture
 
 @dataclass(frozen=True)
 class TrialPlan:
-    """One trial to run: an environment, a policy by name or path, a seed; a practice trial has no questionnaire."""
+    """One trial to run: an environment, a policy by name or path, a seed; a practice trial has no questionnaire.
+
+    ``items`` are asked after it, those of its session unless given. ``earlier_attempts`` were made at it in other
+    sessions.
+    """
 
     environment: str
     policy: str
     seed: int
     practice: bool
+    items: Sequence[Item] | None = None
+    earlier_attempts: int = 0
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,12 @@ class SessionPlan:
         if not 1 <= self.first_trial <= len(self.trials):
             raise ValueError(f"first_trial is {self.first_trial}; there are trials 1 to {len(self.trials)}")
 
+    def items_after(self, trial: TrialPlan) -> Sequence[Item]:
+        """What is asked after a trial, in order."""
+        if trial.practice:
+            return ()
+        return self.items if trial.items is None else trial.items
+
 
 def practised_trials(environments: Sequence[str], policy: str, trials: int, seed: int) -> list[TrialPlan]:
     """For each environment a practice trial and then so many trials; each trial takes the next seed."""
@@ -61,18 +73,25 @@ Policies = Mapping[tuple[str, str], Policy]
 """By environment and the policy's name or path: the same name means another policy in each environment."""
 
 
-def load_policies(plan: SessionPlan) -> Policies:
+def load_policies(
+    plan: SessionPlan, source: Callable[[str, str], str] = lambda environment, policy: policy
+) -> Policies:
     """Every policy that a plan names.
+
+    Args:
+        plan: what to run.
+        source: the name or path to load from, for an environment and a policy's name in the plan.
 
     Raises:
         ValueError: for an unknown environment or a policy that cannot be loaded.
     """
     return {
-        (environment, policy): _load(environment, policy)
+        (environment, policy): load_policy_for(environment, source(environment, policy))
         for environment, policy in {(trial.environment, trial.policy) for trial in plan.trials}
     }
 
 
-def _load(environment: str, policy: str) -> Policy:
+def load_policy_for(environment: str, policy: str) -> Policy:
+    """A policy by name or path; ``ValueError`` when it cannot be loaded or does not fit the environment."""
     task, _ = find_environment(environment)
     return load_policy(policy, environment, TASKS[task].observation_size, ACTIONS)

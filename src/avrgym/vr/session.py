@@ -172,6 +172,11 @@ class Session:
         if self._ends_at is not None and now_s >= self._ends_at:
             self._advance(now_s)
 
+    def catch_up(self) -> None:
+        """Wait for the disk, where ticks follow each other faster than in real time."""
+        if self._attempt is not None:
+            self._attempt.catch_up()
+
     def close(self, now_s: float) -> None:
         """End the session; a trial that is running is kept as interrupted."""
         self.abandon("interrupted", now_s)
@@ -216,7 +221,13 @@ class Session:
 
     def _begin_attempt(self, now_s: float) -> None:
         try:
-            attempt = Attempt(self._folder, self.trial + 1, self._configuration, now_s)
+            attempt = Attempt(
+                self._folder,
+                self.trial + 1,
+                self._configuration,
+                now_s,
+                first_number=self._current.earlier_attempts + 1,
+            )
         except OSError as error:
             self._pause_unrecorded(error, now_s)
             return
@@ -242,10 +253,11 @@ class Session:
             self._prepare_next()
 
     def _after_trial(self, now_s: float) -> None:
-        if self._current.practice or not self.plan.items:
+        items = self.plan.items_after(self._current)
+        if not items:
             self._complete_trial(now_s)
             return
-        self._asking = Asking(self.plan.items)
+        self._asking = Asking(items)
         self.enter("questionnaire", "Point at your answer and press the trigger.", now_s)
         self._send(self._asking.question())
 

@@ -1,0 +1,188 @@
+"""A participant's visit: their session in VR on the study's store. Each fact is stored before the session goes on."""
+
+import re
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict
+from typing import Self
+
+from avrgym.study.answers import record_answer
+from avrgym.study.attempts import begin_attempt, complete_attempt, end_attempt
+from avrgym.study.participants import withdraw
+from avrgym.study.rows import StudySession, Trial, TrialAttempt, pseudonym_of
+from avrgym.study.sessions import close_session, open_session, skip_trial, tell
+from avrgym.study.states import StudyError
+from avrgym.study.store import Store
+from avrgym.vr import transitions
+from avrgym.vr.plan import Policies, SessionPlan, TrialPlan, load_policies
+from avrgym.vr.session import Send, Session
+from avrgym.vr.transitions import Transition
+
+
+class Visit:
+    """An open session of a participant in a study, as a context manager.
+
+    ``stored`` is its row, ``trials`` are all of the participant's trials in the order of ``plan``: completed ones,
+    behind which the session begins, then those that remain.
+    """
+
+    def __init__(self, store: Store, pseudonym: str, *, take_over: bool = False) -> None:
+        """Open the participant's session, or the next one after a break or a crash.
+
+        Args:
+            store: the study.
+            pseudonym: the participant.
+            take_over: also end a session that may still run elsewhere.
+
+        Raises:
+            StudyError: without consent and an allocated order, or while another session runs.
+            PolicyError: when a policy of the remaining trials is missing or does not fit; no session is opened.
+        """
+        self.store, self.pseudonym = store, pseudonym
+        self.policies = _policies(store, pseudonym)
+        self.stored = open_session(store, pseudonym, take_over=take_over)
+        self.trials = trials_in_order(store, pseudonym)
+
+    def plan(self) -> SessionPlan:
+        """What remains to be run; ``StudyError`` when nothing does, as after a crash at the very end."""
+        if not self.store.remaining_trials(self.pseudonym):
+            raise StudyError(f"{self.pseudonym} has completed every trial")
+        return plan_session(self.store, self.pseudonym)
+
+    def session(self, plan: SessionPlan, send: Send, workers: Executor | None = None) -> Session:
+        """A session in VR that runs the visit's plan or the first trials of it, and is stored as it happens."""
+        return Session(
+            plan,
+            self.policies,
+            self.store.path(self.stored.folder),
+            send,
+            f"{self.pseudonym} {self.stored.name}",
+            observe=Keeper(self.store, self.stored, self.trials),
+            workers=workers,
+        )
+
+    def withdraw(self, reason: str = "") -> None:
+        """Store that the participant takes part no longer, after their session in VR has ended."""
+        withdraw(self.store, self.pseudonym, reason)
+
+    def close(self) -> None:
+        """End the session; after the last trial the participant has completed the study."""
+        (stored,) = (row for row in self.store.sessions(self.pseudonym) if row.id == self.stored.id)
+        if stored.state == "open":
+            close_session(self.store, stored.id)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
+    """All of a participant's trials: those that a session has no more to run, then those that remain."""
+    remaining = store.remaining_trials(pseudonym)
+    over = [trial for trial in store.trials(pseudonym) if trial not in remaining]
+    return over + remaining
+
+
+def plan_session(store: Store, pseudonym: str) -> SessionPlan:
+    """What a session of a participant runs now; there must be a trial that remains."""
+    participant, design = store.participant(pseudonym), store.design
+    trials = trials_in_order(store, pseudonym)
+    made = [attempt.trial for attempt in store.attempts(pseudonym)]
+    return SessionPlan(
+        [_trial_plan(store, trial, made.count(trial.id)) for trial in trials],
+        participant.sex,
+        design.free_movement_s,
+        simulated=participant.simulated,
+        items=design.items_at("after_trial"),
+        trial_steps=design.trial_steps,
+        first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
+    )
+
+
+def _trial_plan(store: Store, trial: Trial, attempts: int) -> TrialPlan:
+    return TrialPlan(
+        trial.environment,
+        trial.policy,
+        trial.seed,
+        trial.practice,
+        items=store.design.items_at("after_trial", trial.seed),
+        earlier_attempts=attempts,
+    )
+
+
+def _policies(store: Store, pseudonym: str) -> Policies:
+    """The policies of the trials that remain."""
+    if not store.remaining_trials(pseudonym):
+        return {}
+    plan = plan_session(store, pseudonym)
+    return load_policies(plan, store.policy_source)
+
+
+class Keeper:
+    """Stores what happens in a session in VR; raises what keeps it from doing so."""
+
+    def __init__(self, store: Store, session: StudySession, trials: Sequence[Trial]) -> None:
+        """Keep a session's transitions; ``trials`` stand in the order of its plan."""
+        self._store, self._session, self._trials = store, session, trials
+        self._attempt: TrialAttempt | None = None
+        self._began_s = 0.0
+
+    def __call__(self, happened: Transition) -> None:
+        """Store a transition; on return it is on disk."""
+        match happened:
+            case transitions.TrialBegun():
+                self._begin(happened)
+            case transitions.Answered():
+                given = happened.item, happened.value, happened.response_time_s
+                record_answer(self._store, self._running().id, *given)
+            case transitions.TrialEnded():
+                self._end(happened)
+            case transitions.TrialSkipped():
+                self._skip(happened)
+            case _:
+                self._tell(happened)
+
+    def _begin(self, begun: transitions.TrialBegun) -> None:
+        """Begin an attempt; one before it whose end could not be stored has failed."""
+        if self._attempt is not None:
+            end_attempt(self._store, self._attempt.id, "failed")
+            self._attempt = None
+        position = self._trials[begun.trial - 1].position
+        self._attempt = begin_attempt(self._store, self._session.id, position, begun.recording)
+        self._began_s = begun.time_s
+
+    def _end(self, ended: transitions.TrialEnded) -> None:
+        if self._attempt is None:
+            return
+        figures = {
+            "steps": ended.steps,
+            "reward": ended.reward,
+            "success": ended.success,
+            "seconds": ended.time_s - self._began_s,
+        }
+        if ended.result == "completed":
+            complete_attempt(self._store, self._attempt.id, figures)
+        else:
+            end_attempt(self._store, self._attempt.id, ended.result, figures)
+        self._attempt = None
+
+    def _skip(self, skipped: transitions.TrialSkipped) -> None:
+        """Put a trial behind all others, where one that was skipped before is already."""
+        position = self._trials[skipped.trial - 1].position
+        trials = self._store.trials(pseudonym_of(self._session.participant))
+        if trials[position - 1].state == "planned":
+            skip_trial(self._store, self._session.id, position)
+
+    def _tell(self, happened: Transition) -> None:
+        details = {name: value for name, value in asdict(happened).items() if name != "time_s"}
+        name = re.sub(r"(?<!^)(?=[A-Z])", " ", type(happened).__name__).lower()
+        detail = ", ".join(f"{key} {value}" for key, value in details.items())
+        attempt = self._attempt.id if self._attempt is not None else None
+        tell(self._store, self._session.id, name, detail, attempt)
+
+    def _running(self) -> TrialAttempt:
+        if self._attempt is None:
+            raise StudyError("no attempt runs that an answer could belong to")
+        return self._attempt

@@ -1,0 +1,157 @@
+"""Dry runs of a study: simulated participants go the way of people, through session, store and recordings.
+
+They take part in processes of their own, in simulated time. After each trial they take a break: they leave VR, come
+back and are measured again. So what a trial gives follows from the seeds alone, wherever an earlier run ended.
+"""
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from avrgym.models.human import SEXES
+from avrgym.participants import SimulatedParticipant, Traits, draw_traits
+from avrgym.study.live import Visit
+from avrgym.study.participants import add_note, enrol, record_consent, record_inclusion
+from avrgym.study.rows import Participant
+from avrgym.study.states import StudyError
+from avrgym.study.store import Store
+from avrgym.vr.attendance import InProcessAttendance
+from avrgym.vr.plan import load_policy_for
+
+AGES_YEARS = (19, 24)
+"""Of the paper's participants."""
+GONE = ("excluded", "withdrawn")
+LOOK_EVERY_S = 0.5
+
+
+def simulate_study(
+    folder: Path,
+    participants: int,
+    seed: int,
+    progress: Callable[[int, int], None] = lambda completed, planned: None,
+) -> None:
+    """Let so many simulated participants complete a study; those of an earlier run are among them and go on.
+
+    Args:
+        folder: the study's.
+        participants: how many simulated participants the study shall have, 1 or more.
+        seed: of their bodies, habits and answers; that of the earlier run, if there was one.
+        progress: told again and again how many of their trials are completed, and how many there are.
+
+    Raises:
+        StudyError: when an earlier run had another seed, or a participant's session does not get on.
+        PolicyError: when a policy of the design is missing; nothing is stored then.
+    """
+    with Store(folder) as store:
+        _check_policies(store)
+        pseudonyms = [_take_in(store, index, seed) for index in range(participants)]
+        unfinished = [name for name in pseudonyms if store.participant(name).state == "allocated"]
+        _run_all(store, unfinished, seed, lambda: progress(*_trials(store, pseudonyms)))
+
+
+def simulate_participant(folder: Path, pseudonym: str, seed: int) -> None:
+    """Let one simulated participant go through all trials that remain, in this process."""
+    with Store(folder) as store, Visit(store, pseudonym) as visit:
+        for _ in store.remaining_trials(pseudonym):
+            _run_trial(visit, seed)
+
+
+def traits_of(participant: Participant, seed: int) -> Traits:
+    """Body and habits of a simulated participant."""
+    return draw_traits(participant.sex, int(_random(seed, participant.number).integers(2**31)))
+
+
+def _run_trial(visit: Visit, seed: int) -> None:
+    """Run the first trial that remains as a session in VR of its own."""
+    plan = visit.plan()
+    number = plan.first_trial
+    traits = traits_of(visit.store.participant(visit.pseudonym), seed)
+    participant = SimulatedParticipant(traits, plan.trials[number - 1].seed)
+    attendance = InProcessAttendance(participant, lambda text: None)
+    session = visit.session(replace(plan, trials=plan.trials[:number]), attendance.hear)
+    attendance.run(session)
+
+
+def _check_policies(store: Store) -> None:
+    design = store.design
+    policies = sorted({*design.policies, design.practice_policy} - {""})
+    for task, robot, policy in product(design.tasks, design.robots, policies):
+        environment = f"avrgym/{task}{robot}-v1"
+        load_policy_for(environment, store.policy_source(environment, policy))
+
+
+def _take_in(store: Store, index: int, seed: int) -> str:
+    """The pseudonym of the simulated participant with this index, who takes part from now on if not before."""
+    present = [person for person in store.participants() if person.simulated and person.state not in GONE]
+    if index < len(present):
+        pseudonym = present[index].pseudonym
+    else:
+        age_years = int(_random(seed, index).integers(AGES_YEARS[0], AGES_YEARS[1] + 1))
+        pseudonym = enrol(store, SEXES[index % len(SEXES)], age_years=age_years, simulated=True)
+    _admit(store, pseudonym, seed)
+    return pseudonym
+
+
+def _admit(store: Store, pseudonym: str, seed: int) -> None:
+    """Do what is still to be done before a first session."""
+    note = f"simulated with seed {seed}"
+    notes = [written.text for written in store.notes(pseudonym)]
+    if not notes:
+        add_note(store, pseudonym, note)
+    elif notes[0] != note:
+        raise StudyError(f"{pseudonym} is {notes[0]!r}; a run with another seed does not go on with them")
+    if store.participant(pseudonym).state == "enrolled":
+        record_consent(store, pseudonym)
+    if store.participant(pseudonym).state == "consented":
+        record_inclusion(store, pseudonym, {each.id: each.required for each in store.design.inclusion})
+
+
+def _run_all(store: Store, pseudonyms: list[str], seed: int, tell: Callable[[], None]) -> None:
+    """Run participants at the same time, one on each core; the first error ends all."""
+    if not pseudonyms:
+        return
+    processes = min(len(pseudonyms), os.cpu_count() or 1)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, context, initializer=_die_with_parent) as pool:
+        running = {pool.submit(simulate_participant, store.folder, name, seed) for name in pseudonyms}
+        try:
+            while running:
+                done, running = wait(running, LOOK_EVERY_S)
+                _raise_first(done)
+                tell()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _raise_first(done: set[Future[None]]) -> None:
+    for future in done:
+        future.result()
+
+
+def _die_with_parent() -> None:
+    """Have this process end with the one that started it, however that ends."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, name="watch parent", daemon=True).start()
+
+
+def _trials(store: Store, pseudonyms: list[str]) -> tuple[int, int]:
+    trials = [trial for name in pseudonyms for trial in store.trials(name)]
+    return sum(trial.state == "completed" for trial in trials), len(trials)
+
+
+def _random(seed: int, number: int) -> np.random.Generator:
+    return np.random.default_rng([seed, number])
