@@ -12,6 +12,8 @@ const device = emulator?.installEmulator();
 
 const watches = location.pathname.endsWith("/spectator");
 
+document.body.classList.toggle("embedded", asked.get("embedded") === "1");
+
 const app = new App(token, emulated, detail, watches);
 if (emulator && device) emulator.exposeEmulator(app, device);
 app.start();

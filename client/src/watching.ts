@@ -10,6 +10,7 @@ import type {
   Welcome,
 } from "./messages";
 import { POSE } from "./interpolation";
+import { statusWords, timingWords } from "./status";
 
 function element<T extends HTMLElement>(id: string): T {
   return document.getElementById(id) as T;
@@ -54,9 +55,8 @@ export class Watching {
     element("pause").textContent = status.paused ? "Continue" : "Pause";
   }
 
-  timingCame({ tick_ms_median, tick_ms_max, missed_ticks }: Timing): void {
-    element("watch-ticks").textContent =
-      `${tick_ms_median.toFixed(1)} ms, at most ${tick_ms_max.toFixed(1)} ms; ${missed_ticks} missed`;
+  timingCame(timing: Timing): void {
+    element("watch-ticks").textContent = timingWords(timing);
   }
 
   /** Puts the camera where the participant's eyes are in the newest state. */
@@ -81,19 +81,3 @@ export class Watching {
 
 /** From a camera's axes (x right, y up, -z ahead) to the head's (x left, -y ahead, z up). */
 const CAMERA_IN_HEAD = new Quaternion(0, Math.SQRT1_2, Math.SQRT1_2, 0);
-
-/** What each line of the page says. */
-export function statusWords(status: Status): Record<string, string> {
-  const age = status.tracking_age_s;
-  return {
-    "watch-trial": `${status.trial} of ${status.trials}, attempt ${status.attempt || "–"}`,
-    "watch-environment": status.environment.replace("avrgym/", ""),
-    "watch-phase": status.phase.replace("_", " ") + (status.paused ? ", paused" : ""),
-    "watch-steps": `${status.step} of ${status.steps}`,
-    "watch-reward": `${status.reward.toFixed(1)}${status.success ? ", success" : ""}`,
-    "watch-distance": `${(100 * status.distance_m).toFixed(1)} cm`,
-    "watch-force": `${status.force_on_person_n.toFixed(1)} N`,
-    "watch-tracking": age === null ? "none yet" : `${(1000 * age).toFixed(0)} ms old, ${status.modality}`,
-    "watch-height": `${(100 * status.torso_height_m).toFixed(1)} cm`,
-  };
-}

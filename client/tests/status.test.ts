@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { Status } from "../src/messages";
-import { statusWords } from "../src/watching";
+import { statusWords, timingWords } from "../src/status";
 
 const STATUS: Status = {
   type: "status",
@@ -42,5 +42,14 @@ describe("how a session stands", () => {
     expect(words["watch-tracking"]).toBe("none yet");
     expect(words["watch-phase"]).toBe("free before");
     expect(words["watch-reward"]).toBe("41.3");
+  });
+
+  it("says in words what is wrong", () => {
+    expect(statusWords({ ...STATUS, tracking_age_s: 1.26 })["watch-tracking"]).toBe(
+      "lost for 1.3 s, the person is held",
+    );
+    const timing = { type: "timing", tick_ms_median: 12, tick_ms_max: 31.25, missed_ticks: 4 } as const;
+    expect(timingWords(timing)).toBe("too slow: 12.0 ms, at most 31.3 ms; 4 missed");
+    expect(timingWords({ ...timing, tick_ms_median: 3 })).toMatch(/^3\.0 ms/);
   });
 });

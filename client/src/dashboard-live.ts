@@ -1,0 +1,140 @@
+import { Connection, type Link } from "./connection";
+import { isRunning, linkWords, phaseLabel } from "./display";
+import type { CommandName, Phase, ServerMessage, Status } from "./messages";
+import { statusWords, timingWords } from "./status";
+
+const COMMAND_KEYS: Record<string, CommandName> = { r: "repeat", k: "skip", m: "recalibrate" };
+
+export interface LiveEvents {
+  /** The session went on, so that the study has changed. */
+  changed(): void;
+  problem(words: string): void;
+}
+
+function element<T extends HTMLElement>(id: string): T {
+  return document.getElementById(id) as T;
+}
+
+/** The session that runs: its picture, how it stands, and the commands, by button and by key. */
+export class Live {
+  private readonly connection: Connection;
+  private readonly buttons = [...document.querySelectorAll<HTMLButtonElement>("[data-command]")];
+  private phase: Phase | null = null;
+  private paused = false;
+
+  constructor(
+    private readonly token: string,
+    private readonly events: LiveEvents,
+  ) {
+    const address = new URL("watch", location.origin + location.pathname);
+    address.protocol = location.protocol.replace("http", "ws");
+    this.connection = new Connection(address.href, token, false, {
+      message: (message) => this.receive(message),
+      link: (link, reason) => this.linked(link, reason),
+    });
+    for (const button of this.buttons)
+      button.addEventListener("click", () => this.command(button.dataset["command"] as CommandName));
+    window.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  start(): void {
+    this.connection.open();
+    this.show();
+  }
+
+  private receive(message: ServerMessage): void {
+    if (message.type === "welcome") this.welcomed();
+    if (message.type === "phase") this.phaseCame(message);
+    if (message.type === "status") this.statusCame(message);
+    if (message.type === "timing") element("watch-ticks").textContent = timingWords(message);
+    if (message.type === "problem") this.events.problem(message.message);
+  }
+
+  private welcomed(): void {
+    if (element("picture").childElementCount === 0) element("picture").append(this.picture());
+  }
+
+  /** The page for those who watch, in which the keys of this one work as well; Esc it knows itself. */
+  private picture(): HTMLIFrameElement {
+    const frame = document.createElement("iframe");
+    const asked = new URLSearchParams(location.search);
+    asked.set("embedded", "1");
+    frame.title = "What happens in the simulation";
+    frame.src = `spectator?${asked}#token=${this.token}`;
+    frame.addEventListener("load", () =>
+      frame.contentWindow?.addEventListener("keydown", (event) => event.key !== "Escape" && this.key(event)),
+    );
+    return frame;
+  }
+
+  private phaseCame(phase: Phase): void {
+    this.phase = phase;
+    this.show();
+    this.events.changed();
+  }
+
+  private statusCame(status: Status): void {
+    this.paused = status.paused;
+    for (const [id, words] of Object.entries(statusWords(status))) element(id).textContent = words;
+    element("pause").dataset["command"] = this.paused ? "continue" : "pause";
+    element("pause-word").textContent = this.paused ? "Continue" : "Pause";
+  }
+
+  private linked(link: Link, reason: string): void {
+    const words = { link, linkReason: reason, phase: null, question: null, answered: null };
+    element("server").textContent = linkWords({ ...words, problem: null, secondsLeft: null, takesPart: false });
+    element("server").dataset["link"] = link;
+    if (link !== "connected") this.phase = null;
+    this.show();
+  }
+
+  private show(): void {
+    const runs = this.phase !== null && this.phase.name !== "finished";
+    for (const button of this.buttons) button.disabled = !runs;
+    element("live").hidden = this.phase === null;
+    element("session-words").textContent = sessionWords(this.phase);
+  }
+
+  private command(name: CommandName): void {
+    this.connection.send({ type: "command", name });
+  }
+
+  private key(event: KeyboardEvent): void {
+    if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.key === "Escape") return this.stop(event);
+    if (isTyping(event.target) || !element<HTMLInputElement>("letters").checked) return;
+    this.letter(event.key.toLowerCase(), event);
+  }
+
+  private stop(event: KeyboardEvent): void {
+    if (!isRunning(this.phase)) return;
+    event.preventDefault();
+    this.command("stop");
+  }
+
+  private letter(letter: string, event: KeyboardEvent): void {
+    const command = letter === "p" ? (this.paused ? "continue" : "pause") : COMMAND_KEYS[letter];
+    if (letter === "n") element("note-text").focus();
+    else if (letter === "v") this.changeView();
+    else if (command && this.phase) this.command(command);
+    else return;
+    event.preventDefault();
+  }
+
+  private changeView(): void {
+    document.querySelector("iframe")?.contentDocument?.getElementById("from-inside")?.click();
+  }
+}
+
+/** Whether a key press belongs to a text or a choice. */
+function isTyping(target: EventTarget | null): boolean {
+  const control = target instanceof HTMLElement ? target.closest("input, textarea, select") : null;
+  return control !== null && !(control instanceof HTMLInputElement && control.type === "checkbox");
+}
+
+/** Where the session stands, in one sentence. */
+export function sessionWords(phase: Phase | null): string {
+  if (!phase) return "No session runs here.";
+  const label = phaseLabel(phase);
+  return `${label ? `${label}: ` : ""}${phase.name.replace("_", " ")}. ${phase.text}`;
+}

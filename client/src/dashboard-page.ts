@@ -1,0 +1,213 @@
+import type { Action, Overview, Participant, Study } from "./dashboard-study";
+import {
+  beginWords,
+  buildTable,
+  moment,
+  paragraphs,
+  participantsTable,
+  participantWords,
+  progressWords,
+  resultsTable,
+  resultsWords,
+  trialsTable,
+  type Table,
+} from "./dashboard-tables";
+
+function element<T extends HTMLElement>(id: string): T {
+  return document.getElementById(id) as T;
+}
+
+/** What a form's field holds. */
+function field(form: HTMLFormElement, name: string): string {
+  return String(new FormData(form).get(name) ?? "").trim();
+}
+
+/** The study on the page: tables of what is stored, and forms that change it. */
+export class Dashboard {
+  private overview: Overview | null = null;
+  private chosen: string | null = null;
+  private readonly shown = new Map<string, string>();
+  private busy = false;
+
+  constructor(private readonly study: Study) {
+    this.onSubmit("enrol", (form) => this.enrol(form));
+    this.onAct("consent", "consent", "is recorded", () => ({ version: this.overview!.consent.version }));
+    this.onAct("inclusion", "inclusion", "are recorded", (form) => ({ answers: this.inclusionAnswers(form) }));
+    this.onAct("begin", "sessions", "has begun", () => ({}));
+    this.onAct("note", "notes", "is stored", (form) => ({ text: field(form, "text") }));
+    this.onAct("identity", "identity", "are in the key file", (form) => ({
+      name: field(form, "name"),
+      contact: field(form, "contact"),
+    }));
+    this.onAct("withdrawal", "withdrawal", "is stored", (form) => ({ reason: field(form, "reason") }));
+  }
+
+  /** Shows what the study holds now. */
+  async refresh(): Promise<void> {
+    try {
+      this.overview = await this.study.overview();
+      this.showOverview(this.overview);
+      if (this.chosen) this.showParticipant(await this.study.participant(this.chosen));
+    } catch (error) {
+      this.refuse(`The study cannot be read: ${words(error)}`);
+    }
+  }
+
+  /** Says what could not be done. */
+  refuse(text: string): void {
+    this.say("refused", text);
+  }
+
+  private say(id: "done" | "refused", text: string): void {
+    for (const other of ["done", "refused"]) element(other).hidden = other !== id;
+    element(id).textContent = text;
+  }
+
+  // Forms
+
+  private onSubmit(id: string, submit: (form: HTMLFormElement) => Promise<void>): void {
+    const form = element<HTMLFormElement>(id);
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      if (!this.busy) void this.whileBusy(() => submit(form));
+    });
+  }
+
+  private async whileBusy(work: () => Promise<void>): Promise<void> {
+    this.busy = true;
+    try {
+      await work();
+    } catch (error) {
+      this.refuse(`Not done: ${words(error)}`);
+    } finally {
+      this.busy = false;
+    }
+  }
+
+  /** A form that does something to the chosen participant. */
+  private onAct(id: string, action: Action, outcome: string, body: (form: HTMLFormElement) => object): void {
+    this.onSubmit(id, async (form) => {
+      const pseudonym = this.chosen!;
+      await this.study.act(pseudonym, action, body(form));
+      form.reset();
+      await this.refresh();
+      this.say("done", `${pseudonym}: ${NOUNS[action]} ${outcome}.`);
+      if (form.hidden) element("participant-heading").focus();
+    });
+  }
+
+  private async enrol(form: HTMLFormElement): Promise<void> {
+    const age = field(form, "age");
+    const pseudonym = await this.study.enrol({
+      sex: field(form, "sex"),
+      age_years: age ? Number(age) : null,
+      name: field(form, "name"),
+      contact: field(form, "contact"),
+    });
+    form.reset();
+    await this.choose(pseudonym);
+    this.say("done", `${pseudonym} is enrolled.`);
+  }
+
+  private inclusionAnswers(form: HTMLFormElement): Record<string, boolean> {
+    const questions = Object.keys(this.overview!.inclusion);
+    return Object.fromEntries(questions.map((id) => [id, field(form, id) === "yes"]));
+  }
+
+  // What is shown
+
+  private async choose(pseudonym: string): Promise<void> {
+    this.chosen = pseudonym;
+    for (const form of element("participant").querySelectorAll("form")) form.reset();
+    await this.refresh();
+    element("participant-heading").focus();
+  }
+
+  private showOverview(overview: Overview): void {
+    const { summary, consent, results, live } = overview;
+    document.title = `${summary.title} – AVR Gym`;
+    element("title").textContent = summary.title;
+    element("progress").textContent = progressWords(overview);
+    element("consent-text").textContent = paragraphs(consent.text);
+    element("consent-version").textContent = consent.version;
+    element("results-words").textContent = resultsWords(overview.blinded);
+    this.showTable("participants", participantsTable(summary.participants, live), (name) => this.chooser(name));
+    this.showTable("results", resultsTable(results, Object.keys(overview.items)));
+    this.fill("questions", overview.inclusion, () => Object.entries(overview.inclusion).map(yesOrNo));
+    this.fill("items", overview.items, () => Object.entries(overview.items).map(([id, text]) => line(`${id}: ${text}`)));
+  }
+
+  private chooser(pseudonym: string): HTMLButtonElement {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = button.id = pseudonym;
+    button.setAttribute("aria-pressed", String(pseudonym === this.chosen));
+    button.addEventListener("click", () => void this.whileBusy(() => this.choose(pseudonym)));
+    return button;
+  }
+
+  private showParticipant(person: Participant): void {
+    const { participant, state, trials, notes } = person;
+    element("participant").hidden = false;
+    element("participant-heading").textContent = participant;
+    element("participant-words").textContent = participantWords(person);
+    element("begin-button").textContent = beginWords(person);
+    element("consent").hidden = state !== "enrolled";
+    element("inclusion").hidden = state !== "consented";
+    element("begin").hidden = state !== "allocated" || this.overview?.live === participant;
+    element("trials-part").hidden = trials.length === 0;
+    element("withdrawal-part").hidden = !person.may_become.includes("withdrawn");
+    this.showTable("trials", trialsTable(trials));
+    this.fill("notes", notes, () => notes.map(({ at, text }) => line(`${moment(at)}: ${text}`)));
+  }
+
+  private showTable(id: string, table: Table, firstCell?: (text: string) => Node): void {
+    this.fill(id, [table, firstCell && this.chosen], () => [buildTable(table, firstCell)]);
+  }
+
+  /** Builds a part of the page anew only when what it shows has changed, and leaves the focus where it was. */
+  private fill(id: string, content: unknown, build: () => Node[]): void {
+    const text = JSON.stringify(content);
+    if (this.shown.get(id) === text) return;
+    this.shown.set(id, text);
+    const focused = element(id).contains(document.activeElement) ? document.activeElement?.id : "";
+    element(id).replaceChildren(...build());
+    if (focused) element(focused).focus();
+  }
+}
+
+/** What an action is about, for the words that follow it. */
+const NOUNS: Record<Action, string> = {
+  consent: "consent",
+  inclusion: "the answers",
+  sessions: "the session",
+  notes: "the note",
+  identity: "name and contact",
+  withdrawal: "the withdrawal",
+};
+
+function line(text: string): HTMLLIElement {
+  const item = document.createElement("li");
+  item.textContent = text;
+  return item;
+}
+
+function yesOrNo([id, text]: [string, string]): HTMLFieldSetElement {
+  const question = document.createElement("fieldset");
+  const legend = document.createElement("legend");
+  legend.textContent = text;
+  question.append(legend, ...["yes", "no"].map((answer) => option(id, answer)));
+  return question;
+}
+
+function option(name: string, value: string): HTMLLabelElement {
+  const label = document.createElement("label");
+  const input = document.createElement("input");
+  Object.assign(input, { type: "radio", name, value, required: true });
+  label.append(input, ` ${value}`);
+  return label;
+}
+
+function words(error: unknown): string {
+  return error instanceof Error ? error.message : String(error);
+}

@@ -1,0 +1,111 @@
+/** A participant in figures, as the study's overview has them. */
+export interface ParticipantSummary {
+  participant: string;
+  state: string;
+  simulated: boolean;
+  cell: number | null;
+  sessions: number;
+  trials_completed: number;
+  trials: number;
+}
+
+export interface ConditionResults {
+  task: string;
+  robot: string;
+  policy: string;
+  simulated: boolean;
+  trials: number;
+  success_rate: number;
+  reward_mean: number;
+  answer_means: Record<string, number>;
+}
+
+export interface Overview {
+  summary: {
+    title: string;
+    planned: number;
+    completed: number;
+    withdrawn: number;
+    excluded: number;
+    deleted: number;
+    participants: ParticipantSummary[];
+  };
+  blinded: boolean;
+  consent: { version: string; text: string };
+  inclusion: Record<string, string>;
+  items: Record<string, string>;
+  results: ConditionResults[];
+  live: string | null;
+}
+
+export interface Trial {
+  position: number;
+  task: string;
+  robot: string;
+  policy: string;
+  practice: boolean;
+  state: string;
+  attempts: string[];
+  success: boolean | null;
+  reward: number | null;
+}
+
+export interface Participant {
+  participant: string;
+  state: string;
+  may_become: string[];
+  simulated: boolean;
+  sex: string;
+  age_years: number | null;
+  identified: boolean;
+  consented_at: string | null;
+  consent_version: string | null;
+  trials: Trial[];
+  notes: { id: number; at: string; text: string }[];
+}
+
+/** What can be done to a participant; `study/dashboard.py` says what each takes. */
+export type Action = "identity" | "consent" | "inclusion" | "withdrawal" | "notes" | "sessions";
+
+/** The study behind the experimenter's token. Every call throws an `Error` with the server's words when it is refused. */
+export class Study {
+  constructor(private readonly token: string) {}
+
+  overview(): Promise<Overview> {
+    return this.call("overview") as Promise<Overview>;
+  }
+
+  participant(pseudonym: string): Promise<Participant> {
+    return this.call(`participants/${encodeURIComponent(pseudonym)}`) as Promise<Participant>;
+  }
+
+  async enrol(somebody: { sex: string; age_years: number | null; name: string; contact: string }): Promise<string> {
+    const { participant } = (await this.call("participants", somebody)) as { participant: string };
+    return participant;
+  }
+
+  async act(pseudonym: string, action: Action, body: object): Promise<void> {
+    await this.call(`participants/${encodeURIComponent(pseudonym)}/${action}`, body);
+  }
+
+  private async call(path: string, body?: object): Promise<unknown> {
+    const headers: Record<string, string> = { Authorization: `Bearer ${this.token}` };
+    if (body) headers["Content-Type"] = "application/json";
+    const posted = body ? { method: "POST", body: JSON.stringify(body) } : {};
+    const response = await fetch(`study/${path}`, { ...posted, headers });
+    const text = await response.text();
+    if (!response.ok) throw new Error(refusal(response.status, text));
+    return text ? JSON.parse(text) : null;
+  }
+}
+
+/** The server's words for a refusal. */
+export function refusal(status: number, text: string): string {
+  try {
+    const { detail } = JSON.parse(text) as { detail?: unknown };
+    if (typeof detail === "string") return detail;
+  } catch {
+    // not JSON: the status must do
+  }
+  return `the server answered with status ${status}`;
+}

@@ -1,0 +1,31 @@
+import type { Status, Timing } from "./messages";
+
+/** A frame older than this no longer moves the person: the session's own limit. */
+const STALE_S = 0.2;
+const TICK_MS = 10;
+
+/** What each line about a session says, by the id of its element. */
+export function statusWords(status: Status): Record<string, string> {
+  return {
+    "watch-trial": `${status.trial} of ${status.trials}, attempt ${status.attempt || "–"}`,
+    "watch-environment": status.environment.replace("avrgym/", ""),
+    "watch-phase": status.phase.replace("_", " ") + (status.paused ? ", paused" : ""),
+    "watch-steps": `${status.step} of ${status.steps}`,
+    "watch-reward": `${status.reward.toFixed(1)}${status.success ? ", success" : ""}`,
+    "watch-distance": `${(100 * status.distance_m).toFixed(1)} cm`,
+    "watch-force": `${status.force_on_person_n.toFixed(1)} N`,
+    "watch-tracking": trackingWords(status),
+    "watch-height": `${(100 * status.torso_height_m).toFixed(1)} cm`,
+  };
+}
+
+function trackingWords({ tracking_age_s, modality }: Status): string {
+  if (tracking_age_s === null) return "none yet";
+  if (tracking_age_s > STALE_S) return `lost for ${tracking_age_s.toFixed(1)} s, the person is held`;
+  return `${(1000 * tracking_age_s).toFixed(0)} ms old, ${modality}`;
+}
+
+export function timingWords({ tick_ms_median, tick_ms_max, missed_ticks }: Timing): string {
+  const late = tick_ms_median > TICK_MS ? "too slow: " : "";
+  return `${late}${tick_ms_median.toFixed(1)} ms, at most ${tick_ms_max.toFixed(1)} ms; ${missed_ticks} missed`;
+}
