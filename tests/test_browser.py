@@ -57,10 +57,9 @@ def test_a_participant_is_seated_fed_and_asked(journey: tuple[LiveServer, Emulat
     headset.enter_vr()
     assert headset.call("presenting")
     await_phase(headset, "calibration")
-    headset.await_frames(30)
-    headset.pull_trigger("right")
+    go_on(headset, "calibration")
     await_phase(headset, "check")
-    headset.pull_trigger("right")
+    go_on(headset, "check")
     await_phase(headset, "free_before")
     assert server.session.person.torso_height_m == pytest.approx(participant.traits.torso_height_m, abs=0.005)
 
@@ -104,6 +103,13 @@ def test_a_participant_is_seated_fed_and_asked(journey: tuple[LiveServer, Emulat
     phases = [record.detail for _, record in recording.topics["/events"] if record.name == "phase"]
     assert phases == ["free_before", "countdown", "trial", "free_after", "questionnaire"]
     assert time.monotonic() - start > 0.1 * EPISODE_STEPS
+
+
+def go_on(headset: EmulatedHeadset, phase: str) -> None:
+    """Press the trigger until a phase is over: a slow page may have sent too few frames to be measured by."""
+    while headset.call("phase")["name"] == phase:
+        headset.await_frames(30)
+        headset.pull_trigger("right")
 
 
 def await_phase(headset: EmulatedHeadset, name: str) -> None:
