@@ -1,6 +1,6 @@
 """A participant's client and a session that share one simulated clock: no network, no waiting."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from avrgym.tasks import TASKS, find_environment
 from avrgym.vr import messages, transitions
 from avrgym.vr.messages import Answer, Entered, Phase, Problem, Question, Ready, Scene, SceneLoaded, Stop
 from avrgym.vr.plan import Policies, SessionPlan, TrialPlan
-from avrgym.vr.session import Disconnected, Session
+from avrgym.vr.session import Disconnected, Send, Session
 from avrgym.vr.world import TICK_S
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
@@ -76,14 +76,25 @@ class Visit:
         plan: SessionPlan,
         policies: Policies | None = None,
         participant: SimulatedParticipant | None = None,
+        make: Callable[[Send], Session] | None = None,
     ) -> None:
+        """Begin a session with a plan in a folder, or one that ``make`` makes."""
         self.heard: list[messages.ServerMessage] = []
         self.participant = participant or SimulatedParticipant(draw_traits(plan.sex, 1), 1)
         self.tracking = self.loads = self.content = True
         self.pose_rad: NDArray[np.float64] | None = None
         self.observed: list[transitions.Transition] = []
-        self.session = Session(
-            plan, policies or driving(plan), folder, self.heard.append, "visit", observe=self.observed.append
+        self.session = (
+            make(self.heard.append)
+            if make
+            else Session(
+                plan,
+                policies or driving(plan),
+                folder,
+                self.heard.append,
+                "visit",
+                observe=self.observed.append,
+            )
         )
         self._ticks = 0
 

@@ -35,9 +35,24 @@ def check_study(store: Store) -> list[Finding]:
         attempts = store.attempts(participant.pseudonym)
         expected |= {attempt.recording for attempt in attempts}
         findings += _check_participant(store, participant, attempts)
-    return findings + [
-        Finding(name, "belongs to no attempt of this study") for name in _files(store) if name not in expected
-    ]
+    return findings + [_check_stray(store, name) for name in _files(store) if name not in expected]
+
+
+def _check_stray(store: Store, name: str) -> Finding:
+    """A file without an attempt; a session leaves one that ends between opening it and storing that."""
+    sessions = [each for person in store.participants() for each in store.sessions(person.pseudonym)]
+    own = name.rpartition("/")[0] in {session.folder for session in sessions}
+    if own and not _is_completed(store.folder / name):
+        return Finding(name, "was opened for an attempt that did not begin", wrong=False)
+    return Finding(name, "belongs to no attempt of this study")
+
+
+def _is_completed(path: Path) -> bool:
+    try:
+        outcome = read_recording(path).outcome
+    except (OSError, RecordingError):
+        return False
+    return outcome is not None and outcome.get("result") == "completed"
 
 
 def _check_policies(store: Store) -> Iterator[Finding]:

@@ -14,12 +14,13 @@ from avrgym.study.sessions import close_session, open_session, skip_trial, tell
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 from avrgym.vr import transitions
+from avrgym.vr.messages import Command
 from avrgym.vr.plan import Policies, SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session import Send, Session
 from avrgym.vr.transitions import Transition
 
 
-class Visit:
+class StudyVisit:
     """An open session of a participant in a study, as a context manager.
 
     ``stored`` is its row, ``trials`` are all of the participant's trials in the order of ``plan``: completed ones,
@@ -61,8 +62,10 @@ class Visit:
             workers=workers,
         )
 
-    def withdraw(self, reason: str = "") -> None:
-        """Store that the participant takes part no longer, after their session in VR has ended."""
+    def withdraw(self, session: Session, now_s: float, reason: str = "") -> None:
+        """Stop robot and recording, end the session in VR, then store that the participant withdrew."""
+        if session.phase != "finished":
+            session.receive(Command(name="end"), now_s)
         withdraw(self.store, self.pseudonym, reason)
 
     def close(self) -> None:
@@ -126,6 +129,7 @@ class Keeper:
     def __init__(self, store: Store, session: StudySession, trials: Sequence[Trial]) -> None:
         """Keep a session's transitions; ``trials`` stand in the order of its plan."""
         self._store, self._session, self._trials = store, session, trials
+        self._pseudonym = pseudonym_of(session.participant)
         self._attempt: TrialAttempt | None = None
         self._began_s = 0.0
 
@@ -145,13 +149,17 @@ class Keeper:
                 self._tell(happened)
 
     def _begin(self, begun: transitions.TrialBegun) -> None:
-        """Begin an attempt; one before it whose end could not be stored has failed."""
-        if self._attempt is not None:
-            end_attempt(self._store, self._attempt.id, "failed")
-            self._attempt = None
+        self._settle()
         position = self._trials[begun.trial - 1].position
         self._attempt = begin_attempt(self._store, self._session.id, position, begun.recording)
         self._began_s = begun.time_s
+
+    def _settle(self) -> None:
+        """End an attempt whose end could not be stored, unless somebody else did."""
+        for attempt in self._store.attempts(self._pseudonym):
+            if self._attempt is not None and attempt.id == self._attempt.id and attempt.state == "running":
+                end_attempt(self._store, attempt.id, "failed")
+        self._attempt = None
 
     def _end(self, ended: transitions.TrialEnded) -> None:
         if self._attempt is None:
@@ -171,8 +179,7 @@ class Keeper:
     def _skip(self, skipped: transitions.TrialSkipped) -> None:
         """Put a trial behind all others, where one that was skipped before is already."""
         position = self._trials[skipped.trial - 1].position
-        trials = self._store.trials(pseudonym_of(self._session.participant))
-        if trials[position - 1].state == "planned":
+        if self._store.trials(self._pseudonym)[position - 1].state == "planned":
             skip_trial(self._store, self._session.id, position)
 
     def _tell(self, happened: Transition) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from avrgym.models.human import SEXES
 from avrgym.participants import SimulatedParticipant, Traits, draw_traits
-from avrgym.study.live import Visit
+from avrgym.study.live import StudyVisit
 from avrgym.study.participants import add_note, enrol, record_consent, record_inclusion
 from avrgym.study.rows import Participant
 from avrgym.study.states import StudyError
@@ -51,14 +51,14 @@ def simulate_study(
     """
     with Store(folder) as store:
         _check_policies(store)
-        pseudonyms = [_take_in(store, index, seed) for index in range(participants)]
+        pseudonyms = [simulated_participant(store, index, seed) for index in range(participants)]
         unfinished = [name for name in pseudonyms if store.participant(name).state == "allocated"]
         _run_all(store, unfinished, seed, lambda: progress(*_trials(store, pseudonyms)))
 
 
 def simulate_participant(folder: Path, pseudonym: str, seed: int) -> None:
     """Let one simulated participant go through all trials that remain, in this process."""
-    with Store(folder) as store, Visit(store, pseudonym) as visit:
+    with Store(folder) as store, StudyVisit(store, pseudonym) as visit:
         for _ in store.remaining_trials(pseudonym):
             _run_trial(visit, seed)
 
@@ -68,7 +68,7 @@ def traits_of(participant: Participant, seed: int) -> Traits:
     return draw_traits(participant.sex, int(_random(seed, participant.number).integers(2**31)))
 
 
-def _run_trial(visit: Visit, seed: int) -> None:
+def _run_trial(visit: StudyVisit, seed: int) -> None:
     """Run the first trial that remains as a session in VR of its own."""
     plan = visit.plan()
     number = plan.first_trial
@@ -87,7 +87,7 @@ def _check_policies(store: Store) -> None:
         load_policy_for(environment, store.policy_source(environment, policy))
 
 
-def _take_in(store: Store, index: int, seed: int) -> str:
+def simulated_participant(store: Store, index: int, seed: int) -> str:
     """The pseudonym of the simulated participant with this index, who takes part from now on if not before."""
     present = [person for person in store.participants() if person.simulated and person.state not in GONE]
     if index < len(present):

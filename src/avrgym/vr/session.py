@@ -296,10 +296,10 @@ class Session:
         """Hold the robot and let the participant try again, because a trial that is not kept is none."""
         self._world.hold()
         self._end_attempt("failed", now_s)
-        self._observer_failure = None
         self.problem(f"the trial cannot be recorded: {error}")
         text = "The recording failed: the robot holds still. Press the trigger to try again."
         self.enter("paused", text, now_s)
+        self._observer_failure = None  # whoever cannot keep this pause either is asked again with the trial
 
     # What the participant does -----------------------------------------------------------------------------------
 

@@ -1,0 +1,133 @@
+"""Sessions of a study's participants, one after another, as a real-time loop runs them."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from queue import Empty, SimpleQueue
+
+from avrgym.models.human import Person
+from avrgym.study.live import StudyVisit
+from avrgym.study.states import StudyError
+from avrgym.study.store import Store
+from avrgym.vr.loop import Received
+from avrgym.vr.messages import Role
+from avrgym.vr.session import Send, Session
+
+CLIENTS = 64
+"""How many connections are remembered, to be told of the next session."""
+PATIENCE_S = 60.0
+
+Action = Callable[[float], None]
+
+
+class StudySessions:
+    """Runs at most one participant's session at a time; until one begins, clients wait.
+
+    The loop's thread ticks; ``begin`` and ``withdraw`` may be called from any other, and return when it is done.
+    """
+
+    def __init__(self, store: Store, send: Send, workers: Executor | None = None) -> None:
+        """Wait for a participant of a study; ``send`` and ``workers`` as for ``Session``."""
+        self._store, self._send, self._workers = store, send, workers
+        self._visit: StudyVisit | None = None
+        self._session: Session | None = None
+        self._clients: deque[tuple[Send, Role]] = deque(maxlen=CLIENTS)
+        self._asked: SimpleQueue[tuple[Action, Future[None]]] = SimpleQueue()
+
+    @property
+    def participant(self) -> str | None:
+        """The pseudonym of the participant whose session runs."""
+        running = self._session is not None and self._session.phase != "finished"
+        return self._visit.pseudonym if self._visit is not None and running else None
+
+    def begin(self, pseudonym: str) -> None:
+        """Begin or continue a participant's session.
+
+        Raises:
+            StudyError: while another session runs, or when the participant can have none.
+            PolicyError: when a policy of the remaining trials is missing.
+        """
+        self._ask(lambda now_s: self._begin(pseudonym, now_s))
+
+    def withdraw(self, pseudonym: str, reason: str) -> None:
+        """Stop robot and recording of the participant whose session runs, then store that they withdrew.
+
+        Raises:
+            StudyError: when it is not their session that runs.
+        """
+        self._ask(lambda now_s: self._withdraw(pseudonym, reason, now_s))
+
+    # What the loop calls -----------------------------------------------------------------------------------------
+
+    @property
+    def scenes(self) -> Sequence[tuple[str, Person]]:
+        """Those of the session."""
+        return self._session.scenes if self._session is not None else ()
+
+    def greet(self, send: Send, role: Role, now_s: float) -> None:
+        """Tell a client where things stand, now or when a session begins."""
+        self._clients.append((send, role))
+        if self._session is not None:
+            self._session.greet(send, role, now_s)
+
+    def receive(self, message: Received, now_s: float) -> None:
+        """Take a message of a client."""
+        if self._session is not None:
+            self._session.receive(message, now_s)
+
+    def tick(self, now_s: float) -> None:
+        """Do what was asked, then advance by 10 ms."""
+        self._do_what_was_asked(now_s)
+        if self._session is not None:
+            self._session.tick(now_s)
+            if self._session.phase == "finished":
+                self._close_visit()
+
+    def close(self, now_s: float) -> None:
+        """End the session that runs, and refuse what is still asked."""
+        if self._session is not None:
+            self._session.close(now_s)
+        self._close_visit()
+        self._do_what_was_asked(now_s)
+
+    def _ask(self, action: Action) -> None:
+        done: Future[None] = Future()
+        self._asked.put((action, done))
+        done.result(PATIENCE_S)
+
+    def _do_what_was_asked(self, now_s: float) -> None:
+        while True:
+            try:
+                action, done = self._asked.get_nowait()
+            except Empty:
+                return
+            try:
+                action(now_s)
+            except Exception as error:  # the asking thread raises it
+                done.set_exception(error)
+            else:
+                done.set_result(None)
+
+    def _begin(self, pseudonym: str, now_s: float) -> None:
+        if self.participant is not None:
+            raise StudyError(f"the session of {self.participant} runs; end it before another begins")
+        visit = StudyVisit(self._store, pseudonym)
+        try:
+            self._session = visit.session(visit.plan(), self._send, self._workers)
+        except BaseException:
+            visit.close()
+            raise
+        self._visit = visit
+        for send, role in self._clients:
+            self._session.greet(send, role, now_s)
+
+    def _withdraw(self, pseudonym: str, reason: str, now_s: float) -> None:
+        visit, session = self._visit, self._session
+        if visit is None or session is None or self.participant != pseudonym:
+            raise StudyError(f"no session of {pseudonym} runs here")
+        visit.withdraw(session, now_s, reason)
+
+    def _close_visit(self) -> None:
+        if self._visit is not None:
+            self._visit.close()
+            self._visit = None

@@ -1,0 +1,314 @@
+"""A participant's visit in a study: what is stored of it, who may have one, and how it goes on after a break."""
+
+import hashlib
+import resource
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from avrgym.policies import PolicyError
+from avrgym.study import database
+from avrgym.study.checking import check_study
+from avrgym.study.live import StudyVisit
+from avrgym.study.participants import enrol, record_consent, withdraw
+from avrgym.study.recording import read_recording
+from avrgym.study.states import StudyError
+from avrgym.study.store import Store
+from avrgym.vr.messages import Command, CommandName, Entered, Ready
+from studies import make_study, take_in
+from visit import Visit
+
+ITEMS = ("L1", "L2", "L3", "L4")
+
+
+@pytest.fixture
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
+    """A study of a practice trial and two trials of a second each."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    folder = make_study(
+        tmp_path / "study",
+        tasks='["Feeding"]',
+        robots='["Jaco"]',
+        trial_steps="3",
+        free_movement_s="0.1",
+    )
+    with Store(folder) as opened:
+        yield opened
+
+
+def attend(visit: StudyVisit) -> Visit:
+    """Someone attends the visit, whose countdown is short."""
+    plan = replace(visit.plan(), countdown_s=0.1)
+    return Visit(Path(), plan, make=lambda send: visit.session(plan, send))
+
+
+def finish_trial(attended: Visit, limit_s: float = 30.0) -> None:
+    """Go to the end of the trial that runs or comes, and answer."""
+    trial, ends_s = attended.session.trial, attended.now_s + limit_s
+    while attended.session.trial == trial:
+        assert attended.now_s < ends_s, f"still in {attended.phase}; problems: {attended.problems}"
+        if attended.phase == "questionnaire":
+            attended.answer(2, 3, 4, 5)
+        else:
+            attended.tick()
+
+
+def command(attended: Visit, name: CommandName) -> None:
+    attended.tell(Command(name=name))
+
+
+def go_to_trial(attended: Visit) -> None:
+    attended.sit_down()
+    attended.until("trial")
+
+
+def states(store: Store) -> list[str]:
+    return [attempt.state for attempt in store.attempts("sub-001")]
+
+
+def wrong(store: Store) -> list[str]:
+    return [f"{finding.where}: {finding.what}" for finding in check_study(store) if finding.wrong]
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """The checksum of every recording."""
+    files = sorted(folder.rglob("*.mcap"))
+    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def test_a_visit_is_stored_from_calibration_to_the_last_answer(store: Store) -> None:
+    pseudonym = take_in(store)
+    planned = store.trials(pseudonym)
+    with StudyVisit(store, pseudonym) as visit:
+        attended = attend(visit)
+        attended.sit_down()
+        for _ in planned:
+            finish_trial(attended)
+        assert attended.phase == "finished"
+    assert store.participant(pseudonym).state == "completed"
+    assert wrong(store) == []
+    attempts = store.attempts(pseudonym)
+    for trial, attempt in zip(planned, attempts, strict=True):
+        recording = read_recording(store.path(attempt.recording))
+        told = recording.metadata
+        assert (told["environment"], told["policy"]) == (trial.environment, trial.policy)
+        assert (told["seed"], told["trial"], told["attempt"]) == (trial.seed, trial.position, attempt.number)
+        assert recording.outcome == {"result": "completed", **attempt.figures}
+        controls = [control for _, control in recording.topics["/control"]]
+        assert attempt.figures["reward"] == sum(control.reward for control in controls)
+        assert len(controls) == attempt.figures["steps"] == store.design.trial_steps
+    given = [(answer.item, answer.value) for answer in store.answers(pseudonym)]
+    assert given == 2 * list(zip(ITEMS, (2, 3, 4, 5), strict=True))
+    events = Counter(event.name for event in store.events())
+    assert events["calibrated"] == 1
+    assert events["attempt completed"] == events["trial completed"] == 3
+    moments = [event.at for event in store.events()]
+    assert moments == sorted(moments)
+    phases = [event.detail.partition(",")[0] for event in store.events() if event.name == "phase entered"]
+    assert phases == [f"phase {name}" for name in attended.phases]
+
+
+def test_there_is_no_visit_without_consent(store: Store) -> None:
+    pseudonym = enrol(store, "woman")
+    for prepare in (lambda: None, lambda: record_consent(store, pseudonym)):
+        prepare()
+        with pytest.raises(StudyError, match="only the allocated have sessions"):
+            StudyVisit(store, pseudonym)
+    assert (store.sessions(pseudonym), digests(store.folder)) == ([], {})
+
+
+def test_a_missing_policy_is_named_before_a_session_opens(
+    store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pseudonym = take_in(store)
+    monkeypatch.setattr("avrgym.policies.PACKAGED", tmp_path)
+    with pytest.raises(
+        PolicyError, match=r"no policy .* for avrgym/FeedingJaco-v1; allowed: none is packaged"
+    ):
+        StudyVisit(store, pseudonym)
+    assert store.sessions(pseudonym) == []
+
+
+def test_the_next_visit_goes_on_with_order_seeds_and_attempts(store: Store) -> None:
+    pseudonym = take_in(store)
+    planned = [(trial.environment, trial.policy, trial.seed) for trial in store.trials(pseudonym)]
+    with StudyVisit(store, pseudonym) as visit:
+        attended = attend(visit)
+        attended.sit_down()
+        finish_trial(attended)
+        attended.until("trial")
+        command(attended, "stop")
+        attended.leave()
+    with StudyVisit(store, pseudonym) as visit:
+        plan = visit.plan()
+        assert [(trial.environment, trial.policy, trial.seed) for trial in plan.trials] == planned
+        assert plan.first_trial == 2
+        attended = attend(visit)
+        attended.sit_down()
+        finish_trial(attended)
+        finish_trial(attended)
+    names = [attempt.recording.removeprefix("recordings/sub-001/") for attempt in store.attempts(pseudonym)]
+    assert names == [
+        "ses-01/trial-01_attempt-1.mcap",
+        "ses-01/trial-02_attempt-1.mcap",
+        "ses-02/trial-02_attempt-2.mcap",
+        "ses-02/trial-03_attempt-1.mcap",
+    ]
+    assert states(store) == ["completed", "stopped", "completed", "completed"]
+    assert [attempt.number for attempt in store.attempts(pseudonym)] == [1, 1, 2, 1]
+    assert wrong(store) == []
+    with pytest.raises(StudyError, match="is completed; only the allocated have sessions"):
+        StudyVisit(store, pseudonym)
+
+
+def test_what_the_experimenter_commands_is_stored(store: Store) -> None:
+    pseudonym = take_in(store)
+    with StudyVisit(store, pseudonym) as visit:
+        attended = attend(visit)
+        go_to_trial(attended)
+        command(attended, "stop")
+        attended.tell(Ready())
+        attended.until("trial")
+        command(attended, "pause")
+        command(attended, "continue")
+        attended.until("trial")
+        command(attended, "repeat")
+        attended.until("trial")
+        command(attended, "skip")
+        attended.until("trial")
+        command(attended, "end")
+        assert attended.phase == "finished"
+    assert states(store) == ["stopped", "paused", "repeated", "skipped", "ended"]
+    assert [trial.position for trial in store.remaining_trials(pseudonym)] == [2, 3, 1]
+    names = [event.name for event in store.events()]
+    assert {"stopped", "paused", "continued", "trial skipped"} <= set(names)
+    assert wrong(store) == []
+    with StudyVisit(store, pseudonym) as visit:
+        attended = attend(visit)
+        attended.sit_down()
+        for _ in range(3):
+            finish_trial(attended)
+    assert store.participant(pseudonym).state == "completed"
+
+
+def test_withdrawal_in_mid_trial_stops_robot_and_recording(store: Store) -> None:
+    pseudonym = take_in(store)
+    with StudyVisit(store, pseudonym) as visit:
+        attended = attend(visit)
+        go_to_trial(attended)
+        attended.tick(12)
+        visit.withdraw(attended.session, attended.now_s, "felt sick")
+        (path,) = attended.session.recordings
+        ended = digests(store.folder)
+        attended.tick(30)
+        assert attended.phase == "finished"
+        assert digests(store.folder) == ended
+    assert states(store) == ["ended"]
+    recording = read_recording(path)
+    assert recording.complete
+    assert [event.name for _, event in recording.topics["/events"]][-1] == "robot_holds"
+    assert store.participant(pseudonym).state == "withdrawn"
+    assert [session.state for session in store.sessions(pseudonym)] == ["closed"]
+    assert "felt sick" in [event.detail for event in store.events()]
+    with pytest.raises(StudyError, match="is withdrawn"):
+        StudyVisit(store, pseudonym)
+    assert wrong(store) == []
+
+
+def test_who_withdraws_elsewhere_meets_no_further_trial(store: Store) -> None:
+    pseudonym = take_in(store)
+    with StudyVisit(store, pseudonym) as visit:
+        attended = attend(visit)
+        go_to_trial(attended)
+        with Store(store.folder) as other:
+            withdraw(other, pseudonym)
+        attended.tick(60)
+        assert attended.phase == "paused"
+        attended.tell(Ready())
+        attended.tick(5)
+        assert attended.phase == "paused"
+        assert "is closed; it must be open" in attended.problems[-1]
+    assert states(store) == ["stopped"]
+
+
+# What cannot be written
+
+
+@pytest.fixture
+def small_files() -> Iterator[Callable[[int], None]]:
+    """Sets the size at which files stop growing, as on a full disk; 0 for no limit."""
+    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def limit(size: int) -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size or unlimited[0], unlimited[1]))
+
+    yield limit
+    limit(0)
+
+
+def test_on_a_full_disk_no_trial_completes_and_earlier_ones_stay(
+    store: Store, small_files: Callable[[int], None]
+) -> None:
+    """Neither recordings nor the database can grow; then they can, and the trial is repeated."""
+    pseudonym = take_in(store)
+    with StudyVisit(store, pseudonym) as visit:
+        attended = attend(visit)
+        attended.sit_down()
+        finish_trial(attended)
+        before = digests(store.folder)
+        attended.until("free_before")
+        small_files(60_000)
+        attended.until("paused")
+        small_files(0)
+        assert "cannot be recorded" in attended.problems[-1]
+        assert [trial.state for trial in store.trials(pseudonym)].count("completed") == 1
+        assert before.items() <= digests(store.folder).items()
+        attended.tell(Ready())
+        finish_trial(attended)
+        finish_trial(attended)
+        assert attended.phase == "finished"
+    assert store.participant(pseudonym).state == "completed"
+    assert before.items() <= digests(store.folder).items()
+    assert Counter(states(store)) == {"completed": 3, "failed": 1}
+    assert wrong(store) == []
+
+
+def test_where_no_file_can_be_opened_no_trial_begins(store: Store) -> None:
+    pseudonym = take_in(store)
+    with StudyVisit(store, pseudonym) as visit:
+        blocked = store.path(visit.stored.folder)
+        blocked.parent.mkdir(parents=True)
+        blocked.write_text("")
+        attended = attend(visit)
+        attended.sit_down()
+        attended.until("paused")
+        assert "cannot be recorded" in attended.problems[-1]
+        assert store.attempts(pseudonym) == []
+        blocked.unlink()
+        attended.tell(Ready())
+        finish_trial(attended)
+    assert states(store)[0] == "completed"
+
+
+def test_what_the_database_cannot_keep_is_repeated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The end of a trial cannot be stored, though its recording is whole: the trial is run once more."""
+    pseudonym = take_in(store)
+
+    def fail(*_: object) -> None:
+        raise StudyError("the study's database: disk I/O error")
+
+    with StudyVisit(store, pseudonym) as visit:
+        attended = attend(visit)
+        attended.tell(Entered())
+        attended.sit_down()
+        with monkeypatch.context() as broken:
+            broken.setattr("avrgym.study.live.complete_attempt", fail)
+            attended.until("paused")
+        assert "disk I/O error" in attended.problems[-1]
+        attended.tell(Ready())
+        finish_trial(attended)
+    assert states(store)[:2] == ["failed", "completed"]
+    assert wrong(store) == []
