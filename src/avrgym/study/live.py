@@ -15,7 +15,7 @@ from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 from avrgym.vr import transitions
 from avrgym.vr.messages import Command
-from avrgym.vr.plan import Policies, SessionPlan, TrialPlan, load_policies
+from avrgym.vr.plan import Policies, SessionPlan, TrialPlan, load_policy_for
 from avrgym.vr.session import Send, Session
 from avrgym.vr.transitions import Transition
 
@@ -116,11 +116,14 @@ def _trial_plan(store: Store, trial: Trial, attempts: int) -> TrialPlan:
 
 
 def _policies(store: Store, pseudonym: str) -> Policies:
-    """The policies of the trials that remain."""
-    if not store.remaining_trials(pseudonym):
-        return {}
-    plan = plan_session(store, pseudonym)
-    return load_policies(plan, store.policy_source)
+    """The policies of the trials that are not completed; one may still count as running that a crash broke off."""
+    wanted = {
+        (each.environment, each.policy) for each in store.trials(pseudonym) if each.state != "completed"
+    }
+    return {
+        (environment, policy): load_policy_for(environment, store.policy_source(environment, policy))
+        for environment, policy in wanted
+    }
 
 
 class Keeper:

@@ -1,6 +1,6 @@
 """What a session runs: its trials in order, and how they are run."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from avrgym.envs import ACTIONS
@@ -73,20 +73,14 @@ Policies = Mapping[tuple[str, str], Policy]
 """By environment and the policy's name or path: the same name means another policy in each environment."""
 
 
-def load_policies(
-    plan: SessionPlan, source: Callable[[str, str], str] = lambda environment, policy: policy
-) -> Policies:
+def load_policies(plan: SessionPlan) -> Policies:
     """Every policy that a plan names.
-
-    Args:
-        plan: what to run.
-        source: the name or path to load from, for an environment and a policy's name in the plan.
 
     Raises:
         ValueError: for an unknown environment or a policy that cannot be loaded.
     """
     return {
-        (environment, policy): load_policy_for(environment, source(environment, policy))
+        (environment, policy): load_policy_for(environment, policy)
         for environment, policy in {(trial.environment, trial.policy) for trial in plan.trials}
     }
 
