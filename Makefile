@@ -18,7 +18,7 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test setup client lint clean
+.PHONY: help demo test soak setup client lint clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -29,6 +29,9 @@ demo: $(DONE)/demo $(DONE)/chromium $(CLIENT) ## a whole session of a simulated 
 test: setup lint ## every check: linters, types, the client's tests, the tests
 	cd client && npm test
 	.venv/bin/python -m pytest
+
+soak: setup ## an hour of crashes and sessions: nothing is lost, memory stays flat
+	.venv/bin/python -m pytest -s tests/soak.py
 
 setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install all that development and training need
 

@@ -1,5 +1,8 @@
 """The program ``avrgym``."""
 
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -7,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from avrgym.models.human import SEXES
+from avrgym.models.human import SEXES, Sex
 from avrgym.people import DISTRIBUTIONS
 from avrgym.policies import packaged_policies
 from avrgym.study.commands import app as study_commands
@@ -16,6 +19,7 @@ from avrgym.terminal import JsonFile, check_folder, console, plain_errors, print
 
 if TYPE_CHECKING:
     from avrgym.vr.server import LiveServer
+    from avrgym.vr.session import Send, Session
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -60,9 +64,12 @@ def _free_folder(wanted: Path) -> Path:
 
 @app.command()
 def serve(
-    study: Annotated[Path, typer.Option(help="The folder that recordings go into.", metavar="DIR")] = Path(
-        "study"
-    ),
+    study: Annotated[
+        Path, typer.Option(help="A study's folder, or one that recordings go into.", metavar="DIR")
+    ] = Path("study"),
+    participant: Annotated[
+        str | None, typer.Option(help="Whose session in the study begins or goes on, such as sub-001.")
+    ] = None,
     host: Annotated[
         str | None, typer.Option(help="The address to listen on: this machine's own, or with --lan any.")
     ] = None,
@@ -81,31 +88,54 @@ def serve(
     trials: Annotated[int, typer.Option(help="Trials after each environment's practice trial.", min=1)] = 1,
     seed: Seed = 0,
 ) -> None:
-    """Serve one participant's session to a headset: for each environment practice, then trials with questions."""
+    """Serve one participant's session to a headset: for each environment practice, then trials with questions.
+
+    With --participant the trials are those of the study's design that remain.
+    """
     from concurrent.futures import ThreadPoolExecutor
 
     from avrgym.vr.certificate import certificate_for, data_folder, lan_names
-    from avrgym.vr.plan import SessionPlan, load_policies, practised_trials
     from avrgym.vr.server import EVERY_ADDRESS, LOOPBACK, LiveServer
-    from avrgym.vr.session import Session
 
-    with plain_errors(), ThreadPoolExecutor(1) as workers:
+    with plain_errors(), ThreadPoolExecutor(1) as workers, ExitStack() as stack:
         if person not in SEXES:
             raise ValueError(f"unknown person {person!r}; the body models are {' and '.join(SEXES)}")
-        planned = practised_trials(env or ["avrgym/FeedingJaco-v1"], policy, trials, seed)
-        plan = SessionPlan(planned, person, free_movement_s=5.0, simulated=False)
-        policies = load_policies(plan)
         certificate = certificate_for(lan_names(), data_folder()) if lan else None
-        with LiveServer(
-            lambda send: Session(
-                plan, policies, study / "recordings", send, identifier=study.name, workers=workers
-            ),
-            host or (EVERY_ADDRESS if lan else LOOPBACK[0]),
-            port,
-            certificate,
-        ) as server:
+        if participant is not None:
+            make_session = stack.enter_context(_study_session(study, participant, workers))
+        else:
+            make_session = _free_session(
+                study, env or ["avrgym/FeedingJaco-v1"], policy, person, trials, seed, workers
+            )
+        address = host or (EVERY_ADDRESS if lan else LOOPBACK[0])
+        with LiveServer(make_session, address, port, certificate) as server:
             _explain(server)
             _wait(server)
+
+
+@contextmanager
+def _study_session(study: Path, participant: str, workers: Executor) -> Iterator["Callable[[Send], Session]"]:
+    """What makes a participant's session in a study, which is closed with the context."""
+    from avrgym.study.live import StudyVisit
+    from avrgym.study.store import Store
+
+    with Store(study) as store, StudyVisit(store, participant) as visit:
+        plan = visit.plan()
+        yield lambda send: visit.session(plan, send, workers)
+
+
+def _free_session(
+    folder: Path, environments: list[str], policy: str, person: Sex, trials: int, seed: int, workers: Executor
+) -> "Callable[[Send], Session]":
+    """What makes a session outside of any study."""
+    from avrgym.vr.plan import SessionPlan, load_policies, practised_trials
+    from avrgym.vr.session import Session
+
+    planned = practised_trials(environments, policy, trials, seed)
+    plan = SessionPlan(planned, person, free_movement_s=5.0, simulated=False)
+    policies = load_policies(plan)
+    recordings, name = folder / "recordings", folder.name
+    return lambda send: Session(plan, policies, recordings, send, identifier=name, workers=workers)
 
 
 def _explain(server: "LiveServer") -> None:

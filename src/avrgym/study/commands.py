@@ -2,14 +2,20 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
 
-from avrgym.terminal import JsonFile, check_folder, plain_errors, print_table, say, write_json
+from avrgym.models.human import SEXES
+from avrgym.terminal import JsonFile, check_folder, console, plain_errors, print_table, say, write_json
+
+if TYPE_CHECKING:
+    from avrgym.study.store import Store
 
 app = typer.Typer(no_args_is_help=True, help="Lead a study from its design to the export of its data.")
 Folder = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
+Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 
 
 @app.command()
@@ -41,6 +47,87 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
     say(f"participants per order  {', '.join(map(str, summary.filled))}")
     if summary.participants:
         print_table([asdict(participant) for participant in summary.participants])
+
+
+@app.command()
+def enrol(
+    folder: Folder,
+    body: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")],
+    age: Annotated[int | None, typer.Option(help="In years.")] = None,
+    name: Annotated[str, typer.Option(help="Kept in private/key.json and nowhere else.")] = "",
+    contact: Annotated[str, typer.Option(help="Kept in private/key.json and nowhere else.")] = "",
+) -> None:
+    """Take someone in under a new pseudonym."""
+    from avrgym.study.participants import enrol as take_in
+    from avrgym.study.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        if body not in SEXES:
+            raise ValueError(f"unknown body model {body!r}; allowed: {', '.join(SEXES)}")
+        pseudonym = take_in(store, body, age_years=age, name=name, contact=contact)
+    say(f"enrolled  {pseudonym}")
+
+
+@app.command()
+def consent(folder: Folder, participant: Pseudonym) -> None:
+    """Ask a participant for consent, then the inclusion questions, and give them an order if they can take part."""
+    from avrgym.study.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        if store.participant(participant).state != "consented":
+            _ask_for_consent(store, participant)
+        _ask_for_inclusion(store, participant)
+
+
+def _ask_for_consent(store: "Store", participant: str) -> None:
+    from avrgym.study.participants import record_consent
+    from avrgym.study.states import check_transition
+
+    person, text = store.participant(participant), store.design.consent
+    check_transition("participant", participant, person.state, "consented")
+    say(f"Consent, version {text.version}\n\n{text.text.strip()}\n")
+    if not typer.confirm("Do you agree?"):
+        raise RuntimeError(f"{participant} does not agree; nothing was stored")
+    record_consent(store, participant)
+
+
+def _ask_for_inclusion(store: "Store", participant: str) -> None:
+    from avrgym.study.participants import record_inclusion
+
+    answers = {question.id: typer.confirm(question.text) for question in store.design.inclusion}
+    fits = record_inclusion(store, participant, answers)
+    say(f"{participant} takes part" if fits else f"{participant} cannot take part")
+
+
+@app.command()
+def simulate(
+    folder: Folder,
+    participants: Annotated[
+        int, typer.Option(help="How many simulated participants the study shall have.", min=1)
+    ] = 8,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same study.", min=0)] = 0,
+    json_file: JsonFile = None,
+) -> None:
+    """Let simulated participants complete the study, in simulated time; what an earlier run left is finished."""
+    from avrgym.study.simulation import simulate_study
+    from avrgym.study.store import Store
+    from avrgym.study.summary import summarise_study
+
+    with plain_errors():
+        check_folder(json_file)
+        with Progress(
+            "{task.description}", BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+        ) as bar:
+            trials = bar.add_task("trials", total=None)
+            simulate_study(
+                folder, participants, seed, lambda done, all_: bar.update(trials, completed=done, total=all_)
+            )
+        with Store(folder) as store:
+            summary = summarise_study(store)
+        write_json(json_file, asdict(summary))
+    say(
+        f"{summary.completed} of {summary.planned} planned participants completed, {summary.simulated} simulated"
+    )
 
 
 @app.command()
@@ -80,7 +167,7 @@ def export(
 @app.command("delete-participant")
 def delete_participant(
     folder: Folder,
-    participant: Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")],
+    participant: Pseudonym,
 ) -> None:
     """Delete all that a participant left: recordings, rows, key entry, and the database's backups."""
     from avrgym.study.deletion import delete_participant as delete

@@ -1,0 +1,114 @@
+"""Dry runs: the same study from the same seed, however often it is broken off."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from avrgym.cli import app
+from avrgym.policies import PolicyError
+from avrgym.study import database
+from avrgym.study.checking import check_study
+from avrgym.study.simulation import simulate_study, simulated_participant, traits_of
+from avrgym.study.states import StudyError
+from avrgym.study.store import Store
+from killing import SEED, compare_with_killed
+from studies import make_study, take_in
+
+DESIGN = {
+    "tasks": '["Feeding"]',
+    "robots": '["Jaco"]',
+    "trial_steps": "3",
+    "free_movement_s": "0.1",
+}
+"""A practice trial and two trials for each participant."""
+
+
+@pytest.fixture(autouse=True)
+def sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return make_study(tmp_path / "study", **DESIGN)
+
+
+def study(*arguments: str | int | Path, answers: str = "") -> Result:
+    return CliRunner().invoke(app, ["study", *(str(each) for each in arguments)], input=answers)
+
+
+def test_kill_9_at_any_instant_changes_nothing_of_the_study(folder: Path, tmp_path: Path) -> None:
+    """Orders, seeds, answers and figures are those of a study that was never broken off."""
+    whole = make_study(tmp_path / "whole", **DESIGN)
+    print(compare_with_killed(whole, folder, tmp_path / "journal", participants=2, kills=20))
+
+
+def test_a_dry_run_is_a_whole_study_and_a_second_one_goes_on(folder: Path) -> None:
+    told: list[tuple[int, int]] = []
+    simulate_study(folder, 1, SEED, lambda completed, planned: told.append((completed, planned)))
+    assert told[-1] == (3, 3)
+    result = study("simulate", folder, "--participants", 2, "--seed", SEED)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert "2 of 8 planned participants completed, 2 simulated" in result.stdout
+    with Store(folder) as store:
+        assert {person.state for person in store.participants()} == {"completed"}
+        assert all(person.simulated and person.consented_at for person in store.participants())
+        assert {person.sex for person in store.participants()} == {"man", "woman"}
+        assert [len(store.sessions(person.pseudonym)) for person in store.participants()] == [1, 1]
+        assert [finding for finding in check_study(store) if finding.wrong] == []
+        assert len(store.answers("sub-001")) == 8
+        heights = {traits_of(person, SEED).torso_height_m for person in store.participants()}
+        assert len(heights) == 2
+
+
+def test_another_seed_does_not_go_on_with_earlier_people(folder: Path) -> None:
+    with Store(folder) as store:
+        simulated_participant(store, 0, SEED)
+    with (
+        Store(folder) as store,
+        pytest.raises(StudyError, match="'simulated with seed 5'; a run with another"),
+    ):
+        simulated_participant(store, 0, SEED + 1)
+    with Store(folder) as store:
+        take_in(store, simulated=False)
+        assert simulated_participant(store, 1, SEED) == "sub-003"
+
+
+def test_a_missing_policy_ends_a_dry_run_before_it_begins(tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "study", **DESIGN | {"policies": '["nobody", "revised"]'})
+    with pytest.raises(PolicyError, match="no policy 'nobody' for avrgym/FeedingJaco-v1"):
+        simulate_study(folder, 1, SEED)
+    with Store(folder) as store:
+        assert store.participants() == []
+
+
+# The commands about people
+
+
+def test_someone_is_enrolled_and_asked_on_the_command_line(folder: Path) -> None:
+    enrolled = study("enrol", folder, "--body", "woman", "--age", 23, "--name", "Ada Example")
+    assert (enrolled.exit_code, enrolled.stdout) == (0, "enrolled  sub-001\n")
+    refused = study("consent", folder, "sub-001", answers="n\n")
+    assert refused.exit_code == 1
+    assert "does not agree; nothing was stored" in refused.stderr
+    asked = study("consent", folder, "sub-001", answers="y\ny\ny\nn\ny\nn\n")
+    assert asked.exit_code == 0
+    assert "You take part in a study of virtual robots" in asked.stdout
+    assert asked.stdout.endswith("sub-001 takes part\n")
+    with Store(folder) as store:
+        person = store.participant("sub-001")
+        assert (person.state, person.age_years, person.simulated) == ("allocated", 23, False)
+    again = study("consent", folder, "sub-001", answers="y\n")
+    assert (again.exit_code, again.stderr.count("cannot become consented")) == (1, 1)
+
+
+def test_who_does_not_fit_cannot_take_part(folder: Path) -> None:
+    study("enrol", folder, "--body", "man")
+    asked = study("consent", folder, "sub-001", answers="y\nn\ny\nn\ny\nn\n")
+    assert asked.stdout.endswith("sub-001 cannot take part\n")
+    unknown = study("enrol", folder, "--body", "child")
+    assert (unknown.exit_code, unknown.stderr) == (
+        1,
+        "avrgym: unknown body model 'child'; allowed: man, woman\n",
+    )
