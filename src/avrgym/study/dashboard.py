@@ -12,6 +12,7 @@ from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from avrgym.models.human import Sex
+from avrgym.policies import PolicyError
 from avrgym.study.dashboard_views import overview, participant_view
 from avrgym.study.participants import (
     add_note,
@@ -40,7 +41,7 @@ class LiveSessions(Protocol):
         ...
 
     def begin(self, pseudonym: str) -> None:
-        """Begin or continue a participant's session; ``StudyError`` when that cannot be."""
+        """Begin or continue a participant's session; ``StudyError`` or ``PolicyError`` when that cannot be."""
         ...
 
     def withdraw(self, pseudonym: str, reason: str) -> None:
@@ -173,6 +174,7 @@ def dashboard_app(store: Store, tokens: Tokens, live: LiveSessions | None = None
     board = Dashboard(store, live)
     app = FastAPI(openapi_url=None, dependencies=[Depends(experimenter_only)])
     app.add_exception_handler(StudyError, _refuse(409))
+    app.add_exception_handler(PolicyError, _refuse(409))
     app.add_exception_handler(OSError, _refuse(507))
 
     @app.get("/overview")

@@ -1,0 +1,307 @@
+"""The experimenter's dashboard: its routes over a real server, and the page in a real browser."""
+
+import json
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from fastapi.routing import APIRoute
+from playwright.sync_api import Page, expect, sync_playwright
+
+from avrgym.study.dashboard import ACTIONS, MAX_BODY_BYTES, dashboard_app
+from avrgym.study.participants import withdraw
+from avrgym.study.results import summarise_results
+from avrgym.study.store import Store
+from avrgym.vr.access import Tokens
+from avrgym.vr.emulation import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.server import LiveServer
+from avrgym.vr.session import Session
+from studies import FIGURES, fitting_answers, make_study, run_participant, take_in
+from visit import driving, plan
+
+PATIENCE_S = 180.0
+HOSTILE = "<script>window.hacked = 1</script><img src=x onerror='window.hacked = 2'>"
+READING = ("/overview", "/participants/{pseudonym}")
+ACTING = ("/participants", *(f"/participants/{{pseudonym}}/{name}" for name in ACTIONS))
+ROUTES = [*(("GET", path) for path in READING), *(("POST", path) for path in ACTING)]
+BODIES: dict[str, Any] = {
+    "identity": {"name": "Ada Example", "contact": "ada@example.org"},
+    "consent": {"version": "1"},
+    "inclusion": {"answers": {}},
+    "withdrawal": {"reason": ""},
+    "notes": {"text": "looked left"},
+    "sessions": {},
+}
+
+CLIENT = httpx.Client(timeout=PATIENCE_S, limits=httpx.Limits(max_keepalive_connections=0))
+"""Made once, because that takes long; it keeps no connection."""
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+    folder = make_study(
+        tmp_path_factory.mktemp("study"),
+        title=json.dumps(f"Study {HOSTILE}"),
+        tasks='["Feeding"]',
+        blind_experimenter="true",
+    )
+    with Store(folder) as store:
+        yield store
+
+
+@pytest.fixture(scope="module")
+def server(store: Store, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer[Session]]:
+    folder = tmp_path_factory.mktemp("recordings")
+    with LiveServer(
+        lambda send: Session(plan(), driving(plan()), folder, send, "test"),
+        "127.0.0.1",
+        0,
+        study=lambda tokens: dashboard_app(store, tokens),
+    ) as server:
+        yield server
+
+
+def ask(server: LiveServer, method: str, path: str, body: Any = None, **headers: str) -> httpx.Response:
+    """A request with the experimenter's token, unless other headers are given."""
+    headers = headers or {"authorization": f"Bearer {server.tokens.experimenter}"}
+    url = f"http://127.0.0.1:{server.port}/study{path}"
+    return CLIENT.request(method, url, headers=headers, json=body)
+
+
+def post(server: LiveServer, path: str, body: Any, status: int = 204) -> Any:
+    answer = ask(server, "POST", path, body)
+    assert answer.status_code == status, answer.text
+    return answer.json() if answer.content else None
+
+
+# Who may come in ---------------------------------------------------------------------------------------------
+
+
+def test_these_tests_know_every_route(store: Store) -> None:
+    routes = dashboard_app(store, Tokens.new()).routes
+    found = {
+        (method, route.path)
+        for route in routes
+        if isinstance(route, APIRoute)
+        for method in route.methods or ()
+    }
+    assert found == set(ROUTES)
+    assert all(isinstance(route, APIRoute) for route in routes)
+
+
+@pytest.mark.parametrize(("method", "path"), ROUTES)
+def test_only_the_experimenter_comes_in(server: LiveServer, store: Store, method: str, path: str) -> None:
+    """No token, a wrong one, another role's, other origins and hosts: refused, and nothing is stored."""
+    before = store.events(), store.participants()
+    path = path.format(pseudonym="sub-001")
+    body = BODIES.get(path.rpartition("/")[2], {"sex": "man"}) if method == "POST" else None
+    own, others = server.tokens.experimenter, (server.tokens.participant, server.tokens.spectator, "x")
+    for token in (*(f"Bearer {other}" for other in others), own, f"Basic {own}"):
+        assert ask(server, method, path, body, authorization=token).status_code == 401
+    assert ask(server, method, f"{path}?token={own}", body, accept="*/*").status_code == 401
+    for origin in ("http://evil.test", "null", f"http://127.0.0.1:{server.port + 1}"):
+        assert (
+            ask(server, method, path, body, origin=origin, authorization=f"Bearer {own}").status_code == 403
+        )
+    for host in ("evil.test", f"evil.test:{server.port}"):
+        assert ask(server, method, path, body, host=host, authorization=f"Bearer {own}").status_code == 400
+    assert (store.events(), store.participants()) == before
+
+
+def test_the_page_reaches_and_loads_nothing_but_this_server(server: LiveServer) -> None:
+    page = CLIENT.get(f"http://127.0.0.1:{server.port}/dashboard")
+    policy = page.headers["content-security-policy"]
+    assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self';")
+    assert "require-trusted-types-for 'script'" in policy
+    assert "frame-ancestors 'none'" in policy
+    assert "unsafe" not in policy
+    assert "://" not in page.text
+    assert "cache-control" in ask(server, "GET", "/overview").headers
+
+
+# What is refused ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "status", "words"),
+    [
+        ("/participants", {"sex": "x"}, 422, "sex"),
+        ("/participants", {"sex": "man", "robot": 1}, 422, "robot"),
+        ("/participants", {"sex": "man", "age_years": 999}, 409, "0 to 130"),
+        ("/participants", {"sex": "man", "name": "n" * 201}, 422, "name"),
+        ("/participants", {"sex": "man", "name": "n" * MAX_BODY_BYTES}, 413, "too long"),
+        ("/participants/sub-999/notes", {"text": "x"}, 409, "no sub-999"),
+        ("/participants/..%2f..%2fkey/notes", {"text": "x"}, 404, ""),
+        ("/participants/sub-1/notes", {"text": "x"}, 409, "no participant"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_changes_nothing(
+    server: LiveServer, store: Store, path: str, body: Any, status: int, words: str
+) -> None:
+    before = store.events(), store.participants()
+    assert words in post(server, path, body, status)["detail"]
+    assert (store.events(), store.participants()) == before
+
+
+def test_only_json_is_understood(server: LiveServer) -> None:
+    """No form of another page can make a request that does something."""
+    url = f"http://127.0.0.1:{server.port}/study/participants"
+    own = {"authorization": f"Bearer {server.tokens.experimenter}"}
+    for kind in ("text/plain", "application/x-www-form-urlencoded"):
+        refused = CLIENT.post(url, content=b'{"sex": "man"}', headers={**own, "content-type": kind})
+        assert refused.status_code == 415
+
+
+# The way of a participant ------------------------------------------------------------------------------------
+
+
+def test_a_participant_is_led_from_enrolment_to_withdrawal(server: LiveServer, store: Store) -> None:
+    pseudonym = post(server, "/participants", {"sex": "woman", "age_years": 30}, 200)["participant"]
+    path = f"/participants/{pseudonym}"
+    assert (
+        "consented" in post(server, f"{path}/inclusion", {"answers": fitting_answers(store)}, 409)["detail"]
+    )
+    assert "version" in post(server, f"{path}/consent", {"version": "0"}, 409)["detail"]
+    post(server, f"{path}/consent", {"version": "1"})
+    assert "each question" in post(server, f"{path}/inclusion", {"answers": {"adult": True}}, 409)["detail"]
+    post(server, f"{path}/inclusion", {"answers": fitting_answers(store)})
+    assert store.participant(pseudonym).state == "allocated"
+    post(server, f"{path}/notes", {"text": HOSTILE})
+    shown = ask(server, "GET", path).json()
+    assert [note["text"] for note in shown["notes"]] == [HOSTILE]
+    assert len(shown["trials"]) == 5
+    assert "no sessions are run here" in post(server, f"{path}/sessions", {}, 409)["detail"]
+    post(server, f"{path}/withdrawal", {"reason": "tired"})
+    assert store.participant(pseudonym).state == "withdrawn"
+    assert "final" in post(server, f"{path}/withdrawal", {"reason": ""}, 409)["detail"]
+
+
+def test_names_go_into_the_key_file_and_nowhere_else(
+    server: LiveServer, store: Store, capfd: pytest.CaptureFixture[str]
+) -> None:
+    name, contact, later = "Zora Unmistakable", "zora@example.org", "Zora Corrected"
+    pseudonym = post(server, "/participants", {"sex": "woman", "name": name, "contact": contact}, 200)[
+        "participant"
+    ]
+    post(server, f"/participants/{pseudonym}/identity", {"name": later, "contact": contact})
+    for wrong in ({"name": name, "contact": 1}, {"name": name}, [name]):
+        refused = ask(server, "POST", f"/participants/{pseudonym}/identity", wrong)
+        assert refused.status_code == 422
+        assert name not in refused.text
+    read = ask(server, "GET", f"/participants/{pseudonym}")
+    assert read.json()["identified"]
+    said = read.text + ask(server, "GET", "/overview").text + "".join(capfd.readouterr())
+    assert "Zora" not in said
+    assert contact not in said
+    key = store.folder / "private" / "key.json"
+    assert json.loads(key.read_text())[pseudonym] == {"name": later, "contact": contact}
+    assert stat.S_IMODE(key.stat().st_mode) == 0o600
+    held = {path.name for path in store.folder.rglob("*") if path.is_file() and b"Zora" in path.read_bytes()}
+    assert held == {"key.json"}
+
+
+# Results and blinding ----------------------------------------------------------------------------------------
+
+
+def test_results_are_means_over_completed_trials_by_condition(tmp_path: Path) -> None:
+    with Store(make_study(tmp_path, tasks='["Feeding"]', blind_experimenter="true")) as store:
+        assert summarise_results(store) == ()
+        run_participant(store, take_in(store))
+        run_participant(store, take_in(store), trials=3)
+        gone = take_in(store)
+        run_participant(store, gone)
+        withdraw(store, gone)
+        run_participant(store, take_in(store, simulated=False), trials=2, simulated=False)
+        rows = summarise_results(store)
+    assert sum(row.trials for row in rows if row.simulated) == 4 + 2
+    assert sum(row.trials for row in rows if not row.simulated) == 1
+    for row in rows:
+        assert row.policy in ("A", "B")
+        assert (row.task, row.reward_mean, row.success_rate) == ("Feeding", FIGURES["reward"], 1.0)
+        assert list(row.answer_means.values()) == [3, 4, 5, 6]
+
+
+@pytest.mark.parametrize("blind", [False, True])
+def test_the_condition_is_hidden_from_a_blind_experimenter(tmp_path: Path, blind: bool) -> None:
+    folder = make_study(tmp_path, tasks='["Feeding"]', blind_experimenter=json.dumps(blind))
+    with Store(folder) as store:
+        pseudonym = take_in(store)
+        run_participant(store, pseudonym, trials=3)
+        app = dashboard_app(store, Tokens.new())
+        shown = json.dumps([read(app, "/overview"), read(app, f"/participants/{pseudonym}")])
+    policies = {name for name in ("original", "revised") if f'"{name}"' in shown}
+    assert policies == (set() if blind else {"original", "revised"})
+    assert ('"A"' in shown) == blind
+
+
+def read(app: Any, path: str) -> Any:
+    """What a reading route gives, called as it is: the server's own tests say who may call it."""
+    route = next(route for route in app.routes if route.path_regex.fullmatch(path) and "GET" in route.methods)
+    return json.loads(route.endpoint(**route.path_regex.fullmatch(path).groupdict()).body)
+
+
+# In the browser ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def page(server: LiveServer) -> Iterator[Page]:
+    """The dashboard in Chromium; whatever it refuses or complains about fails the test."""
+    complaints: list[str] = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        page = browser.new_page(viewport={"width": 320, "height": 600})
+        page.set_default_timeout(1000 * PATIENCE_S)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on(
+            "console", lambda message: complaints.append(message.text) if message.type == "error" else None
+        )
+        page.goto(server.urls("dashboard?detail=light", server.tokens.experimenter)[0])
+        yield page
+        browser.close()
+    assert complaints == []
+
+
+def test_a_participant_is_taken_in_by_keyboard_alone(server: LiveServer, store: Store, page: Page) -> None:
+    """Enrol, consent, include, note: the table shows it, texts stay texts, and nothing overflows a narrow page."""
+    expect.set_options(timeout=1000 * PATIENCE_S)
+    expect(page.locator("#server")).to_contain_text("Connected")
+    number = len(store.participants()) + 1
+    press(page, "Enrol somebody")
+    page.get_by_label("Body model").press("w")
+    page.locator("#enrol").get_by_label("Name").press_sequentially("Ada Example")
+    page.keyboard.press("Enter")
+    pseudonym = f"sub-{number:03}"
+    expect(page.locator("#participant-heading")).to_be_focused()
+    expect(page.locator("#participant-heading")).to_have_text(pseudonym)
+    expect(page.get_by_role("row", name=pseudonym)).to_contain_text("enrolled")
+    assert "Ada" not in page.content()
+
+    page.get_by_label("They have read version 1 and agree").press("Space")
+    page.get_by_role("button", name="Record consent").press("Enter")
+    expect(page.get_by_role("row", name=pseudonym)).to_contain_text("consented")
+    for question in store.design.inclusion:
+        answer = "yes" if question.required else "no"
+        page.get_by_role("group", name=question.text).get_by_label(answer).press("Space")
+    page.get_by_role("button", name="Record answers").press("Enter")
+    expect(page.get_by_role("row", name=pseudonym)).to_contain_text("0 of 5")
+    assert store.participant(pseudonym).state == "allocated"
+
+    page.locator("body").press("n")
+    expect(page.get_by_label("New note")).to_be_focused()
+    page.keyboard.insert_text(HOSTILE)
+    page.get_by_role("button", name="Add note").press("Enter")
+    expect(page.locator("#notes")).to_contain_text(HOSTILE)
+    expect(page.locator("h1")).to_have_text(f"Study {HOSTILE}")
+    assert page.evaluate("window.hacked") is None
+    page.keyboard.press("Tab")
+    page.keyboard.press("v")
+    expect(page.frame_locator("iframe").get_by_label("participant's eyes")).to_be_checked()
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert [note.text for note in store.notes(pseudonym)] == [HOSTILE]
+
+
+def press(page: Page, summary: str) -> None:
+    page.locator("summary", has_text=summary).press("Enter")
