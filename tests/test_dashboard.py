@@ -59,7 +59,7 @@ def server(store: Store, tmp_path_factory: pytest.TempPathFactory) -> Iterator[L
         lambda send: Session(plan(), driving(plan()), folder, send, "test"),
         "127.0.0.1",
         0,
-        study=lambda tokens: dashboard_app(store, tokens),
+        study=lambda tokens, _session: dashboard_app(store, tokens),
     ) as server:
         yield server
 

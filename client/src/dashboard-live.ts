@@ -89,9 +89,9 @@ export class Live {
   }
 
   private show(): void {
-    const runs = this.phase !== null && this.phase.name !== "finished";
+    const runs = isSession(this.phase) && this.phase.name !== "finished";
     for (const button of this.buttons) button.disabled = !runs;
-    element("live").hidden = this.phase === null;
+    element("live").hidden = !isSession(this.phase);
     element("session-words").textContent = sessionWords(this.phase);
   }
 
@@ -116,7 +116,7 @@ export class Live {
     const command = letter === "p" ? (this.paused ? "continue" : "pause") : COMMAND_KEYS[letter];
     if (letter === "n") element("note-text").focus();
     else if (letter === "v") this.changeView();
-    else if (command && this.phase) this.command(command);
+    else if (command && isSession(this.phase)) this.command(command);
     else return;
     event.preventDefault();
   }
@@ -132,9 +132,14 @@ function isTyping(target: EventTarget | null): boolean {
   return control !== null && !(control instanceof HTMLInputElement && control.type === "checkbox");
 }
 
+/** Between sessions the server waits with no trials. */
+function isSession(phase: Phase | null): phase is Phase {
+  return phase !== null && phase.trials > 0;
+}
+
 /** Where the session stands, in one sentence. */
 export function sessionWords(phase: Phase | null): string {
-  if (!phase) return "No session runs here.";
+  if (!isSession(phase)) return "No session runs here.";
   const label = phaseLabel(phase);
   return `${label ? `${label}: ` : ""}${phase.name.replace("_", " ")}. ${phase.text}`;
 }

@@ -27,7 +27,7 @@ export class Dashboard {
   private overview: Overview | null = null;
   private chosen: string | null = null;
   private readonly shown = new Map<string, string>();
-  private busy = false;
+  private work = Promise.resolve();
 
   constructor(private readonly study: Study) {
     this.onSubmit("enrol", (form) => this.enrol(form));
@@ -69,19 +69,13 @@ export class Dashboard {
     const form = element<HTMLFormElement>(id);
     form.addEventListener("submit", (event) => {
       event.preventDefault();
-      if (!this.busy) void this.whileBusy(() => submit(form));
+      this.afterwards(() => submit(form));
     });
   }
 
-  private async whileBusy(work: () => Promise<void>): Promise<void> {
-    this.busy = true;
-    try {
-      await work();
-    } catch (error) {
-      this.refuse(`Not done: ${words(error)}`);
-    } finally {
-      this.busy = false;
-    }
+  /** Does one thing after another, in the order in which they were asked for. */
+  private afterwards(work: () => Promise<void>): void {
+    this.work = this.work.then(work).catch((error) => this.refuse(`Not done: ${words(error)}`));
   }
 
   /** A form that does something to the chosen participant. */
@@ -142,7 +136,7 @@ export class Dashboard {
     button.type = "button";
     button.textContent = button.id = pseudonym;
     button.setAttribute("aria-pressed", String(pseudonym === this.chosen));
-    button.addEventListener("click", () => void this.whileBusy(() => this.choose(pseudonym)));
+    button.addEventListener("click", () => this.afterwards(() => this.choose(pseudonym)));
     return button;
   }
 

@@ -91,7 +91,8 @@ describe("words", () => {
   it("tell where the session stands", () => {
     const phase = { type: "phase", name: "free_before", text: "Move.", trial: 2, trials: 5 } as const;
     expect(sessionWords({ ...phase, practice: false, seconds: 5 })).toBe("Trial 2 of 5: free before. Move.");
-    expect(sessionWords(null)).toBe("No session runs here.");
+    for (const none of [null, { ...phase, trials: 0, practice: false, seconds: null }])
+      expect(sessionWords(none)).toBe("No session runs here.");
   });
 
   it("keep paragraphs and mend broken lines", () => {

@@ -18,6 +18,8 @@ from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
 from avrgym.terminal import JsonFile, check_folder, console, plain_errors, print_table, say, write_json
 
 if TYPE_CHECKING:
+    from avrgym.study.questionnaire import Item
+    from avrgym.vr.certificate import Certificate
     from avrgym.vr.server import LiveServer
     from avrgym.vr.session import Send, Session
 
@@ -90,7 +92,7 @@ def serve(
 ) -> None:
     """Serve one participant's session to a headset: for each environment practice, then trials with questions.
 
-    With --participant the trials are those of the study's design that remain.
+    In a study's folder the experimenter's dashboard begins the sessions; with --participant theirs begins at once.
     """
     from concurrent.futures import ThreadPoolExecutor
 
@@ -101,27 +103,64 @@ def serve(
         if person not in SEXES:
             raise ValueError(f"unknown person {person!r}; the body models are {' and '.join(SEXES)}")
         certificate = certificate_for(lan_names(), data_folder()) if lan else None
+        address = host or (EVERY_ADDRESS if lan else LOOPBACK[0])
+        if participant is None and (study / "study.toml").is_file():
+            _serve_dashboard(study, workers, address, port, certificate)
+            return
         if participant is not None:
             make_session = stack.enter_context(_study_session(study, participant, workers))
         else:
             make_session = _free_session(
                 study, env or ["avrgym/FeedingJaco-v1"], policy, person, trials, seed, workers
             )
-        address = host or (EVERY_ADDRESS if lan else LOOPBACK[0])
         with LiveServer(make_session, address, port, certificate) as server:
-            _explain(server)
+            _explain(server, "spectator")
             _wait(server)
+
+
+def _serve_dashboard(
+    folder: Path, workers: Executor, host: str, port: int, certificate: "Certificate | None"
+) -> None:
+    """Serve a study's dashboard, and one after another the sessions that it begins."""
+    from avrgym.study.dashboard import dashboard_app
+    from avrgym.study.serving import StudySessions
+    from avrgym.study.store import Store
+    from avrgym.vr.server import LiveServer
+
+    with (
+        Store(folder) as store,
+        LiveServer(
+            lambda send: StudySessions(store, send, workers),
+            host,
+            port,
+            certificate,
+            study=lambda tokens, sessions: dashboard_app(store, tokens, sessions),
+        ) as server,
+    ):
+        _explain(server, "dashboard")
+        _wait(server)
 
 
 @contextmanager
 def _study_session(study: Path, participant: str, workers: Executor) -> Iterator["Callable[[Send], Session]"]:
-    """What makes a participant's session in a study, which is closed with the context."""
+    """What makes a participant's session in a study; questions about the session are asked here before and after."""
     from avrgym.study.live import StudyVisit
     from avrgym.study.store import Store
 
     with Store(study) as store, StudyVisit(store, participant) as visit:
         plan = visit.plan()
+        visit.ask("before_session", _rate)
         yield lambda send: visit.session(plan, send, workers)
+        visit.ask("after_session", _rate)
+
+
+def _rate(item: "Item") -> int:
+    """Ask in the terminal until the answer is one."""
+    say(item.text)
+    value = 0
+    while not 1 <= value <= item.points:
+        value = typer.prompt(f"1 ({item.low}) to {item.points} ({item.high})", type=int)
+    return value
 
 
 def _free_session(
@@ -138,7 +177,8 @@ def _free_session(
     return lambda send: Session(plan, policies, recordings, send, identifier=name, workers=workers)
 
 
-def _explain(server: "LiveServer") -> None:
+def _explain(server: "LiveServer", experimenters_page: str) -> None:
+    """Say which addresses to open."""
     own, *in_network = server.urls()
     say(
         "Headset on a USB cable (Quest, Pico): run this first, then open the address in the headset's browser"
@@ -149,7 +189,7 @@ def _explain(server: "LiveServer") -> None:
     if in_network:
         _explain_network(in_network)
     say("Experimenter: watch and command here; this address is not for the participant")
-    say(f"    {server.urls('spectator', server.tokens.experimenter)[0]}")
+    say(f"    {server.urls(experimenters_page, server.tokens.experimenter)[0]}")
     say("Spectators: watch here")
     say(f"    {server.urls('spectator', server.tokens.spectator)[0]}")
     say("Stop with Ctrl+C.")

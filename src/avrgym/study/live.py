@@ -1,14 +1,17 @@
 """A participant's visit: their session in VR on the study's store. Each fact is stored before the session goes on."""
 
 import re
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict
 from typing import Self
 
-from avrgym.study.answers import record_answer
+from avrgym.models.human import Person
+from avrgym.study.answers import record_answer, record_session_answer
 from avrgym.study.attempts import begin_attempt, complete_attempt, end_attempt
 from avrgym.study.participants import withdraw
+from avrgym.study.questionnaire import Item
 from avrgym.study.rows import StudySession, Trial, TrialAttempt, pseudonym_of
 from avrgym.study.sessions import close_session, open_session, skip_trial, tell
 from avrgym.study.states import StudyError
@@ -50,7 +53,13 @@ class StudyVisit:
             raise StudyError(f"{self.pseudonym} has completed every trial")
         return plan_session(self.store, self.pseudonym)
 
-    def session(self, plan: SessionPlan, send: Send, workers: Executor | None = None) -> Session:
+    def session(
+        self,
+        plan: SessionPlan,
+        send: Send,
+        workers: Executor | None = None,
+        scenes: list[tuple[str, Person]] | None = None,
+    ) -> Session:
         """A session in VR that runs the visit's plan or the first trials of it, and is stored as it happens."""
         return Session(
             plan,
@@ -60,7 +69,15 @@ class StudyVisit:
             f"{self.pseudonym} {self.stored.name}",
             observe=Keeper(self.store, self.stored, self.trials),
             workers=workers,
+            scenes=scenes,
         )
+
+    def ask(self, when: str, answer: Callable[[Item], int]) -> None:
+        """Have the items answered that are asked ``before_session`` or ``after_session``; each is stored at once."""
+        for item in self.store.design.items_at(when):
+            asked_s = time.monotonic()
+            value = answer(item)
+            record_session_answer(self.store, self.stored.id, item.id, value, time.monotonic() - asked_s)
 
     def withdraw(self, session: Session, now_s: float, reason: str = "") -> None:
         """Stop robot and recording, end the session in VR, then store that the participant withdrew."""

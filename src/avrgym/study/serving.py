@@ -10,7 +10,7 @@ from avrgym.study.live import StudyVisit
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 from avrgym.vr.loop import Received
-from avrgym.vr.messages import Role
+from avrgym.vr.messages import PROTOCOL, Phase, Role, Welcome
 from avrgym.vr.session import Send, Session
 
 CLIENTS = 64
@@ -31,6 +31,7 @@ class StudySessions:
         self._store, self._send, self._workers = store, send, workers
         self._visit: StudyVisit | None = None
         self._session: Session | None = None
+        self._scenes: list[tuple[str, Person]] = []
         self._clients: deque[tuple[Send, Role]] = deque(maxlen=CLIENTS)
         self._asked: SimpleQueue[tuple[Action, Future[None]]] = SimpleQueue()
 
@@ -61,14 +62,17 @@ class StudySessions:
 
     @property
     def scenes(self) -> Sequence[tuple[str, Person]]:
-        """Those of the session."""
-        return self._session.scenes if self._session is not None else ()
+        """Those of all sessions so far: browsers keep them by their numbers."""
+        return self._scenes
 
     def greet(self, send: Send, role: Role, now_s: float) -> None:
         """Tell a client where things stand, now or when a session begins."""
         self._clients.append((send, role))
         if self._session is not None:
             self._session.greet(send, role, now_s)
+        else:
+            send(Welcome(PROTOCOL, "", role, haptics=False, sounds=False))
+            send(_NO_SESSION)
 
     def receive(self, message: Received, now_s: float) -> None:
         """Take a message of a client."""
@@ -113,7 +117,7 @@ class StudySessions:
             raise StudyError(f"the session of {self.participant} runs; end it before another begins")
         visit = StudyVisit(self._store, pseudonym)
         try:
-            self._session = visit.session(visit.plan(), self._send, self._workers)
+            self._session = visit.session(visit.plan(), self._send, self._workers, self._scenes)
         except BaseException:
             visit.close()
             raise
@@ -131,3 +135,6 @@ class StudySessions:
         if self._visit is not None:
             self._visit.close()
             self._visit = None
+
+
+_NO_SESSION = Phase("waiting", "The experimenter begins the session.", 0, 0, practice=False, seconds=None)

@@ -16,9 +16,16 @@ class Scenery:
     ``world``, which stands.
     """
 
-    def __init__(self, plan: SessionPlan, trial: int, person: Person, workers: Executor) -> None:
-        """Make the first world, of the trial with this index."""
-        self.scenes: list[tuple[str, Person]] = []
+    def __init__(
+        self,
+        plan: SessionPlan,
+        trial: int,
+        person: Person,
+        workers: Executor,
+        scenes: list[tuple[str, Person]],
+    ) -> None:
+        """Make the first world, of the trial with this index; new scenes are added to ``scenes``."""
+        self.scenes = scenes
         self._plan = plan
         self._preparation = Preparation(workers)
         self._fresh_for: TrialKey | None = None
@@ -88,7 +95,7 @@ class Scenery:
     def _number(self, environment: str, person: Person) -> int:
         """The number of an environment's scene with a person in it; a new one where there is none."""
         for number, (known, body) in enumerate(self.scenes):
-            if known == environment and body.torso_height_m == person.torso_height_m:
+            if (known, body.sex, body.torso_height_m) == (environment, person.sex, person.torso_height_m):
                 return number
         self.scenes.append((environment, resting(environment, person)))
         return len(self.scenes) - 1

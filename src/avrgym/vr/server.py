@@ -35,9 +35,6 @@ SCENE_KEPT_S = 3600
 """How long a browser may keep a scene: a session."""
 
 
-StudyPages = Callable[[Tokens], FastAPI]
-
-
 class ServerError(RuntimeError):
     """The server cannot start; the message says why and what to do."""
 
@@ -48,7 +45,7 @@ def create_app(
     tokens: Tokens,
     hosts: list[str],
     renderer: SceneRenderer,
-    study: StudyPages | None = None,
+    study: FastAPI | None = None,
 ) -> FastAPI:
     """The web application of one session.
 
@@ -58,7 +55,7 @@ def create_app(
         tokens: what clients must present.
         hosts: the host names under which the server may be addressed.
         renderer: renders the scenes.
-        study: makes what the experimenter's dashboard reads and does.
+        study: what the experimenter's dashboard reads and does.
     """
     app = FastAPI(openapi_url=None)
     app.add_middleware(OwnPagesOnly)
@@ -90,7 +87,7 @@ def create_app(
         return FileResponse(STATIC / "index.html")
 
     if study is not None:
-        app.mount("/study", study(tokens))
+        app.mount("/study", study)
 
         @app.get("/dashboard")
         async def dashboard() -> FileResponse:
@@ -112,7 +109,7 @@ class LiveServer(Generic[S]):
         host: str,
         port: int,
         certificate: Certificate | None = None,
-        study: StudyPages | None = None,
+        study: Callable[[Tokens, S], FastAPI] | None = None,
     ) -> None:
         """Bind the port and make the session.
 
@@ -121,7 +118,8 @@ class LiveServer(Generic[S]):
             host: the address to listen on; without a certificate only this machine's own.
             port: the port to listen on.
             certificate: for TLS, with the names under which other machines reach this one.
-            study: makes, from the tokens, what the experimenter's dashboard reads and does; see ``study.dashboard``.
+            study: makes what the experimenter's dashboard reads and does from tokens and session; see
+                ``study.dashboard``.
 
         Raises:
             ServerError: when the client is not built or the port cannot be had.
@@ -140,7 +138,8 @@ class LiveServer(Generic[S]):
             raise
         self._renderer = SceneRenderer()
         hosts = [*LOOPBACK, *(certificate.names if certificate else ())]
-        self.app = create_app(self.loop, hub, self.tokens, hosts, self._renderer, study)
+        pages = study(self.tokens, self.session) if study else None
+        self.app = create_app(self.loop, hub, self.tokens, hosts, self._renderer, pages)
         self._server = uvicorn.Server(_configuration(self.app, certificate))
         self._thread = threading.Thread(
             target=self._server.run, kwargs={"sockets": [self._socket]}, daemon=True

@@ -65,6 +65,7 @@ class Session:
         *,
         observe: transitions.Observer = lambda transition: None,
         workers: Executor | None = None,
+        scenes: list[tuple[str, Person]] | None = None,
     ) -> None:
         """Start in phase ``waiting`` with a person of reference height.
 
@@ -76,6 +77,7 @@ class Session:
             identifier: the name of the session for clients and recordings.
             observe: told of every transition before the session goes on. When it raises, the session pauses.
             workers: makes the worlds of trials to come; without one they are made in the thread that ticks.
+            scenes: those of sessions before this one, which keep their addresses; the session adds its own.
         """
         self.plan, self.identifier = plan, identifier
         self.recordings: list[Path] = []
@@ -87,7 +89,8 @@ class Session:
         self.height_known = False
         self._policies, self._folder, self._send, self._observe = policies, folder, send, observe
         self._observer_failure: Exception | None = None
-        self._scenery = Scenery(plan, self.trial, self.person, workers or AtOnce())
+        known = [] if scenes is None else scenes
+        self._scenery = Scenery(plan, self.trial, self.person, workers or AtOnce(), known)
         self._reporter = Reporter(send)
         self._calibrated_for: human.Posture | None = None
         self._then: Then | None = None
