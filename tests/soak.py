@@ -31,7 +31,7 @@ def test_200_kills_change_nothing_of_the_study(tmp_path: Path, monkeypatch: pyte
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     design = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "trial_steps": "3", "free_movement_s": "0.1"}
     whole, killed = (make_study(tmp_path / name, **design) for name in ("whole", "killed"))
-    print(compare_with_killed(whole, killed, tmp_path / "journal", participants=30, kills=200))
+    print(compare_with_killed(whole, killed, tmp_path / "journal", kills=200))
 
 
 def test_a_long_session_keeps_its_memory_flat_and_loses_no_frame(tmp_path: Path) -> None:

@@ -41,10 +41,16 @@ def study(*arguments: str | int | Path, answers: str = "") -> Result:
 def test_kill_9_at_any_instant_changes_nothing_of_the_study(folder: Path, tmp_path: Path) -> None:
     """Orders, seeds, answers and figures are those of a study that was never broken off."""
     whole = make_study(tmp_path / "whole", **DESIGN)
-    print(compare_with_killed(whole, folder, tmp_path / "journal", participants=2, kills=20))
+    print(compare_with_killed(whole, folder, tmp_path / "journal", kills=20))
 
 
 def test_a_dry_run_is_a_whole_study_and_a_second_one_goes_on(folder: Path) -> None:
+    with open(folder / "study.toml", "a") as file:
+        for when in ("before_session", "after_session"):
+            file.write(f'[[questionnaires]]\nname = "{when}"\nwhen = "{when}"\n')
+            file.write(
+                f'items = [{{ id = "{when}", text = "Sick?", points = 4, low = "no", high = "very" }}]\n'
+            )
     told: list[tuple[int, int]] = []
     simulate_study(folder, 1, SEED, lambda completed, planned: told.append((completed, planned)))
     assert told[-1] == (3, 3)
@@ -57,7 +63,12 @@ def test_a_dry_run_is_a_whole_study_and_a_second_one_goes_on(folder: Path) -> No
         assert {person.sex for person in store.participants()} == {"man", "woman"}
         assert [len(store.sessions(person.pseudonym)) for person in store.participants()] == [1, 1]
         assert [finding for finding in check_study(store) if finding.wrong] == []
-        assert len(store.answers("sub-001")) == 8
+        answers = store.answers("sub-001")
+        assert [answer.item for answer in answers if answer.attempt is None] == [
+            "before_session",
+            "after_session",
+        ]
+        assert len(answers) == 10
         heights = {traits_of(person, SEED).torso_height_m for person in store.participants()}
         assert len(heights) == 2
 
@@ -101,6 +112,17 @@ def test_someone_is_enrolled_and_asked_on_the_command_line(folder: Path) -> None
         assert (person.state, person.age_years, person.simulated) == ("allocated", 23, False)
     again = study("consent", folder, "sub-001", answers="y\n")
     assert (again.exit_code, again.stderr.count("cannot become consented")) == (1, 1)
+
+
+def test_nobody_is_served_who_may_not_take_part(folder: Path) -> None:
+    study("enrol", folder, "--body", "man")
+    for pseudonym, why in (
+        ("sub-001", "is enrolled; only the allocated"),
+        ("sub-002", "there is no sub-002"),
+    ):
+        served = CliRunner().invoke(app, ["serve", "--study", str(folder), "--participant", pseudonym])
+        assert (served.exit_code, served.stderr.count(why)) == (1, 1)
+    assert not (folder / "recordings").exists()
 
 
 def test_who_does_not_fit_cannot_take_part(folder: Path) -> None:

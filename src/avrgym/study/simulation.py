@@ -59,8 +59,11 @@ def simulate_study(
 def simulate_participant(folder: Path, pseudonym: str, seed: int) -> None:
     """Let one simulated participant go through all trials that remain, in this process."""
     with Store(folder) as store, StudyVisit(store, pseudonym) as visit:
+        chance = _random(seed, visit.stored.participant)
+        visit.ask("before_session", lambda item: int(chance.integers(1, item.points + 1)))
         for _ in store.remaining_trials(pseudonym):
             _run_trial(visit, seed)
+        visit.ask("after_session", lambda item: int(chance.integers(1, item.points + 1)))
 
 
 def traits_of(participant: Participant, seed: int) -> Traits:
