@@ -108,7 +108,7 @@ def compare_with_killed(whole: Path, folder: Path, journal: Path, kills: int) ->
         What was counted and measured, in words.
     """
     trials = _take_part_undisturbed(whole, 1, journal)
-    people, lost_s = _kill(folder, kills, _first_session_s(whole) / trials, journal)
+    people, lost_s = _kill(folder, kills, 1.5 * _first_session_s(whole) / trials, journal)
     trials = _take_part_undisturbed(whole, people, journal)
     attempts = _assert_same(whole, folder)
     for path in folder.rglob("*.mcap"):
