@@ -142,13 +142,14 @@ export class Dashboard {
 
   private showParticipant(person: Participant): void {
     const { participant, state, trials, notes } = person;
+    const inSession = this.overview?.live === participant;
     element("participant").hidden = false;
     element("participant-heading").textContent = participant;
-    element("participant-words").textContent = participantWords(person);
+    element("participant-words").textContent = participantWords(person, inSession);
     element("begin-button").textContent = beginWords(person);
     element("consent").hidden = state !== "enrolled";
     element("inclusion").hidden = state !== "consented";
-    element("begin").hidden = state !== "allocated" || this.overview?.live === participant;
+    element("begin").hidden = state !== "allocated" || inSession;
     element("trials-part").hidden = trials.length === 0;
     element("withdrawal-part").hidden = !person.may_become.includes("withdrawn");
     this.showTable("trials", trialsTable(trials));

@@ -97,7 +97,7 @@ export function resultsWords(blinded: boolean): string {
 }
 
 /** Who somebody is and what comes next. */
-export function participantWords(person: Participant): string {
+export function participantWords(person: Participant, inSession: boolean): string {
   const facts = [
     person.state,
     person.simulated ? "simulated" : "",
@@ -106,7 +106,7 @@ export function participantWords(person: Participant): string {
     person.identified ? "name stored" : person.simulated ? "" : "no name stored",
     person.consented_at ? `consent version ${person.consent_version}, ${moment(person.consented_at)}` : "no consent yet",
   ];
-  return `${facts.filter(Boolean).join("; ")}. ${nextWords(person)}`;
+  return `${facts.filter(Boolean).join("; ")}. ${inSession ? "Their session runs." : nextWords(person)}`;
 }
 
 function nextWords({ state, trials }: Participant): string {

@@ -75,10 +75,11 @@ describe("tables", () => {
 
 describe("words", () => {
   it("tell what comes next", () => {
-    expect(participantWords(PERSON)).toBe(
+    expect(participantWords(PERSON, false)).toBe(
       "allocated; woman; 22 years; name stored; no consent yet. Next: begin.",
     );
-    expect(participantWords({ ...PERSON, state: "enrolled" })).toMatch(/record their consent\.$/);
+    expect(participantWords({ ...PERSON, state: "enrolled" }, false)).toMatch(/record their consent\.$/);
+    expect(participantWords(PERSON, true)).toMatch(/Their session runs\.$/);
     expect(beginWords(PERSON)).toBe("Begin session");
     expect(beginWords({ ...PERSON, trials: [{ ...TRIAL, state: "completed" }] })).toMatch(/^Continue/);
   });
