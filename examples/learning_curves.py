@@ -1,6 +1,6 @@
 """How the packaged policies learned, one panel per environment, from what their own files say.
 
-    python examples/learning_curves.py docs/pictures/learning_curves.svg
+python examples/learning_curves.py docs/pictures/learning_curves.svg
 """
 
 import sys

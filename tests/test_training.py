@@ -91,7 +91,7 @@ def test_force_on_the_person_costs_what_the_wrapper_is_told():
     teacher = TEACHERS["ScratchItch"](reference.episodes)
     most_n = 0.0
     for _ in range(60):
-        action = teacher(reference.episodes.observe())
+        action = teacher(reference.episodes.observe()).astype(np.float32)
         _, learned, _, _ = env.step(action)
         _, reward, _, _, info = reference.step(action)
         assert_allclose(learned, reward - 0.5 * info["force_on_person"], atol=1e-9)
