@@ -2,6 +2,8 @@
 
 import ctypes.util
 import os
+import resource
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,3 +31,15 @@ def feeding_stage() -> "Stage":
     from avrgym.tasks import TASKS
 
     return TASKS["Feeding"].stage(JACO)
+
+
+@pytest.fixture
+def small_files() -> Iterator[Callable[[int], None]]:
+    """Sets the size at which files stop growing, as on a full disk; 0 for no limit."""
+    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def limit(size: int) -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size or unlimited[0], unlimited[1]))
+
+    yield limit
+    limit(0)

@@ -1,7 +1,6 @@
 """A participant's session in simulated time, without network: phases, tracking, calibration, recordings."""
 
 import hashlib
-import resource
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -625,18 +624,6 @@ def test_of_frames_between_two_ticks_the_newest_counts_and_all_are_recorded(
 
 
 # Disks that fail ---------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def small_files() -> Iterator[Callable[[int], None]]:
-    """Sets the size at which files stop growing, as on a full disk; 0 for no limit."""
-    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
-
-    def limit(size: int) -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size or unlimited[0], unlimited[1]))
-
-    yield limit
-    limit(0)
 
 
 def test_a_full_disk_pauses_the_trial_in_words_and_it_can_be_repeated(

@@ -1,7 +1,6 @@
 """A participant's visit in a study: what is stored of it, who may have one, and how it goes on after a break."""
 
 import hashlib
-import resource
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -235,18 +234,6 @@ def test_who_withdraws_elsewhere_meets_no_further_trial(store: Store) -> None:
 
 
 # What cannot be written
-
-
-@pytest.fixture
-def small_files() -> Iterator[Callable[[int], None]]:
-    """Sets the size at which files stop growing, as on a full disk; 0 for no limit."""
-    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
-
-    def limit(size: int) -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size or unlimited[0], unlimited[1]))
-
-    yield limit
-    limit(0)
 
 
 def test_on_a_full_disk_no_trial_completes_and_earlier_ones_stay(

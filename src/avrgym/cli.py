@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,6 +34,7 @@ bench = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine."
 app.add_typer(bench, name="bench")
 app.add_typer(study_commands, name="study")
 
+Row = dict[str, Any]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same figures.", min=0)]
 
 
@@ -318,19 +320,14 @@ def evaluate(
     from avrgym.episodes import EPISODE_STEPS
     from avrgym.evaluation import evaluate as measure
 
-    rows = []
+    def row(environment: str) -> Row:
+        with Progress(console=console, transient=True) as progress:
+            bar = progress.add_task(environment, total=episodes * EPISODE_STEPS)
+            steps = partial(progress.advance, bar)
+            return asdict(measure(environment, policy, people, episodes, seed, steps))
+
     with plain_errors():
-        check_folder(json_file)
-        for environment in _chosen(env, all_environments):
-            with Progress(console=console, transient=True) as progress:
-                bar = progress.add_task(environment, total=episodes * EPISODE_STEPS)
-                result = measure(
-                    environment, policy, people, episodes, seed, lambda n, b=bar: progress.advance(b, n)
-                )
-            rows.append(asdict(result))
-    print_table(rows)
-    with plain_errors():
-        write_json(json_file, rows)
+        _tabulate(env, all_environments, row, json_file)
 
 
 @bench.command("sim")
@@ -344,17 +341,13 @@ def bench_sim(
     """Measure whole episodes against their bare physics: medians of five runs. Best on an idle machine."""
     from avrgym.benchmark import RUNS, measure_simulation
 
-    rows = []
+    def row(environment: str) -> Row:
+        with Progress(console=console, transient=True) as progress:
+            bar = progress.add_task(environment, total=RUNS)
+            return asdict(measure_simulation(environment, num_envs, lambda: progress.advance(bar)))
+
     with plain_errors():
-        check_folder(json_file)
-        for environment in _chosen(env, not env):
-            with Progress(console=console, transient=True) as progress:
-                bar = progress.add_task(environment, total=RUNS)
-                speed = measure_simulation(environment, num_envs, lambda b=bar: progress.advance(b))
-            rows.append(asdict(speed))
-    print_table(rows)
-    with plain_errors():
-        write_json(json_file, rows)
+        _tabulate(env, not env, row, json_file)
 
 
 @bench.command("vr")
@@ -368,18 +361,15 @@ def bench_vr(
     """Measure the live server over loopback, with recording: ticks and round trips. Best on an idle machine."""
     from avrgym.vr.benchmark import measure_vr
 
-    rows = []
+    def row(environment: str) -> Row:
+        with console.status(environment):
+            return asdict(measure_vr(environment, seconds))
+
     with plain_errors():
-        check_folder(json_file)
-        for environment in _chosen(env, not env):
-            with console.status(environment):
-                rows.append(asdict(measure_vr(environment, seconds)))
-    print_table([_brief(row) for row in rows])
-    with plain_errors():
-        write_json(json_file, rows)
+        _tabulate(env, not env, row, json_file, shown=_brief)
 
 
-def _brief(row: dict[str, Any]) -> dict[str, Any]:
+def _brief(row: Row) -> Row:
     """What of a row of ``bench vr`` fits a table."""
     spreads = {
         f"{name.removesuffix('_ms')} {share}, ms": row[name][share]
@@ -387,6 +377,20 @@ def _brief(row: dict[str, Any]) -> dict[str, Any]:
         for share in ("p50", "p99", "max")
     }
     return {"env": row["env"], "rate_hz": row["rate_hz"], **spreads, "missed": row["missed_deadlines"]}
+
+
+def _tabulate(
+    environments: list[str] | None,
+    every: bool,
+    row: Callable[[str], Row],
+    json_file: Path | None,
+    shown: Callable[[Row], Row] = lambda row: row,
+) -> None:
+    """Measure a row for each environment that was named, or all; print what is ``shown`` of them, write them whole."""
+    check_folder(json_file)
+    rows = [row(environment) for environment in _chosen(environments, every)]
+    print_table([shown(each) for each in rows])
+    write_json(json_file, rows)
 
 
 def _chosen(environments: list[str] | None, every: bool) -> list[str]:

@@ -14,6 +14,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from torch import Tensor
 
 from avrgym.episodes import EPISODE_STEPS, Episodes
+from avrgym.stable_baselines import finished_episodes
 from avrgym.teachers import TEACHERS
 
 Array = NDArray[np.float64]
@@ -71,12 +72,8 @@ def _gather(
         own, _ = model.predict(np.asarray(normaliser.normalize_obs(observation)), deterministic=True)
         _, _, _, infos = normaliser.step(np.where(by_teacher[:, None], shown[-1], own))
         observation = np.asarray(normaliser.get_original_obs())
-    finished = [
-        (info["episode_return"], info["success"])
-        for info, taught in zip(infos, by_teacher, strict=True)
-        if not taught
-    ]
-    return np.concatenate(seen), np.concatenate(shown), finished
+    own_infos = [infos[world] for world in np.nonzero(~by_teacher)[0]]
+    return np.concatenate(seen), np.concatenate(shown), finished_episodes(own_infos)
 
 
 def _fit(model: PPO, seen: Array, shown: Array, random: np.random.Generator, last: bool) -> None:

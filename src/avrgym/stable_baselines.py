@@ -1,5 +1,6 @@
 """The native vector environment for Stable-Baselines3."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -67,3 +68,8 @@ class SB3VectorEnv(VecEnv):
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         return [False] * len(list(self._get_indices(indices)))
+
+
+def finished_episodes(infos: Sequence[dict[str, Any]]) -> list[tuple[float, bool]]:
+    """Return and success of episodes that ended, from the infos of their last step."""
+    return [(info["episode_return"], info["success"]) for info in infos]

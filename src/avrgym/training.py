@@ -7,6 +7,7 @@ import subprocess
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from avrgym.evaluation import evaluate
 from avrgym.files import write_whole
 from avrgym.imitation import imitate
 from avrgym.policies import Policy, PolicyMetadata
-from avrgym.stable_baselines import SB3VectorEnv
+from avrgym.stable_baselines import SB3VectorEnv, finished_episodes
 from avrgym.tasks import find_environment
 
 POLICY_FILE, CONFIGURATION_FILE, CHECKPOINT_FILE = "policy.safetensors", "configuration.json", "checkpoint.pt"
@@ -166,7 +167,7 @@ class _Watch(BaseCallback):
 
     def _on_rollout_end(self) -> None:
         assert isinstance(self.model, PPO)
-        now = self.hear(self.num_timesteps, _finished(self.locals["infos"]))
+        now = self.hear(self.num_timesteps, finished_episodes(self.locals["infos"]))
         self.logger.record("rollout/reward_mean", now.reward_mean)
         self.logger.record("rollout/success_rate", now.success_rate)
         self._free_actor(self.model)
@@ -179,10 +180,6 @@ class _Watch(BaseCallback):
         learns = imitated == 0 or self.num_timesteps > imitated + critic_steps
         model.policy.mlp_extractor.policy_net.requires_grad_(learns)
         model.policy.action_net.requires_grad_(learns)
-
-
-def _finished(infos: list[dict[str, Any]]) -> list[tuple[float, bool]]:
-    return [(info["episode_return"], info["success"]) for info in infos]
 
 
 def train(configuration: TrainingConfiguration, out: Path, tell: Tell = lambda progress: None) -> Policy:
@@ -341,6 +338,7 @@ def export_policy(
     )
 
 
+@cache
 def _git_commit() -> str:
     found = subprocess.run(
         ["git", "rev-parse", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent, check=False
