@@ -41,15 +41,15 @@ class TrainingConfiguration:
     ``log_std`` is how random actions are at the beginning of PPO and at its end, so that in the end the policy does
     without chance.
     ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
-    the task's own reward does: first the policy learns to help, then to be gentle.
+    the task's own reward does; it grows over the last third: first the policy learns to help, then to be gentle.
     """
 
     environment: str
     people: str = "original"
     steps: int = 2_000_000
     seed: int = 0
-    worlds: int = 64
-    minibatch: int = 1600
+    worlds: int = 32
+    minibatch: int = 320
     epochs: int = 10
     learning_rate: float = 3e-4
     discount: float = 0.99
@@ -75,7 +75,7 @@ class TrainingConfiguration:
 
 
 TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
-    "Feeding": {"imitation_rounds": 16, "log_std": (-1.2, -2.0)},
+    "Feeding": {"imitation_rounds": 0, "log_std": (-0.7, -1.8)},
     "Drinking": {"imitation_rounds": 16, "log_std": (-2.5, -3.5), "critic_updates": 2},
     "ScratchItch": {"imitation_rounds": 24},
     "BedBathing": {"log_std": (-1.0, -1.2)},
@@ -144,7 +144,7 @@ class _Watch(BaseCallback):
         assert isinstance(self.model, PPO)
         with torch.no_grad():
             self.model.policy.log_std.fill_(first + share * (last - first))
-        self._env.force_weight_per_n = share * configuration.force_weight_per_n
+        self._env.force_weight_per_n = max(0.0, 3.0 * share - 2.0) * configuration.force_weight_per_n
 
     def save_checkpoint(self) -> None:
         """Save where the training is, between two updates."""
