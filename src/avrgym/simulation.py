@@ -220,6 +220,11 @@ class Simulation:
         """Everything that the next step depends on, as MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
         return self.batch.state[world].copy()
 
+    def restore(self, state: Array, world: int = 0) -> None:
+        """Put one world into a state that ``integration_state`` gave."""
+        self.batch.state[world] = state
+        self.batch.forward(np.array([world]), stage=mujoco.mjtStage.mjSTAGE_VEL)
+
     def qpos(self, world: int) -> Array:
         """The joint coordinates (nq,) of one world."""
         return self._qpos[world].copy()

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from io import FileIO
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -190,15 +191,23 @@ class _Disk:
 
 @dataclass(frozen=True)
 class Recording:
-    """What a file holds: per topic (log_time_ns, record) in the order of writing, every topic present.
+    """What a file holds: its messages (topic, log_time_ns, record) in the order of writing.
 
     ``complete``: the trial ended with an outcome and nothing is missing.
     """
 
     metadata: dict[str, Any]
     outcome: dict[str, Any] | None
-    topics: dict[str, list[tuple[int, Any]]]
+    messages: list[tuple[str, int, Any]]
     complete: bool
+
+    @cached_property
+    def topics(self) -> dict[str, list[tuple[int, Any]]]:
+        """By topic (log_time_ns, record), every topic present."""
+        topics: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in TOPICS}
+        for topic, log_time_ns, record in self.messages:
+            topics[topic].append((log_time_ns, record))
+        return topics
 
 
 def read_recording(path: str | os.PathLike) -> Recording:
@@ -213,7 +222,7 @@ def read_recording(path: str | os.PathLike) -> Recording:
     return Recording(
         metadata=_from_text(metadata[_CONFIGURATION]),
         outcome=None if outcome is None else _from_text(outcome),
-        topics=_messages(path, records),
+        messages=_messages(path, records),
         complete=whole and outcome is not None,
     )
 
@@ -232,16 +241,16 @@ def _intact_records(path: str | os.PathLike) -> tuple[list[mcap_records.McapReco
     return records, True
 
 
-def _messages(path: str | os.PathLike, records: list[mcap_records.McapRecord]) -> dict[str, list]:
+def _messages(path: str | os.PathLike, records: list[mcap_records.McapRecord]) -> list[tuple[str, int, Any]]:
     names: dict[int, str] = {}
-    messages: dict[str, list] = {topic: [] for topic in TOPICS}
+    messages: list[tuple[str, int, Any]] = []
     for record in records:
         if isinstance(record, mcap_records.Channel):
             names.setdefault(record.id, record.topic)
         elif isinstance(record, mcap_records.Message):
             topic = names[record.channel_id]
             try:
-                messages[topic].append((record.log_time, decode(topic, record.data)))
+                messages.append((topic, record.log_time, decode(topic, record.data)))
             except (KeyError, msgspec.DecodeError) as error:
                 allowed = ", ".join(TOPICS)
                 raise RecordingError(f"{path}: foreign {topic!r}: {error}; allowed: {allowed}") from error

@@ -52,9 +52,19 @@ class TrackingFrame(Record, frozen=True):
 
 
 class BodyTargets(Record, frozen=True):
-    """The joint angles that the person's body is driven to, radians, in the order of the model's joints."""
+    """The joint angles that the person's body is driven to from the next physics step on, as soon as they change.
+
+    Radians, in the order of the model's joints.
+    """
 
     joint_targets: list[float]
+
+
+class Command(Record, frozen=True):
+    """What the robot is told when control step ``step`` begins; a step that is broken off leaves only this."""
+
+    step: int
+    action: list[float]
 
 
 class Control(Record, frozen=True):
@@ -89,13 +99,14 @@ TOPICS: dict[str, type[Record]] = {
     "/physics": Physics,
     "/tracking": TrackingFrame,
     "/body_targets": BodyTargets,
+    "/commands": Command,
     "/control": Control,
     "/events": Event,
     "/answers": Answer,
 }
 
 _encoder = msgspec.json.Encoder()
-_decoders = {topic: msgspec.json.Decoder(kind, strict=False) for topic, kind in TOPICS.items()}
+_decoders = {kind: msgspec.json.Decoder(kind, strict=False) for kind in TOPICS.values()}
 
 
 def encode(value: Any) -> bytes:
@@ -108,7 +119,7 @@ def encode(value: Any) -> bytes:
 
 def decode(topic: str, data: bytes) -> Any:
     """The record of a topic; raises ``msgspec.DecodeError`` when the data do not fit it."""
-    return _decoders[topic].decode(data)
+    return _decoders[TOPICS[topic]].decode(data)
 
 
 def json_schema(topic: str) -> bytes:

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 from avrgym.models import human
 from avrgym.study import records
@@ -15,6 +17,7 @@ from avrgym.vr.plan import SessionPlan
 from avrgym.vr.tracking import Frame
 from avrgym.vr.world import ControlStep, LiveWorld
 
+Array = NDArray[np.float64]
 Configuration = Callable[[int], Mapping[str, Any]]
 
 
@@ -45,6 +48,7 @@ class Attempt:
         self.trial = trial
         self.latest: ControlStep | None = None
         self._told_of_stall = False
+        self._targets_rad: Array | None = None
         self.number, self._recording = _open(folder, trial, configuration, first_number)
 
     @property
@@ -75,9 +79,17 @@ class Attempt:
         self._recording.write(topic, round((now_s - self.began_s) * 1e9), record)
 
     def record_physics(self, world: LiveWorld, now_s: float) -> None:
-        """Record the simulator's whole state."""
+        """Record the simulator's whole state, and before it the action that this tick began with."""
+        if world.action_begun is not None:
+            self.record("/commands", records.Command(self.steps + 1, world.action_begun.tolist()), now_s)
         state = records.Physics(self.steps, world.time_s, world.state_vector().tolist())
         self.record("/physics", state, now_s)
+
+    def record_targets(self, joint_targets_rad: Array, now_s: float) -> None:
+        """Record where the person's joints are driven to, unless that was recorded last."""
+        if self._targets_rad is None or not np.array_equal(joint_targets_rad, self._targets_rad):
+            self._targets_rad = joint_targets_rad
+            self.record("/body_targets", records.BodyTargets(joint_targets_rad.tolist()), now_s)
 
     def record_step(self, step: ControlStep, now_s: float) -> None:
         """Count a finished control step and record it."""

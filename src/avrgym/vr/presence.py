@@ -16,14 +16,12 @@ from avrgym.vr.world import LiveWorld
 class Followed:
     """One tick of following: the frames that came, the one that counts, and what changed.
 
-    ``newest`` is ``None`` while the tracking is lost; ``moved``: the body has new targets; ``turned``: the
-    tracking was lost or found just now.
+    ``newest`` is ``None`` while the tracking is lost; ``turned``: the tracking was lost or found just now.
     """
 
     arrived: Sequence[Frame]
     newest: Frame | None
     lost: bool
-    moved: bool
     turned: bool
 
 
@@ -85,16 +83,13 @@ class Presence:
         newest, stale = self._feed.newest, self._feed.is_stale(now_s)
         turned, self.lost = stale != self.lost, stale
         arrived = self._feed.take_arrived()
-        moved = False
         if newest is not None and not stale and self.registration is not None:
-            moved = self._move(world, self.registration, newest)
-        return Followed(arrived, None if stale else newest, stale, moved, turned)
+            self._move(world, self.registration, newest)
+        return Followed(arrived, None if stale else newest, stale, turned)
 
-    def _move(self, world: LiveWorld, registration: Registration, newest: Frame) -> bool:
-        """Give the body its targets; whether they are those of a new frame."""
-        is_new = newest.tracking.sequence != self.followed
-        if is_new or self._pose is None:
+    def _move(self, world: LiveWorld, registration: Registration, newest: Frame) -> None:
+        """Give the body its targets; arms go on towards theirs while no new frame comes."""
+        if newest.tracking.sequence != self.followed or self._pose is None:
             self.followed = newest.tracking.sequence
             self._pose = body_pose(registration, newest.tracking)
         world.follow(self._pose)
-        return is_new

@@ -445,9 +445,7 @@ class Session:
         if self._attempt is None:
             return
         self._attempt.record_frames(followed.arrived, followed.newest, stale=followed.lost)
-        if followed.moved:
-            targets = records.BodyTargets(self._world.joint_targets_rad.tolist())
-            self._attempt.record("/body_targets", targets, now_s)
+        self._attempt.record_targets(self._world.joint_targets_rad, now_s)
 
     # The world ----------------------------------------------------------------------------------------------------
 

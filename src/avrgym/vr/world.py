@@ -42,13 +42,17 @@ class ControlSteps:
         self._observation = np.zeros((1, episodes.task.observation_size))
         self._action = np.zeros((1, ACTIONS))
         self._substep = 0
+        self.begun: Array | None = None
+        """The action (7,) of the control step that the latest tick began, if it began one."""
 
     def tick(self, act: Act | None) -> ControlStep | None:
         """Advance by 10 ms. With ``act``, from observations to actions, every tenth tick gives a control step."""
+        self.begun = None
         if act is not None and self._substep == 0:
             self._observation = self._episodes.observe()
             self._action = act(self._observation).astype(float)
             self._episodes.command(self._action)
+            self.begun = self._action[0]
         self._episodes.simulation.step(1)
         if act is None:
             return None
@@ -60,6 +64,7 @@ class ControlSteps:
     def drop(self) -> None:
         """Forget a control step that had begun."""
         self._substep = 0
+        self.begun = None
 
 
 class LiveWorld:
@@ -81,6 +86,11 @@ class LiveWorld:
         self.joint_targets_rad = person.joint_angles_rad
         self.ticks = 0
         self.begin(seed=0)
+
+    @property
+    def action_begun(self) -> Array | None:
+        """The action (7,) of the control step that the latest tick began, if it began one."""
+        return self._steps.begun
 
     @property
     def bodies(self) -> tuple[str, ...]:

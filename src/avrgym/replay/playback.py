@@ -1,0 +1,149 @@
+"""A recorded trial lived through again: the same world, told the same at the same ticks, stepped anew."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.episodes import Episodes
+from avrgym.models.human import JOINTS, Person
+from avrgym.study.recording import Recording
+from avrgym.study.records import Control, Event, Physics
+from avrgym.vr.world import ControlStep, ControlSteps
+
+Array = NDArray[np.float64]
+
+
+class ReplayError(ValueError):
+    """A recording that cannot be stepped again; the message says what it lacks or what has changed."""
+
+
+@dataclass(frozen=True)
+class StateAgain:
+    """A recorded state of the simulator (S,), and the state that stepping leads to in its place."""
+
+    time_s: float
+    recorded: Array
+    stepped: Array
+
+    @property
+    def identical(self) -> bool:
+        """Whether they agree in every bit."""
+        return self.recorded.tobytes() == self.stepped.tobytes()
+
+
+@dataclass(frozen=True)
+class StepAgain:
+    """A recorded control step, and what the task makes of the same step now."""
+
+    time_s: float
+    recorded: Control
+    stepped: ControlStep
+
+
+class Playback:
+    """The world of a recording, made anew from its metadata. Times count from the beginning of the trial.
+
+    ``episodes`` is that world as it stands between two moments of ``run``.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        """Compile the scene and begin the episode.
+
+        Raises:
+            ReplayError: for a recording that does not say what it was made with, or whose scene has changed since.
+        """
+        self.recording = recording
+        self.episodes = _episodes(recording.metadata)
+        _check_names(recording.metadata, self.episodes)
+        self._control = ControlSteps(self.episodes)
+        self._action: Array | None = None
+        self._step: ControlStep | None = None
+        self._driving = self._held = self._begun = False
+
+    def run(self, *, follow: bool = False) -> Iterator[StateAgain | StepAgain]:
+        """Step through the recording, once.
+
+        Args:
+            follow: whether the world goes on from each recorded state, should its own be another. Otherwise only
+                the first one is taken over.
+
+        Raises:
+            ReplayError: at a state or a command that does not fit the world.
+        """
+        for topic, log_time_ns, record in self.recording.messages:
+            time_s = log_time_ns / 1e9
+            if topic == "/physics":
+                state = self._advance(time_s, record)
+                yield state
+                if follow and not state.identical:
+                    self.episodes.simulation.restore(state.recorded)
+            elif topic == "/control" and self._step is not None:
+                yield StepAgain(time_s, record, self._step)
+            elif topic == "/events":
+                self._hear(record)
+            elif topic == "/body_targets":
+                self.episodes.simulation.command_person(np.array([record.joint_targets]))
+            elif topic == "/commands":
+                self._action = np.array([record.action])
+
+    def _advance(self, time_s: float, physics: Physics) -> StateAgain:
+        simulation, recorded = self.episodes.simulation, np.array(physics.state, float)
+        if not self._begun:
+            self._begin(recorded)
+        elif not self._held:
+            step = self._control.tick(self._act if self._driving else None)
+            self._step = step or self._step
+        return StateAgain(time_s, recorded, simulation.integration_state())
+
+    def _begin(self, state: Array) -> None:
+        size = len(self.episodes.simulation.integration_state())
+        if len(state) != size:
+            raise ReplayError(
+                f"its states have {len(state)} numbers, this simulator's have {size}: {made_with(self.recording)}"
+            )
+        self.episodes.simulation.restore(state)
+        self._begun = True
+
+    def _act(self, _observation: Array) -> Array:
+        if self._action is None:
+            raise ReplayError(f"it holds no commands to the robot: {made_with(self.recording)}")
+        return self._action
+
+    def _hear(self, event: Event) -> None:
+        """A trial drives the robot; it halts after its last step, or for good when the attempt is broken off."""
+        if event.name == "phase":
+            self._driving = event.detail == "trial"
+        self._held = self._held or event.name == "robot_holds"
+        if self._held or (event.name, event.detail) == ("phase", "free_after"):
+            self.episodes.simulation.halt_robot()
+            self._control.drop()
+
+
+def made_with(recording: Recording) -> str:
+    """Which versions wrote a recording."""
+    versions = recording.metadata.get("versions", {})
+    named = ", ".join(f"{name} {version}" for name, version in versions.items())
+    return f"it was recorded with {named or 'versions that it does not name'}"
+
+
+def _episodes(metadata: dict[str, Any]) -> Episodes:
+    try:
+        person = Person(**metadata["person"], joint_angles_rad=np.array(metadata["start_rad"], float))
+        episodes = Episodes(metadata["environment"], 1, person=person, moving=True, num_threads=1)
+        episodes.begin(np.array([0]), [np.random.default_rng(metadata["seed"])])
+    except KeyError as error:
+        raise ReplayError(f"its configuration lacks {error}, without which its world cannot be made") from error
+    except (TypeError, ValueError) as error:
+        raise ReplayError(f"its world cannot be made: {error}") from error
+    return episodes
+
+
+def _check_names(metadata: dict[str, Any], episodes: Episodes) -> None:
+    here = {"joints": list(JOINTS), "bodies": list(episodes.simulation.bodies)}
+    for kind, names in here.items():
+        if metadata.get(kind) != names:
+            changed = sorted({*names} ^ {*metadata.get(kind, ())})
+            raise ReplayError(f"the {kind} of its scene are not those of today: {', '.join(changed)}")
