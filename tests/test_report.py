@@ -111,7 +111,7 @@ def test_the_report_says_what_happened(tmp_path, picture):
     }
     words = " ".join(page.text.split())
     assert {text for text in expected if text not in words} == set()
-    assert [tag for tag, _ in page.tags].count("svg") == 2
+    assert [tag for tag, _ in page.tags].count("svg") == 3
 
 
 def test_the_page_is_one_file_with_unique_ids_and_working_references(tmp_path, picture):
