@@ -11,6 +11,7 @@ from avrgym.episodes import Episodes
 from avrgym.models.human import JOINTS, Person
 from avrgym.study.recording import Recording
 from avrgym.study.records import Control, Event, Physics
+from avrgym.vr.attempt import control_record
 from avrgym.vr.world import ControlStep, ControlSteps
 
 Array = NDArray[np.float64]
@@ -36,11 +37,11 @@ class StateAgain:
 
 @dataclass(frozen=True)
 class StepAgain:
-    """A recorded control step, and what the task makes of the same step now."""
+    """A recorded control step, and what the same step gives now."""
 
     time_s: float
     recorded: Control
-    stepped: ControlStep
+    stepped: Control
 
 
 class Playback:
@@ -77,11 +78,11 @@ class Playback:
             time_s = log_time_ns / 1e9
             if topic == "/physics":
                 state = self._advance(time_s, record)
-                yield state
                 if follow and not state.identical:
                     self.episodes.simulation.restore(state.recorded)
-            elif topic == "/control" and self._step is not None:
-                yield StepAgain(time_s, record, self._step)
+                yield state
+            elif topic == "/control":
+                yield StepAgain(time_s, record, control_record(record.step, self._finished_step(time_s)))
             elif topic == "/events":
                 self._hear(record)
             elif topic == "/body_targets":
@@ -91,11 +92,11 @@ class Playback:
 
     def _advance(self, time_s: float, physics: Physics) -> StateAgain:
         simulation, recorded = self.episodes.simulation, np.array(physics.state, float)
+        self._step = None
         if not self._begun:
             self._begin(recorded)
         elif not self._held:
-            step = self._control.tick(self._act if self._driving else None)
-            self._step = step or self._step
+            self._step = self._control.tick(self._act if self._driving else None)
         return StateAgain(time_s, recorded, simulation.integration_state())
 
     def _begin(self, state: Array) -> None:
@@ -106,6 +107,13 @@ class Playback:
             )
         self.episodes.simulation.restore(state)
         self._begun = True
+
+    def _finished_step(self, time_s: float) -> ControlStep:
+        if self._step is None:
+            raise ReplayError(
+                f"the control step that it holds at {time_s:.2f} s ends at no tick of the trial"
+            )
+        return self._step
 
     def _act(self, _observation: Array) -> Array:
         if self._action is None:
@@ -135,7 +143,9 @@ def _episodes(metadata: dict[str, Any]) -> Episodes:
         episodes = Episodes(metadata["environment"], 1, person=person, moving=True, num_threads=1)
         episodes.begin(np.array([0]), [np.random.default_rng(metadata["seed"])])
     except KeyError as error:
-        raise ReplayError(f"its configuration lacks {error}, without which its world cannot be made") from error
+        raise ReplayError(
+            f"its configuration lacks {error}, without which its world cannot be made"
+        ) from error
     except (TypeError, ValueError) as error:
         raise ReplayError(f"its world cannot be made: {error}") from error
     return episodes

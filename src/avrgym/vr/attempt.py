@@ -98,17 +98,7 @@ class Attempt:
         self.steps += 1
         self.reward += float(outcome.reward[0])
         self.success = bool(outcome.success[0])
-        control = records.Control(
-            step=self.steps,
-            observation=step.observation.tolist(),
-            action=step.action.tolist(),
-            reward=float(outcome.reward[0]),
-            reward_terms={name: float(term[0]) for name, term in outcome.reward_terms.items()},
-            success=self.success,
-            distance_m=float(outcome.distance_m[0]),
-            force_on_person_n=float(outcome.force_on_person_n[0]),
-        )
-        self.record("/control", control, now_s)
+        self.record("/control", control_record(self.steps, step), now_s)
 
     def record_frames(self, frames: Sequence[Frame], followed: Frame | None, *, stale: bool) -> None:
         """Record tracking frames in the order they came; the person moves to ``followed``."""
@@ -143,6 +133,26 @@ class Attempt:
         return None
 
 
+def control_record(number: int, step: ControlStep) -> records.Control:
+    """The record of the attempt's control step with this number, from 1."""
+    outcome = step.outcome
+    return records.Control(
+        step=number,
+        observation=step.observation.tolist(),
+        action=step.action.tolist(),
+        reward=float(outcome.reward[0]),
+        reward_terms={name: float(term[0]) for name, term in outcome.reward_terms.items()},
+        success=bool(outcome.success[0]),
+        distance_m=float(outcome.distance_m[0]),
+        force_on_person_n=float(outcome.force_on_person_n[0]),
+    )
+
+
+def versions() -> dict[str, str]:
+    """What a recording depends on to be stepped again bit by bit."""
+    return {"avrgym": version("avrgym"), "mujoco": mujoco.__version__}
+
+
 def configuration(
     plan: SessionPlan, index: int, attempt: int, world: LiveWorld, xr_from_world: XRPose, session: str
 ) -> dict[str, Any]:
@@ -170,7 +180,7 @@ def configuration(
         "items": [
             {"id": item.id, "text": item.text, "points": item.points} for item in plan.items_after(trial)
         ],
-        "versions": {"avrgym": version("avrgym"), "mujoco": mujoco.__version__},
+        "versions": versions(),
     }
 
 

@@ -1,0 +1,151 @@
+"""Whether a recording is what its own beginning, commands and movements lead to, bit by bit."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.replay.playback import Playback, StateAgain, StepAgain
+from avrgym.study.recording import Recording
+from avrgym.study.records import Control
+from avrgym.vr.attempt import versions
+
+Array = NDArray[np.float64]
+
+_State = mujoco.mjtState
+STATE_QUANTITIES: Mapping[str, _State] = {
+    "time": _State.mjSTATE_TIME,
+    "qpos": _State.mjSTATE_QPOS,
+    "qvel": _State.mjSTATE_QVEL,
+    "act": _State.mjSTATE_ACT,
+    "qacc_warmstart": _State.mjSTATE_WARMSTART,
+    "ctrl": _State.mjSTATE_CTRL,
+    "qfrc_applied": _State.mjSTATE_QFRC_APPLIED,
+}
+"""Parts of a state by the simulator's names for them; SI units."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A quantity that came out otherwise: how often, since when, and by how much at most (SI units)."""
+
+    quantity: str
+    times: int
+    first_time_s: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What stepping a recording again gave.
+
+    ``states`` and ``steps`` count what was compared, ``identical_*`` what agreed in every bit; ``until_s`` is the time
+    of the last state. ``complete``: the recording holds its whole trial. ``same_versions``: it was made with the
+    versions of AVR Gym and MuJoCo that run now, so that nothing may differ.
+    """
+
+    states: int
+    identical_states: int
+    steps: int
+    identical_steps: int
+    until_s: float
+    complete: bool
+    recorded_with: dict[str, str]
+    same_versions: bool
+    differences: list[Difference]
+
+    @property
+    def identical(self) -> bool:
+        """Whether everything agreed."""
+        return not self.differences
+
+
+def verify(recording: Recording, progress: Callable[[], None] = lambda: None) -> Verification:
+    """Step a recording again from its first state and compare whatever it holds.
+
+    Args:
+        recording: of one attempt at a trial, whole or not.
+        progress: told after each state.
+
+    Raises:
+        ReplayError: when it cannot be stepped.
+    """
+    playback, ledger = Playback(recording), _Ledger()
+    states, steps, until_s = [], [], 0.0
+    for again in playback.run():
+        if isinstance(again, StateAgain):
+            states.append(ledger.compare_state(again, playback.episodes.simulation.model))
+            until_s = again.time_s
+            progress()
+        else:
+            steps.append(ledger.compare_step(again))
+    recorded_with = dict(recording.metadata.get("versions", {}))
+    return Verification(
+        states=len(states),
+        identical_states=sum(states),
+        steps=len(steps),
+        identical_steps=sum(steps),
+        until_s=until_s,
+        complete=recording.complete,
+        recorded_with=recorded_with,
+        same_versions=recorded_with == versions(),
+        differences=list(ledger.differences.values()),
+    )
+
+
+class _Ledger:
+    """The differences so far, by quantity."""
+
+    def __init__(self) -> None:
+        self.differences: dict[str, Difference] = {}
+
+    def compare_state(self, again: StateAgain, model: mujoco.MjModel) -> bool:
+        """Whether the state is the recorded one; note by how much its parts differ."""
+        if not again.identical:
+            for name, part in STATE_QUANTITIES.items():
+                self._compare(
+                    name, again.time_s, *(_part(model, s, part) for s in (again.recorded, again.stepped))
+                )
+        return again.identical
+
+    def compare_step(self, again: StepAgain) -> bool:
+        """Whether the control step is the recorded one; note what of it differs."""
+        recorded, stepped = _figures(again.recorded), _figures(again.stepped)
+        absent = np.array([np.nan])
+        same = [
+            self._compare(name, again.time_s, recorded.get(name, absent), stepped.get(name, absent))
+            for name in recorded | stepped
+        ]
+        return all(same)
+
+    def _compare(self, quantity: str, time_s: float, recorded: Array, stepped: Array) -> bool:
+        if recorded.tobytes() == stepped.tobytes():
+            return True
+        largest = float(np.abs(recorded - stepped).max()) if recorded.shape == stepped.shape else np.inf
+        before = self.differences.get(quantity, Difference(quantity, 0, time_s, 0.0))
+        self.differences[quantity] = Difference(
+            quantity, before.times + 1, before.first_time_s, float(np.fmax(before.largest, largest))
+        )
+        return False
+
+
+def _part(model: mujoco.MjModel, state: Array, part: _State) -> Array:
+    found = np.empty(mujoco.mj_stateSize(model, part))
+    mujoco.mj_extractState(model, state, _State.mjSTATE_INTEGRATION, found, part)
+    return found
+
+
+def _figures(step: Control) -> dict[str, Array]:
+    """What a control step gave, each an array, by name."""
+    terms = {f"term {name}": value for name, value in step.reward_terms.items()}
+    values = {
+        "observation": step.observation,
+        "action": step.action,
+        "reward": step.reward,
+        "success": step.success,
+        "distance_m": step.distance_m,
+        "force_on_person_n": step.force_on_person_n,
+    }
+    return {name: np.array(value, float) for name, value in (values | terms).items()}
