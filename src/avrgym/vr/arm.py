@@ -48,7 +48,7 @@ LIFT = 0.025
 """To lift the elbow from where it rests to the other side of the shoulder costs twice this."""
 ELBOW_RESTS = transforms.normalize([-0.26, -0.1, -1.0])
 """The direction from the shoulder to an elbow at rest: down, a little outward and to the front."""
-AT_EASE_RAD = np.radians([10.0, 0.0, 0.0, 0.0, 0.0])
+AT_EASE_RAD = np.radians([10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,8 @@ def comfortable_angles(lengths: ArmLengths, hand_pos: Array, hand_axes: Array, s
     frame = _towards(wrist, _upper_arm_x(start_rad))
     upper_arm, forearm = frame @ _turning_axes(below), frame @ _turning_axes(below + elbow)
     coefficients = np.concatenate([upper_arm, hand_axes.T @ forearm]).reshape(18, 3)
-    costs = _solutions(coefficients, elbow, start_rad, _SWIVELS)[0]
+    upper, angles = _solutions(coefficients, elbow, start_rad, _SWIVELS)
+    costs = _costs(angles, upper, start_rad)
     branch, swivel = divmod(int(costs.argmin()), costs.shape[1])
     best = SWIVEL_STEP_RAD * (swivel + _vertex(costs[branch], swivel))
     return _solutions(coefficients, elbow, start_rad, _harmonics(np.array([best])))[1][:, branch, 0]
@@ -198,10 +199,10 @@ _SWIVELS = _harmonics(np.arange(0.0, 2.0 * np.pi - 1e-9, SWIVEL_STEP_RAD))
 
 
 def _solutions(coefficients: Array, elbow: float, start_rad: Array, swivels: Array) -> tuple[Array, Array]:
-    """Costs (2, K) and angles (7, 2, K) for K swivels, with both ways to turn the shoulder.
+    """The upper arm's axes (3, 3, K) and the angles (7, 2, K) for K swivels, with both ways to turn the shoulder.
 
-    ``upper`` (3, 3, K) are the upper arm's axes as columns, ``hand`` (3, 3, K) the hand's axes, row by row, seen
-    from the forearm before it turns.
+    ``upper`` has the axes as columns; ``hand`` (3, 3, K) are the hand's axes, row by row, seen from the forearm
+    before it turns.
     """
     upper, hand = (coefficients @ swivels).reshape(2, 3, 3, -1)
     angles = np.empty((7, 2, swivels.shape[1]))
@@ -216,7 +217,7 @@ def _solutions(coefficients: Array, elbow: float, start_rad: Array, swivels: Arr
     around = _clipped(start_rad, _FIRST, _LAST)[:, None, None]
     angles -= 2.0 * np.pi * np.rint((angles - around) / (2.0 * np.pi))
     _rest_near_pole(angles, upper[:, 2], start_rad[0])
-    return _costs(angles, upper, start_rad[:, None, None]), angles
+    return upper, angles
 
 
 _OTHER_WAY = np.pi * np.ones((3, 1)), np.array([[1.0], [-1.0], [1.0]])
@@ -235,21 +236,19 @@ def _rest_near_pole(angles: Array, upper_arm_z: Array, start_y_rad: float) -> No
 
 
 def _costs(angles: Array, upper: Array, start_rad: Array) -> Array:
-    outside, moved = (
-        angles - _clipped(angles, _LOWER[:, None, None], _UPPER[:, None, None]),
-        angles - start_rad,
-    )
-    away = angles[_EASED] - AT_EASE_RAD[:, None, None]
-    discomfort = np.einsum("j,jbk->bk", _EASE, away * away) + LIFT * (ELBOW_RESTS @ upper[:, 2])
-    return OUTSIDE * _squares(outside) + STAY * _squares(moved) + discomfort
+    """What each of the solutions costs, (2, K).
+
+    That it moves and that it is not at ease are both squares about a place for each joint. Together they are, but
+    for a constant, one square about the mean of the two places.
+    """
+    flat = angles.reshape(len(angles), -1)
+    outside = flat - _clipped(flat, _LOWER[:, None], _UPPER[:, None])
+    away = flat - ((STAY * start_rad + _EASE * AT_EASE_RAD) / (STAY + _EASE))[:, None]
+    costs = OUTSIDE * (outside * outside).sum(axis=0) + (STAY + _EASE) @ (away * away)
+    return costs.reshape(angles.shape[1:]) + LIFT * (ELBOW_RESTS @ upper[:, 2])
 
 
-_EASED = [ARM_PARTS.index(part) for part in ("shoulder_y", "shoulder_z", "forearm_z", "wrist_x", "wrist_y")]
-_EASE = np.array([SHOULDER_Y, SHOULDER_Z, FOREARM, WRIST, WRIST])
-
-
-def _squares(angles: Array) -> Array:
-    return np.einsum("jbk,jbk->bk", angles, angles)
+_EASE = np.array([SHOULDER_Y, 0.0, SHOULDER_Z, 0.0, FOREARM, WRIST, WRIST])
 
 
 def _vertex(costs: Array, lowest: int) -> float:

@@ -21,7 +21,8 @@ def of_quaternion(q: Array) -> Array:
 
 def of_xyz(x_rad: float, y_rad: float, z_rad: float) -> Array:
     """The axes after hinges about x, y and z, the first outermost: Rx Ry Rz."""
-    cx, sx, cy, sy, cz, sz = (f(a) for a in (x_rad, y_rad, z_rad) for f in (cos, sin))
+    cx, cy, cz = cos(x_rad), cos(y_rad), cos(z_rad)
+    sx, sy, sz = sin(x_rad), sin(y_rad), sin(z_rad)
     return np.array(
         [
             [cy * cz, -cy * sz, sy],

@@ -1,13 +1,14 @@
 """From where head and hands are to the 20 joint angles of the simulated body."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import atan2, cos, radians
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models import human
-from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, SEATED, UPPER_RAD, Person, Posture
+from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, SEATED, UPPER_RAD, Person, Posture, Sex
 from avrgym.vr import axes
 from avrgym.vr.arm import ARM_PARTS, ArmSolver
 from avrgym.vr.webxr import Pose
@@ -19,6 +20,10 @@ WAIST_YAW_SHARE = 0.3
 
 _WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 _HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
+_WAIST_RANGES_RAD, _HEAD_RANGES_RAD = (
+    list(zip(LOWER_RAD[joints].tolist(), UPPER_RAD[joints].tolist(), strict=True))
+    for joints in (_WAIST, _HEAD)
+)
 _ARMS = {side: [JOINT_INDEX[f"{side}_{part}"] for part in ARM_PARTS] for side in ("right", "left")}
 
 
@@ -39,7 +44,12 @@ def resting_head_centre(person: Person, posture: Posture) -> Array:
 
 def hips_frame(person: Person, posture: Posture) -> tuple[Array, Array]:
     """Where the hips are in the world: their origin (3,) and their axes (3, 3) as columns."""
-    return posture.hips(PROPORTIONS[person.sex]), axes.of_xyz(radians(posture.hips_deg), 0.0, 0.0)
+    return _hips_frame(person.sex, posture)
+
+
+@lru_cache
+def _hips_frame(sex: Sex, posture: Posture) -> tuple[Array, Array]:
+    return posture.hips(PROPORTIONS[sex]), axes.of_xyz(radians(posture.hips_deg), 0.0, 0.0)
 
 
 def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> Array:
@@ -56,18 +66,21 @@ def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> Array
     hips_w, hips_axes_w = hips_frame(person, posture)
     head_axes = hips_axes_w.T @ axes.of_quaternion(head.q_w)
     psi = hips_axes_w.T @ (head.pos_w - hips_w) - p.head_centre_rise * scale * head_axes[:, 2]
-    psi[2] -= p.waist_rise * scale
-    a = -atan2(psi[1], psi[2])
-    b = atan2(psi[0] * cos(a), psi[2])
-    a, b, _ = _limited(_WAIST, (a, b, 0.0))
+    x, y, z = psi.tolist()
+    z -= p.waist_rise * scale
+    a = -atan2(y, z)
+    b = atan2(x * cos(a), z)
+    a, b, _ = _limited(_WAIST_RANGES_RAD, (a, b, 0.0))
     yaw = WAIST_YAW_SHARE * axes.xyz_of(axes.of_xyz(a, b, 0.0).T @ head_axes)[2]
-    waist = _limited(_WAIST, (a, b, yaw))
-    return np.array([*waist, *_limited(_HEAD, axes.xyz_of(axes.of_xyz(*waist).T @ head_axes))])
+    waist = _limited(_WAIST_RANGES_RAD, (a, b, yaw))
+    return np.array([*waist, *_limited(_HEAD_RANGES_RAD, axes.xyz_of(axes.of_xyz(*waist).T @ head_axes))])
 
 
-def _limited(joints: list[int], angles_rad: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = (min(max(a, LOWER_RAD[j]), UPPER_RAD[j]) for a, j in zip(angles_rad, joints, strict=True))
-    return float(x), float(y), float(z)
+def _limited(
+    ranges_rad: list[tuple[float, float]], angles_rad: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    x, y, z = (min(max(a, lower), upper) for a, (lower, upper) in zip(angles_rad, ranges_rad, strict=True))
+    return x, y, z
 
 
 class BodySolver:

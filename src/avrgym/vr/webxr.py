@@ -5,8 +5,11 @@ quaternions w, x, y, z; the person sits at its origin and faces −y.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import hypot
 from typing import Literal
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,7 +49,7 @@ class Registration:
     origin_w: Array
     yaw_rad: float
 
-    @property
+    @cached_property
     def q_w(self) -> Array:
         """The rotation (4,) from ``local-floor`` axes to world axes."""
         yaw = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(self.yaw_rad))
@@ -55,8 +58,7 @@ class Registration:
     def to_world(self, pose: XRPose) -> Pose:
         """A device's pose in the world, in the device's own axes."""
         x, y, z, w = pose.orientation
-        q = transforms.normalize([w, x, y, z])
-        return Pose(*transforms.compose(self.origin_w, self.q_w, pose.position, q))
+        return _compose(Pose(self.origin_w, self.q_w), np.array(pose.position), np.array([w, x, y, z]))
 
     def from_world(self, pose: Pose) -> XRPose:
         """The inverse of ``to_world``."""
@@ -83,9 +85,10 @@ def register(head: XRPose, head_centre_w: Array) -> Registration:
 
 def head_pose(registration: Registration, head: XRPose) -> Pose:
     """The centre of the head and the head's axes from the headset's pose."""
-    device = registration.to_world(head)
-    q_w = transforms.multiply(device.q_w, BODY_FROM_DEVICE_AXES)
-    return Pose(device.pos_w + transforms.rotate(q_w, [0.0, HEADSET_AHEAD_M, 0.0]), q_w)
+    return _compose(registration.to_world(head), _HEAD_CENTRE_FROM_HEADSET, BODY_FROM_DEVICE_AXES)
+
+
+_HEAD_CENTRE_FROM_HEADSET = transforms.rotate(BODY_FROM_DEVICE_AXES, [0.0, HEADSET_AHEAD_M, 0.0])
 
 
 def hand_pose(registration: Registration, grip: XRPose) -> Pose:
@@ -94,8 +97,7 @@ def hand_pose(registration: Registration, grip: XRPose) -> Pose:
     The grip's origin is where a rod would be held, in the middle of the fist, so nothing is added; the 8 cm of the
     2020 reference lead there from the pose of its trackers.
     """
-    device = registration.to_world(grip)
-    return Pose(device.pos_w, transforms.multiply(device.q_w, BODY_FROM_DEVICE_AXES))
+    return _compose(registration.to_world(grip), np.zeros(3), BODY_FROM_DEVICE_AXES)
 
 
 def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Literal["left", "right"]) -> Pose:
@@ -104,10 +106,10 @@ def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Litera
     Of a wrist −z points to the fingers and y out of the hand's back (WebXR Hand Input); our hand's −z points to the
     fingers too, and its x to the person's left, which is out of a hanging left hand's back.
     """
-    joint = registration.to_world(wrist)
-    q_w = transforms.multiply(joint.q_w, _HAND_FROM_WRIST_AXES[side])
-    return Pose(joint.pos_w + transforms.rotate(q_w, [0.0, 0.0, -WRIST_TO_HAND_M]), q_w)
+    return _compose(registration.to_world(wrist), _HAND_CENTRE_FROM_WRIST, _HAND_FROM_WRIST_AXES[side])
 
+
+_HAND_CENTRE_FROM_WRIST = np.array([0.0, 0.0, -WRIST_TO_HAND_M])
 
 _HAND_FROM_WRIST_AXES = {
     side: transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(turn))
@@ -129,12 +131,17 @@ def grip_from_hand(registration: Registration, hand: Pose) -> XRPose:
 _DEVICE_FROM_BODY_AXES = transforms.conjugate(BODY_FROM_DEVICE_AXES)
 
 
+def _compose(outer: Pose, pos: Array, q: Array) -> Pose:
+    """``transforms.compose`` of one pose, in a tenth of its time; ``pos`` (3,), ``q`` (4,) are in the outer frame."""
+    pos_w, q_w = np.empty(3), np.empty(4)
+    mujoco.mju_mulPose(pos_w, q_w, outer.pos_w, outer.q_w, pos, q)
+    return Pose(pos_w, q_w)
+
+
 def is_valid(pose: XRPose) -> bool:
     """Whether a pose can be one of a person in a room: finite, within 10 m, a unit quaternion."""
-    numbers = np.array([*pose.position, *pose.orientation])
-    if not np.isfinite(numbers).all() or np.abs(numbers).max() > MAX_DISTANCE_M:
-        return False
-    return bool(abs(np.linalg.norm(numbers[3:]) - 1.0) < UNIT_TOLERANCE)
+    within = all(abs(number) <= MAX_DISTANCE_M for number in (*pose.position, *pose.orientation))
+    return within and abs(hypot(*pose.orientation) - 1.0) < UNIT_TOLERANCE
 
 
 def _floats(numbers: Array | list[float]) -> tuple:
