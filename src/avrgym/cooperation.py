@@ -168,5 +168,5 @@ def _bring_arm(mind: Mind, sight: Sight, tool_w: Array) -> Array:
 
 def _torso_rotation(joint_angles_rad: Array, posture: Posture) -> Array:
     """The torso's rotation (N, 4) in the world for joint angles (N, 20)."""
-    rotations = human.body_rotations(joint_angles_rad, posture)
-    return transforms.multiply(rotations["hips"], rotations["torso"])
+    hips, torso = (human.body_rotation(body, joint_angles_rad, posture) for body in ("hips", "torso"))
+    return transforms.multiply(hips, torso)

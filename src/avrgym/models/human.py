@@ -432,16 +432,19 @@ GEOMS: Mapping[str, Geom] = {
 
 def body_rotations(joint_angles_rad: Array, posture: Posture = SEATED) -> dict[str, Array]:
     """Each body's rotation in its parent, (N, 4), of people with joint angles (N, 20)."""
+    return {body: body_rotation(body, joint_angles_rad, posture) for body in BODIES}
+
+
+def body_rotation(body: str, joint_angles_rad: Array, posture: Posture = SEATED) -> Array:
+    """One body's rotation in its parent, (N, 4), of people with joint angles (N, 20)."""
     angles = np.asarray(joint_angles_rad, float)
-    identity = np.broadcast_to(transforms.IDENTITY_QUATERNION, (*angles.shape[:-1], 4))
-    rotations = {body: identity for body in BODIES}
-    for index, joint in enumerate(JOINTS.values()):
-        turn = transforms.from_axis_angle(joint.axis, angles[..., index])
-        rotations[joint.body] = transforms.multiply(rotations[joint.body], turn)
-    for body, degrees in posture.turns_deg().items():
-        turn = transforms.from_axis_angle(X, np.full(angles.shape[:-1], np.radians(degrees)))
-        rotations[body] = transforms.multiply(rotations[body], turn)
-    return rotations
+    turns = [(joint.axis, angles[..., i]) for i, joint in enumerate(JOINTS.values()) if joint.body == body]
+    if body in posture.turns_deg():
+        turns.append((X, np.full(angles.shape[:-1], np.radians(posture.turns_deg()[body]))))
+    rotation = np.broadcast_to(transforms.IDENTITY_QUATERNION, (*angles.shape[:-1], 4))
+    for axis, angle in turns:
+        rotation = transforms.multiply(rotation, transforms.from_axis_angle(axis, angle))
+    return rotation
 
 
 def body_frames(people: People, posture: Posture = SEATED) -> tuple[dict[str, Array], dict[str, Array]]:
