@@ -41,7 +41,7 @@ class TrainingConfiguration:
     ``log_std`` is how random actions are at the beginning of PPO and at its end, so that in the end the policy does
     without chance.
     ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
-    the task's own reward does; it grows over the last third: first the policy learns to help, then to be gentle.
+    the task's own reward does; it grows over the second third: first the policy learns to help, then to be gentle.
     """
 
     environment: str
@@ -144,7 +144,8 @@ class _Watch(BaseCallback):
         assert isinstance(self.model, PPO)
         with torch.no_grad():
             self.model.policy.log_std.fill_(first + share * (last - first))
-        self._env.force_weight_per_n = max(0.0, 3.0 * share - 2.0) * configuration.force_weight_per_n
+        gentleness = min(max(3.0 * share - 1.0, 0.0), 1.0)
+        self._env.force_weight_per_n = gentleness * configuration.force_weight_per_n
 
     def save_checkpoint(self) -> None:
         """Save where the training is, between two updates."""
