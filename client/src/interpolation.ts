@@ -18,10 +18,8 @@ const CLOCK_JUMP_S = 0.25;
 const CLOCK_GAIN_UP = 0.5;
 const CLOCK_GAIN_DOWN = 0.05;
 
-interface Slot {
+interface Slot extends Frame {
   sequence: number;
-  timeS: number;
-  poses: Float32Array;
 }
 
 /** The last states of one scene; draws the world between them by simulation time. */
@@ -61,7 +59,7 @@ export class StateBuffer {
     while (age < this.count - 1 && this.slot(age).timeS > timeS) age++;
     const before = this.slot(age);
     if (age === 0 || timeS <= before.timeS) out.set(before.poses);
-    else this.between(before, this.slot(age - 1), timeS, out);
+    else blend(before, this.slot(age - 1), timeS, out);
     return true;
   }
 
@@ -90,16 +88,23 @@ export class StateBuffer {
     if (this.count === 1 || Math.abs(error) > CLOCK_JUMP_S) this.clockS = clockS;
     else this.clockS += error * (error > 0 ? CLOCK_GAIN_UP : CLOCK_GAIN_DOWN);
   }
+}
 
-  private between(before: Slot, after: Slot, timeS: number, out: Float32Array): void {
-    const share = (timeS - before.timeS) / (after.timeS - before.timeS);
-    for (let at = 0; at < out.length; at += POSE) {
-      const t = isTeleport(before.poses, after.poses, at) ? 0 : share;
-      for (let axis = at; axis < at + 3; axis++) {
-        out[axis] = before.poses[axis]! + (after.poses[axis]! - before.poses[axis]!) * t;
-      }
-      slerp(out, before.poses, after.poses, at + 3, t);
+/** All bodies' poses at a time. */
+export interface Frame {
+  timeS: number;
+  poses: Float32Array;
+}
+
+/** The poses between two frames, into `out`; what was placed anew stays until it is. */
+export function blend(before: Frame, after: Frame, timeS: number, out: Float32Array): void {
+  const share = (timeS - before.timeS) / (after.timeS - before.timeS);
+  for (let at = 0; at < out.length; at += POSE) {
+    const t = isTeleport(before.poses, after.poses, at) ? 0 : share;
+    for (let axis = at; axis < at + 3; axis++) {
+      out[axis] = before.poses[axis]! + (after.poses[axis]! - before.poses[axis]!) * t;
     }
+    slerp(out, before.poses, after.poses, at + 3, t);
   }
 }
 

@@ -43,6 +43,11 @@ export class World {
     this.content?.place(this.poses);
   }
 
+  /** Draws these poses at once. */
+  show(poses: Float32Array): void {
+    this.content?.place(poses);
+  }
+
   /** From inside, the participant's own head is not drawn. */
   seeFromInside(inside: boolean): void {
     this.seenFromInside = inside;

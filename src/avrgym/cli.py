@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 from avrgym.models.human import SEXES, Sex
 from avrgym.people import DISTRIBUTIONS
 from avrgym.policies import packaged_policies
+from avrgym.replay.commands import replay
 from avrgym.study.commands import app as study_commands
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
 from avrgym.terminal import JsonFile, check_folder, console, plain_errors, print_table, say, write_json
@@ -33,6 +34,7 @@ app = typer.Typer(
 bench = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine.")
 app.add_typer(bench, name="bench")
 app.add_typer(study_commands, name="study")
+app.command()(replay)
 
 Row = dict[str, Any]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same figures.", min=0)]

@@ -10,10 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.episodes import Episodes
+from avrgym.models import human
 from avrgym.models.contacts import VISUAL_GROUP
+from avrgym.models.human import Person
+from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.scene import build_spec
+from avrgym.vr.webxr import BODY_FROM_DEVICE_AXES, HEADSET_AHEAD_M
 
 HEIGHT_PX, WIDTH_PX = 480, 640
+EYES, EYES_FIELD_DEG = "eyes", 75.0
+HIDDEN_GROUP = 5
 
 
 @dataclass(frozen=True)
@@ -43,8 +49,16 @@ VIEWS: Mapping[tuple[str, bool], View] = {
 class Camera:
     """A camera on one world for as long as its person stays."""
 
-    def __init__(self, episodes: Episodes, world: int) -> None:
-        """Build the scene of the present episode as it looks.
+    def __init__(
+        self,
+        episodes: Episodes,
+        world: int,
+        *,
+        width_px: int = WIDTH_PX,
+        height_px: int = HEIGHT_PX,
+        first_person: bool = False,
+    ) -> None:
+        """Build the scene of the present episode as it looks, from beside or with the person's own eyes.
 
         Raises:
             RuntimeError: where no picture can be drawn, naming what to set.
@@ -53,20 +67,25 @@ class Camera:
         stage, simulation = episodes.stage, episodes.simulation
         spec = build_spec(stage, episodes.person_in(world), moving=simulation.moving, appearance=True)
         _add_surroundings(spec)
+        _add_eyes(spec, episodes.person_in(world))
         self._model = spec.compile()
-        self._model.vis.global_.offheight, self._model.vis.global_.offwidth = HEIGHT_PX, WIDTH_PX
+        self._model.vis.global_.offheight, self._model.vis.global_.offwidth = height_px, width_px
         placed = simulation.batch.get_model(world)
         self._model.body_pos[:], self._model.body_quat[:] = placed.body_pos, placed.body_quat
         self._data = mujoco.MjData(self._model)
-        self._view = VIEWS[episodes.task.name, stage.robot.mobile]
-        self._renderer = _renderer(self._model)
+        self._eye: mujoco.MjvCamera | str = EYES
+        if first_person:
+            _hide_head(self._model)
+        else:
+            self._eye = _camera(VIEWS[episodes.task.name, stage.robot.mobile])
+        self._renderer = _renderer(self._model, width_px, height_px)
 
     def picture(self) -> NDArray[np.uint8]:
-        """The world as it stands, (480, 640, 3)."""
+        """The world as it stands, (``height_px``, ``width_px``, 3)."""
         self._data.qpos[:] = self._episodes.simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        self._renderer.update_scene(self._data, _camera(self._view), _shown())
+        self._renderer.update_scene(self._data, self._eye, _shown())
         self._add_marks()
         return self._renderer.render()
 
@@ -107,6 +126,20 @@ def _add_surroundings(spec: mujoco.MjSpec) -> None:
     )  # fmt: skip
 
 
+def _add_eyes(spec: mujoco.MjSpec, person: Person) -> None:
+    """A camera where a headset of the person would be."""
+    sites = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m])).site_pos
+    x, y, z = sites["head_centre"][0]
+    spec.body(human.PREFIX + "head").add_camera(
+        name=EYES, pos=[x, y - HEADSET_AHEAD_M, z], quat=BODY_FROM_DEVICE_AXES, fovy=EYES_FIELD_DEG
+    )
+
+
+def _hide_head(model: mujoco.MjModel) -> None:
+    for part in HEAD_PARTS:
+        model.skin_group[model.skin(human.PREFIX + part).id] = HIDDEN_GROUP
+
+
 def _camera(view: View) -> mujoco.MjvCamera:
     camera = mujoco.MjvCamera()
     camera.lookat[:] = view.look_at_w
@@ -122,14 +155,14 @@ def _shown() -> mujoco.MjvOption:
     return option
 
 
-def _renderer(model: mujoco.MjModel) -> mujoco.Renderer:
+def _renderer(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.Renderer:
     error = _graphics_error()
     if error is not None:
         raise RuntimeError(
             "no picture can be drawn here: set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa "
             f"(software) in the environment before Python starts; {error}"
         )
-    return mujoco.Renderer(model, HEIGHT_PX, WIDTH_PX)
+    return mujoco.Renderer(model, height_px, width_px)
 
 
 @cache

@@ -47,7 +47,7 @@ class StepAgain:
 class Playback:
     """The world of a recording, made anew from its metadata. Times count from the beginning of the trial.
 
-    ``episodes`` is that world as it stands between two moments of ``run``.
+    ``episodes`` is that world as it stands between two moments of ``run``, ``phase`` the session's phase then.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -62,7 +62,8 @@ class Playback:
         self._control = ControlSteps(self.episodes)
         self._action: Array | None = None
         self._step: ControlStep | None = None
-        self._driving = self._held = self._begun = False
+        self.phase = ""
+        self._held = self._begun = False
 
     def run(self, *, follow: bool = False) -> Iterator[StateAgain | StepAgain]:
         """Step through the recording, once.
@@ -96,7 +97,7 @@ class Playback:
         if not self._begun:
             self._begin(recorded)
         elif not self._held:
-            self._step = self._control.tick(self._act if self._driving else None)
+            self._step = self._control.tick(self._act if self.phase == "trial" else None)
         return StateAgain(time_s, recorded, simulation.integration_state())
 
     def _begin(self, state: Array) -> None:
@@ -123,7 +124,7 @@ class Playback:
     def _hear(self, event: Event) -> None:
         """A trial drives the robot; it halts after its last step, or for good when the attempt is broken off."""
         if event.name == "phase":
-            self._driving = event.detail == "trial"
+            self.phase = event.detail
         self._held = self._held or event.name == "robot_holds"
         if self._held or (event.name, event.detail) == ("phase", "free_after"):
             self.episodes.simulation.halt_robot()

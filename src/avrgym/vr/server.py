@@ -126,7 +126,7 @@ class LiveServer(Generic[S]):
         """
         if not (STATIC / "index.html").exists():
             raise ServerError("the browser client is not built; run `make client`")
-        self._socket = _bind(host, port, certificate)
+        self._socket = listen(host, port, certificate)
         self.host, self.port = host, int(self._socket.getsockname()[1])
         self.certificate = certificate
         self.tokens = Tokens.new()
@@ -206,7 +206,8 @@ def _configuration(app: FastAPI, certificate: Certificate | None) -> uvicorn.Con
     )
 
 
-def _bind(host: str, port: int, certificate: Certificate | None) -> socket.socket:
+def listen(host: str, port: int, certificate: Certificate | None = None) -> socket.socket:
+    """A socket that listens; ``ServerError`` where it cannot, or where others would reach it without TLS."""
     if host not in LOOPBACK and certificate is None:
         raise ServerError(
             f"--host {host} is not this machine's own address; allowed: {' and '.join(LOOPBACK)}, which a "

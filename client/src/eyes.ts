@@ -1,0 +1,31 @@
+import { PerspectiveCamera, Quaternion, Vector3, type Object3D } from "three";
+import { POSE } from "./interpolation";
+import type { Scene } from "./messages";
+
+/** A camera where the simulated person's eyes are. */
+export class Eyes {
+  /** Looks ahead along -z, as cameras do; the head's own axes are x left, -y ahead, z up. */
+  readonly camera = new PerspectiveCamera(75, 1, 0.03, 30);
+  private headAt = -1;
+  private readonly inHead = new Vector3();
+
+  sceneCame({ bodies, head_bodies, eyes }: Scene): void {
+    this.headAt = bodies.indexOf(head_bodies[0]!) * POSE;
+    this.inHead.set(...eyes);
+  }
+
+  /** Puts the camera where the eyes are; `poses` are the bytes of little-endian 32-bit floats. */
+  follow(poses: Uint8Array, root: Object3D): void {
+    if (this.headAt < 0) return;
+    const numbers = new DataView(poses.buffer, poses.byteOffset + this.headAt * 4, POSE * 4);
+    const at = (index: number) => numbers.getFloat32(index * 4, true);
+    const head = new Quaternion(at(4), at(5), at(6), at(3));
+    const { position, quaternion } = this.camera;
+    position.copy(this.inHead).applyQuaternion(head).add(new Vector3(at(0), at(1), at(2)));
+    root.localToWorld(position);
+    quaternion.copy(root.quaternion).multiply(head).multiply(CAMERA_IN_HEAD);
+  }
+}
+
+/** From a camera's axes (x right, y up, -z ahead) to the head's (x left, -y ahead, z up). */
+const CAMERA_IN_HEAD = new Quaternion(0, Math.SQRT1_2, Math.SQRT1_2, 0);

@@ -1,0 +1,174 @@
+"""Videos and image sequences of a recorded trial, drawn by MuJoCo's renderer."""
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from avrgym.rendering import Camera
+from avrgym.replay.playback import Playback, StateAgain
+from avrgym.replay.trial import Trial, driven_span_s, trial_of
+from avrgym.study.recording import Recording
+
+Picture = NDArray[np.uint8]
+Progress = Callable[[], None]
+
+VIDEO_PX, FRAMES_PX = (1280, 720), (640, 480)
+FRAMES_PER_S = 25
+CAPTION_PX = 40
+INK, PAPER = (20, 50, 58), (255, 255, 255)
+PICTURE_SUFFIXES = (".png", ".jpg")
+
+
+@dataclass(frozen=True)
+class Moment:
+    """How a trial stands at a time: its phase, the reward so far, and what the latest control step gave."""
+
+    time_s: float
+    phase: str
+    reward: float
+    force_on_person_n: float
+    success: bool
+
+
+def write_video(recording: Recording, out: Path, *, first_person: bool, progress: Progress) -> None:
+    """Write a trial from its beginning to the questionnaire as H.264 in MP4, in real time.
+
+    Args:
+        recording: of the trial.
+        out: a new file that ends in .mp4.
+        first_person: whether the participant's eyes see it, else somebody beside.
+        progress: told after each recorded state.
+
+    Raises:
+        ValueError: for another ending, or a recording that cannot be stepped again.
+        FileExistsError: when there is such a file.
+        RuntimeError: where no picture can be drawn, or the encoder is missing.
+    """
+    _check_new(out, (".mp4",))
+    try:
+        import av
+    except ModuleNotFoundError as error:
+        raise RuntimeError("av is missing; `pip install avrgym[video]` brings the encoder") from error
+    unfinished = out.with_name(f".{out.name}.{os.getpid()}.part")
+    try:
+        with av.open(str(unfinished), "w", format="mp4", options={"movflags": "faststart"}) as file:
+            stream = file.add_stream("libx264", rate=FRAMES_PER_S, options={"crf": "20"})
+            stream.width, stream.height, stream.pix_fmt = *VIDEO_PX, "yuv420p"
+            for picture in _film(recording, first_person, progress):
+                file.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+            file.mux(stream.encode())
+        _check_new(out, (".mp4",))
+        os.replace(unfinished, out)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def draw_strip(
+    recording: Recording, count: int, out: Path, *, first_person: bool, progress: Progress
+) -> list[float]:
+    """Draw pictures side by side, evenly spaced while the robot helps; give their times, s from its beginning.
+
+    Args: as for ``write_video``; ``count`` pictures go into a new file that ends in .png or .jpg.
+    """
+    _check_new(out, PICTURE_SUFFIXES)
+    begins_s, ends_s = driven_span_s(recording)
+    times_s = np.linspace(begins_s, ends_s, count).tolist() if count > 1 else [0.5 * (begins_s + ends_s)]
+    trial = trial_of(recording)
+    drawn = [
+        _titled(picture, f"{moment.time_s - begins_s:.1f} s")
+        for moment, picture in _pictures(recording, times_s, FRAMES_PX, first_person, progress)
+    ]
+    strip = Image.fromarray(np.concatenate(drawn, axis=1))
+    sheet = Image.new("RGB", (strip.width, strip.height + CAPTION_PX), PAPER)
+    sheet.paste(strip, (0, CAPTION_PX))
+    _write(sheet, (10, CAPTION_PX // 2), trial.title, "lm")
+    _check_new(out, PICTURE_SUFFIXES)
+    sheet.save(out)
+    return [time_s - begins_s for time_s in times_s]
+
+
+def _check_new(path: Path, suffixes: tuple[str, ...]) -> None:
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path}: the name must end in {' or '.join(suffixes)}")
+    if path.exists():
+        raise FileExistsError(f"{path} exists already; choose another name")
+    if not path.parent.is_dir():
+        raise ValueError(f"cannot write {path}: there is no folder {path.parent}")
+
+
+def _film(recording: Recording, first_person: bool, progress: Progress) -> Iterator[Picture]:
+    """The pictures of a video; where ticks are missing, one picture stands for several."""
+    trial, (begins_s, _) = trial_of(recording), driven_span_s(recording)
+    times_s = np.arange(0.0, trial.shown_s, 1.0 / FRAMES_PER_S).tolist()
+    for moment, picture in _pictures(recording, times_s, VIDEO_PX, first_person, progress):
+        yield _subtitled(picture, trial, moment, begins_s)
+
+
+def _pictures(
+    recording: Recording,
+    times_s: list[float],
+    size_px: tuple[int, int],
+    first_person: bool,
+    progress: Progress,
+) -> Iterator[tuple[Moment, Picture]]:
+    """The world at these times, in order: each is the first state at or after its time."""
+    playback = Playback(recording)
+    width_px, height_px = size_px
+    camera = Camera(playback.episodes, 0, width_px=width_px, height_px=height_px, first_person=first_person)
+    try:
+        waiting = iter(times_s)
+        due_s = next(waiting, None)
+        for moment in _moments(playback, progress):
+            picture = None
+            while due_s is not None and moment.time_s >= due_s - 1e-9:
+                picture = camera.picture() if picture is None else picture
+                yield moment, picture
+                due_s = next(waiting, None)
+            if due_s is None:
+                return
+    finally:
+        camera.close()
+
+
+def _moments(playback: Playback, progress: Progress) -> Iterator[Moment]:
+    """The trial at each recorded state, which the world is in."""
+    reward, force_n, success = 0.0, 0.0, False
+    for again in playback.run(follow=True):
+        if isinstance(again, StateAgain):
+            yield Moment(again.time_s, playback.phase, reward, force_n, success)
+            progress()
+        else:
+            reward += again.recorded.reward
+            force_n, success = again.recorded.force_on_person_n, again.recorded.success
+
+
+def _titled(picture: Picture, text: str) -> Picture:
+    """A picture with words below it."""
+    sheet = Image.new("RGB", (picture.shape[1], picture.shape[0] + CAPTION_PX), PAPER)
+    sheet.paste(Image.fromarray(picture), (0, 0))
+    _write(sheet, (picture.shape[1] // 2, picture.shape[0] + CAPTION_PX // 2), text, "mm")
+    return np.asarray(sheet)
+
+
+def _subtitled(picture: Picture, trial: Trial, moment: Moment, begins_s: float) -> Picture:
+    """A picture with how the trial stands written into its lower edge."""
+    sheet = Image.fromarray(picture)
+    height = picture.shape[0]
+    band = Image.new("RGB", (sheet.width, CAPTION_PX), PAPER)
+    sheet.paste(band, (0, height - CAPTION_PX))
+    middle = height - CAPTION_PX // 2
+    _write(sheet, (16, middle), trial.title, "lm")
+    state = f"reward {moment.reward:.1f}   force {moment.force_on_person_n:.1f} N"
+    success = "success   " if moment.success else ""
+    _write(sheet, (sheet.width - 16, middle), f"{success}{state}   {moment.time_s - begins_s:.1f} s", "rm")
+    return np.asarray(sheet)
+
+
+def _write(sheet: Image.Image, place: tuple[int, int], text: str, anchor: str) -> None:
+    font = ImageFont.load_default(20)
+    ImageDraw.Draw(sheet).text(place, text, INK, font, anchor=anchor)

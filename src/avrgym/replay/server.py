@@ -1,0 +1,98 @@
+"""The local server of a replay: the page, the scene, and the timeline with its poses."""
+
+import threading
+
+import msgspec
+import uvicorn
+from fastapi import FastAPI, HTTPException, Request, Response
+from fastapi.responses import FileResponse
+from fastapi.staticfiles import StaticFiles
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+
+from avrgym.models.human import Person
+from avrgym.replay.timeline import Timeline
+from avrgym.study.recording import Recording
+from avrgym.vr.access import OwnPagesOnly, Tokens
+from avrgym.vr.rendering import SceneRenderer
+from avrgym.vr.scenery import resting
+from avrgym.vr.server import LOOPBACK, STATIC, ServerError, listen
+
+
+def create_replay_app(
+    recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens, renderer: SceneRenderer
+) -> FastAPI:
+    """The web application; all but the page itself needs a token, because movements identify people."""
+    app = FastAPI(openapi_url=None)
+    app.add_middleware(OwnPagesOnly)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK))
+    environment, body = recording.metadata["environment"], recording.metadata["person"]
+
+    def check(request: Request) -> None:
+        if tokens.bearer(request.headers) is None:
+            raise HTTPException(401, "the address of this page lacks the replay's token")
+
+    @app.get("/timeline")
+    async def read_timeline(request: Request) -> Response:
+        check(request)
+        return Response(msgspec.json.encode(timeline), media_type="application/json")
+
+    @app.get("/poses")
+    async def read_poses(request: Request) -> Response:
+        check(request)
+        return Response(poses, media_type="application/octet-stream")
+
+    @app.get("/scenes/0.glb")
+    async def scene(request: Request) -> Response:
+        check(request)
+        glb = await renderer.glb(0, environment, resting(environment, Person(**body)))
+        return Response(glb, media_type="model/gltf-binary")
+
+    @app.get("/replay")
+    async def page() -> FileResponse:
+        return FileResponse(STATIC / "replay.html")
+
+    app.mount("/", StaticFiles(directory=STATIC))
+    return app
+
+
+class ReplayServer:
+    """Serves one replay on this machine, as a context manager; ``port`` 0 takes a free one."""
+
+    def __init__(self, recording: Recording, timeline: Timeline, poses: bytes, port: int) -> None:
+        """Bind the port.
+
+        Raises:
+            ServerError: when the client is not built or the port cannot be had.
+        """
+        if not (STATIC / "replay.html").exists():
+            raise ServerError("the browser client is not built; run `make client`")
+        self._socket = listen(LOOPBACK[0], port)
+        self.port = int(self._socket.getsockname()[1])
+        self.tokens = Tokens.new()
+        self._renderer = SceneRenderer()
+        self.app = create_replay_app(recording, timeline, poses, self.tokens, self._renderer)
+        settings = uvicorn.Config(self.app, log_level="warning", access_log=False)
+        self._server = uvicorn.Server(settings)
+        self._thread = threading.Thread(
+            target=self._server.run, kwargs={"sockets": [self._socket]}, daemon=True
+        )
+
+    @property
+    def url(self) -> str:
+        """The address of the page. The token stands in the fragment, which browsers do not send."""
+        return f"http://localhost:{self.port}/replay#token={self.tokens.spectator}"
+
+    def __enter__(self) -> "ReplayServer":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._server.should_exit = True
+        self._thread.join()
+        self._renderer.close()
+        self._socket.close()
+
+    def wait(self) -> None:
+        """Wait until the server ends."""
+        while self._thread.is_alive():
+            self._thread.join(0.5)

@@ -1,0 +1,116 @@
+"""What the page of a replay shows: the scene's poses over time, and what happened when."""
+
+from collections.abc import Callable
+
+import msgspec
+import numpy as np
+
+from avrgym.replay.playback import Playback, StateAgain
+from avrgym.replay.trial import phases, trial_of
+from avrgym.study.recording import Recording
+from avrgym.study.records import Answer
+from avrgym.vr import messages
+from avrgym.vr.reporting import STATE_EVERY_TICKS
+from avrgym.vr.webxr import Registration
+from avrgym.vr.world import poses, scene_message
+
+
+class Happening(msgspec.Struct, frozen=True):
+    """An event or an answer, in words; ``kind`` is the phase that begins, ``event`` or ``answer``."""
+
+    time_s: float
+    kind: str
+    words: str
+
+
+class Steps(msgspec.Struct, frozen=True):
+    """The control steps, one entry each: when they ended, the reward so far, and what they gave."""
+
+    time_s: list[float]
+    reward: list[float]
+    force_n: list[float]
+    distance_m: list[float]
+    success: list[bool]
+
+
+class Timeline(msgspec.Struct, frozen=True):
+    """A trial for its page; times count from its beginning.
+
+    ``frames_s`` are the times of the poses, which come apart: of each frame all bodies and marks of ``scene``, each
+    x, y, z, w, x, y, z as 32-bit floats. ``complete``: the recording holds its whole trial.
+    """
+
+    title: str
+    simulated: bool
+    complete: bool
+    result: str | None
+    seconds: float
+    scene: messages.Scene
+    frames_s: list[float]
+    steps: Steps
+    happenings: list[Happening]
+
+
+def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Timeline, bytes]:
+    """The timeline of a recording and the poses of its frames; ``progress`` is told after each recorded state.
+
+    Raises:
+        ValueError: for a recording that cannot be stepped again.
+    """
+    playback, trial = Playback(recording), trial_of(recording)
+    frames_s, frames = _frames(playback, progress)
+    timeline = Timeline(
+        title=trial.title,
+        simulated=trial.simulated,
+        complete=recording.complete,
+        result=trial.result,
+        seconds=trial.seconds,
+        scene=scene_message(0, playback.episodes, Registration(np.zeros(3), 0.0)),
+        frames_s=frames_s,
+        steps=_steps(recording),
+        happenings=sorted(_happenings(recording), key=lambda happening: happening.time_s),
+    )
+    return timeline, b"".join(frames)
+
+
+def _frames(playback: Playback, progress: Callable[[], None]) -> tuple[list[float], list[bytes]]:
+    """Times and poses of as many states as a live client is sent."""
+    times_s, frames = [], []
+    states = (again for again in playback.run(follow=True) if isinstance(again, StateAgain))
+    for number, state in enumerate(states):
+        if number % STATE_EVERY_TICKS == 0:
+            times_s.append(state.time_s)
+            frames.append(poses(playback.episodes))
+        progress()
+    return times_s, frames
+
+
+def _steps(recording: Recording) -> Steps:
+    control = recording.topics["/control"]
+    return Steps(
+        time_s=[time_ns / 1e9 for time_ns, _ in control],
+        reward=np.cumsum([step.reward for _, step in control]).tolist(),
+        force_n=[step.force_on_person_n for _, step in control],
+        distance_m=[step.distance_m for _, step in control],
+        success=[step.success for _, step in control],
+    )
+
+
+def _happenings(recording: Recording) -> list[Happening]:
+    entered = [Happening(time_s, name, name.replace("_", " ")) for time_s, name in phases(recording)]
+    events = [
+        Happening(time_ns / 1e9, "event", f"{event.name.replace('_', ' ')} {event.detail}".strip())
+        for time_ns, event in recording.topics["/events"]
+        if event.name != "phase"
+    ]
+    items = {item["id"]: item for item in recording.metadata.get("items", [])}
+    answers = [
+        Happening(time_ns / 1e9, "answer", _in_words(answer, items.get(answer.item)))
+        for time_ns, answer in recording.topics["/answers"]
+    ]
+    return [*entered, *events, *answers]
+
+
+def _in_words(answer: Answer, item: dict | None) -> str:
+    of_points = f" of {item['points']}: {item['text']}" if item else ""
+    return f"{answer.item}: {answer.value}{of_points}"
