@@ -200,5 +200,5 @@ class SimulatedParticipant:
     def _pose(self, site: str, body: str) -> Pose:
         return Pose(
             self._data.site(human.PREFIX + site).xpos.copy(),
-            transforms.normalize(self._data.body(human.PREFIX + body).xquat),
+            self._data.body(human.PREFIX + body).xquat.copy(),
         )

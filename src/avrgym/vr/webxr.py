@@ -62,9 +62,13 @@ class Registration:
 
     def from_world(self, pose: Pose) -> XRPose:
         """The inverse of ``to_world``."""
-        inverse = transforms.invert(self.origin_w, self.q_w)
-        pos, (w, x, y, z) = transforms.compose(*inverse, pose.pos_w, pose.q_w)
-        return XRPose(_floats(pos), _floats([x, y, z, w]))
+        local = _compose(self._inverse, pose.pos_w, pose.q_w)
+        w, x, y, z = local.q_w.tolist()
+        return XRPose(tuple(local.pos_w.tolist()), (x, y, z, w))
+
+    @cached_property
+    def _inverse(self) -> Pose:
+        return Pose(*transforms.invert(self.origin_w, self.q_w))
 
     def xr_from_world(self) -> XRPose:
         """The world's origin as a pose in ``local-floor``: where a client places the scene."""
@@ -119,13 +123,15 @@ _HAND_FROM_WRIST_AXES = {
 
 def headset_from_head(registration: Registration, head: Pose) -> XRPose:
     """The inverse of ``head_pose``."""
-    pos = head.pos_w - transforms.rotate(head.q_w, [0.0, HEADSET_AHEAD_M, 0.0])
-    return registration.from_world(Pose(pos, transforms.multiply(head.q_w, _DEVICE_FROM_BODY_AXES)))
+    return registration.from_world(_compose(head, _HEADSET_FROM_HEAD_CENTRE, _DEVICE_FROM_BODY_AXES))
+
+
+_HEADSET_FROM_HEAD_CENTRE = np.array([0.0, -HEADSET_AHEAD_M, 0.0])
 
 
 def grip_from_hand(registration: Registration, hand: Pose) -> XRPose:
     """The inverse of ``hand_pose``."""
-    return registration.from_world(Pose(hand.pos_w, transforms.multiply(hand.q_w, _DEVICE_FROM_BODY_AXES)))
+    return registration.from_world(_compose(hand, np.zeros(3), _DEVICE_FROM_BODY_AXES))
 
 
 _DEVICE_FROM_BODY_AXES = transforms.conjugate(BODY_FROM_DEVICE_AXES)
@@ -142,7 +148,3 @@ def is_valid(pose: XRPose) -> bool:
     """Whether a pose can be one of a person in a room: finite, within 10 m, a unit quaternion."""
     within = all(abs(number) <= MAX_DISTANCE_M for number in (*pose.position, *pose.orientation))
     return within and abs(hypot(*pose.orientation) - 1.0) < UNIT_TOLERANCE
-
-
-def _floats(numbers: Array | list[float]) -> tuple:
-    return tuple(float(number) for number in numbers)
