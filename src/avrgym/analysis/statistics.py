@@ -1,11 +1,12 @@
 """Rank tests, corrections and intervals, as the analysis of a study needs them.
 
-SciPy computes where it can; exact signed-rank probabilities with ties, rank-biserial effect sizes, Holm's correction
-and the energy test in several dimensions are ours. All tests are two-sided.
+SciPy computes where it can; exact probabilities with ties, rank-biserial effect sizes, Holm's correction and the energy
+test in several dimensions are ours. All tests are two-sided.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +18,7 @@ Array = NDArray[np.floating]
 EXACT_SIGNED_RANK = 50
 """Up to so many differences the signed-rank probability is exact: their 2**n signs count exactly in doubles."""
 EXACT_RANK_SUM = 8
-"""The rank-sum probability is exact where the smaller sample has at most so many values and no two are equal."""
+"""The rank-sum probability is exact where the smaller sample has at most so many values."""
 PERMUTATIONS = 9_999
 MARKS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
@@ -61,7 +62,8 @@ def signed_rank(differences: ArrayLike) -> Comparison:
     if len(used) <= EXACT_SIGNED_RANK:
         method, p = "exact", _exact_signed_rank(ranks, min(positive, negative))
     else:
-        method, p = "normal approximation", float(stats.wilcoxon(used, method="asymptotic")[1])
+        found: Any = stats.wilcoxon(used, method="asymptotic")
+        method, p = "normal approximation", float(found.pvalue)
     effect = (positive - negative) / (positive + negative)
     return Comparison(test, len(used), zeros, min(positive, negative), method, p, effect)
 
@@ -83,7 +85,8 @@ def _exact_signed_rank(ranks: Array, smaller: float) -> float:
 def rank_sum(a: ArrayLike, b: ArrayLike) -> Comparison:
     """Mann and Whitney's test of whether values of one sample tend to be larger (Ann. Math. Stat. 18, 1947).
 
-    SciPy's: exact as ``EXACT_RANK_SUM`` says, else the normal approximation with corrections for ties and
+    Exact as ``EXACT_RANK_SUM`` says: given the ranks, ties sharing their mean, every division into two samples is
+    as likely; SciPy's where there are no ties. Else SciPy's normal approximation with corrections for ties and
     continuity. The statistic is U of ``a``; the effect 2 U / (n m) − 1 is positive where ``a`` is larger.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
@@ -93,11 +96,29 @@ def rank_sum(a: ArrayLike, b: ArrayLike) -> Comparison:
     pooled = np.concatenate([a, b])
     if np.ptp(pooled) == 0.0:
         return Comparison(test, n, note="all values are equal")
-    exact = min(len(a), len(b)) <= EXACT_RANK_SUM and len(np.unique(pooled)) == n
-    found = stats.mannwhitneyu(a, b, method="exact" if exact else "asymptotic")
+    exact, ties = min(len(a), len(b)) <= EXACT_RANK_SUM, len(np.unique(pooled)) < n
+    found = stats.mannwhitneyu(a, b, method="exact" if exact and not ties else "asymptotic")
+    p = _exact_rank_sum(a, b) if exact and ties else float(found.pvalue)
     effect = 2.0 * float(found.statistic) / (len(a) * len(b)) - 1.0
     method = "exact" if exact else "normal approximation"
-    return Comparison(test, n, 0, float(found.statistic), method, float(found.pvalue), effect)
+    return Comparison(test, n, 0, float(found.statistic), method, p, effect)
+
+
+def _exact_rank_sum(a: Array, b: Array) -> float:
+    """Twice the share of all choices of as many values as the smaller sample has with as low, or high, a rank sum.
+
+    ``ways[k, s]`` counts the choices of k among the ranks so far with the doubled sum s.
+    """
+    smaller, larger = sorted((a, b), key=len)
+    doubled = np.rint(2.0 * stats.rankdata(np.concatenate([smaller, larger]))).astype(int)
+    count = len(smaller)
+    ways = np.zeros((count + 1, np.sort(doubled)[-count:].sum() + 1))
+    ways[0, 0] = 1.0
+    for rank in doubled:
+        ways[1:, rank:] += ways[:-1, :-rank].copy()
+    observed, total = doubled[:count].sum(), ways[count].sum()
+    tails = ways[count, : observed + 1].sum(), ways[count, observed:].sum()
+    return min(1.0, 2.0 * float(min(tails) / total))
 
 
 def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMUTATIONS) -> Comparison:

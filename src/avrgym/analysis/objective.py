@@ -1,0 +1,120 @@
+"""How well the robots did: reward and success of each condition, beside the same policy in simulation."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+from statistics import fmean, stdev
+
+from avrgym.analysis.rows import ObjectiveRow, TrialRow
+from avrgym.analysis.statistics import t_interval
+from avrgym.episodes import EPISODE_STEPS
+from avrgym.evaluation import wilson_interval
+from avrgym.policies import Policy, PolicyError, find_policy
+from avrgym.study.store import Store
+
+ALL = "all"
+"""Stands for all tasks or all robots, taken together."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulated:
+    """What a policy's file says of its own evaluation; ``simulation_note`` why there is nothing, or what to mind."""
+
+    simulation_people: str | None = None
+    simulation_episodes: int | None = None
+    simulation_reward_mean: float | None = None
+    simulation_reward_low: float | None = None
+    simulation_reward_high: float | None = None
+    simulation_success_rate: float | None = None
+    simulation_success_low: float | None = None
+    simulation_success_high: float | None = None
+    simulation_note: str = ""
+
+
+def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRow]:
+    """A row for each condition of the design, and for each robot and policy over all tasks; groups apart.
+
+    Reward intervals are Student's t over trials, each of another participant; success intervals are Wilson's.
+    """
+    design = store.design
+    rows = []
+    for simulated in sorted({row.simulated for row in trials if row.counted}):
+        own = [row for row in trials if row.counted and row.simulated is simulated]
+        for task, robot, policy in product(design.tasks, design.robots, design.policies):
+            beside = simulation(store, f"avrgym/{task}{robot}-v1", policy)
+            rows.append(_condition(own, simulated, task, robot, policy, beside))
+        for robot, policy in product(design.robots, design.policies):
+            rows.append(_condition(own, simulated, ALL, robot, policy, Simulated()))
+    return rows
+
+
+def _condition(
+    trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str, beside: Simulated
+) -> ObjectiveRow:
+    own = [row for row in trials if task in (row.task, ALL) and (row.robot, row.policy) == (robot, policy)]
+    rewards = [row.reward for row in own if row.reward is not None] if task != ALL else []
+    successes = sum(bool(row.success) for row in own)
+    mean, low, high = mean_with_interval(rewards)
+    success_low, success_high = wilson_interval(successes, len(own)) if own else (None, None)
+    return ObjectiveRow(
+        simulated=simulated,
+        task=task,
+        robot=robot,
+        policy=policy,
+        trials=len(own),
+        reward_mean=mean,
+        reward_low=low,
+        reward_high=high,
+        successes=successes,
+        success_rate=successes / len(own) if own else None,
+        success_low=success_low,
+        success_high=success_high,
+        **asdict(beside),
+    )
+
+
+def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | None, float | None]:
+    """A mean and the ends of its 95 % interval; what too few values do not give is ``None``."""
+    if not values:
+        return None, None, None
+    mean = fmean(values)
+    return mean, *t_interval(mean, stdev(values) if len(values) > 1 else 0.0, len(values))
+
+
+def simulation(store: Store, environment: str, policy: str) -> Simulated:
+    """What the study's policy for an environment did in simulation, with the people that it trained with.
+
+    The figures are those that training measured and stored in the policy's file.
+    """
+    try:
+        metadata = Policy.load(find_policy(store.policy_source(environment, policy), environment)).metadata
+    except PolicyError as error:
+        return Simulated(simulation_note=str(error))
+    numbers = ("episodes", "success_rate", "reward_mean", "reward_std")
+    if any(name not in metadata.measured for name in numbers):
+        return Simulated(
+            simulation_people=metadata.people, simulation_note="the policy's file has no measurements"
+        )
+    episodes, rate, mean, deviation = (float(metadata.measured[name]) for name in numbers)
+    return _as_measured(metadata.people, int(episodes), rate, mean, deviation, store.design.trial_steps)
+
+
+def _as_measured(
+    people: str, episodes: int, rate: float, mean: float, deviation: float, trial_steps: int
+) -> Simulated:
+    """``deviation`` is that of the episodes themselves, as evaluations have it."""
+    sample_deviation = deviation * (episodes / max(episodes - 1, 1)) ** 0.5
+    low, high = t_interval(mean, sample_deviation, episodes)
+    success_low, success_high = wilson_interval(round(rate * episodes), episodes)
+    other_length = f"episodes have {EPISODE_STEPS} steps, these trials {trial_steps}"
+    return Simulated(
+        simulation_people=people,
+        simulation_episodes=episodes,
+        simulation_reward_mean=mean,
+        simulation_reward_low=low,
+        simulation_reward_high=high,
+        simulation_success_rate=rate,
+        simulation_success_low=success_low,
+        simulation_success_high=success_high,
+        simulation_note="" if trial_steps == EPISODE_STEPS else other_length,
+    )

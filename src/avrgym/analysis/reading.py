@@ -1,0 +1,251 @@
+"""Reading a study for its analysis: every participant, trial, attempt and answer, each completed recording once."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from statistics import fmean, median
+from typing import Any
+
+import numpy as np
+
+from avrgym.analysis.measures import Body, Measured, measure, other_versions
+from avrgym.analysis.rows import AnswerRow, AttemptRow, ParticipantRow, ProblemRow, TermRow, TrialRow
+from avrgym.models.robots import find_robot
+from avrgym.study.export.trials import ExportedAttempt, all_attempts
+from avrgym.study.recording import Recording, RecordingError
+from avrgym.study.rows import Participant, Trial
+from avrgym.study.states import TAKES_PART, StudyError
+from avrgym.study.store import Store
+from avrgym.tasks import TASKS, find_environment
+
+USED = "reward and success are those that were stored with the trial"
+WITHOUT = f"{USED}; it is missing from the biomechanics"
+WITHOUT_ALL = f"{USED}; it is missing from the biomechanics and has no time series"
+TrialKey = tuple[str, int]
+"""Pseudonym and position."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """All that was observed in a study, in the order of participants and trials."""
+
+    participants: list[ParticipantRow] = field(default_factory=list)
+    trials: list[TrialRow] = field(default_factory=list)
+    attempts: list[AttemptRow] = field(default_factory=list)
+    answers: list[AnswerRow] = field(default_factory=list)
+    terms: list[TermRow] = field(default_factory=list)
+    problems: list[ProblemRow] = field(default_factory=list)
+    series: dict[TrialKey, Measured] = field(default_factory=dict)
+
+
+def observe(store: Store, progress: Callable[[int, int], None] = lambda done, all_: None) -> Observations:
+    """Read a study; recordings that cannot be used are named among the problems.
+
+    ``progress`` is told after each recording how many were read, and how many there are.
+    """
+    found = Observations()
+    attempts = list(all_attempts(store))
+    completed = {each.trial.id: each for each in attempts if each.attempt.state == "completed"}
+    for participant in store.participants():
+        for trial in store.trials(participant.pseudonym):
+            own = [each for each in attempts if each.trial.id == trial.id]
+            row = _trial(participant, trial, own)
+            if trial.id in completed:
+                row = _observe_recording(completed[trial.id], row, found)
+                progress(sum(each.recording is not None for each in found.trials) + 1, len(completed))
+            found.trials.append(row)
+    found.attempts.extend(_attempt(each) for each in attempts)
+    counted = {(row.participant, row.position) for row in found.trials if row.counted}
+    for participant in store.participants():
+        found.answers.extend(_answers(store, participant, attempts, counted))
+        found.participants.append(_participant(store, participant, found))
+    return found
+
+
+def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAttempt]) -> TrialRow:
+    task, robot = find_environment(trial.environment)
+    takes_part = participant.state in TAKES_PART
+    return TrialRow(
+        participant=participant.pseudonym,
+        simulated=participant.simulated,
+        participant_state=participant.state,
+        sex=participant.sex,
+        position=trial.position,
+        practice=trial.practice,
+        task=task,
+        robot=robot,
+        policy=trial.policy,
+        seed=trial.seed,
+        state=trial.state,
+        attempts=len(attempts),
+        attempts_broken_off=sum(each.attempt.state not in ("completed", "running") for each in attempts),
+        counted=trial.state == "completed" and not trial.practice and takes_part,
+    )
+
+
+# One recording
+
+
+def _observe_recording(exported: ExportedAttempt, row: TrialRow, found: Observations) -> TrialRow:
+    """The row with what the recording adds; its time series, reward terms and problems go to ``found``."""
+    figures = exported.attempt.figures
+    stored: dict[str, Any] = {name: figures.get(name) for name in ("steps", "reward", "success", "seconds")}
+    row = replace(row, recording=exported.attempt.recording, **stored)
+
+    def tell(what: str, consequence: str) -> None:
+        found.problems.append(
+            ProblemRow(
+                simulated=row.simulated,
+                where=exported.attempt.recording,
+                what=what,
+                consequence=consequence,
+            )
+        )
+
+    try:
+        recording = exported.read()
+    except FileNotFoundError:
+        tell("is not here", WITHOUT_ALL)
+        return replace(row, recorded="missing")
+    except (OSError, RecordingError, StudyError) as error:
+        tell(f"cannot be read: {_without_path(error, exported)}", WITHOUT_ALL)
+        return replace(row, recorded="unreadable")
+    if recording.metadata.get("simulated") is not row.simulated:
+        tell("and the study differ in whether the participant was simulated", "the trial is not counted")
+        return replace(row, recorded="contradictory", counted=False)
+    versions = other_versions(recording)
+    if versions:
+        tell(f"was recorded with {versions}", "it is used as it was recorded")
+    return _add_measures(recording, row, found, tell)
+
+
+def _without_path(error: Exception, exported: ExportedAttempt) -> str:
+    """The error's words without the folder's name, so that they are the same wherever the study lies."""
+    return str(error).replace(f"{exported.store.path(exported.attempt.recording)}: ", "")
+
+
+def _add_measures(
+    recording: Recording, row: TrialRow, found: Observations, tell: Callable[[str, str], None]
+) -> TrialRow:
+    measured = measure(recording, TASKS[row.task].stage(find_robot(row.robot)).posture)
+    recorded = _kind(recording, measured)
+    if recorded == "cut off":
+        tell(f"is cut off: it holds {len(measured.steps)} of {row.steps} control steps", WITHOUT)
+    elif recorded == "without a body":
+        tell("does not tell the person's body as this version has it", WITHOUT)
+    if measured.steps:
+        found.series[row.participant, row.position] = measured
+        found.terms.extend(_terms(row, measured))
+        row = replace(row, **_step_figures(measured))
+    if recorded == "whole" and row.reward != row.reward_recorded:
+        tell(
+            f"adds up to a reward of {row.reward_recorded}, stored is {row.reward}", "the stored one is used"
+        )
+    if recorded == "whole" and measured.body is not None:
+        row = replace(row, **_body_figures(measured.body))
+    return replace(row, recorded=recorded)
+
+
+def _kind(recording: Recording, measured: Measured) -> str:
+    if not recording.complete:
+        return "cut off"
+    return "without a body" if measured.body is None else "whole"
+
+
+def _step_figures(measured: Measured) -> dict[str, float]:
+    forces = [step.force_on_person_n for step in measured.steps]
+    return {
+        "reward_recorded": sum(step.reward for step in measured.steps),
+        "distance_least_m": min(step.distance_m for step in measured.steps),
+        "force_mean_n": fmean(forces),
+        "force_peak_n": max(forces),
+    }
+
+
+def _body_figures(body: Body) -> dict[str, float]:
+    figures = {"torso_height_m": body.torso_height_m}
+    head = body.head_centre_w.mean(axis=0)
+    waist = np.degrees(body.waist_rad)
+    for index, axis in enumerate("xyz"):
+        figures[f"head_{axis}_m"] = float(head[index])
+        figures[f"waist_{axis}_deg"] = float(waist[:, index].mean())
+        figures[f"waist_{axis}_least_deg"] = float(waist[:, index].min())
+        figures[f"waist_{axis}_most_deg"] = float(waist[:, index].max())
+    return figures
+
+
+def _terms(row: TrialRow, measured: Measured) -> list[TermRow]:
+    names = dict.fromkeys(name for step in measured.steps for name in step.reward_terms)
+    sums = {name: sum(step.reward_terms.get(name, 0.0) for step in measured.steps) for name in names}
+    weights = measured.weights
+    return [
+        TermRow(
+            participant=row.participant,
+            simulated=row.simulated,
+            position=row.position,
+            term=name,
+            sum=total,
+            weight=weights.get(name),
+            weighted_sum=weights[name] * total if name in weights else None,
+        )
+        for name, total in sums.items()
+    ]
+
+
+# Attempts, answers, participants
+
+
+def _attempt(exported: ExportedAttempt) -> AttemptRow:
+    attempt = exported.attempt
+    figures: dict[str, Any] = {
+        name: attempt.figures.get(name) for name in ("steps", "reward", "success", "seconds")
+    }
+    return AttemptRow(**exported.labels(), state=attempt.state, **figures, recording=attempt.recording)
+
+
+def _answers(
+    store: Store, participant: Participant, attempts: Sequence[ExportedAttempt], counted: set[TrialKey]
+) -> list[AnswerRow]:
+    by_id = {each.attempt.id: each for each in attempts}
+    rows = []
+    for answer in store.answers(participant.pseudonym):
+        about = by_id.get(answer.attempt or 0)
+        item = store.design.items.get(answer.item)
+        rows.append(
+            AnswerRow(
+                participant=participant.pseudonym,
+                simulated=participant.simulated,
+                counted=about is not None
+                and about.attempt.state == "completed"
+                and (participant.pseudonym, about.trial.position) in counted,
+                position=about.trial.position if about else None,
+                task=about.task if about else None,
+                robot=about.robot if about else None,
+                policy=about.trial.policy if about else None,
+                attempt=about.attempt.number if about else None,
+                item=answer.item,
+                value=answer.value,
+                points=item.points if item else None,
+                response_time_s=answer.response_time_s,
+            )
+        )
+    return rows
+
+
+def _participant(store: Store, participant: Participant, found: Observations) -> ParticipantRow:
+    trials = [row for row in found.trials if row.participant == participant.pseudonym]
+    heights = [row.torso_height_m for row in trials if row.counted and row.torso_height_m is not None]
+    completed = sum(row.state == "completed" for row in trials)
+    return ParticipantRow(
+        participant=participant.pseudonym,
+        simulated=participant.simulated,
+        state=participant.state,
+        sex=participant.sex,
+        age_years=participant.age_years,
+        torso_height_m=median(heights) if heights else None,
+        sessions=len(store.sessions(participant.pseudonym)),
+        trials=len(trials),
+        trials_completed=completed,
+        trials_missing=len(trials) - completed,
+        attempts=sum(row.attempts for row in trials),
+        attempts_broken_off=sum(row.attempts_broken_off for row in trials),
+    )

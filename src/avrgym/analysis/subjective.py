@@ -1,0 +1,165 @@
+"""What participants answered: how answers are distributed, and the paper's two questions about them."""
+
+from collections.abc import Sequence
+from itertools import combinations, product
+from statistics import fmean
+
+import numpy as np
+
+from avrgym.analysis.comparisons import PARTICIPANT, TRIAL, corrected, tested
+from avrgym.analysis.objective import ALL
+from avrgym.analysis.rows import AnswerRow, LikertRow, SubjectiveRow, TestedRow
+from avrgym.analysis.statistics import signed_rank
+from avrgym.study.design import Design
+from avrgym.study.questionnaire import Item
+
+DIGITS = 9
+"""Means over a participant's trials are rounded to so many decimals, so that equal means are equal."""
+Key = tuple[str, ...]
+
+
+def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SubjectiveRow]:
+    """How each item was answered with each policy: over all, by task, by robot, and by both."""
+    tasks, robots = (ALL, *design.tasks), (ALL, *design.robots)
+    rows = []
+    for simulated in _groups(answers):
+        for item, policy, task, robot in product(rated_items(design), design.policies, tasks, robots):
+            values = [
+                row.value
+                for row in _of(answers, simulated, item.id, policy)
+                if task in (row.task, ALL) and robot in (row.robot, ALL)
+            ]
+            if values:
+                rows.append(_summary(simulated, item.id, policy, task, robot, values))
+    return rows
+
+
+def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
+    """How often each value was answered to each item with each policy."""
+    rows = []
+    for simulated, item, policy in product(_groups(answers), rated_items(design), design.policies):
+        values = [row.value for row in _of(answers, simulated, item.id, policy)]
+        for value in range(1, item.points + 1):
+            count = values.count(value)
+            share = count / len(values) if values else 0.0
+            rows.append(
+                LikertRow(
+                    simulated=simulated, item=item.id, policy=policy, value=value, count=count, share=share
+                )
+            )
+    return rows
+
+
+def answer_tests(design: Design, answers: Sequence[AnswerRow]) -> list[TestedRow]:
+    """The paper's tests, once over trials as in the paper and once over participants.
+
+    The first item asked after a trial (L1: success) against the middle of its scale, for each policy; each item
+    with one policy against another, paired within participant × task × robot. Trials of one participant are not
+    independent, so that p over trials is too small where participants differ in general; over participants each
+    gives one value, the mean of their trials.
+    """
+    rows = []
+    for simulated in _groups(answers):
+        for unit in (TRIAL, PARTICIPANT):
+            rows += _against_middle(design, answers, simulated, unit)
+        for unit in (TRIAL, PARTICIPANT):
+            rows += _between_policies(design, answers, simulated, unit)
+    return corrected(rows)
+
+
+def rated_items(design: Design) -> tuple[Item, ...]:
+    """The items that are asked after each trial, in the design's order."""
+    return tuple(
+        item for asked in design.questionnaires if asked.when == "after_trial" for item in asked.items
+    )
+
+
+def middle(item: Item) -> float:
+    """The value between agreement and disagreement."""
+    return (1 + item.points) / 2
+
+
+def _against_middle(
+    design: Design, answers: Sequence[AnswerRow], simulated: bool, unit: str
+) -> list[TestedRow]:
+    rows = []
+    for item, policy in product(rated_items(design)[:1], design.policies):
+        neutral = middle(item)
+        values = _per(unit, {_key(row): row.value for row in _of(answers, simulated, item.id, policy)})
+        rows.append(
+            tested(
+                simulated,
+                f"{item.id} against the middle, by {unit}",
+                item.id,
+                unit,
+                (policy, values),
+                (f"{neutral:g}, the middle", [neutral] * len(values)),
+                signed_rank([value - neutral for value in values]),
+            )
+        )
+    return rows
+
+
+def _between_policies(
+    design: Design, answers: Sequence[AnswerRow], simulated: bool, unit: str
+) -> list[TestedRow]:
+    rows = []
+    for (first, second), item in product(combinations(design.policies, 2), rated_items(design)):
+        a = {_key(row): row.value for row in _of(answers, simulated, item.id, first)}
+        b = {_key(row): row.value for row in _of(answers, simulated, item.id, second)}
+        pairs = [key for key in a if key in b]
+        before = _per(unit, {key: a[key] for key in pairs})
+        after = _per(unit, {key: b[key] for key in pairs})
+        rows.append(
+            tested(
+                simulated,
+                f"policies, by {unit}",
+                item.id,
+                unit,
+                (second, after),
+                (first, before),
+                signed_rank(np.round(np.subtract(after, before), DIGITS)),
+            )
+        )
+    return rows
+
+
+def _per(unit: str, values: dict[Key, int]) -> list[float]:
+    """The values of trials, or their means for each participant."""
+    if unit == TRIAL:
+        return [float(value) for value in values.values()]
+    people = dict.fromkeys(key[0] for key in values)
+    return [round(fmean(value for key, value in values.items() if key[0] == who), DIGITS) for who in people]
+
+
+def _groups(answers: Sequence[AnswerRow]) -> list[bool]:
+    return sorted({row.simulated for row in answers if row.counted})
+
+
+def _of(answers: Sequence[AnswerRow], simulated: bool, item: str, policy: str) -> list[AnswerRow]:
+    wanted = (True, simulated, item, policy)
+    return [row for row in answers if (row.counted, row.simulated, row.item, row.policy) == wanted]
+
+
+def _key(row: AnswerRow) -> Key:
+    return row.participant, row.task or "", row.robot or ""
+
+
+def _summary(
+    simulated: bool, item: str, policy: str, task: str, robot: str, values: Sequence[int]
+) -> SubjectiveRow:
+    lower, median, upper = np.percentile(values, [25, 50, 75])
+    return SubjectiveRow(
+        simulated=simulated,
+        item=item,
+        policy=policy,
+        task=task,
+        robot=robot,
+        n=len(values),
+        mean=fmean(values),
+        least=min(values),
+        lower_quartile=float(lower),
+        median=float(median),
+        upper_quartile=float(upper),
+        most=max(values),
+    )

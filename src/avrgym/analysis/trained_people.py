@@ -1,0 +1,86 @@
+"""The people whom policies trained with, drawn anew from their distributions."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.analysis.measures import WAIST, head_centres
+from avrgym.analysis.rows import PersonRow, TrialRow
+from avrgym.arm_clearance import furniture_boxes
+from avrgym.models.human import SEATED, SEXES
+from avrgym.models.robots import ROBOTS
+from avrgym.people import DISTRIBUTIONS, UNIFORMS, Distribution, sample
+from avrgym.study.design import Design
+from avrgym.tasks import TASKS
+
+Array = NDArray[np.floating]
+
+PEOPLE_PER_TASK = 500
+SEED = 2020
+AXES = ("x", "y", "z")
+_ORIGINAL, _REVISED = DISTRIBUTIONS["original"], DISTRIBUTIONS["revised"]
+TRAINED_WITH: Mapping[str, Distribution] = {
+    "original": _ORIGINAL,
+    "original, heights varied": replace(_REVISED, waist_deg=_ORIGINAL.waist_deg),
+    "revised": _REVISED,
+}
+"""The people of the training; the second are the paper's for telling waists from heights."""
+HEIGHTS_OF = ("original", "revised")
+"""Those of them whose torso heights differ."""
+
+
+def posture_of(task: str) -> str:
+    """How people are found in a task: ``seated`` or ``in bed``."""
+    seated = TASKS[task].stage(next(iter(ROBOTS.values()))).posture is SEATED
+    return "seated" if seated else "in bed"
+
+
+def draw_people(design: Design) -> list[PersonRow]:
+    """``PEOPLE_PER_TASK`` people of each distribution for each task, as training finds them there."""
+    return [
+        row
+        for name, task in product(TRAINED_WITH, design.tasks)
+        for row in _people(name, task, design.robots[0])
+    ]
+
+
+def _people(name: str, task: str, robot: str) -> list[PersonRow]:
+    """They come from streams of their own, which depend on nothing but distribution and task."""
+    stage = TASKS[task].stage(ROBOTS[robot])
+    rng = np.random.default_rng([SEED, list(TRAINED_WITH).index(name), list(TASKS).index(task)])
+    uniforms = rng.random((PEOPLE_PER_TASK, UNIFORMS))
+    drawn = sample(
+        TRAINED_WITH[name], TASKS[task].pose, stage.posture, furniture_boxes(stage.furniture), uniforms
+    )
+    heads_w = head_centres(drawn, stage.posture)
+    waists_deg = np.degrees(drawn.joint_angles_rad[:, WAIST])
+    return [
+        PersonRow(
+            simulated=True,
+            people=name,
+            task=task,
+            posture=posture_of(task),
+            number=number,
+            sex=SEXES[int(drawn.is_woman[number])],
+            torso_height_m=float(drawn.torso_height_m[number]),
+            **{
+                f"waist_{axis}_deg": float(waist)
+                for axis, waist in zip(AXES, waists_deg[number], strict=True)
+            },
+            **{f"head_{axis}_m": float(head) for axis, head in zip(AXES, heads_w[number], strict=True)},
+        )
+        for number in range(PEOPLE_PER_TASK)
+    ]
+
+
+def people_heads(people: Sequence[PersonRow], name: str, posture: str) -> Array:
+    """Head positions (n, 3) of a distribution's people in a posture, world frame."""
+    return np.array([head_of(row) for row in people if (row.people, row.posture) == (name, posture)])
+
+
+def head_of(row: TrialRow | PersonRow) -> tuple[float, ...]:
+    """Where the head is, world frame."""
+    return tuple(float(getattr(row, f"head_{axis}_m")) for axis in AXES)
