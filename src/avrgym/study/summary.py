@@ -3,10 +3,12 @@
 from collections import Counter
 from dataclasses import dataclass
 
+import sqlalchemy as sa
+
 from avrgym.study.allocation import cell_orders
-from avrgym.study.rows import Participant
+from avrgym.study.rows import GivenAnswer, Participant, StudySession, Tombstone, Trial, TrialAttempt
 from avrgym.study.states import TAKES_PART
-from avrgym.study.store import Store
+from avrgym.study.store import Store, find_all
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,10 @@ class StudySummary:
 
 def summarise_study(store: Store) -> StudySummary:
     """How the study stands now."""
-    participants = store.participants()
+    with store.database.read() as connection:
+        participants = find_all(connection, Participant)
+        deleted = len(find_all(connection, Tombstone))
+        counts = _count(connection)
     states = Counter(participant.state for participant in participants)
     return StudySummary(
         title=store.design.title,
@@ -52,10 +57,10 @@ def summarise_study(store: Store) -> StudySummary:
         completed=states["completed"],
         withdrawn=states["withdrawn"],
         excluded=states["excluded"],
-        deleted=len(store.tombstones()),
+        deleted=deleted,
         filled=_per_cell(store, participants, TAKES_PART),
         completed_cells=_per_cell(store, participants, ("completed",)),
-        participants=tuple(_summarise(store, participant) for participant in participants),
+        participants=tuple(_summarise(participant, counts) for participant in participants),
     )
 
 
@@ -64,18 +69,25 @@ def _per_cell(store: Store, participants: list[Participant], states: tuple[str, 
     return tuple(count[cell] for cell in range(len(cell_orders(store.design))))
 
 
-def _summarise(store: Store, participant: Participant) -> ParticipantSummary:
-    pseudonym = participant.pseudonym
-    trials = store.trials(pseudonym)
+def _count(connection: sa.Connection) -> dict[str, Counter[int]]:
+    """How many sessions, trials, completed trials, attempts and answers there are, by their participant's number."""
+    trials = find_all(connection, Trial)
+    of_session = {session.id: session.participant for session in find_all(connection, StudySession)}
+    return {
+        "sessions": Counter(of_session.values()),
+        "trials": Counter(trial.participant for trial in trials),
+        "trials_completed": Counter(trial.participant for trial in trials if trial.state == "completed"),
+        "attempts": Counter(of_session[attempt.session] for attempt in find_all(connection, TrialAttempt)),
+        "answers": Counter(of_session[answer.session] for answer in find_all(connection, GivenAnswer)),
+    }
+
+
+def _summarise(participant: Participant, counts: dict[str, Counter[int]]) -> ParticipantSummary:
     return ParticipantSummary(
-        participant=pseudonym,
+        participant=participant.pseudonym,
         state=participant.state,
         simulated=participant.simulated,
         cell=participant.cell,
         consented=participant.consented_at is not None,
-        sessions=len(store.sessions(pseudonym)),
-        trials_completed=sum(trial.state == "completed" for trial in trials),
-        trials=len(trials),
-        attempts=len(store.attempts(pseudonym)),
-        answers=len(store.answers(pseudonym)),
+        **{name: count[participant.number] for name, count in counts.items()},
     )
