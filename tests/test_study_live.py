@@ -1,13 +1,16 @@
 """A participant's visit in a study: what is stored of it, who may have one, and how it goes on after a break."""
 
 import hashlib
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from avrgym.cli import app
 from avrgym.policies import PolicyError
 from avrgym.study import database
 from avrgym.study.checking import check_study
@@ -20,6 +23,7 @@ from avrgym.vr.messages import Command, CommandName, Entered, Ready
 from studies import make_study, take_in
 from visit import Visit
 
+PATIENCE_S = 60.0
 ITEMS = ("L1", "L2", "L3", "L4")
 
 
@@ -217,13 +221,47 @@ def test_withdrawal_in_mid_trial_stops_robot_and_recording(store: Store) -> None
     assert wrong(store) == []
 
 
-def test_who_withdraws_elsewhere_meets_no_further_trial(store: Store) -> None:
+def await_word(visit: StudyVisit) -> None:
+    """Wait until the visit knows that it was ended elsewhere."""
+    ends_s = time.monotonic() + PATIENCE_S
+    while not visit.called_off:
+        assert time.monotonic() < ends_s
+        time.sleep(0.01)
+
+
+def test_withdrawal_elsewhere_stops_robot_and_recording_in_mid_trial(store: Store) -> None:
+    """By the command line in another process, and without any transition that would be stored."""
     pseudonym = take_in(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
         go_to_trial(attended)
-        with Store(store.folder) as other:
-            withdraw(other, pseudonym)
+        attended.tick(12)
+        withdrawn = CliRunner().invoke(app, ["study", "withdraw", str(store.folder), pseudonym])
+        assert (withdrawn.exit_code, withdrawn.stdout) == (0, "sub-001 takes part no longer\n")
+        await_word(visit)
+        attended.tick()
+        assert attended.phase == "finished"
+        ended = digests(store.folder)
+        attended.tick(30)
+        assert digests(store.folder) == ended
+        (path,) = attended.session.recordings
+    assert attended.problems == []
+    recording = read_recording(path)
+    assert recording.complete
+    assert [event.name for _, event in recording.topics["/events"]][-1] == "robot_holds"
+    assert states(store) == ["stopped"]
+    assert wrong(store) == []
+
+
+def test_nothing_is_stored_of_who_withdrew_elsewhere_even_before_that_is_known_here(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("avrgym.study.watch.LOOK_EVERY_S", 3600.0)
+    pseudonym = take_in(store)
+    with StudyVisit(store, pseudonym) as visit:
+        attended = attend(visit)
+        go_to_trial(attended)
+        withdraw(store, pseudonym)
         attended.tick(60)
         assert attended.phase == "paused"
         attended.tell(Ready())
@@ -231,6 +269,20 @@ def test_who_withdraws_elsewhere_meets_no_further_trial(store: Store) -> None:
         assert attended.phase == "paused"
         assert "is closed; it must be open" in attended.problems[-1]
     assert states(store) == ["stopped"]
+
+
+def test_a_session_that_is_taken_over_ends_here(store: Store) -> None:
+    pseudonym = take_in(store)
+    with StudyVisit(store, pseudonym) as visit:
+        attended = attend(visit)
+        go_to_trial(attended)
+        with Store(store.folder) as other, StudyVisit(other, pseudonym, take_over=True) as elsewhere:
+            await_word(visit)
+            attended.tick()
+            assert attended.phase == "finished"
+            assert not elsewhere.called_off
+            assert [session.state for session in store.sessions(pseudonym)] == ["interrupted", "open"]
+    assert [session.state for session in store.sessions(pseudonym)] == ["interrupted", "closed"]
 
 
 # What cannot be written

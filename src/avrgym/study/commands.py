@@ -100,6 +100,21 @@ def _ask_for_inclusion(store: "Store", participant: str) -> None:
 
 
 @app.command()
+def withdraw(
+    folder: Folder,
+    participant: Pseudonym,
+    reason: Annotated[str, typer.Option(help="Without names.")] = "",
+) -> None:
+    """Store that somebody takes part no longer. This is final; a session that runs anywhere ends within a second."""
+    from avrgym.study.participants import withdraw as end_participation
+    from avrgym.study.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        end_participation(store, participant, reason)
+    say(f"{participant} takes part no longer")
+
+
+@app.command()
 def simulate(
     folder: Folder,
     participants: Annotated[

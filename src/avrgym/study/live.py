@@ -16,6 +16,7 @@ from avrgym.study.rows import StudySession, Trial, TrialAttempt, pseudonym_of
 from avrgym.study.sessions import close_session, open_session, skip_trial, tell
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
+from avrgym.study.watch import Watch
 from avrgym.vr import transitions
 from avrgym.vr.messages import Command
 from avrgym.vr.plan import Policies, SessionPlan, TrialPlan, load_policy_for
@@ -46,6 +47,12 @@ class StudyVisit:
         self.policies = _policies(store, pseudonym)
         self.stored = open_session(store, pseudonym, take_over=take_over)
         self.trials = trials_in_order(store, pseudonym)
+        self._watch = Watch(store, self.stored.id)
+
+    @property
+    def called_off(self) -> bool:
+        """Whether somebody elsewhere has ended the session."""
+        return self._watch.called_off
 
     def plan(self) -> SessionPlan:
         """What remains to be run; ``StudyError`` when nothing does, as after a crash at the very end."""
@@ -67,7 +74,8 @@ class StudyVisit:
             self.store.path(self.stored.folder),
             send,
             f"{self.pseudonym} {self.stored.name}",
-            observe=Keeper(self.store, self.stored, self.trials),
+            observe=Keeper(self.store, self.stored, self.trials, self._watch),
+            called_off=lambda: self.called_off,
             workers=workers,
             scenes=scenes,
         )
@@ -87,9 +95,11 @@ class StudyVisit:
 
     def close(self) -> None:
         """End the session; after the last trial the participant has completed the study."""
-        (stored,) = (row for row in self.store.sessions(self.pseudonym) if row.id == self.stored.id)
-        if stored.state == "open":
-            close_session(self.store, stored.id)
+        self._watch.close()
+        if any(
+            row.id == self.stored.id and row.state == "open" for row in self.store.sessions(self.pseudonym)
+        ):
+            close_session(self.store, self.stored.id)
 
     def __enter__(self) -> Self:
         return self
@@ -144,17 +154,19 @@ def _policies(store: Store, pseudonym: str) -> Policies:
 
 
 class Keeper:
-    """Stores what happens in a session in VR; raises what keeps it from doing so."""
+    """Stores what happens in a session in VR, unless it was called off; raises what keeps it from doing so."""
 
-    def __init__(self, store: Store, session: StudySession, trials: Sequence[Trial]) -> None:
+    def __init__(self, store: Store, session: StudySession, trials: Sequence[Trial], watch: Watch) -> None:
         """Keep a session's transitions; ``trials`` stand in the order of its plan."""
-        self._store, self._session, self._trials = store, session, trials
+        self._store, self._session, self._trials, self._watch = store, session, trials, watch
         self._pseudonym = pseudonym_of(session.participant)
         self._attempt: TrialAttempt | None = None
         self._began_s = 0.0
 
     def __call__(self, happened: Transition) -> None:
         """Store a transition; on return it is on disk."""
+        if self._watch.called_off:
+            return
         match happened:
             case transitions.TrialBegun():
                 self._begin(happened)

@@ -63,6 +63,8 @@ def simulate_participant(folder: Path, pseudonym: str, seed: int) -> None:
         visit.ask("before_session", lambda item: int(chance.integers(1, item.points + 1)))
         for _ in store.remaining_trials(pseudonym):
             _run_trial(visit, seed)
+            if visit.called_off:
+                raise StudyError(f"{visit.stored} was ended elsewhere")
         visit.ask("after_session", lambda item: int(chance.integers(1, item.points + 1)))
 
 

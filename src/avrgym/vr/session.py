@@ -64,6 +64,7 @@ class Session:
         identifier: str,
         *,
         observe: transitions.Observer = lambda transition: None,
+        called_off: Callable[[], bool] = lambda: False,
         workers: Executor | None = None,
         scenes: list[tuple[str, Person]] | None = None,
     ) -> None:
@@ -76,6 +77,7 @@ class Session:
             send: takes every message for the clients.
             identifier: the name of the session for clients and recordings.
             observe: told of every transition before the session goes on. When it raises, the session pauses.
+            called_off: whether somebody elsewhere has ended the session; asked at every tick.
             workers: makes the worlds of trials to come; without one they are made in the thread that ticks.
             scenes: those of sessions before this one, which keep their addresses; the session adds its own.
         """
@@ -88,6 +90,7 @@ class Session:
         self.person = Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height)
         self.height_known = False
         self._policies, self._folder, self._send, self._observe = policies, folder, send, observe
+        self._called_off = called_off
         self._observer_failure: Exception | None = None
         known = [] if scenes is None else scenes
         self._scenery = Scenery(plan, self.trial, self.person, workers or AtOnce(), known)
@@ -161,6 +164,8 @@ class Session:
 
     def tick(self, now_s: float) -> None:
         """Advance the world by 10 ms of simulated time and the session to ``now_s``."""
+        if self.phase != "finished" and self._called_off():
+            COMMANDS["end"](self, now_s)
         self._follow(now_s)
         plan = self._current
         policy = self._policies[plan.environment, plan.policy] if self.phase == "trial" else None
