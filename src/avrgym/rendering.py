@@ -18,7 +18,8 @@ from avrgym.models.scene import build_spec
 from avrgym.vr.webxr import BODY_FROM_DEVICE_AXES, HEADSET_AHEAD_M
 
 HEIGHT_PX, WIDTH_PX = 480, 640
-EYES, EYES_FIELD_DEG = "eyes", 75.0
+EYES, EYES_FIELD_DEG = "eyes", 96.0
+"""As high as a Quest 3 shows it."""
 HIDDEN_GROUP = 5
 
 

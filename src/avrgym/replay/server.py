@@ -1,6 +1,7 @@
 """The local server of a replay: the page, the scene, and the timeline with its poses."""
 
 import threading
+from functools import cache
 
 import msgspec
 import uvicorn
@@ -13,19 +14,18 @@ from avrgym.models.human import Person
 from avrgym.replay.timeline import Timeline
 from avrgym.study.recording import Recording
 from avrgym.vr.access import OwnPagesOnly, Tokens
-from avrgym.vr.rendering import SceneRenderer
+from avrgym.vr.rendering import render_scene
 from avrgym.vr.scenery import resting
 from avrgym.vr.server import LOOPBACK, STATIC, ServerError, listen
 
 
-def create_replay_app(
-    recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens, renderer: SceneRenderer
-) -> FastAPI:
+def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:
     """The web application; all but the page itself needs a token, because movements identify people."""
     app = FastAPI(openapi_url=None)
     app.add_middleware(OwnPagesOnly)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK))
     environment, body = recording.metadata["environment"], recording.metadata["person"]
+    rendered = cache(lambda: render_scene(environment, resting(environment, Person(**body))))
 
     def check(request: Request) -> None:
         if tokens.bearer(request.headers) is None:
@@ -42,10 +42,9 @@ def create_replay_app(
         return Response(poses, media_type="application/octet-stream")
 
     @app.get("/scenes/0.glb")
-    async def scene(request: Request) -> Response:
+    def scene(request: Request) -> Response:
         check(request)
-        glb = await renderer.glb(0, environment, resting(environment, Person(**body)))
-        return Response(glb, media_type="model/gltf-binary")
+        return Response(rendered(), media_type="model/gltf-binary")
 
     @app.get("/replay")
     async def page() -> FileResponse:
@@ -69,8 +68,7 @@ class ReplayServer:
         self._socket = listen(LOOPBACK[0], port)
         self.port = int(self._socket.getsockname()[1])
         self.tokens = Tokens.new()
-        self._renderer = SceneRenderer()
-        self.app = create_replay_app(recording, timeline, poses, self.tokens, self._renderer)
+        self.app = create_replay_app(recording, timeline, poses, self.tokens)
         settings = uvicorn.Config(self.app, log_level="warning", access_log=False)
         self._server = uvicorn.Server(settings)
         self._thread = threading.Thread(
@@ -89,7 +87,6 @@ class ReplayServer:
     def __exit__(self, *_: object) -> None:
         self._server.should_exit = True
         self._thread.join()
-        self._renderer.close()
         self._socket.close()
 
     def wait(self) -> None:

@@ -1,0 +1,99 @@
+import { describe, expect, it } from "vitest";
+import { points } from "../src/replay-chart";
+import { Clock, SPEEDS } from "../src/replay-clock";
+import { latest, phasesOf, type Timeline } from "../src/replay-data";
+import { Frames } from "../src/replay-frames";
+
+const TIMES = [0, 0.02, 0.04];
+
+/** One body that moves along x by 0.1 m from frame to frame, unturned. */
+function moving(): Float32Array {
+  return new Float32Array(TIMES.flatMap((_, at) => [0.1 * at, 0, 0, 1, 0, 0, 0]));
+}
+
+function sampled(timeS: number): number[] {
+  const out = new Float32Array(7);
+  new Frames(TIMES, moving()).sample(timeS, out);
+  return [...out].map((value) => Number(value.toFixed(6)));
+}
+
+describe("frames", () => {
+  it("are given as recorded at their own times", () => {
+    TIMES.forEach((timeS, at) => expect(sampled(timeS)[0]).toBeCloseTo(0.1 * at));
+  });
+
+  it("are blended between two times, and stay as they are outside", () => {
+    expect(sampled(0.03)).toEqual([0.15, 0, 0, 1, 0, 0, 0]);
+    expect(sampled(-1)).toEqual(sampled(0));
+    expect(sampled(9)).toEqual(sampled(0.04));
+  });
+});
+
+describe("the latest of ascending times", () => {
+  it("is the one that is not after", () => {
+    for (const timeS of [-1, 0, 0.01, 0.02, 0.03, 0.04, 5]) {
+      expect(latest(TIMES, timeS)).toBe(TIMES.filter((each) => each <= timeS).length - 1);
+    }
+    expect(latest([], 1)).toBe(-1);
+  });
+});
+
+describe("the clock", () => {
+  it("moves on by what has passed times its speed, only while it plays", () => {
+    const clock = new Clock(10);
+    clock.tick(1000);
+    clock.tick(2000);
+    expect(clock.timeS).toBe(0);
+    clock.toggle();
+    clock.speed = 0.25;
+    clock.tick(4000);
+    expect(clock.timeS).toBe(0.5);
+    clock.toggle();
+    clock.tick(9000);
+    expect(clock.timeS).toBe(0.5);
+  });
+
+  it("rests at the end and begins again from there", () => {
+    const clock = new Clock(1);
+    clock.toggle();
+    clock.tick(0);
+    clock.tick(5000);
+    expect([clock.timeS, clock.playing]).toEqual([1, false]);
+    clock.toggle();
+    expect([clock.timeS, clock.playing]).toEqual([0, true]);
+  });
+
+  it("stays within the trial and within its speeds", () => {
+    const clock = new Clock(3);
+    clock.seek(-1);
+    expect(clock.timeS).toBe(0);
+    clock.seek(99);
+    expect(clock.timeS).toBe(3);
+    for (const _ of SPEEDS) clock.change(1);
+    expect(clock.speed).toBe(4);
+    for (const _ of SPEEDS) clock.change(-1);
+    expect(clock.speed).toBe(0.25);
+  });
+});
+
+describe("phases", () => {
+  it("end where the next begins, the last with the recording; answers are none", () => {
+    const happenings = [
+      { time_s: 0, kind: "free_before", words: "free before" },
+      { time_s: 2, kind: "trial", words: "trial" },
+      { time_s: 3, kind: "answer", words: "L1: 4" },
+    ];
+    const found = phasesOf({ happenings, seconds: 5 } as Timeline);
+    expect(found).toEqual([
+      { name: "free before", from: 0, to: 2 },
+      { name: "trial", from: 2, to: 5 },
+    ]);
+  });
+});
+
+describe("a line of the chart", () => {
+  it("spans the box from its lowest to its highest value, nought included", () => {
+    expect(points([0, 5, 10], [0, 1, -1], 10)).toBe("0.0,50.0 500.0,4.0 1000.0,96.0");
+    expect(points([], [], 10)).toBe("");
+  });
+});
