@@ -38,8 +38,8 @@ class TrainingConfiguration:
 
     The policy first imitates its task's teacher for ``imitation_rounds`` episodes in every world, though for no more
     than half of all steps. Then only the critic learns for ``critic_updates``. The learning rate falls to a tenth.
-    ``log_std`` is how random actions are at the beginning of PPO and at its end, so that in the end the policy does
-    without chance.
+    ``log_std`` is how random actions are at the beginning of PPO and over its last third, so that in the end the
+    policy does without chance.
     ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
     the task's own reward does; it grows over the second third: first the policy learns to help, then to be gentle.
     """
@@ -143,7 +143,7 @@ class _Watch(BaseCallback):
         first, last = configuration.log_std
         assert isinstance(self.model, PPO)
         with torch.no_grad():
-            self.model.policy.log_std.fill_(first + share * (last - first))
+            self.model.policy.log_std.fill_(first + min(1.5 * share, 1.0) * (last - first))
         gentleness = min(max(3.0 * share - 1.0, 0.0), 1.0)
         self._env.force_weight_per_n = gentleness * configuration.force_weight_per_n
 
