@@ -48,11 +48,17 @@ def smooth(start: np.ndarray, end: np.ndarray, frames: int) -> Iterable[np.ndarr
         yield start + s**3 * (10.0 - 15.0 * s + 6.0 * s**2) * (end - start)
 
 
+def solve(solver: ArmSolver, hand: Hand, start_rad: np.ndarray) -> np.ndarray:
+    """The angles (7,) of one arm."""
+    pos, axes = hand
+    return solver.solve(pos[None], axes[None], start_rad[None])[0]
+
+
 def follow(solver: ArmSolver, hands: Iterable[Hand], angles: np.ndarray) -> list[np.ndarray]:
     """The angles frame by frame."""
     followed = []
     for hand in hands:
-        angles = solver.solve(*hand, angles)
+        angles = solve(solver, hand, angles)
         followed.append(angles)
     return followed
 
@@ -78,7 +84,9 @@ def brought(solver: ArmSolver, hand: Hand) -> np.ndarray:
 def test_the_closed_form_brings_the_hand_to_any_pose_of_an_arm(rng: np.random.Generator) -> None:
     for angles in rng.uniform(LOWER, UPPER, (100, 7)):
         hand = hand_of(angles)
-        metres, degrees = error(comfortable_angles(LENGTHS, *hand, rng.uniform(LOWER, UPPER)), hand)
+        pos, axes = hand
+        solved = comfortable_angles(LENGTHS, pos[None], axes[None], rng.uniform(LOWER, UPPER)[None])
+        metres, degrees = error(solved[0], hand)
         assert metres < 0.006
         assert degrees < 1.5
 
@@ -130,10 +138,18 @@ def test_no_joint_jumps_while_the_arm_stretches_and_bends_again() -> None:
 
 def test_the_result_depends_only_on_pose_and_start(rng: np.random.Generator) -> None:
     solver, hand = ArmSolver(PERSON), hand_of(rng.uniform(LOWER, UPPER))
-    first = solver.solve(*hand, RELAXED)
-    solver.solve(*hand_of(rng.uniform(LOWER, UPPER)), rng.uniform(LOWER, UPPER))
-    np.testing.assert_array_equal(solver.solve(*hand, RELAXED), first)
-    np.testing.assert_array_equal(ArmSolver(PERSON).solve(*hand, RELAXED), first)
+    first = solve(solver, hand, RELAXED)
+    solve(solver, hand_of(rng.uniform(LOWER, UPPER)), rng.uniform(LOWER, UPPER))
+    np.testing.assert_array_equal(solve(solver, hand, RELAXED), first)
+    np.testing.assert_array_equal(solve(ArmSolver(PERSON), hand, RELAXED), first)
+
+
+def test_arms_that_are_solved_together_do_not_mind_each_other(rng: np.random.Generator) -> None:
+    starts, solver = rng.uniform(LOWER, UPPER, (4, 7)), ArmSolver(PERSON)
+    hands = [hand_of(angles) for angles in rng.uniform(LOWER, UPPER, (4, 7))]
+    pos, axes = (np.stack(parts) for parts in zip(*hands, strict=True))
+    alone = [solve(solver, hand, start) for hand, start in zip(hands, starts, strict=True)]
+    np.testing.assert_allclose(solver.solve(pos, axes, starts), alone, atol=1e-12)
 
 
 COMMON_POSES = {

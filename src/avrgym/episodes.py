@@ -130,7 +130,7 @@ class Episodes:
         """Where the task's marks are now, (N, ``task.marks.count``, 3), world frame; none without marks."""
         if self.task.marks is None:
             return np.zeros((self.simulation.num_worlds, 0, 3))
-        return self.task.marks.places(self.simulation.state(), self.memory)
+        return self.task.marks.places(self.simulation.right_arm(), self.memory)
 
     def person_in(self, world: int) -> Person:
         """The person of a world's present episode."""

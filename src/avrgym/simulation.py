@@ -37,11 +37,18 @@ PARKING_W = np.array([4.0, 4.0, 0.1])
 
 
 @dataclass(frozen=True)
-class State:
+class RightArm:
+    """The frames of upper arm, forearm and hand: shoulder, elbow and wrist; (N, 3, 3) and (N, 3, 4), world frame."""
+
+    right_arm_pos_w: Array
+    right_arm_q_w: Array
+
+
+@dataclass(frozen=True)
+class State(RightArm):
     """What tasks see of N worlds at one instant; metres, seconds, radians, newtons, world frame.
 
-    Positions are (N, 3), quaternions (N, 4). ``robot_pos_w`` is the robot's torso, or its base where it has
-    none. ``right_arm_*`` (N, 3, …) are the frames of upper arm, forearm and hand: shoulder, elbow and wrist.
+    Positions are (N, 3), quaternions (N, 4). ``robot_pos_w`` is the robot's torso, or its base where it has none.
     ``placed_pos_w`` holds the furniture that every episode places, by body. ``particle_*`` have shape
     (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the axes' ends of the G capsules of the person's body,
     in the order of ``human.GEOMS``, and ``person_radius_m`` (N, G) their radii. ``tool_contact_*``
@@ -56,8 +63,6 @@ class State:
     head_pos_w: Array
     head_q_w: Array
     mouth_pos_w: Array
-    right_arm_pos_w: Array
-    right_arm_q_w: Array
     placed_pos_w: Mapping[str, Array]
     particle_pos_w: Array
     particle_velocity_w: Array
@@ -189,8 +194,7 @@ class Simulation:
             head_pos_w=self._site_xpos[:, names.head_centre].copy(),
             head_q_w=self._xquat[:, names.head].copy(),
             mouth_pos_w=self._site_xpos[:, names.mouth].copy(),
-            right_arm_pos_w=self._xpos[:, names.right_arm],
-            right_arm_q_w=self._xquat[:, names.right_arm],
+            **vars(self.right_arm()),
             placed_pos_w={name: self._xpos[:, body].copy() for name, body in names.placed.items()},
             particle_pos_w=self._qpos[:, names.particle_qpos],
             particle_velocity_w=self._qvel[:, names.particle_dof],
@@ -201,6 +205,10 @@ class Simulation:
             tool_contact_pos_w=contacts[..., 3:],
             tool_contact_force_n=norm(contacts[..., :3]),
         )
+
+    def right_arm(self) -> RightArm:
+        """The people's right arms, in arrays of their own."""
+        return RightArm(self._xpos[:, self._names.right_arm], self._xquat[:, self._names.right_arm])
 
     def robot_base(self) -> tuple[Array, Array]:
         """Where the robots' bases stand: positions (N, 3), quaternions (N, 4), world frame."""
@@ -231,7 +239,9 @@ class Simulation:
 
     def body_poses(self, world: int) -> Array:
         """Poses (B, 7) of one world's ``bodies``: x, y, z, then w, x, y, z; world frame."""
-        return np.concatenate([self._xpos[world, 1:], self._xquat[world, 1:]], axis=-1)
+        poses = np.empty((len(self.bodies), 7))
+        poses[:, :3], poses[:, 3:] = self._xpos[world, 1:], self._xquat[world, 1:]
+        return poses
 
     def person_angles_rad(self) -> Array:
         """The joint angles (N, 20) of the moving person."""

@@ -13,7 +13,7 @@ from avrgym.models.human import JOINTS, RIGHT_ARM, SEATED_RAD, People
 from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
 from avrgym.people import Pose
-from avrgym.simulation import Start, State
+from avrgym.simulation import RightArm, Start, State
 
 Array = NDArray[np.float64]
 Memory = Any
@@ -85,7 +85,7 @@ def force(name: str) -> Entry:
 
 @dataclass(frozen=True)
 class Marks:
-    """Spots that a task draws on the person; ``places(state, memory)`` (N, ``count``, 3), world frame, metres.
+    """Spots that a task draws on the person's arm; ``places(arm, memory)`` (N, ``count``, 3), world frame, metres.
 
     A spot that is not to be seen lies below the floor.
     """
@@ -93,7 +93,7 @@ class Marks:
     count: int
     radius_m: float
     rgb: tuple[float, float, float]
-    places: Callable[[State, Memory], Array]
+    places: Callable[[RightArm, Memory], Array]
 
 
 DRAWN_ABOVE_M = 0.008

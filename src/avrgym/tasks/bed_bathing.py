@@ -20,7 +20,7 @@ from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
 from avrgym.models.washcloth import NAP_M, PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
 from avrgym.people import Pose
-from avrgym.simulation import Start, State
+from avrgym.simulation import RightArm, Start, State
 from avrgym.tasks import places
 from avrgym.tasks.base import (
     ARM_SPREAD_RAD,
@@ -239,10 +239,10 @@ def _ends(pos: Array, near: Bools) -> tuple[Array, Array]:
     return pos[row, first], pos[row, last]
 
 
-def marks_w(state: State, memory: BedBathingMemory) -> Array:
+def marks_w(arm: RightArm, memory: BedBathingMemory) -> Array:
     """Where the markers not yet wiped are drawn (N, 2 × ``MARKERS``, 3), world frame; the others below the floor."""
     drawn = above_clothes(memory.marker_pos)
-    limb_pos_w, limb_q_w = state.right_arm_pos_w[:, :2, None], state.right_arm_q_w[:, :2, None]
+    limb_pos_w, limb_q_w = arm.right_arm_pos_w[:, :2, None], arm.right_arm_q_w[:, :2, None]
     pos_w = limb_pos_w + transforms.rotate(limb_q_w, drawn)
     shown = memory.exists & ~memory.wiped
     return np.where(shown[..., None], pos_w, BELOW_THE_FLOOR_W).reshape(len(pos_w), -1, 3)

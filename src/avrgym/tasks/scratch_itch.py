@@ -13,7 +13,7 @@ from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
 from avrgym.models.scratcher import SCRATCHER
 from avrgym.people import Pose
-from avrgym.simulation import Start, State
+from avrgym.simulation import RightArm, Start, State
 from avrgym.tasks import places
 from avrgym.tasks.base import (
     ARM_SPREAD_RAD,
@@ -172,10 +172,10 @@ def itch_pos_w(state: State, memory: ScratchItchMemory) -> Array:
     return limb_pos_w + transforms.rotate(limb_q_w, memory.itch)
 
 
-def limb_frame(state: State, memory: ScratchItchMemory) -> tuple[Array, Array]:
+def limb_frame(arm: RightArm, memory: ScratchItchMemory) -> tuple[Array, Array]:
     """The frame of the limb that itches: (N, 3) and (N, 4), world frame."""
     worlds = np.arange(len(memory.limb))
-    return state.right_arm_pos_w[worlds, memory.limb], state.right_arm_q_w[worlds, memory.limb]
+    return arm.right_arm_pos_w[worlds, memory.limb], arm.right_arm_q_w[worlds, memory.limb]
 
 
 def _touch(state: State, memory: ScratchItchMemory, itch_w: Array) -> tuple[Array, Array]:
@@ -188,9 +188,9 @@ def _touch(state: State, memory: ScratchItchMemory, itch_w: Array) -> tuple[Arra
     return force_n, transforms.rotate(transforms.conjugate(limb_q_w), place_w - limb_pos_w)
 
 
-def marks_w(state: State, memory: ScratchItchMemory) -> Array:
+def marks_w(arm: RightArm, memory: ScratchItchMemory) -> Array:
     """Where the itch is drawn, (N, 1, 3), world frame."""
-    limb_pos_w, limb_q_w = limb_frame(state, memory)
+    limb_pos_w, limb_q_w = limb_frame(arm, memory)
     return (limb_pos_w + transforms.rotate(limb_q_w, above_clothes(memory.itch)))[:, None]
 
 

@@ -68,7 +68,7 @@ class ArmLengths:
 
 
 class ArmSolver:
-    """Solves for the right arm of one person. The result depends only on what is asked and the angles at the start."""
+    """Solves for right arms of one person. The result depends only on what is asked and the angles at the start."""
 
     def __init__(self, person: Person) -> None:
         self._lengths = ArmLengths.of(person)
@@ -79,21 +79,26 @@ class ArmSolver:
         self._jacobian = np.zeros((6, self._model.nv))
 
     def solve(self, hand_pos: Array, hand_axes: Array, start_rad: Array) -> Array:
-        """Angles (7,) of the joints ``ARM_PARTS`` that bring the hand to a pose.
+        """Angles (A, 7) of the joints ``ARM_PARTS`` that bring the hands of A arms to their poses.
 
         Args:
-            hand_pos: the hand's centre (3,), metres; what is out of reach is reached for.
-            hand_axes: the hand's axes (3, 3) as columns.
-            start_rad: the present angles (7,); no joint turns by 0.1 rad from them.
+            hand_pos: the hands' centres (A, 3), metres; what is out of reach is reached for.
+            hand_axes: the hands' axes (A, 3, 3) as columns.
+            start_rad: the present angles (A, 7); no joint turns by 0.1 rad from them.
         """
         hand_pos = _within_reach(self._lengths, hand_pos, hand_axes)
         aim = comfortable_angles(self._lengths, hand_pos, hand_axes, start_rad)
-        limits = np.maximum(_LOWER, start_rad - MAX_TURN_RAD), np.minimum(_UPPER, start_rad + MAX_TURN_RAD)
-        angles = _clipped(aim, *limits)
-        way = np.abs(_clipped(aim, _LOWER, _UPPER) - start_rad).max()
-        if way < DETOUR_RAD and np.abs(angles - aim).max() > EXACT_RAD:
+        lower, upper = (
+            np.maximum(_LOWER, start_rad - MAX_TURN_RAD),
+            np.minimum(_UPPER, start_rad + MAX_TURN_RAD),
+        )
+        angles = _clipped(aim, lower, upper)
+        way = np.abs(_clipped(aim, _LOWER, _UPPER) - start_rad).max(axis=1)
+        short = (way < DETOUR_RAD) & (np.abs(angles - aim).max(axis=1) > EXACT_RAD)
+        for arm in np.flatnonzero(short):
             for _ in range(LEAST_SQUARES_STEPS):
-                angles = _clipped(angles + self._step(hand_pos, hand_axes, angles, limits), *limits)
+                step = self._step(hand_pos[arm], hand_axes[arm], angles[arm], (lower[arm], upper[arm]))
+                angles[arm] = _clipped(angles[arm] + step, lower[arm], upper[arm])
         return angles
 
     def _step(self, hand_pos: Array, hand_axes: Array, angles: Array, limits: tuple[Array, Array]) -> Array:
@@ -130,30 +135,53 @@ def _turn(from_axes: Array, target_axes: Array) -> Array:
 
 
 def _within_reach(lengths: ArmLengths, hand_pos: Array, hand_axes: Array) -> Array:
-    """The hand's centre (3,), moved along the line from shoulder to wrist to where the elbow can bring the wrist."""
-    to_wrist = lengths.hand_m * hand_axes[:, 2]
+    """The hands' centres (A, 3), moved on the lines from shoulders to wrists to where elbows can bring the wrists."""
+    to_wrist = lengths.hand_m * hand_axes[:, :, 2]
     wrist = hand_pos + to_wrist
-    distance_m = max(sqrt(wrist @ wrist), 1e-6)
+    distance_m = np.maximum(transforms.norm(wrist), 1e-6)
     upper, fore = lengths.upper_m, lengths.fore_m
     nearest_m = sqrt(upper**2 + fore**2 + 2.0 * upper * fore * _COS_MOST_BENT)
-    return wrist * (min(max(distance_m, nearest_m), upper + fore) / distance_m) - to_wrist
+    return wrist * (_clipped(distance_m, nearest_m, upper + fore) / distance_m)[:, None] - to_wrist
 
 
 _COS_MOST_BENT = cos(_LOWER[ARM_PARTS.index("elbow_x")])
 
 
 def comfortable_angles(lengths: ArmLengths, hand_pos: Array, hand_axes: Array, start_rad: Array) -> Array:
-    """Angles (7,) that bring the hand to a pose it can reach, whether or not the shoulder and wrist can turn so."""
-    wrist = hand_pos + lengths.hand_m * hand_axes[:, 2]
-    elbow, below = _elbow(lengths, sqrt(wrist @ wrist))
-    frame = _towards(wrist, _upper_arm_x(start_rad))
-    upper_arm, forearm = frame @ _turning_axes(below), frame @ _turning_axes(below + elbow)
-    coefficients = np.concatenate([upper_arm, hand_axes.T @ forearm]).reshape(18, 3)
+    """Angles (A, 7) that bring hands to poses they can reach, whether or not shoulder and wrist can turn so.
+
+    The arguments are those of ``ArmSolver.solve``. A few arms take little longer than one.
+    """
+    wrist = hand_pos + lengths.hand_m * hand_axes[:, :, 2]
+    arms = [_Swivel.of(lengths, *arm) for arm in zip(wrist, hand_axes, start_rad, strict=True)]
+    elbow, coefficients = (
+        np.array([arm.elbow_rad for arm in arms]),
+        np.array([arm.coefficients for arm in arms]),
+    )
     upper, angles = _solutions(coefficients, elbow, start_rad, _SWIVELS)
-    costs = _costs(angles, upper, start_rad)
-    branch, swivel = divmod(int(costs.argmin()), costs.shape[1])
-    best = SWIVEL_STEP_RAD * (swivel + _vertex(costs[branch], swivel))
-    return _solutions(coefficients, elbow, start_rad, _harmonics(np.array([best])))[1][:, branch, 0]
+    costs = _costs(angles, upper, start_rad).transpose(1, 0, 2)
+    branches, swivels = zip(*(divmod(int(of_arm.argmin()), of_arm.shape[1]) for of_arm in costs), strict=True)
+    best = [s + _vertex(of_arm[b], s) for of_arm, b, s in zip(costs, branches, swivels, strict=True)]
+    finest = _harmonics(SWIVEL_STEP_RAD * np.array(best)[:, None])
+    return _solutions(coefficients, elbow, start_rad, finest)[1][:, branches, range(len(arms)), 0].T
+
+
+@dataclass(frozen=True)
+class _Swivel:
+    """How one arm can swivel: its elbow's angle, and the coefficients (18, 3) of two frames; see ``_turning_axes``.
+
+    The first nine are of the upper arm's axes, the others of the forearm's, before it turns, seen from the hand.
+    """
+
+    elbow_rad: float
+    coefficients: Array
+
+    @classmethod
+    def of(cls, lengths: ArmLengths, wrist: Array, hand_axes: Array, start_rad: Array) -> "_Swivel":
+        elbow, below = _elbow(lengths, sqrt(wrist @ wrist))
+        frame = _towards(wrist, _upper_arm_x(start_rad))
+        upper_arm, forearm = frame @ _turning_axes(below), frame @ _turning_axes(below + elbow)
+        return cls(elbow, np.concatenate([upper_arm, hand_axes.T @ forearm]).reshape(18, 3))
 
 
 def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
@@ -191,39 +219,45 @@ def _turning_axes(below: float) -> Array:
 
 
 def _harmonics(swivels_rad: Array) -> Array:
-    """What the axes' coefficients are multiplied with, (3, K)."""
-    return np.stack([np.cos(swivels_rad), np.sin(swivels_rad), np.ones_like(swivels_rad)])
+    """What the axes' coefficients are multiplied with, for swivels (..., K): (..., 3, K)."""
+    return np.stack([np.cos(swivels_rad), np.sin(swivels_rad), np.ones_like(swivels_rad)], axis=-2)
 
 
 _SWIVELS = _harmonics(np.arange(0.0, 2.0 * np.pi - 1e-9, SWIVEL_STEP_RAD))
 
 
-def _solutions(coefficients: Array, elbow: float, start_rad: Array, swivels: Array) -> tuple[Array, Array]:
-    """The upper arm's axes (3, 3, K) and the angles (7, 2, K) for K swivels, with both ways to turn the shoulder.
+def _solutions(coefficients: Array, elbow: Array, start_rad: Array, swivels: Array) -> tuple[Array, Array]:
+    """The upper arms' axes (3, 3, A, K) and angles (7, 2, A, K) for K swivels, with both ways to turn the shoulder.
 
-    ``upper`` has the axes as columns; ``hand`` (3, 3, K) are the hand's axes, row by row, seen from the forearm
+    ``upper`` has the axes as columns; ``hand`` (3, 3, A, K) are the hands' axes, row by row, seen from the forearm
     before it turns.
     """
-    upper, hand = (coefficients @ swivels).reshape(2, 3, 3, -1)
-    angles = np.empty((7, 2, swivels.shape[1]))
+    frames = coefficients @ swivels
+    upper, hand = frames.reshape(len(elbow), 2, 3, 3, -1).transpose(1, 2, 3, 0, 4)
+    angles = np.empty((7, 2, len(elbow), frames.shape[-1]))
     angles[0, 0] = np.arctan2(upper[0, 2], upper[2, 2])
     angles[1, 0] = np.arcsin(_clipped(-upper[1, 2], -1.0, 1.0))
     angles[2, 0] = np.arctan2(upper[1, 0], upper[1, 1])
     angles[:3, 1] = _OTHER_WAY[0] + _OTHER_WAY[1] * angles[:3, 0]
-    angles[3] = elbow
+    angles[3] = elbow[:, None]
     angles[4] = np.arctan2(-hand[1, 0], hand[1, 1])
     angles[5] = np.arcsin(_clipped(hand[1, 2], -1.0, 1.0))
     angles[6] = np.arctan2(-hand[0, 2], hand[2, 2])
-    around = _clipped(start_rad, _FIRST, _LAST)[:, None, None]
+    around = _per_arm(_clipped(start_rad, _FIRST, _LAST))
     angles -= 2.0 * np.pi * np.rint((angles - around) / (2.0 * np.pi))
-    _rest_near_pole(angles, upper[:, 2], start_rad[0])
+    _rest_near_pole(angles, upper[:, 2], start_rad[:, :1])
     return upper, angles
 
 
-_OTHER_WAY = np.pi * np.ones((3, 1)), np.array([[1.0], [-1.0], [1.0]])
+def _per_arm(angles: Array) -> Array:
+    """Angles (A, 7) to be broadcast with those of solutions, (7, 2, A, K)."""
+    return angles.T[:, None, :, None]
 
 
-def _rest_near_pole(angles: Array, upper_arm_z: Array, start_y_rad: float) -> None:
+_OTHER_WAY = np.pi, np.array([1.0, -1.0, 1.0])[:, None, None]
+
+
+def _rest_near_pole(angles: Array, upper_arm_z: Array, start_y_rad: Array) -> None:
     """Where the upper arm points nearly forward, let shoulder y stay where it is, as far as the hand hardly moves.
 
     There y and z turn about the same axis: exactly following a hand that passes by would whirl them about.
@@ -236,16 +270,16 @@ def _rest_near_pole(angles: Array, upper_arm_z: Array, start_y_rad: float) -> No
 
 
 def _costs(angles: Array, upper: Array, start_rad: Array) -> Array:
-    """What each of the solutions costs, (2, K).
+    """What each of the solutions costs, (2, A, K).
 
     That it moves and that it is not at ease are both squares about a place for each joint. Together they are, but
     for a constant, one square about the mean of the two places.
     """
-    flat = angles.reshape(len(angles), -1)
-    outside = flat - _clipped(flat, _LOWER[:, None], _UPPER[:, None])
-    away = flat - ((STAY * start_rad + _EASE * AT_EASE_RAD) / (STAY + _EASE))[:, None]
-    costs = OUTSIDE * (outside * outside).sum(axis=0) + (STAY + _EASE) @ (away * away)
-    return costs.reshape(angles.shape[1:]) + LIFT * (ELBOW_RESTS @ upper[:, 2])
+    outside = angles - _clipped(angles, _per_arm(_LOWER[None]), _per_arm(_UPPER[None]))
+    away = angles - _per_arm((STAY * start_rad + _EASE * AT_EASE_RAD) / (STAY + _EASE))
+    squares = OUTSIDE * (outside * outside) + _per_arm((STAY + _EASE)[None]) * (away * away)
+    rests = ELBOW_RESTS @ upper[:, 2].reshape(3, -1)
+    return squares.sum(axis=0) + LIFT * rests.reshape(upper.shape[2:])
 
 
 _EASE = np.array([SHOULDER_Y, 0.0, SHOULDER_Z, 0.0, FOREARM, WRIST, WRIST])
@@ -264,12 +298,12 @@ def _clipped(x: Array, lower: Array | float, upper: Array | float) -> Array:
 
 
 def solution_ms(calls: int = 1000) -> float:
-    """The median processor time of one solution, milliseconds, while a hand circles before the chest."""
-    solver, angles, times = ArmSolver(Person()), AT_REST_RAD, []
+    """The median processor time of the solution for one arm, milliseconds, while a hand circles before the chest."""
+    solver, angles, times = ArmSolver(Person()), AT_REST_RAD[None], []
     for angle in np.linspace(0.0, 2.0 * np.pi, calls):
-        hand_pos = np.array([0.05 + 0.1 * cos(angle), -0.3, -0.1 + 0.1 * sin(angle)])
+        hand_pos = np.array([[0.05 + 0.1 * cos(angle), -0.3, -0.1 + 0.1 * sin(angle)]])
         began_s = process_time()
-        angles = solver.solve(hand_pos, _FORWARD_AXES, angles)
+        angles = solver.solve(hand_pos, _FORWARD_AXES[None], angles)
         times.append(1e3 * (process_time() - began_s))
     return median(times)
 

@@ -1,5 +1,6 @@
 """From where head and hands are to the 20 joint angles of the simulated body."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from math import atan2, cos, radians
@@ -103,10 +104,11 @@ class BodySolver:
         """
         angles = np.array(start_rad, float)
         angles[_WAIST + _HEAD] = torso_angles(self.person, pose.head, self.posture)
-        torso = self._torso_frame(angles[_WAIST])
-        for side, hand in (("right", pose.right), ("left", pose.left)):
-            if hand is not None:
-                angles[_ARMS[side]] = self._arm_angles(hand, torso, _MIRROR[side], angles[_ARMS[side]])
+        hands = {"right": pose.right, "left": pose.left}
+        tracked = {side: hand for side, hand in hands.items() if hand is not None}
+        if tracked:
+            arms = [_ARMS[side] for side in tracked]
+            angles[arms] = self._arm_angles(tracked, self._torso_frame(angles[_WAIST]), angles[arms])
         return angles
 
     def _torso_frame(self, waist_rad: Array) -> tuple[Array, Array]:
@@ -114,38 +116,24 @@ class BodySolver:
         hips_w, hips_axes_w = hips_frame(self.person, self.posture)
         return hips_w + hips_axes_w @ self._waist_h, hips_axes_w @ axes.of_xyz(*waist_rad.tolist())
 
-    def _arm_angles(
-        self, hand: Pose, torso: tuple[Array, Array], mirror: "_Mirror", start_rad: Array
-    ) -> Array:
-        """The angles (7,) of an arm; the left one is solved as the right one of the mirrored person."""
+    def _arm_angles(self, hands: Mapping[str, Pose], torso: tuple[Array, Array], start_rad: Array) -> Array:
+        """The angles (A, 7) of the arms of A hands; a left one is solved as the right one of the mirrored person."""
         waist_w, torso_axes_w = torso
-        hand_pos_t = torso_axes_w.T @ (hand.pos_w - waist_w)
-        hand_axes_t = torso_axes_w.T @ axes.of_quaternion(hand.q_w)
+        hand_pos_t = np.array([hand.pos_w - waist_w for hand in hands.values()]) @ torso_axes_w
+        hand_axes_t = torso_axes_w.T @ np.array([axes.of_quaternion(hand.q_w) for hand in hands.values()])
+        reflect = np.array([_REFLECT[side] for side in hands])
+        reflect_axes = reflect[:, :, None] * reflect[:, None]
+        reflect_angles = np.where(_ABOUT_X, 1.0, reflect[:, :1])
         angles = self._arm.solve(
-            mirror.vector * hand_pos_t - self._shoulder_t,
-            mirror.matrix * hand_axes_t,
-            mirror.angles * start_rad,
+            reflect * hand_pos_t - self._shoulder_t, reflect_axes * hand_axes_t, reflect_angles * start_rad
         )
-        return mirror.angles * angles
+        return reflect_angles * angles
 
 
-@dataclass(frozen=True, eq=False)
-class _Mirror:
-    """Signs that reflect a vector (3,), a rotation matrix (3, 3) and an arm's angles (7,) at the plane x = 0."""
-
-    vector: Array
-    matrix: Array
-    angles: Array
-
-    @classmethod
-    def of(cls, x: float) -> "_Mirror":
-        vector = np.array([x, 1.0, 1.0])
-        return cls(
-            vector, np.outer(vector, vector), np.array([1.0 if part[-1] == "x" else x for part in ARM_PARTS])
-        )
-
-
-_MIRROR = {"right": _Mirror.of(1.0), "left": _Mirror.of(-1.0)}
+_REFLECT = {"right": (1.0, 1.0, 1.0), "left": (-1.0, 1.0, 1.0)}
+"""Signs of a vector's coordinates: a left hand is reflected at the plane x = 0."""
+_ABOUT_X = np.array([part.endswith("x") for part in ARM_PARTS])
+"""Which joints of an arm (7,) turn the same way in the mirror."""
 
 RELAXED_RAD = human.joint_angles(
     right_shoulder_x=-15.0, left_shoulder_x=-15.0, right_shoulder_y=8.0, left_shoulder_y=-8.0

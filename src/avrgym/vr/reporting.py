@@ -22,6 +22,7 @@ class Reporter:
         self._send = send
         self._ticks = 0
         self._felt = NOTHING_FELT
+        self._touched = False, False
         self._world: LiveWorld | None = None
 
     @property
@@ -34,17 +35,17 @@ class Reporter:
         self._ticks += 1
         if world is not self._world:
             self._world, self._touch = world, ArmTouch(world.simulation)
-        if step is not None or self._ticks % SUBSTEPS == 0:
-            self._tell_feedback(step)
+        if self._ticks % SUBSTEPS == 0:
+            self._touched = self._touch.sides()
+        self._tell_feedback(step)
         if self._ticks % STATE_EVERY_TICKS == 0:
             state = messages.State(self._ticks, self._ticks * TICK_S, followed, world.body_poses())
             self._send(state)
 
     def _tell_feedback(self, step: ControlStep | None) -> None:
         """Touches that begin or end, and successes."""
-        left, right = self._touch.sides()
         events = successes(step.outcome.reward_terms) if step is not None else 0
-        felt = messages.Feedback(left_touched=left, right_touched=right, events=events)
+        felt = messages.Feedback(*self._touched, events)
         if felt != self._felt or events:
             self._felt = felt
             self._send(felt)

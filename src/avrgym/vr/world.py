@@ -42,6 +42,8 @@ class ControlSteps:
         self._observation = np.zeros((1, episodes.task.observation_size))
         self._action = np.zeros((1, ACTIONS))
         self._substep = 0
+        self._seen: Array | None = None
+        """The observation (1, O) of the present state, where the last control step ended with it."""
         self.begun: Array | None = None
         """The action (7,) of the control step that the latest tick began, if it began one."""
 
@@ -49,22 +51,28 @@ class ControlSteps:
         """Advance by 10 ms. With ``act``, from observations to actions, every tenth tick gives a control step."""
         self.begun = None
         if act is not None and self._substep == 0:
-            self._observation = self._episodes.observe()
-            self._action = act(self._observation).astype(float)
-            self._episodes.command(self._action)
-            self.begun = self._action[0]
+            self._begin_step(act)
+        self._seen = None
         self._episodes.simulation.step(1)
         if act is None:
             return None
         self._substep = (self._substep + 1) % SUBSTEPS
         if self._substep:
             return None
-        return ControlStep(self._observation[0], self._action[0], self._episodes.judge(self._action))
+        outcome = self._episodes.judge(self._action)
+        self._seen = outcome.observation
+        return ControlStep(self._observation[0], self._action[0], outcome)
+
+    def _begin_step(self, act: Act) -> None:
+        self._observation = self._episodes.observe() if self._seen is None else self._seen
+        self._action = act(self._observation).astype(float)
+        self._episodes.command(self._action)
+        self.begun = self._action[0]
 
     def drop(self) -> None:
         """Forget a control step that had begun."""
         self._substep = 0
-        self.begun = None
+        self.begun = self._seen = None
 
 
 class LiveWorld:
@@ -180,7 +188,8 @@ def scene_url(number: int) -> str:
 
 def poses(episodes: Episodes) -> bytes:
     """Bodies and marks of the first world as ``messages.State`` wants them."""
-    marks_w = episodes.marks_w()[0]
-    unturned = np.broadcast_to(transforms.IDENTITY_QUATERNION, (len(marks_w), 4))
-    spots = np.concatenate([marks_w, unturned], axis=-1)
-    return np.concatenate([episodes.simulation.body_poses(0), spots]).astype("<f4").tobytes()
+    bodies, marks_w = episodes.simulation.body_poses(0), episodes.marks_w()[0]
+    all_poses = np.empty((len(bodies) + len(marks_w), 7), "<f4")
+    all_poses[: len(bodies)] = bodies
+    all_poses[len(bodies) :, :3], all_poses[len(bodies) :, 3:] = marks_w, transforms.IDENTITY_QUATERNION
+    return all_poses.tobytes()
