@@ -55,7 +55,7 @@ class Episodes:
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
             num_worlds: N.
-            distribution: whom to meet, a name in ``people.DISTRIBUTIONS``.
+            distribution: whom to meet, a name in ``people.DISTRIBUTIONS`` or a file of people.
             person: one fixed person for every episode instead.
             impairment: a name in ``impairments.IMPAIRMENTS``.
             moving: whether the people's joints are driven from outside, with ``command_person``.
@@ -139,9 +139,8 @@ class Episodes:
     def _draw_people(self, uniforms: Array) -> People:
         if self.person is not None:
             return people.repeat(self.person, len(uniforms))
-        return people.sample(
-            self._distribution, self.task.pose, self.stage.posture, self._furniture, uniforms
-        )
+        pose = self._distribution.pose_in(self.task.name, self.task.pose)
+        return people.sample(self._distribution, pose, self.stage.posture, self._furniture, uniforms)
 
     def _command_people(self) -> None:
         """Tremor changes its direction at every control step (reference)."""

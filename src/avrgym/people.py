@@ -1,10 +1,11 @@
-"""Whom a policy meets: the distributions of people of the paper, section V.
+"""Whom a policy meets: the distributions of people of the paper, section V, and those of files.
 
 Every person comes from one row of uniform numbers, so that a world's person does not depend on other worlds.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from avrgym import arm_limits
 from avrgym.arm_clearance import Boxes, clearance, person_capsules
 from avrgym.models import human
-from avrgym.models.human import JOINTS, People, Person, Posture
+from avrgym.models.human import JOINT_INDEX, JOINTS, People, Person, Posture
+from avrgym.people_files import PeopleFile, read_people
 from avrgym.uniform import between
 
 Array = NDArray[np.float64]
@@ -22,17 +24,31 @@ UNIFORMS = 2 + ATTEMPTS * len(JOINTS)
 """How many uniform numbers a person takes: sex, torso height, and each attempt at a pose."""
 
 
+JointRanges = Mapping[str, tuple[float, float]]
+"""Lowest and highest angles in degrees, by joint."""
+
+
 @dataclass(frozen=True)
 class Distribution:
     """Ranges of uniform distributions: torso heights in metres, waist joints in degrees either way.
 
-    ``cooperating`` people move, see ``cooperation``; others keep the pose they were found in.
+    ``cooperating`` people move, see ``cooperation``; others keep the pose they were found in. ``poses``: by task, the
+    joints that are found at other angles than the task has it.
     """
 
     torso_height_man_m: tuple[float, float]
     torso_height_woman_m: tuple[float, float]
     waist_deg: float
     cooperating: bool = False
+    poses: Mapping[str, JointRanges] = field(default_factory=dict)
+
+    def pose_in(self, task: str, usual: "Pose") -> "Pose":
+        """How these people are found in a task, whose own pose is the ``usual`` one."""
+        rest_rad, spread_rad = usual.rest_rad.copy(), usual.spread_rad.copy()
+        for joint, (low_deg, high_deg) in self.poses.get(task, {}).items():
+            rest_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (low_deg + high_deg))
+            spread_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (high_deg - low_deg))
+        return Pose(rest_rad, spread_rad)
 
 
 DISTRIBUTIONS: Mapping[str, Distribution] = {
@@ -64,15 +80,31 @@ class Pose:
         return bool(self.spread_rad[RIGHT_ARM].any())
 
 
-def find_distribution(name: str) -> Distribution:
-    """The distribution of that name.
+def find_distribution(name_or_path: str) -> Distribution:
+    """The distribution of that name, or in that file.
 
     Raises:
-        ValueError: naming the distributions there are.
+        ValueError: naming the distributions there are, or what is wrong in the file.
     """
-    if name not in DISTRIBUTIONS:
-        raise ValueError(f"unknown people {name!r}; the distributions are {', '.join(DISTRIBUTIONS)}")
-    return DISTRIBUTIONS[name]
+    if name_or_path in DISTRIBUTIONS:
+        return DISTRIBUTIONS[name_or_path]
+    if not Path(name_or_path).is_file():
+        names = ", ".join(DISTRIBUTIONS)
+        raise ValueError(
+            f"unknown people {name_or_path!r}; the distributions are {names}, or a file of people"
+        )
+    return distribution_of(read_people(Path(name_or_path)))
+
+
+def distribution_of(people: PeopleFile) -> Distribution:
+    """The distribution that a file describes."""
+    heights = people.torso_height_m
+    return Distribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses)
+
+
+def people_name(name_or_path: str) -> str:
+    """What to call people where their file is not at hand."""
+    return name_or_path if name_or_path in DISTRIBUTIONS else f"fitted: {Path(name_or_path).name}"
 
 
 def sample(

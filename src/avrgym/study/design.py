@@ -15,6 +15,7 @@ from tomlkit.exceptions import ParseError, TOMLKitError
 from avrgym.models.robots import ROBOTS
 from avrgym.study.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire, items_to_ask
 from avrgym.tasks import TASKS
+from avrgym.toml_places import Place, line_of
 
 FILE = "study.toml"
 PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps")
@@ -23,7 +24,6 @@ PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_ste
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=8)]
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 _POLICY = re.compile(r"(?!.*\.\.)[A-Za-z0-9_-][A-Za-z0-9_./-]{0,79}")
-_MARK = "avrgym-marks-this-place"
 
 
 class DesignError(ValueError):
@@ -135,14 +135,10 @@ def parse_design(text: str, name: str = FILE) -> Design:
         _check(design)
     except msgspec.ValidationError as error:
         place, message = _explain(error)
-        raise DesignError(f"{name}:{_line(text, place)}: {message}") from None
+        raise DesignError(f"{name}:{line_of(text, place)}: {message}") from None
     except _Wrong as error:
-        raise DesignError(f"{name}:{_line(text, error.place)}: {error}") from None
+        raise DesignError(f"{name}:{line_of(text, error.place)}: {error}") from None
     return design
-
-
-Place = tuple[str | int, ...]
-"""The keys and indices that lead to a value."""
 
 
 class _Wrong(Exception):
@@ -246,19 +242,3 @@ def _struct_at(place: Place) -> type[msgspec.Struct]:
         ("database",): DatabaseChoice,
     }
     return structs[tuple(names)]
-
-
-def _line(text: str, place: Place) -> int:
-    """The line on which a value begins, from 1: where a mark stands that is put in its place."""
-    document: Any = tomlkit.parse(text)
-    parent = document
-    for key in place[:-1]:
-        parent = parent[key]
-    if not place:
-        return 1
-    value = parent[place[-1]]
-    if isinstance(value, dict) and value:
-        parent, place = value, (*place, next(iter(value)))
-    parent[place[-1]] = _MARK
-    before, _, _ = tomlkit.dumps(document).partition(_MARK)
-    return before.count("\n") + 1
