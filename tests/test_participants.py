@@ -1,6 +1,7 @@
 """Simulated participants: sound frames of a person in a room, and answers that follow what they saw."""
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,11 @@ from numpy.typing import NDArray
 from avrgym.models import human
 from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Sex
 from avrgym.models.scene import TOOL
-from avrgym.participants import SimulatedParticipant, draw_traits
+from avrgym.participants import RATINGS, SimulatedParticipant, draw_traits
 from avrgym.study.questionnaire import LIKERT_ITEMS
 from avrgym.study.recording import read_recording
 from avrgym.tasks import TASKS
+from avrgym.vr.attempt import Experience
 from avrgym.vr.attendance import InProcessAttendance
 from avrgym.vr.calibration import RealFurniture, measure_torso_height
 from avrgym.vr.messages import State, Tracking, XRPose, decode_client, encode
@@ -131,30 +133,62 @@ def test_the_same_seed_gives_the_same_participant() -> None:
     def attend(seed: int) -> tuple[list[Tracking], list[int]]:
         someone = participant(seed)
         frames = [someone.frame(0.1 * i, moving=True) for i in range(20)]
-        return frames, [someone.answer(bool(i % 2), 7) for i in range(20)]
+        return frames, [someone.answer("L1", 7, Experience(success=bool(i % 2))) for i in range(20)]
 
     assert attend(3) == attend(3)
     assert attend(3)[0] != attend(4)[0]
     assert attend(3)[1] != attend(4)[1]
 
 
-@pytest.mark.parametrize("points", [2, 3, 5, 7, 100])
-@pytest.mark.parametrize("success", [True, False])
-def test_answers_lie_on_the_scale(points: int, success: bool) -> None:
+EXPERIENCES = (
+    Experience(),
+    Experience(success=True, force_mean_n=3.0, force_max_n=30.0, speed_mean_m_s=0.1),
+    Experience(success=True, force_mean_n=1e6, force_max_n=1e9, speed_mean_m_s=1e6),
+)
+
+
+@pytest.mark.parametrize("points", [2, 3, 7, 100])
+def test_answers_lie_on_the_scale(points: int) -> None:
     someone = participant(5)
-    answers = [someone.answer(success, points) for _ in range(300)]
-    assert all(type(answer) is int for answer in answers)
-    assert 1 <= min(answers) <= max(answers) <= points
+    for item, experience in product([*RATINGS, "own"], EXPERIENCES):
+        answers = [someone.answer(item, points, experience) for _ in range(100)]
+        assert all(type(answer) is int for answer in answers)
+        assert 1 <= min(answers) <= max(answers) <= points
 
 
-def test_answers_follow_what_was_seen() -> None:
+def mean_answer(item: str, experience: Experience, seed: int = 6) -> float:
+    """Of one participant on a scale of a hundred points."""
+    someone = participant(seed)
+    return float(np.mean([someone.answer(item, 100, experience) for _ in range(300)]))
+
+
+@pytest.mark.parametrize(
+    ("rated", "better", "worse"),
+    [
+        (["L1"], Experience(success=True), Experience(success=False)),
+        (["L2"], Experience(force_mean_n=1.0), Experience(force_mean_n=10.0)),
+        (["L3"], Experience(force_max_n=5.0), Experience(force_max_n=40.0)),
+        (["L2", "L4"], Experience(speed_mean_m_s=0.1), Experience(speed_mean_m_s=0.5)),
+    ],
+)
+def test_each_statement_is_rated_by_what_it_is_about(
+    rated: list[str], better: Experience, worse: Experience
+) -> None:
+    for item in (*RATINGS, "own"):
+        difference = mean_answer(item, better) - mean_answer(item, worse)
+        assert difference > 20.0 if item in rated else difference == 0.0
+
+
+def test_a_robot_that_hardly_moves_has_no_appropriate_speed() -> None:
+    slow, unhurried = (mean_answer("L4", Experience(speed_mean_m_s=speed)) for speed in (0.0, 0.1))
+    assert unhurried > slow + 20.0
+
+
+def test_participants_rate_the_same_more_and_less_leniently_and_never_quite_alike() -> None:
+    means = [mean_answer("own", Experience(), seed) for seed in range(8)]
+    assert np.std(means) > 3.0
     someone = participant(6)
-
-    def mean(success: bool) -> float:
-        return float(np.mean([someone.answer(success, 7) for _ in range(300)]))
-
-    assert mean(True) > 5.0
-    assert mean(False) < 3.0
+    assert len({someone.answer("own", 7, Experience()) for _ in range(50)}) > 1
 
 
 def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:

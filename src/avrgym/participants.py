@@ -4,7 +4,7 @@ They sit or lie, sway, and bring mouth or arm to the tool as ``cooperation`` has
 demonstrations and tests. Whatever they leave behind is marked as simulated.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -18,10 +18,24 @@ from avrgym.models.robots import find_robot
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.tasks import TASKS, find_environment
 from avrgym.vr import messages
+from avrgym.vr.attempt import Experience
 from avrgym.vr.messages import Tracking, XRPose
 from avrgym.vr.webxr import Pose, Registration, grip_from_hand, headset_from_head
 
 Array = NDArray[np.float64]
+
+
+LENIENCY, NOISE = 0.08, 0.1
+"""Standard deviations, between participants and from answer to answer, as shares of a scale."""
+
+RATINGS: Mapping[str, Callable[[Experience], float]] = {
+    "L1": lambda experience: 0.9 if experience.success else 0.15,
+    "L2": lambda experience: 1.0 - experience.force_mean_n / 20.0 - experience.speed_mean_m_s / 1.0,
+    "L3": lambda experience: 1.0 - experience.force_max_n / 60.0,
+    "L4": lambda experience: 1.0 - abs(experience.speed_mean_m_s - 0.1) / 0.3,
+}
+"""What the paper's statements are rated by, as shares of a scale: help by success, comfort by the mean force and speed,
+safety by the strongest force, speed by how far it is from an unhurried 0.1 m/s. The numbers are our assumptions."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +43,9 @@ class Traits:
     """How a simulated participant is built and behaves.
 
     ``sway_m`` and ``sway_hz`` describe the slow movement of the head; ``lean_deg`` how far they bend forward at
-    rest, ``arm_deg`` how much farther back than most they hold their arms; ``agreement`` (0 to 1) how far their
-    answers follow what they saw; the rest of an answer is chance. ``cooperation`` (0 to 1) is how far they bring
-    mouth or arm to the tool, as they saw it ``reaction_s`` ago.
+    rest, ``arm_deg`` how much farther back than most they hold their arms. ``cooperation`` (0 to 1) is how far they
+    bring mouth or arm to the tool, as they saw it ``reaction_s`` ago. ``leniency`` is by how much of the scale they
+    rate everything higher than most.
     """
 
     sex: Sex
@@ -40,9 +54,9 @@ class Traits:
     sway_hz: float
     lean_deg: float
     arm_deg: float
-    agreement: float
     cooperation: float
     reaction_s: float
+    leniency: float
 
 
 def draw_traits(sex: Sex, seed: int) -> Traits:
@@ -55,9 +69,9 @@ def draw_traits(sex: Sex, seed: int) -> Traits:
         sway_hz=float(random.uniform(0.1, 0.3)),
         lean_deg=float(random.uniform(-2.0, 5.0)),
         arm_deg=float(random.uniform(-8.0, 8.0)),
-        agreement=0.8,
         cooperation=float(random.uniform(0.0, 1.0)),
         reaction_s=float(random.uniform(0.2, 0.4)),
+        leniency=float(random.normal(0.0, LENIENCY)),
     )
 
 
@@ -163,12 +177,11 @@ class SimulatedParticipant:
             modality="controllers",
         )
 
-    def answer(self, success: bool, points: int) -> int:
-        """A rating: high after a success and low after a failure, with some chance."""
-        agreed = (points - 1 if success else 2) + self._random.integers(-1, 2)
-        chance = self._random.integers(1, points + 1)
-        follows = self._random.random() < self.traits.agreement
-        return int(np.clip(agreed, 1, points)) if follows else int(chance)
+    def answer(self, item: str, points: int, experience: Experience) -> int:
+        """A rating from 1 to ``points`` of how a trial was, by the item's rule; without one about the middle."""
+        wanted = RATINGS[item](experience) if item in RATINGS else 0.5
+        share = wanted + self.traits.leniency + self._random.normal(0.0, NOISE)
+        return 1 + round(min(max(share, 0.0), 1.0) * (points - 1))
 
     def _joint_angles(self, time_s: float, moving: bool) -> Array:
         if not moving:

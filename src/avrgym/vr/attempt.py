@@ -1,6 +1,7 @@
 """One attempt at a trial: its recording, as it happens, and what it gave so far."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,10 +22,41 @@ Array = NDArray[np.float64]
 Configuration = Callable[[int], Mapping[str, Any]]
 
 
+@dataclass(frozen=True)
+class Experience:
+    """How an attempt has been for its participant so far.
+
+    Whether the robot succeeded; the force on the person and the speed of the robot's end effector over its steps.
+    """
+
+    success: bool = False
+    force_mean_n: float = 0.0
+    force_max_n: float = 0.0
+    speed_mean_m_s: float = 0.0
+
+    def after(self, step: ControlStep, steps: int) -> "Experience":
+        """How it has been after another control step, with which there are so many ``steps``."""
+        outcome = step.outcome
+        force_n, speed_m_s = (
+            float(outcome.force_on_person_n[0]),
+            float(outcome.reward_terms[EFFECTOR_SPEED][0]),
+        )
+        return Experience(
+            success=bool(outcome.success[0]),
+            force_mean_n=self.force_mean_n + (force_n - self.force_mean_n) / steps,
+            force_max_n=max(self.force_max_n, force_n),
+            speed_mean_m_s=self.speed_mean_m_s + (speed_m_s - self.speed_mean_m_s) / steps,
+        )
+
+
+EFFECTOR_SPEED = "effector_speed_m_s"
+"""The reward term of every task that holds it."""
+
+
 class Attempt:
     """The attempt that is running; times are given on the session's clock and recorded from its beginning.
 
-    ``trial`` and ``number`` (of the attempt) count from 1; ``steps``, ``reward`` and ``success`` sum up its
+    ``trial`` and ``number`` (of the attempt) count from 1; ``steps``, ``reward`` and ``experience`` sum up its
     control steps, of which ``latest`` is the last one.
     """
 
@@ -44,12 +76,17 @@ class Attempt:
             OSError: when no recording can be opened.
         """
         self.began_s = began_s
-        self.steps, self.reward, self.success = 0, 0.0, False
+        self.steps, self.reward, self.experience = 0, 0.0, Experience()
         self.trial = trial
         self.latest: ControlStep | None = None
         self._told_of_stall = False
         self._targets_rad: Array | None = None
         self.number, self._recording = _open(folder, trial, configuration, first_number)
+
+    @property
+    def success(self) -> bool:
+        """Whether the robot has succeeded so far."""
+        return self.experience.success
 
     @property
     def path(self) -> Path:
@@ -97,7 +134,7 @@ class Attempt:
         self.latest = step
         self.steps += 1
         self.reward += float(outcome.reward[0])
-        self.success = bool(outcome.success[0])
+        self.experience = self.experience.after(step, self.steps)
         self.record("/control", control_record(self.steps, step), now_s)
 
     def record_frames(self, frames: Sequence[Frame], followed: Frame | None, *, stale: bool) -> None:

@@ -191,7 +191,8 @@ class BrowserAttendance:
             self._phase_began = now_s
         if question is not None and question["item"] != self._asked and self._headset.call("buttons"):
             self._asked = question["item"]
-            self._headset.answer(self._participant.answer(self._session.succeeded, question["points"]))
+            experience = self._session.experience
+            self._headset.answer(self._participant.answer(question["item"], question["points"], experience))
 
     def _take_picture(self, now_s: float) -> None:
         name, trial = self._phase

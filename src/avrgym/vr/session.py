@@ -19,7 +19,7 @@ from avrgym.study import records
 from avrgym.study.recording import RecordingError
 from avrgym.vr import messages, transitions
 from avrgym.vr.asking import Asking
-from avrgym.vr.attempt import Attempt, configuration
+from avrgym.vr.attempt import Attempt, Experience, configuration
 from avrgym.vr.calibration import measure_torso_height
 from avrgym.vr.experimenter import COMMANDS, correct_torso_height
 from avrgym.vr.messages import PhaseName
@@ -51,7 +51,7 @@ Then = Callable[[float], None]
 class Session:
     """One participant's session.
 
-    ``recordings`` holds the files of all attempts; ``succeeded`` whether the latest trial is a success so far;
+    ``recordings`` holds the files of all attempts; ``experience`` how the latest trial has been so far;
     ``person`` whose body the participant has; ``paused`` whether the experimenter lets no trial begin.
     """
 
@@ -84,7 +84,8 @@ class Session:
         self.plan, self.identifier = plan, identifier
         self.recordings: list[Path] = []
         self.phase: PhaseName = "waiting"
-        self.succeeded = self.paused = False
+        self.paused = False
+        self.experience = Experience()
         self.presence = Presence()
         self.trial = plan.first_trial - 1
         self.person = Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height)
@@ -240,7 +241,7 @@ class Session:
             self._pause_unrecorded(error, now_s)
             return
         self._attempt = attempt
-        self.succeeded = False
+        self.experience = attempt.experience
         self.presence.take_arrived()
         self.recordings.append(attempt.path)
         self.tell(transitions.TrialBegun(now_s, attempt.trial, attempt.number, attempt.path))
@@ -253,7 +254,7 @@ class Session:
         attempt = self._attempt
         assert attempt is not None
         attempt.record_step(step, now_s)
-        self.succeeded = attempt.success
+        self.experience = attempt.experience
         if attempt.steps == self.plan.trial_steps:
             self._world.hold()
             text = "The robot has finished and holds still. Move as you like."
