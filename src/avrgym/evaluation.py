@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from avrgym.envs import ACTIONS
 from avrgym.episodes import EPISODE_STEPS, Episodes
 from avrgym.oracles import ORACLES
-from avrgym.policies import load_policy
+from avrgym.policies import PolicyError, find_policy, load_policy
 
 Array = NDArray[np.float64]
 Act = Callable[[Array], NDArray[np.floating]]
@@ -47,7 +47,7 @@ def evaluate(
     Args:
         environment_id: such as ``avrgym/FeedingJaco-v1``.
         policy: the name of a packaged policy, ``oracle``, ``random``, ``zero``, or the path of a policy file.
-        people: whom to meet, a name in ``people.DISTRIBUTIONS``.
+        people: whom to meet, a name in ``people.DISTRIBUTIONS`` or a file of people.
         episodes: how many, 1 or more.
         seed: of the episodes; another seed gives other people and starts.
         progress: told after each control step how many environment steps were made.
@@ -104,7 +104,11 @@ def actor(policy: str, world: Episodes, generators: list[np.random.Generator]) -
         )
     if policy == "oracle":
         return ORACLES[world.task.name](world)
-    return load_policy(policy, world.environment_id, world.task.observation_size, ACTIONS).act
+    try:
+        path = find_policy(policy, world.environment_id)
+    except PolicyError as error:
+        raise PolicyError(f"{error}; or oracle, random or zero") from error
+    return load_policy(path, world.environment_id, world.task.observation_size, ACTIONS).act
 
 
 def _run(
