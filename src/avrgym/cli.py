@@ -37,6 +37,7 @@ app.add_typer(study_commands, name="study")
 app.command()(replay)
 
 Row = dict[str, Any]
+PEOPLE = f"{', '.join(DISTRIBUTIONS)}, or a file of `avrgym fit-people`"
 Seed = Annotated[int, typer.Option(help="The same seed gives the same figures.", min=0)]
 
 
@@ -214,7 +215,7 @@ def view(
     policy: Annotated[
         str, typer.Option(help="original, revised, oracle, random, zero, or a policy file.")
     ] = "oracle",
-    people: Annotated[str, typer.Option(help=f"Whom to meet: {', '.join(DISTRIBUTIONS)}.")] = "revised",
+    people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
     ] = 8000,
@@ -263,9 +264,7 @@ def envs(json_file: JsonFile = None) -> None:
 @app.command()
 def train(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
-    people: Annotated[
-        str, typer.Option(help=f"Whom to train with: {', '.join(DISTRIBUTIONS)}.")
-    ] = "original",
+    people: Annotated[str, typer.Option(help=f"Whom to train with: {PEOPLE}.")] = "original",
     steps: Annotated[int, typer.Option(help="Environment steps.", min=1)] = 1_000_000,
     out: Annotated[Path | None, typer.Option(help="A folder for policy, checkpoint and log.")] = None,
     resume: Annotated[
@@ -282,7 +281,7 @@ def train(
             raise RuntimeError(
                 f"{error.name} is missing; `pip install avrgym[train]` brings what training needs"
             ) from error
-        folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{people}-{seed}"
+        folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{Path(people).stem}-{seed}"
         if resume:
             stored = training.stored_configuration(folder)
             if stored.environment != env:
@@ -304,6 +303,25 @@ def train(
     say(f"policy    {folder / 'policy.safetensors'}")
 
 
+@app.command("fit-people")
+def fit_people(
+    study: Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")],
+    out: Annotated[Path, typer.Option(help="A new file of people.", metavar="FILE")] = Path("people.toml"),
+) -> None:
+    """Fit people to a study's participants, for `train`, `evaluate` and `view --people FILE`."""
+    from avrgym.fitting import fit_people, write_people
+
+    with plain_errors():
+        with Progress(console=console, transient=True) as progress:
+            bar = progress.add_task("recordings", total=None)
+            fit = fit_people(study, lambda done, count: progress.update(bar, completed=done, total=count))
+        write_people(fit, out)
+    for recording in fit.left_out:
+        say(f"left out  {recording}")
+    say(fit.remarks)
+    say(f"people    {out}")
+
+
 @app.command()
 def evaluate(
     env: Annotated[
@@ -313,7 +331,7 @@ def evaluate(
     policy: Annotated[
         str, typer.Option(help="original, revised, oracle, random, zero, or a policy file.")
     ] = "revised",
-    people: Annotated[str, typer.Option(help=f"Whom to meet: {', '.join(DISTRIBUTIONS)}.")] = "revised",
+    people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
     seed: Seed = 0,
     json_file: JsonFile = None,

@@ -32,6 +32,11 @@ class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     trials: int
     simulated: bool
 
+    @property
+    def participants(self) -> int:
+        """How many there were."""
+        return self.men + self.women
+
 
 class TorsoHeights(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Lowest and highest torso heights in metres."""

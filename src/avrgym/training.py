@@ -23,11 +23,14 @@ from avrgym.episodes import EPISODE_STEPS
 from avrgym.evaluation import evaluate
 from avrgym.files import write_whole
 from avrgym.imitation import imitate
+from avrgym.people import DISTRIBUTIONS, people_name
 from avrgym.policies import Policy, PolicyMetadata
 from avrgym.stable_baselines import SB3VectorEnv, finished_episodes
 from avrgym.tasks import find_environment
 
 POLICY_FILE, CONFIGURATION_FILE, CHECKPOINT_FILE = "policy.safetensors", "configuration.json", "checkpoint.pt"
+PEOPLE_FILE = "people.toml"
+"""A copy of the file of people that a training was begun with, if it was."""
 MEASURED_EPISODES = 100
 CURVE_POINTS = 100
 
@@ -200,8 +203,10 @@ def train(configuration: TrainingConfiguration, out: Path, tell: Tell = lambda p
     """
     if (out / CONFIGURATION_FILE).exists():
         raise FileExistsError(f"{out} already holds a training; choose another folder, or resume it")
-    env = _environment(configuration)
+    env = _environment(configuration, configuration.people)
     out.mkdir(parents=True, exist_ok=True)
+    if configuration.people not in DISTRIBUTIONS:
+        write_whole(out / PEOPLE_FILE, Path(configuration.people).read_bytes())
     write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
     return _begin(configuration, env, out, tell)
 
@@ -215,7 +220,7 @@ def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
         ValueError: when there is none, when it is complete, or when its files are damaged.
     """
     configuration = stored_configuration(out)
-    env = _environment(configuration)
+    env = _environment(configuration, _stored_people(configuration, out))
     if not (out / CHECKPOINT_FILE).exists():
         return _begin(configuration, env, out, tell)
     watch = _Watch(configuration, out, env, tell)
@@ -256,23 +261,29 @@ def _learn(model: PPO, configuration: TrainingConfiguration, watch: _Watch, out:
     if remaining > 0:
         model.learn(remaining, callback=watch, reset_num_timesteps=False)
         watch.save_checkpoint()
-    return _measure(configuration, out / POLICY_FILE)
+    return _measure(configuration, out)
 
 
-def _environment(configuration: TrainingConfiguration) -> SB3VectorEnv:
+def _stored_people(configuration: TrainingConfiguration, out: Path) -> str:
+    """Name or file of the people of the training in ``out``."""
+    return configuration.people if configuration.people in DISTRIBUTIONS else str(out / PEOPLE_FILE)
+
+
+def _environment(configuration: TrainingConfiguration, people: str) -> SB3VectorEnv:
     return SB3VectorEnv(
         AssistiveVectorEnv(
             configuration.environment,
             configuration.worlds,
-            people=configuration.people,
+            people=people,
             num_threads=configuration.threads,
         )
     )
 
 
-def _measure(configuration: TrainingConfiguration, path: Path) -> Policy:
-    """Write into a policy's file what it reaches."""
-    figures = evaluate(configuration.environment, str(path), configuration.people, MEASURED_EPISODES, seed=0)
+def _measure(configuration: TrainingConfiguration, out: Path) -> Policy:
+    """Write into the policy's file what it reaches."""
+    path, people = out / POLICY_FILE, _stored_people(configuration, out)
+    figures = evaluate(configuration.environment, str(path), people, MEASURED_EPISODES, seed=0)
     measured = {
         name: getattr(figures, name)
         for name in ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
@@ -329,7 +340,7 @@ def export_policy(
         observation_epsilon=normaliser.epsilon,
         metadata=PolicyMetadata(
             environment=configuration.environment,
-            people=configuration.people,
+            people=people_name(configuration.people),
             steps=model.num_timesteps,
             seed=configuration.seed,
             git_commit=_git_commit(),
