@@ -5,15 +5,31 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+import sqlalchemy as sa
 
-from avrgym.study import database
+from avrgym.study import database, schema
+from avrgym.study.checking import check_study
 from avrgym.study.participants import enrol
 from avrgym.study.serving import StudySessions
+from avrgym.study.sessions import open_session
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
-from avrgym.vr.messages import Command, Entered, Phase, Scene, ServerMessage, Welcome
+from avrgym.vr.messages import (
+    Answer,
+    Command,
+    Entered,
+    Phase,
+    Problem,
+    Question,
+    Scene,
+    ServerMessage,
+    Welcome,
+)
 from avrgym.vr.world import TICK_S
-from studies import make_study, take_in
+from studies import make_study, run_trial, take_in
+
+NO_PROCESS = 2**22 + 1
+"""No process of Linux has this number."""
 
 
 class Loop:
@@ -40,6 +56,24 @@ class Loop:
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     with Store(make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]')) as opened:
+        yield opened
+
+
+@pytest.fixture
+def asking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
+    """A study that asks two items before each session and one after it."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    folder = make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]')
+    with open(folder / "study.toml", "a") as file:
+        for when, names in (("before_session", ("nausea", "strain")), ("after_session", ("effort",))):
+            items = [
+                f'{{ id = "{name}", text = "{name}?", points = 4, low = "no", high = "very" }}'
+                for name in names
+            ]
+            file.write(
+                f'[[questionnaires]]\nname = "{when}"\nwhen = "{when}"\nitems = [{", ".join(items)}]\n'
+            )
+    with Store(folder) as opened:
         yield opened
 
 
@@ -97,3 +131,87 @@ def test_the_end_of_the_server_closes_the_session(store: Store) -> None:
     loop.sessions.close(loop.now_s)
     assert [session.state for session in store.sessions(pseudonym)] == ["closed"]
     assert store.participant(pseudonym).state == "allocated"
+
+
+# What is asked about the session
+
+
+def asked(heard: list[ServerMessage]) -> list[str]:
+    return [message.item for message in heard if isinstance(message, Question)]
+
+
+def answer(loop: Loop, item: str, value: int) -> None:
+    loop.sessions.receive(Answer(item=item, value=value, response_time_s=2.5), loop.now_s)
+    loop.tick()
+
+
+def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(asking: Store) -> None:
+    loop, pseudonym = Loop(asking), take_in(asking)
+    loop.sessions.greet(loop.heard.append, "participant", 0.0)
+    loop.ask(loop.sessions.begin, pseudonym)
+    assert [type(message) for message in loop.heard[-3:]] == [Welcome, Phase, Question]
+    loop.sessions.receive(Entered(), loop.now_s)
+    for item, value, problem in (
+        ("strain", 2, "'strain' is not asked now; nausea is"),
+        ("nausea", 5, "allowed: whole numbers from 1 to 4"),
+    ):
+        answer(loop, item, value)
+        assert problem in [message for message in loop.heard if isinstance(message, Problem)][-1].message
+    assert asking.answers(pseudonym) == []
+    answer(loop, "nausea", 3)
+    assert [(given.item, given.value) for given in asking.answers(pseudonym)] == [("nausea", 3)]
+    answer(loop, "strain", 4)
+    assert [type(message) for message in loop.heard[-3:]] == [Welcome, Scene, Phase]
+    loop.sessions.receive(Command(name="end"), loop.now_s)
+    loop.tick()
+    assert asked(loop.heard)[-1] == "effort"
+    assert loop.sessions.participant == pseudonym
+    late: list[ServerMessage] = []
+    loop.sessions.greet(late.append, "participant", loop.now_s)
+    assert asked(late) == ["effort"]
+    answer(loop, "effort", 1)
+    loop.tick()
+    assert (loop.sessions.participant, asking.sessions(pseudonym)[0].state) == (None, "closed")
+    given = [
+        (each.item, each.value, each.response_time_s, each.attempt) for each in asking.answers(pseudonym)
+    ]
+    assert given == [("nausea", 3, 2.5, None), ("strain", 4, 2.5, None), ("effort", 1, 2.5, None)]
+    loop.sessions.close(loop.now_s)
+
+
+def test_the_experimenter_skips_questions_or_ends_the_session_before_its_trials(asking: Store) -> None:
+    loop, pseudonym = Loop(asking), take_in(asking)
+    loop.ask(loop.sessions.begin, pseudonym)
+    answer(loop, "nausea", 1)
+    loop.sessions.receive(Command(name="end"), loop.now_s)
+    loop.tick()
+    assert (loop.sessions.participant, asking.sessions(pseudonym)[0].state) == (None, "closed")
+    loop.ask(loop.sessions.begin, pseudonym)
+    for command in ("skip", "end"):
+        loop.sessions.receive(Command(name=command), loop.now_s)
+        loop.tick()
+    assert "questions before_session left" in [event.name for event in asking.events()]
+    assert loop.sessions.participant == pseudonym
+    loop.ask(loop.sessions.withdraw, pseudonym, "")
+    assert asking.participant(pseudonym).state == "withdrawn"
+    notes = [finding.what for finding in check_study(asking) if finding.where.startswith("ses-")]
+    assert notes == ["has no answer to strain, effort", "has no answer to nausea, strain, effort"]
+    assert not any(finding.wrong for finding in check_study(asking))
+    loop.sessions.close(loop.now_s)
+
+
+def test_who_only_lacks_the_last_answers_is_asked_them(asking: Store) -> None:
+    """A crash came between the last trial and the questions about the session."""
+    loop, pseudonym = Loop(asking), take_in(asking)
+    session = open_session(asking, pseudonym)
+    for trial in asking.remaining_trials(pseudonym):
+        run_trial(asking, session, trial)
+    with asking.database.write() as connection:
+        connection.execute(sa.update(schema.SESSION).values(process=NO_PROCESS))
+    loop.ask(loop.sessions.begin, pseudonym)
+    assert asked(loop.heard) == []
+    loop.sessions.greet(loop.heard.append, "participant", loop.now_s)
+    assert asked(loop.heard) == ["effort"]
+    answer(loop, "effort", 2)
+    loop.tick()
+    assert asking.participant(pseudonym).state == "completed"

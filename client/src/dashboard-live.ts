@@ -91,7 +91,7 @@ export class Live {
   private show(): void {
     const runs = isSession(this.phase) && this.phase.name !== "finished";
     for (const button of this.buttons) button.disabled = !runs;
-    element("live").hidden = !isSession(this.phase);
+    element("live").hidden = !isSession(this.phase) || this.phase.trials === 0;
     element("session-words").textContent = sessionWords(this.phase);
   }
 
@@ -132,9 +132,9 @@ function isTyping(target: EventTarget | null): boolean {
   return control !== null && !(control instanceof HTMLInputElement && control.type === "checkbox");
 }
 
-/** Between sessions the server waits with no trials. */
+/** Between sessions the server waits with no trials; questions about a session have none either. */
 function isSession(phase: Phase | null): phase is Phase {
-  return phase !== null && phase.trials > 0;
+  return phase !== null && (phase.trials > 0 || phase.name === "questionnaire");
 }
 
 /** Where the session stands, in one sentence. */

@@ -94,6 +94,8 @@ describe("words", () => {
     expect(sessionWords({ ...phase, practice: false, seconds: 5 })).toBe("Trial 2 of 5: free before. Move.");
     for (const none of [null, { ...phase, trials: 0, practice: false, seconds: null }])
       expect(sessionWords(none)).toBe("No session runs here.");
+    const asked = { ...phase, name: "questionnaire", text: "Please answer.", trial: 0, trials: 0 } as const;
+    expect(sessionWords({ ...asked, practice: false, seconds: null })).toBe("questionnaire. Please answer.");
   });
 
   it("keep paragraphs and mend broken lines", () => {

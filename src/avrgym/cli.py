@@ -1,8 +1,7 @@
 """The program ``avrgym``."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Executor
-from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -20,7 +19,6 @@ from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
 from avrgym.terminal import JsonFile, check_folder, console, plain_errors, print_table, say, write_json
 
 if TYPE_CHECKING:
-    from avrgym.study.questionnaire import Item
     from avrgym.vr.certificate import Certificate
     from avrgym.vr.server import LiveServer
     from avrgym.vr.session import Send, Session
@@ -97,36 +95,39 @@ def serve(
 ) -> None:
     """Serve one participant's session to a headset: for each environment practice, then trials with questions.
 
-    In a study's folder the experimenter's dashboard begins the sessions; with --participant theirs begins at once.
+    A study's folder is served with the experimenter's dashboard, which begins its sessions; with --participant theirs
+    begins at once.
     """
     from concurrent.futures import ThreadPoolExecutor
 
     from avrgym.vr.certificate import certificate_for, data_folder, lan_names
     from avrgym.vr.server import EVERY_ADDRESS, LOOPBACK, LiveServer
 
-    with plain_errors(), ThreadPoolExecutor(1) as workers, ExitStack() as stack:
+    with plain_errors(), ThreadPoolExecutor(1) as workers:
         if person not in SEXES:
             raise ValueError(f"unknown person {person!r}; the body models are {' and '.join(SEXES)}")
         certificate = certificate_for(lan_names(), data_folder()) if lan else None
         address = host or (EVERY_ADDRESS if lan else LOOPBACK[0])
-        if participant is None and (study / "study.toml").is_file():
-            _serve_dashboard(study, workers, address, port, certificate)
+        if participant is not None or (study / "study.toml").is_file():
+            _serve_study(study, participant, workers, address, port, certificate)
             return
-        if participant is not None:
-            make_session = stack.enter_context(_study_session(study, participant, workers))
-        else:
-            make_session = _free_session(
-                study, env or ["avrgym/FeedingJaco-v1"], policy, person, trials, seed, workers
-            )
+        make_session = _free_session(
+            study, env or ["avrgym/FeedingJaco-v1"], policy, person, trials, seed, workers
+        )
         with LiveServer(make_session, address, port, certificate) as server:
             _explain(server, "spectator")
             _wait(server)
 
 
-def _serve_dashboard(
-    folder: Path, workers: Executor, host: str, port: int, certificate: "Certificate | None"
+def _serve_study(
+    folder: Path,
+    participant: str | None,
+    workers: Executor,
+    host: str,
+    port: int,
+    certificate: "Certificate | None",
 ) -> None:
-    """Serve a study's dashboard, and one after another the sessions that it begins."""
+    """Serve a study's dashboard, and one after another the sessions that it begins, a participant's at once."""
     from avrgym.study.dashboard import dashboard_app
     from avrgym.study.serving import StudySessions
     from avrgym.study.store import Store
@@ -135,7 +136,7 @@ def _serve_dashboard(
     with (
         Store(folder) as store,
         LiveServer(
-            lambda send: StudySessions(store, send, workers),
+            lambda send: StudySessions(store, send, workers, first=participant),
             host,
             port,
             certificate,
@@ -144,28 +145,6 @@ def _serve_dashboard(
     ):
         _explain(server, "dashboard")
         _wait(server)
-
-
-@contextmanager
-def _study_session(study: Path, participant: str, workers: Executor) -> Iterator["Callable[[Send], Session]"]:
-    """What makes a participant's session in a study; questions about the session are asked here before and after."""
-    from avrgym.study.live import StudyVisit
-    from avrgym.study.store import Store
-
-    with Store(study) as store, StudyVisit(store, participant) as visit:
-        plan = visit.plan()
-        visit.ask("before_session", _rate)
-        yield lambda send: visit.session(plan, send, workers)
-        visit.ask("after_session", _rate)
-
-
-def _rate(item: "Item") -> int:
-    """Ask in the terminal until the answer is one."""
-    say(item.text)
-    value = 0
-    while not 1 <= value <= item.points:
-        value = typer.prompt(f"1 ({item.low}) to {item.points} ({item.high})", type=int)
-    return value
 
 
 def _free_session(

@@ -94,10 +94,21 @@ def _check_participant(
         yield from _check_attempt(
             store, participant, sessions[attempt.session], by_id[attempt.trial], attempt, own
         )
+    for session in sessions.values():
+        yield from _check_session(store, session, answers)
     for trial in trials:
         completed = [a for a in attempts if a.trial == trial.id and a.state == "completed"]
         if len(completed) != (trial.state == "completed"):
             yield Finding(str(trial), f"is {trial.state} with {len(completed)} completed attempts")
+
+
+def _check_session(store: Store, session: StudySession, answers: list[GivenAnswer]) -> Iterator[Finding]:
+    """What was asked about an ended session and not answered: whoever was asked may have left."""
+    asked = (*store.design.items_at("before_session"), *store.design.items_at("after_session"))
+    given = {answer.item for answer in answers if answer.session == session.id and answer.attempt is None}
+    missing = [item.id for item in asked if item.id not in given]
+    if missing and session.state != "open":
+        yield Finding(str(session), f"has no answer to {', '.join(missing)}", wrong=False)
 
 
 def _check_attempt(

@@ -1,8 +1,7 @@
 """A participant's visit: their session in VR on the study's store. Each fact is stored before the session goes on."""
 
 import re
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict
 from typing import Self
@@ -50,6 +49,11 @@ class StudyVisit:
         self._watch = Watch(store, self.stored.id)
 
     @property
+    def identifier(self) -> str:
+        """The name of the session for clients and recordings."""
+        return f"{self.pseudonym} {self.stored.name}"
+
+    @property
     def called_off(self) -> bool:
         """Whether somebody elsewhere has ended the session."""
         return self._watch.called_off
@@ -73,23 +77,28 @@ class StudyVisit:
             self.policies,
             self.store.path(self.stored.folder),
             send,
-            f"{self.pseudonym} {self.stored.name}",
+            self.identifier,
             observe=Keeper(self.store, self.stored, self.trials, self._watch),
             called_off=lambda: self.called_off,
             workers=workers,
             scenes=scenes,
         )
 
-    def ask(self, when: str, answer: Callable[[Item], int]) -> None:
-        """Have the items answered that are asked ``before_session`` or ``after_session``; each is stored at once."""
-        for item in self.store.design.items_at(when):
-            asked_s = time.monotonic()
-            value = answer(item)
-            record_session_answer(self.store, self.stored.id, item.id, value, time.monotonic() - asked_s)
+    def items(self, when: str) -> tuple[Item, ...]:
+        """What is asked ``before_session`` or ``after_session``, in this participant's order."""
+        return self.store.design.items_at(when, seed=self.stored.participant)
 
-    def withdraw(self, session: Session, now_s: float, reason: str = "") -> None:
-        """Stop robot and recording, end the session in VR, then store that the participant withdrew."""
-        if session.phase != "finished":
+    def record(self, item: str, value: int, response_time_s: float) -> None:
+        """Store an answer about the session; ``StudyError`` for what is none or was given already."""
+        record_session_answer(self.store, self.stored.id, item, value, response_time_s)
+
+    def tell(self, name: str, detail: str) -> None:
+        """Store that something happened."""
+        tell(self.store, self.stored.id, name, detail)
+
+    def withdraw(self, session: Session | None, now_s: float, reason: str = "") -> None:
+        """Stop robot and recording, end the session in VR if there is one, then store that the participant withdrew."""
+        if session is not None and session.phase != "finished":
             session.receive(Command(name="end"), now_s)
         withdraw(self.store, self.pseudonym, reason)
 

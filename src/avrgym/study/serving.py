@@ -7,6 +7,7 @@ from queue import Empty, SimpleQueue
 
 from avrgym.models.human import Person
 from avrgym.study.live import StudyVisit
+from avrgym.study.session_questions import SessionQuestions
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 from avrgym.vr.loop import Received
@@ -23,23 +24,31 @@ Action = Callable[[float], None]
 class StudySessions:
     """Runs at most one participant's session at a time; until one begins, clients wait.
 
-    The loop's thread ticks; ``begin`` and ``withdraw`` may be called from any other, and return when it is done.
+    A session goes from the questions before it through the trials in VR to the questions after it. The loop's thread
+    ticks; ``begin`` and ``withdraw`` may be called from any other, and return when it is done.
     """
 
-    def __init__(self, store: Store, send: Send, workers: Executor | None = None) -> None:
-        """Wait for a participant of a study; ``send`` and ``workers`` as for ``Session``."""
+    def __init__(
+        self, store: Store, send: Send, workers: Executor | None = None, *, first: str | None = None
+    ) -> None:
+        """Wait for a participant of a study, or begin the session of the ``first`` at once.
+
+        ``send`` and ``workers`` are as for ``Session``. Raises what ``begin`` does.
+        """
         self._store, self._send, self._workers = store, send, workers
         self._visit: StudyVisit | None = None
+        self._questions: SessionQuestions | None = None
         self._session: Session | None = None
         self._scenes: list[tuple[str, Person]] = []
         self._clients: deque[tuple[Send, Role]] = deque(maxlen=CLIENTS)
         self._asked: SimpleQueue[tuple[Action, Future[None]]] = SimpleQueue()
+        if first is not None:
+            self._begin(first, 0.0)
 
     @property
     def participant(self) -> str | None:
         """The pseudonym of the participant whose session runs."""
-        running = self._session is not None and self._session.phase != "finished"
-        return self._visit.pseudonym if self._visit is not None and running else None
+        return self._visit.pseudonym if self._visit is not None else None
 
     def begin(self, pseudonym: str) -> None:
         """Begin or continue a participant's session.
@@ -65,27 +74,32 @@ class StudySessions:
         """Those of all sessions so far: browsers keep them by their numbers."""
         return self._scenes
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves."""
+        return self._session is None or self._session.at_rest
+
     def greet(self, send: Send, role: Role, now_s: float) -> None:
         """Tell a client where things stand, now or when a session begins."""
         self._clients.append((send, role))
-        if self._session is not None:
-            self._session.greet(send, role, now_s)
-        else:
-            send(Welcome(PROTOCOL, "", role, haptics=False, sounds=False))
-            send(_NO_SESSION)
+        self._greet(send, role, now_s)
 
     def receive(self, message: Received, now_s: float) -> None:
         """Take a message of a client."""
-        if self._session is not None:
+        if self._questions is not None:
+            self._questions.receive(message)
+        elif self._session is not None:
             self._session.receive(message, now_s)
 
     def tick(self, now_s: float) -> None:
         """Do what was asked, then advance by 10 ms."""
         self._do_what_was_asked(now_s)
-        if self._session is not None:
+        if self._questions is not None:
+            self._go_on_after(self._questions, now_s)
+        elif self._session is not None:
             self._session.tick(now_s)
-            if self._session.phase == "finished":
-                self._close_visit()
+            if self._session.phase == "finished" and self._visit is not None:
+                self._ask_last(self._visit)
 
     def close(self, now_s: float) -> None:
         """End the session that runs, and refuse what is still asked."""
@@ -117,19 +131,63 @@ class StudySessions:
             raise StudyError(f"the session of {self.participant} runs; end it before another begins")
         visit = StudyVisit(self._store, pseudonym)
         try:
-            self._session = visit.session(visit.plan(), self._send, self._workers, self._scenes)
+            self._session = self._in_vr(visit)
         except BaseException:
             visit.close()
             raise
         self._visit = visit
-        for send, role in self._clients:
+        self._questions = self._questions_of(visit, "before_session" if self._session else "after_session")
+        self._greet_all(now_s)
+
+    def _in_vr(self, visit: StudyVisit) -> Session | None:
+        """The trials that remain; ``None`` where a crash left only the last questions."""
+        if visit.items("after_session") and not self._store.remaining_trials(visit.pseudonym):
+            return None
+        return visit.session(visit.plan(), self._send, self._workers, self._scenes)
+
+    def _questions_of(self, visit: StudyVisit, when: str) -> SessionQuestions | None:
+        return SessionQuestions(visit, when, self._send) if visit.items(when) else None
+
+    def _greet(self, send: Send, role: Role, now_s: float) -> None:
+        if self._questions is not None:
+            self._questions.greet(send, role)
+        elif self._session is not None:
             self._session.greet(send, role, now_s)
+        else:
+            send(Welcome(PROTOCOL, "", role, haptics=False, sounds=False))
+            send(_NO_SESSION)
+
+    def _greet_all(self, now_s: float) -> None:
+        for send, role in self._clients:
+            self._greet(send, role, now_s)
+
+    def _go_on_after(self, questions: SessionQuestions, now_s: float) -> None:
+        """When the questions before the session are over, the trials begin; after the last ones all is over."""
+        if not questions.done:
+            return
+        self._questions = None
+        if questions.when == "before_session" and not questions.ended:
+            self._greet_all(now_s)
+        else:
+            self._session = None
+            self._close_visit()
+            self._send(_OVER)
+
+    def _ask_last(self, visit: StudyVisit) -> None:
+        """The trials are over."""
+        self._questions = None if visit.called_off else self._questions_of(visit, "after_session")
+        if self._questions is None:
+            self._close_visit()
+        else:
+            self._questions.begin()
 
     def _withdraw(self, pseudonym: str, reason: str, now_s: float) -> None:
-        visit, session = self._visit, self._session
-        if visit is None or session is None or self.participant != pseudonym:
+        if self._visit is None or self.participant != pseudonym:
             raise StudyError(f"no session of {pseudonym} runs here")
-        visit.withdraw(session, now_s, reason)
+        self._visit.withdraw(self._session, now_s, reason)
+        self._questions = None
+        self._close_visit()
+        self._send(_OVER)
 
     def _close_visit(self) -> None:
         if self._visit is not None:
@@ -138,3 +196,4 @@ class StudySessions:
 
 
 _NO_SESSION = Phase("waiting", "The experimenter begins the session.", 0, 0, practice=False, seconds=None)
+_OVER = Phase("finished", "The session has ended. Thank you!", 0, 0, practice=False, seconds=None)

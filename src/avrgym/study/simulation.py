@@ -22,7 +22,7 @@ from avrgym.study.participants import add_note, enrol, record_consent, record_in
 from avrgym.study.rows import Participant
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
-from avrgym.vr.attendance import InProcessAttendance
+from avrgym.vr.attendance import ANSWER_AFTER_S, InProcessAttendance
 from avrgym.vr.plan import load_policy_for
 
 AGES_YEARS = (19, 24)
@@ -60,17 +60,23 @@ def simulate_participant(folder: Path, pseudonym: str, seed: int) -> None:
     """Let one simulated participant go through all trials that remain, in this process."""
     with Store(folder) as store, StudyVisit(store, pseudonym) as visit:
         chance = _random(seed, visit.stored.participant)
-        visit.ask("before_session", lambda item: int(chance.integers(1, item.points + 1)))
+        _answer(visit, "before_session", chance)
         for _ in store.remaining_trials(pseudonym):
             _run_trial(visit, seed)
             if visit.called_off:
                 raise StudyError(f"{visit.stored} was ended elsewhere")
-        visit.ask("after_session", lambda item: int(chance.integers(1, item.points + 1)))
+        _answer(visit, "after_session", chance)
 
 
 def traits_of(participant: Participant, seed: int) -> Traits:
     """Body and habits of a simulated participant."""
     return draw_traits(participant.sex, int(_random(seed, participant.number).integers(2**31)))
+
+
+def _answer(visit: StudyVisit, when: str, chance: np.random.Generator) -> None:
+    """Answer what is asked about the session; these answers are chance."""
+    for item in visit.items(when):
+        visit.record(item.id, int(chance.integers(1, item.points + 1)), ANSWER_AFTER_S)
 
 
 def _run_trial(visit: StudyVisit, seed: int) -> None:
