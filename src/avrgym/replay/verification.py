@@ -16,13 +16,9 @@ Array = NDArray[np.float64]
 
 _State = mujoco.mjtState
 STATE_QUANTITIES: Mapping[str, _State] = {
-    "time": _State.mjSTATE_TIME,
-    "qpos": _State.mjSTATE_QPOS,
-    "qvel": _State.mjSTATE_QVEL,
-    "act": _State.mjSTATE_ACT,
-    "qacc_warmstart": _State.mjSTATE_WARMSTART,
-    "ctrl": _State.mjSTATE_CTRL,
-    "qfrc_applied": _State.mjSTATE_QFRC_APPLIED,
+    name.removeprefix("mjSTATE_").lower(): part
+    for name, part in _State.__members__.items()
+    if int(part) & int(_State.mjSTATE_INTEGRATION) and int(part).bit_count() == 1
 }
 """Parts of a state by the simulator's names for them; SI units."""
 

@@ -1,0 +1,275 @@
+"""Replay: every recorded trial is what its beginning, its commands and its participant's movements lead to."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import mujoco
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from avrgym.cli import app
+from avrgym.replay.playback import Playback, ReplayError, StateAgain
+from avrgym.replay.verification import STATE_QUANTITIES, verify
+from avrgym.study.recording import Recording, RecordingWriter, read_recording
+from avrgym.study.store import Store
+from avrgym.tasks import ENVIRONMENTS
+from avrgym.vr.messages import Ready, Stop
+from avrgym.vr.session import Disconnected
+from studies import make_study, run_participant, take_in
+from visit import ENVIRONMENT, Visit, plan
+
+STEPS = 4
+TICKS_INTO_STEP = 23
+"""Two whole control steps, and a part of the third."""
+
+
+def visited(folder: Path, environment: str) -> list[Path]:
+    """The recordings of three attempts at a trial: stopped in the middle of a control step, left behind by a
+    connection that was lost, completed. Tracking is lost for a while in the last."""
+    visit = Visit(folder, plan(environments=[environment], trial_steps=STEPS))
+    visit.sit_down()
+    visit.until("trial")
+    visit.tick(TICKS_INTO_STEP)
+    visit.tell(Stop(), Ready())
+    visit.until("trial")
+    visit.tick(5)
+    visit.tell(Disconnected())
+    visit.sit_down()
+    visit.until("trial")
+    visit.tracking = False
+    visit.tick(25)
+    visit.tracking = True
+    visit.until("questionnaire")
+    visit.tick(20)
+    visit.answer(1, 2, 3, 4)
+    visit.leave()
+    return visit.session.recordings
+
+
+@pytest.fixture(scope="module")
+def paths(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return visited(tmp_path_factory.mktemp("feeding"), ENVIRONMENT)
+
+
+@pytest.fixture(scope="module")
+def whole(paths: list[Path]) -> Recording:
+    return read_recording(paths[-1])
+
+
+def avrgym(*arguments: str | Path | int) -> Result:
+    return CliRunner().invoke(app, ["replay", *(str(argument) for argument in arguments)])
+
+
+# Laws --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_every_attempt_steps_again_to_the_same_bits(tmp_path: Path, environment: str) -> None:
+    results = []
+    for path in visited(tmp_path, environment):
+        recording = read_recording(path)
+        found = verify(recording)
+        assert found.differences == []
+        assert found.states == found.identical_states == len(recording.topics["/physics"])
+        assert found.steps == found.identical_steps == len(recording.topics["/control"])
+        assert (found.complete, found.same_versions) == (True, True)
+        results.append((recording.outcome or {})["result"])
+        steps = len(recording.topics["/commands"])
+        assert steps == {"stopped": 3, "interrupted": 1, "completed": STEPS}[results[-1]]
+    assert results == ["stopped", "interrupted", "completed"]
+
+
+Change = Callable[[Any], Any]
+
+
+def changed(recording: Recording, topic: str, number: int, change: Change) -> Recording:
+    """A recording with one of a topic's records changed."""
+    places = [place for place, (name, _, _) in enumerate(recording.messages) if name == topic]
+    messages = list(recording.messages)
+    name, time_ns, record = messages[places[number]]
+    messages[places[number]] = (name, time_ns, change(record))
+    return replace(recording, messages=messages)
+
+
+def with_number(field: str, place: int, by: float = 0.0) -> Change:
+    """Adds to a number of a record's list, at least as much as the next larger double is away."""
+
+    def change(record: Any) -> Any:
+        numbers = list(getattr(record, field))
+        numbers[place] = float(np.nextafter(numbers[place] + by, np.inf))
+        return msgspec.structs.replace(record, **{field: numbers})
+
+    return change
+
+
+@pytest.mark.parametrize("number", [1, 30, -1])
+def test_the_last_bit_of_a_state_is_found(whole: Recording, number: int) -> None:
+    time_ns, physics = whole.topics["/physics"][number]
+    found = verify(changed(whole, "/physics", number, with_number("state", 3)))
+    assert found.identical_states == found.states - 1
+    (difference,) = found.differences
+    assert (difference.quantity, difference.times) == ("qpos", 1)
+    assert difference.first_time_s == time_ns / 1e9
+    assert difference.largest == np.spacing(abs(physics.state[3]))
+
+
+@pytest.mark.parametrize(
+    ("quantity", "change"),
+    [
+        ("observation", with_number("observation", 2)),
+        ("action", with_number("action", 2)),
+        ("reward", lambda record: msgspec.structs.replace(record, reward=record.reward + 1.0)),
+        ("success", lambda record: msgspec.structs.replace(record, success=not record.success)),
+        ("distance_m", lambda record: msgspec.structs.replace(record, distance_m=0.0)),
+        ("force_on_person_n", lambda record: msgspec.structs.replace(record, force_on_person_n=9.0)),
+        (
+            "term action_squared",
+            lambda record: msgspec.structs.replace(
+                record, reward_terms=record.reward_terms | {"action_squared": 7.0}
+            ),
+        ),
+        (
+            "term unheard_of",
+            lambda record: msgspec.structs.replace(
+                record, reward_terms=record.reward_terms | {"unheard_of": 7.0}
+            ),
+        ),
+    ],
+)
+def test_whatever_a_control_step_holds_is_compared(whole: Recording, quantity: str, change: Change) -> None:
+    found = verify(changed(whole, "/control", 1, change))
+    assert [difference.quantity for difference in found.differences] == [quantity]
+    assert (found.identical_steps, found.identical_states) == (STEPS - 1, found.states)
+
+
+@pytest.mark.parametrize(
+    ("topic", "change"),
+    [
+        ("/commands", with_number("action", 0, by=-0.1)),
+        ("/body_targets", with_number("joint_targets", 0, by=0.1)),
+    ],
+)
+def test_other_commands_and_other_movements_lead_elsewhere(
+    whole: Recording, topic: str, change: Change
+) -> None:
+    found = verify(changed(whole, topic, 1, change))
+    assert found.identical_states < found.states
+    assert {difference.quantity for difference in found.differences} >= {"ctrl", "qpos", "qvel"}
+
+
+def test_every_part_of_a_state_has_a_name(whole: Recording) -> None:
+    """The parts add up to the state, so that no difference goes without one."""
+    model = Playback(whole).episodes.simulation.model
+    named = sum(mujoco.mj_stateSize(model, part) for part in STATE_QUANTITIES.values())
+    assert named == mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+def test_who_follows_goes_on_from_the_recorded_states(whole: Recording) -> None:
+    """A changed state is shown as recorded; the one after it differs, because it came from another."""
+    bent = changed(whole, "/physics", 10, with_number("state", 3))
+    states = [again for again in Playback(bent).run(follow=True) if isinstance(again, StateAgain)]
+    assert [number for number, again in enumerate(states) if not again.identical] == [10, 11]
+
+
+# What cannot be compared, and says so ------------------------------------------------------------------------
+
+
+def test_a_recording_that_breaks_off_is_verified_up_to_its_end(tmp_path: Path, paths: list[Path]) -> None:
+    content = paths[-1].read_bytes()
+    lengths = set()
+    for share in (0.3, 0.6, 0.9):
+        cut = tmp_path / f"cut-{share}.mcap"
+        cut.write_bytes(content[: int(share * len(content))])
+        shown = avrgym(cut, "--verify")
+        assert shown.exit_code == 0, shown.output
+        found = verify(read_recording(cut))
+        assert "not complete" in shown.stdout
+        assert f"{found.until_s:.2f} s" in shown.stdout
+        assert f"{found.states} states bit-identical, {found.steps} control steps identical" in shown.stdout
+        lengths.add(found.states)
+    assert len(lengths) > 1
+
+
+def written(recording: Recording, path: Path, **metadata: Any) -> Path:
+    """A recording as a file, with some of its metadata changed."""
+    writer = RecordingWriter(path, recording.metadata | metadata)
+    for topic, time_ns, record in recording.messages:
+        writer.write(topic, time_ns, record)
+    writer.close(recording.outcome)
+    return path
+
+
+def test_the_command_tells_what_agreed_or_differs(
+    tmp_path: Path, paths: list[Path], whole: Recording
+) -> None:
+    figures = tmp_path / "figures.json"
+    good = avrgym(paths[-1], "--verify", "--json", figures)
+    assert good.exit_code == 0
+    assert (
+        f"{len(whole.topics['/physics'])} states bit-identical, {STEPS} control steps identical"
+        in good.stdout
+    )
+    assert "simulated participant" in good.stdout
+    assert json.loads(figures.read_text())["identical_steps"] == STEPS
+
+    bent = changed(whole, "/physics", 10, with_number("state", 3))
+    bad = avrgym(written(bent, tmp_path / "bent.mcap"), "--verify")
+    assert bad.exit_code == 1
+    assert "1 of" in bad.stdout
+    assert "qpos" in bad.stdout
+    assert "same versions" in bad.stderr or "versions that run here" in bad.stderr
+
+    other = {"avrgym": "0.1.0", "mujoco": "3.3.7"}
+    older = avrgym(written(bent, tmp_path / "older.mcap", versions=other), "--verify")
+    assert older.exit_code == 0
+    assert "recorded with avrgym 0.1.0, mujoco 3.3.7" in older.stdout
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda r: replace(r, metadata={**r.metadata, "bodies": ["a"]}), "bodies of its scene are not those"),
+        (lambda r: replace(r, metadata={k: v for k, v in r.metadata.items() if k != "seed"}), "lacks 'seed'"),
+        (lambda r: replace(r, metadata={**r.metadata, "environment": "avrgym/Dance-v1"}), "Dance"),
+        (
+            lambda r: changed(r, "/physics", 0, lambda p: msgspec.structs.replace(p, state=[1.0])),
+            "1 numbers, this simulator's have .* recorded with avrgym",
+        ),
+        (lambda r: replace(r, messages=[m for m in r.messages if m[0] != "/commands"]), "no commands"),
+        (lambda r: replace(r, messages=[m for m in r.messages if m[0] != "/events"]), "ends at no tick"),
+    ],
+)
+def test_what_cannot_be_stepped_again_says_why(
+    whole: Recording, change: Callable[[Recording], Recording], words: str
+) -> None:
+    with pytest.raises(ReplayError, match=words):
+        verify(change(whole))
+
+
+def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Path]) -> None:
+    (tmp_path / "text.mcap").write_text("not a recording")
+    with Store(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
+        run_participant(store, take_in(store), trials=1)
+    (incomplete,) = (tmp_path / "study").rglob("*.mcap")
+    old = tmp_path / "old.png"
+    old.write_text("mine")
+    for arguments, words in (
+        ((tmp_path / "none.mcap", "--verify"), "none.mcap"),
+        ((tmp_path / "text.mcap", "--verify"), "not a recording"),
+        ((incomplete, "--verify"), "lacks"),
+        ((paths[-1], "--frames", 4), "go together"),
+        ((paths[-1], "--json", tmp_path / "x.json"), "--verify"),
+        ((paths[-1], "--video", tmp_path / "video.avi"), ".mp4"),
+        ((paths[-1], "--frames", 4, "--out", tmp_path / "strip.gif"), ".png or .jpg"),
+        ((paths[-1], "--frames", 4, "--out", old), "exists already"),
+    ):
+        shown = avrgym(*arguments)
+        assert shown.exit_code == 1, arguments
+        assert words in shown.stderr
+        assert len(shown.stderr.splitlines()) == 1
+    assert old.read_text() == "mine"
