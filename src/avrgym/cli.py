@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
+from avrgym.analysis.commands import analyze
 from avrgym.models.human import SEXES, Sex
 from avrgym.people import DISTRIBUTIONS
 from avrgym.policies import packaged_policies
@@ -32,6 +33,7 @@ app = typer.Typer(
 bench = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine.")
 app.add_typer(bench, name="bench")
 app.add_typer(study_commands, name="study")
+app.command()(analyze)
 app.command()(replay)
 
 Row = dict[str, Any]

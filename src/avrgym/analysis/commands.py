@@ -1,0 +1,35 @@
+"""The command ``avrgym analyze``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import Progress
+
+from avrgym.terminal import JsonFile, check_folder, console, plain_errors, say, write_json
+
+
+def analyze(
+    folder: Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")],
+    out: Annotated[
+        Path | None, typer.Option(help="A folder for the analysis; without one, analysis in the study's.")
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Analyse a study: report, tables, figures and results; an earlier analysis in the folder is replaced."""
+    from avrgym.analysis.output import check_out, write_analysis
+    from avrgym.analysis.study import analyse
+    from avrgym.study.store import Store
+
+    place = out or folder / "analysis"
+    with plain_errors(), Store(folder) as store:
+        check_folder(json_file)
+        check_out(place)
+        with Progress(console=console, transient=True) as progress:
+            bar = progress.add_task("recordings", total=None)
+            analysis = analyse(store, lambda done, all_: progress.update(bar, completed=done, total=all_))
+        report = write_analysis(analysis, folder, place)
+        write_json(json_file, analysis.results())
+    say(f"report    {report}")
+    if analysis.observed.problems:
+        say(f"not as it should be: {len(analysis.observed.problems)}; the report names each")

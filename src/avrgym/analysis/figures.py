@@ -1,0 +1,258 @@
+"""What a study's figures show: answers, objective measures, torso heights and head positions of one group."""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from avrgym.analysis.biomechanics import Measures, heights
+from avrgym.analysis.drawing import INK, LINES, RULE, STYLE, WARNING, Drawing
+from avrgym.analysis.rows import LikertRow, ObjectiveRow, ParticipantRow, PersonRow, TestedRow
+from avrgym.analysis.study import Analysis
+from avrgym.analysis.subjective import middle, rated_items
+from avrgym.analysis.trained_people import HEIGHTS_OF, head_of
+from avrgym.models.human import SEXES
+from avrgym.study.design import Design
+
+WIDTH_IN = 5.0
+GROUP_WIDTH = 0.8
+SHOWN_PEOPLE = 150
+"""How many of the people drawn for each distribution and posture a figure shows."""
+BIN_M = 0.01
+
+
+def group_name(simulated: bool) -> str:
+    """What a group is called."""
+    return "simulated participants" if simulated else "people"
+
+
+def draw_study(analysis: Analysis) -> list[Drawing]:
+    """All figures that there are data for, people's first."""
+    drawings = []
+    for simulated in sorted({row.simulated for row in analysis.objective}):
+        drawings += [
+            success_figure(analysis.design, simulated, analysis.objective),
+            reward_figure(analysis.design, simulated, analysis.objective),
+        ]
+    for simulated in sorted({row.simulated for row in analysis.likert}):
+        drawings.append(likert_figure(analysis.design, simulated, analysis.likert, analysis.tests))
+    for group in analysis.groups:
+        drawings.append(height_figure(group, analysis.observed.participants, analysis.people))
+        drawings.append(head_figure(group, analysis.people))
+    return drawings
+
+
+def _draw(simulated: bool, kind: str, caption: str, figure: Figure) -> Drawing:
+    """Finish a figure: what was simulated says so in it."""
+    if simulated:
+        figure.suptitle("SIMULATED PARTICIPANTS", color=WARNING, fontsize=8, x=0.99, ha="right")
+    suffix = "simulated" if simulated else "people"
+    return Drawing(f"{kind}-{suffix}", f"{caption} ({group_name(simulated)})", figure)
+
+
+# Answers
+
+
+def likert_figure(
+    design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[TestedRow]
+) -> Drawing:
+    """The paper's figure: how each item was answered with each policy, and which policies differ."""
+    items, policies = rated_items(design), design.policies
+    step = len(policies) + 1.2
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 0.5 + 0.25 * step * len(items)), layout="constrained")
+        axes = figure.add_subplot()
+        for index, (item, (place, policy)) in enumerate(product(items, enumerate(policies))):
+            own = [
+                row for row in likert if (row.simulated, row.item, row.policy) == (simulated, item.id, policy)
+            ]
+            y = step * (index // len(policies)) + place
+            _stack(axes, y, [row.share for row in own], [row.count for row in own], middle(item))
+        for index, item in enumerate(items):
+            axes.text(-1.0, step * index - 0.62, f"{item.id}  {item.text}", fontsize=8, va="bottom")
+            _brackets(
+                axes, step * index, item.id, policies, [row for row in tests if row.simulated is simulated]
+            )
+        places = [step * index + place for index in range(len(items)) for place in range(len(policies))]
+        axes.set_yticks(places, list(policies) * len(items))
+        axes.set(xlim=(-1.0, 1.4), ylim=(step * len(items) - 0.8, -1.3), xticks=[])
+        axes.spines[["left", "bottom"]].set_visible(False)
+        axes.tick_params(length=0)
+        axes.axvline(0.0, color=RULE, linewidth=0.8, zorder=0)
+    caption = (
+        f"Answers from 1 ({items[0].low}) to {items[0].points} ({items[0].high}), centred on the middle, numbers of "
+        "trials; p by Wilcoxon's signed-rank test over trials, corrected by Holm; * < 0.05, ** < 0.01, *** < 0.001"
+    )
+    return _draw(simulated, "likert", caption, figure)
+
+
+def _stack(axes: Axes, y: float, shares: Sequence[float], counts: Sequence[int], neutral: float) -> None:
+    """A bar of shares by value, its neutral value centred on zero."""
+    values = np.arange(1, len(shares) + 1)
+    below = sum(share for value, share in zip(values, shares, strict=True) if value < neutral)
+    at = sum(share for value, share in zip(values, shares, strict=True) if value == neutral)
+    left = -(below + at / 2)
+    colours = colormaps["PuOr"](np.linspace(0.08, 0.92, len(shares)))
+    for share, number, colour in zip(shares, counts, colours, strict=True):
+        axes.barh(y, share, 0.86, left, color=to_hex(colour))
+        if share > 0.04:
+            shade = "#ffffff" if np.dot(colour[:3], (0.3, 0.6, 0.1)) < 0.5 else "#1c2025"
+            axes.text(left + share / 2, y, str(number), color=shade, fontsize=7, ha="center", va="center")
+        left += share
+
+
+def _brackets(axes: Axes, top: float, item: str, policies: Sequence[str], tests: Sequence[TestedRow]) -> None:
+    own = [row for row in tests if row.family == "policies, by trial" and row.quantity == item]
+    for index, row in enumerate(own):
+        first, second = (top + policies.index(policy) for policy in (row.group_b, row.group_a))
+        x = 1.02 + 0.2 * index
+        axes.plot([x, x + 0.02, x + 0.02, x], [first, first, second, second], color=INK, linewidth=0.8)
+        axes.text(x + 0.04, (first + second) / 2, _p_text(row), fontsize=7, va="center")
+
+
+def _p_text(row: TestedRow) -> str:
+    if row.p_holm is None:
+        return "no test"
+    shown = "p < 0.001" if row.p_holm < 0.001 else f"p = {row.p_holm:.3f}"
+    return f"{shown}\n{row.mark}" if row.mark else shown
+
+
+# Objective measures
+
+
+def success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
+    """Success of each condition with its interval, beside simulation."""
+    caption = "Success in VR (bars) and in simulation (diamonds), with 95 % intervals"
+    return _objective_figure(design, simulated, rows, "success", "success", "success_rate", caption)
+
+
+def reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
+    """Mean reward of each condition with its interval, beside simulation."""
+    caption = "Mean reward in VR (bars) and in simulation (diamonds), with 95 % intervals"
+    return _objective_figure(design, simulated, rows, "reward", "reward", "reward_mean", caption)
+
+
+def _objective_figure(
+    design: Design,
+    simulated: bool,
+    rows: Sequence[ObjectiveRow],
+    kind: str,
+    interval: str,
+    mean: str,
+    caption: str,
+) -> Drawing:
+    lines = -(-len(design.tasks) // 2)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 0.6 + 1.9 * lines), layout="constrained")
+        for place, task in enumerate(design.tasks):
+            axes = figure.add_subplot(lines, min(2, len(design.tasks)), place + 1)
+            own = [row for row in rows if (row.simulated, row.task) == (simulated, task)]
+            _conditions(axes, design, own, interval, mean)
+            axes.set_title(task)
+            if interval == "success":
+                axes.set_ylim(0.0, 1.05)
+        handles, labels = figure.axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return _draw(simulated, kind, caption, figure)
+
+
+def _conditions(axes: Axes, design: Design, rows: Sequence[ObjectiveRow], interval: str, mean: str) -> None:
+    width = GROUP_WIDTH / len(design.policies)
+    for row in rows:
+        policy = design.policies.index(row.policy)
+        x = design.robots.index(row.robot) + width * (policy - (len(design.policies) - 1) / 2)
+        colour = LINES[policy % len(LINES)]
+        label = row.policy if row.robot == design.robots[0] else None
+        if getattr(row, mean) is not None:
+            axes.bar(x, getattr(row, mean), 0.9 * width, color=colour, alpha=0.55, label=label)
+            _interval(axes, x - 0.12 * width, row, interval, "")
+        if getattr(row, f"simulation_{mean}") is not None:
+            axes.plot(x + 0.2 * width, getattr(row, f"simulation_{mean}"), "D", color=INK, markersize=4)
+            _interval(axes, x + 0.2 * width, row, interval, "simulation_")
+    axes.plot([], [], "D", color=INK, markersize=4, label="simulation")
+    axes.axhline(0.0, color=INK, linewidth=0.6)
+    axes.set_xticks(range(len(design.robots)), design.robots)
+
+
+def _interval(axes: Axes, x: float, row: ObjectiveRow, interval: str, prefix: str) -> None:
+    low, high = getattr(row, f"{prefix}{interval}_low"), getattr(row, f"{prefix}{interval}_high")
+    if low is not None and high is not None:
+        axes.plot([x, x], [low, high], color=INK, linewidth=1.0)
+
+
+# Biomechanics
+
+
+def height_figure(
+    group: Measures, participants: Sequence[ParticipantRow], people: Sequence[PersonRow]
+) -> Drawing:
+    """Torso heights of the participants, one mark each, above those of the training's people."""
+    own = heights(group, participants)
+    sexes = {row.participant: row.sex for row in participants}
+    trained = {name: [row.torso_height_m for row in people if row.people == name] for name in HEIGHTS_OF}
+    samples = {"participants": list(own.values()), **trained}
+    edges = np.arange(
+        min(map(min, samples.values())) - 2 * BIN_M, max(map(max, samples.values())) + 2 * BIN_M, BIN_M
+    )
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 2.8), layout="constrained")
+        axes = figure.add_subplot()
+        for (name, values), colour in zip(samples.items(), (INK, LINES[0], LINES[1]), strict=True):
+            label = name if name == "participants" else f"{name} people (simulation)"
+            weights = np.full(len(values), 1.0 / len(values))
+            axes.hist(values, edges.tolist(), weights=weights, histtype="step", color=colour, label=label)
+        for sex, marker in zip(SEXES, "so", strict=True):
+            marks = [value for name, value in own.items() if sexes[name] == sex]
+            label = {"man": "a man", "woman": "a woman"}[sex]
+            axes.plot(marks, [-0.05] * len(marks), marker, color=INK, markersize=5, alpha=0.7, label=label)
+        axes.axhline(0.0, color=INK, linewidth=0.6)
+        axes.set(xlabel="torso height / m", ylabel="share per centimetre")
+        figure.legend(loc="outside lower center", ncols=2)
+    return _draw(
+        group.simulated, "torso-heights", "Torso heights of participants and of the training's people", figure
+    )
+
+
+def head_figure(group: Measures, people: Sequence[PersonRow]) -> Drawing:
+    """Where heads were, in the mean of each trial, among those of the training's people; from front and side."""
+    postures = group.postures()
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 0.7 + 2.4 * len(postures)), layout="constrained")
+        for place, (posture, (axis, view)) in enumerate(product(postures, ((0, "x"), (1, "y")))):
+            axes = figure.add_subplot(len(postures), 2, place + 1)
+            _heads(axes, group, people, posture, axis)
+            words = {"x": "from the front", "y": "from the side"}[view]
+            axes.set(
+                xlabel=f"{view} / m",
+                ylabel="z / m",
+                title=f"{posture}, {words}",
+                aspect="equal",
+                adjustable="datalim",
+            )
+        handles, labels = figure.axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    caption = (
+        "Centres of heads, in the mean of each trial, among the training's people (up to "
+        f"{SHOWN_PEOPLE} of each distribution)"
+    )
+    return _draw(group.simulated, "head-positions", caption, figure)
+
+
+def _heads(axes: Axes, group: Measures, people: Sequence[PersonRow], posture: str, axis: int) -> None:
+    for name, colour in zip(reversed(HEIGHTS_OF), (LINES[1], LINES[0]), strict=True):
+        drawn = [row for row in people if (row.people, row.posture) == (name, posture)][:SHOWN_PEOPLE]
+        _cloud(
+            axes, drawn, axis, color=colour, alpha=0.4, markersize=2.5, label=f"{name} people (simulation)"
+        )
+    _cloud(axes, group.in_posture(posture), axis, color=INK, markersize=3.5, label="a trial")
+
+
+def _cloud(axes: Axes, rows: Sequence[Any], axis: int, **style: Any) -> None:
+    places = np.array([head_of(row) for row in rows])
+    axes.plot(places[:, axis], places[:, 2], "o", markeredgewidth=0, **style)

@@ -1,0 +1,74 @@
+"""The files of an analysis: one page, tables, figures, and all results in one file."""
+
+import json
+import os
+import tempfile
+from pathlib import Path
+
+from avrgym.analysis.figures import draw_study
+from avrgym.analysis.study import FORMAT_NAME, Analysis
+from avrgym.analysis.study_page import write_study_page
+from avrgym.study.states import StudyError
+
+REPORT, RESULTS = "report/index.html", "results.json"
+OUTPUTS = ("report", "tables", "figures", RESULTS)
+
+
+def check_out(out: Path) -> None:
+    """Raise ``StudyError`` where an analysis would overwrite what no analysis made."""
+    present = [name for name in OUTPUTS if (out / name).exists()]
+    if present and _made_before(out) is None:
+        raise StudyError(f"{out / present[0]} is not of an earlier analysis; choose another folder")
+
+
+def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
+    """Write report, tables, figures and results into a folder; gives the report.
+
+    The files of an earlier analysis there are replaced, all others stay. ``study`` is the study's folder, to which
+    the report links.
+
+    Raises:
+        StudyError: when the folder holds files of these names that no analysis made.
+        OSError: when it cannot be written.
+    """
+    check_out(out)
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".analysis-", dir=out) as temporary:
+        made = Path(temporary)
+        _write_all(analysis, made, os.path.relpath(study, out / "report"))
+        files = sorted(path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file())
+        results = analysis.results() | {"files": files}
+        (made / RESULTS).write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        _replace(made, out, files)
+    return out / REPORT
+
+
+def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
+    """Write all but the results' file into a new folder."""
+    for name in ("tables", "figures"):
+        (made / name).mkdir()
+    for table in analysis.tables():
+        table.write(made / "tables")
+    drawings = draw_study(analysis)
+    for drawing in drawings:
+        (made / "figures" / f"{drawing.name}.svg").write_bytes(drawing.file())
+    write_study_page(made / REPORT, analysis, drawings, study_link)
+
+
+def _replace(made: Path, out: Path, files: list[str]) -> None:
+    """Move new files to their places, the results last, and remove those that an earlier analysis made in addition."""
+    for name in set(_made_before(out) or ()) - set(files):
+        if (out / name).resolve().is_relative_to(out.resolve()):
+            (out / name).unlink(missing_ok=True)
+    for name in [*files, RESULTS]:
+        (out / name).parent.mkdir(exist_ok=True)
+        os.replace(made / name, out / name)
+
+
+def _made_before(out: Path) -> list[str] | None:
+    """The files that an earlier analysis made in a folder, if there was one."""
+    try:
+        results = json.loads((out / RESULTS).read_bytes())
+        return list(map(str, results["files"])) if results["format"].startswith(FORMAT_NAME) else None
+    except (OSError, ValueError, AttributeError, KeyError, TypeError):
+        return None

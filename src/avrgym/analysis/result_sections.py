@@ -1,0 +1,236 @@
+"""The results of one group of participants on the page: objective, subjective, biomechanical."""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+
+from avrgym.analysis.drawing import Drawing
+from avrgym.analysis.objective import ALL
+from avrgym.analysis.page import Markup, figure, listing, quantity, table, tag
+from avrgym.analysis.rows import ObjectiveRow, RangeRow, SubjectiveRow, TestedRow
+from avrgym.analysis.study import Analysis
+from avrgym.analysis.subjective import rated_items
+
+Drawings = Mapping[str, Drawing]
+
+
+def objective(analysis: Analysis, simulated: bool, drawings: Drawings) -> Markup:
+    """Reward and success, as the paper's tables, then with intervals."""
+    rows = [row for row in analysis.objective if row.simulated is simulated]
+    if not rows:
+        return _nothing("Objective measures", "No trial was completed yet.")
+    return tag(
+        "section",
+        tag("h3", "Objective measures"),
+        _paper_table(analysis, rows, simulated),
+        _figures(drawings, "success", "reward"),
+        _details("With 95 % intervals", _intervals(rows, simulated)),
+        _remarks(rows),
+    )
+
+
+def _paper_table(analysis: Analysis, rows: Sequence[ObjectiveRow], simulated: bool) -> Markup:
+    policies = analysis.design.policies
+    by_key = {(row.task, row.robot, row.policy): row for row in rows}
+    heads = ["Task", "Robot"]
+    for policy in policies:
+        heads += [f"{policy}: simulation", "VR"]
+    body = []
+    for task, robot in product((*analysis.design.tasks, ALL), analysis.design.robots):
+        cells = []
+        for policy in policies:
+            row = by_key[task, robot, policy]
+            cells.append(_reward(row.simulation_reward_mean, row.simulation_success_rate))
+            cells.append(_reward(row.reward_mean, row.success_rate))
+        body.append((task, robot, *cells))
+    return table(_about("Mean reward (success)", simulated), heads, body, numbers=range(2, len(heads)))
+
+
+def _reward(mean: float | None, rate: float | None) -> str:
+    if rate is None:
+        return "–"
+    share = f"{100 * rate:.0f} %"
+    return share if mean is None else f"{quantity(mean, digits=0)} ({share})"
+
+
+def _intervals(rows: Sequence[ObjectiveRow], simulated: bool) -> Markup:
+    heads = (
+        "Task", "Robot", "Policy", "Trials", "Reward", "Success",
+        "Simulated with", "Episodes", "Reward", "Success",
+    )  # fmt: skip
+    body = [
+        (
+            row.task, row.robot, row.policy, row.trials,
+            _interval(row.reward_mean, row.reward_low, row.reward_high),
+            _percent(row.success_rate, row.success_low, row.success_high),
+            row.simulation_people or "–", row.simulation_episodes or "–",
+            _interval(row.simulation_reward_mean, row.simulation_reward_low, row.simulation_reward_high),
+            _percent(row.simulation_success_rate, row.simulation_success_low, row.simulation_success_high),
+        )
+        for row in rows
+    ]  # fmt: skip
+    numbers = (3, 4, 5, 7, 8, 9)
+    return table(_about("Objective measures with 95 % intervals", simulated), heads, body, numbers=numbers)
+
+
+def _remarks(rows: Sequence[ObjectiveRow]) -> Markup:
+    """What is to be said about simulation, each once, with the conditions that it is about."""
+    about: dict[str, list[str]] = {}
+    for row in rows:
+        if row.simulation_note:
+            about.setdefault(row.simulation_note, []).append(f"{row.task} {row.robot} {row.policy}")
+    return listing([f"Simulation of {', '.join(which)}: {note}." for note, which in about.items()])
+
+
+def _interval(mean: float | None, low: float | None, high: float | None) -> str:
+    if mean is None:
+        return "–"
+    ends = "" if low is None or high is None else f" [{quantity(low, digits=1)}, {quantity(high, digits=1)}]"
+    return quantity(mean, digits=1) + ends
+
+
+def _percent(rate: float | None, low: float | None, high: float | None) -> str:
+    if rate is None or low is None or high is None:
+        return "–"
+    return f"{100 * rate:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+
+
+# Answers
+
+
+def answers(analysis: Analysis, simulated: bool, drawings: Drawings) -> Markup:
+    """How participants answered, with the paper's tests."""
+    rows = [row for row in analysis.subjective if row.simulated is simulated]
+    if not rows:
+        return _nothing("Answers", "No statement was rated yet.")
+    whole = [row for row in rows if (row.task, row.robot) == (ALL, ALL)]
+    parts = [row for row in rows if (row.task, row.robot) != (ALL, ALL)]
+    first = rated_items(analysis.design)[0].id
+    tests = [row for row in analysis.tests if row.simulated is simulated]
+    own = [row for row in tests if row.family.startswith((f"{first} against", "policies,"))]
+    return tag(
+        "section",
+        tag("h3", "Answers"),
+        _figures(drawings, "likert"),
+        _summaries("Answers by policy, over all tasks and robots", whole, simulated),
+        _details("By task and robot", _summaries("Answers by policy, task and robot", parts, simulated)),
+        tag("h4", "Tests"),
+        _tests("Tests of answers", own, simulated),
+    )
+
+
+def _summaries(caption: str, rows: Sequence[SubjectiveRow], simulated: bool) -> Markup:
+    heads = ("Item", "Policy", "Task", "Robot", "n", "Median", "Quartiles", "Mean", "Range")
+    body = [
+        (
+            row.item, row.policy, row.task, row.robot, row.n, f"{row.median:g}",
+            f"{row.lower_quartile:g} to {row.upper_quartile:g}", f"{row.mean:.2f}", f"{row.least} to {row.most}",
+        )
+        for row in rows
+    ]  # fmt: skip
+    return table(_about(caption, simulated), heads, body, numbers=(4, 5, 6, 7, 8))
+
+
+# Biomechanics
+
+
+def biomechanics(analysis: Analysis, simulated: bool, drawings: Drawings) -> Markup:
+    """Whether participants were like the people of the training, and which ranges would have covered them."""
+    group = next((each for each in analysis.groups if each.simulated is simulated), None)
+    if group is None:
+        return _nothing("Biomechanics", "No counted trial has a whole recording of a body.")
+    tests = [row for row in analysis.tests if row.simulated is simulated and row.group_a == "participants"]
+    brief = [row for row in tests if not row.family.startswith("head positions")]
+    ranges = [row for row in analysis.ranges if row.simulated is simulated]
+    return tag(
+        "section",
+        tag("h3", "Biomechanics: participants and the people of the training"),
+        _figures(drawings, "torso-heights", "head-positions"),
+        _ranges(ranges, simulated),
+        _tests("Torso heights and whole head positions", brief, simulated),
+        _details(
+            "Head positions, axis by axis",
+            _tests("Head positions by axis", [row for row in tests if row not in brief], simulated),
+        ),
+        _details("The distributions in numbers", _distributions(analysis, simulated)),
+    )
+
+
+def _ranges(rows: Sequence[RangeRow], simulated: bool) -> Markup:
+    heads = ("Measure", "n", "Seen", "Original", "covers", "Revised", "covers")
+    body = [
+        (
+            row.quantity, row.n, _ends(row.least, row.most),
+            _ends(row.original_low, row.original_high), f"{100 * row.original_covers:.0f} %",
+            _ends(row.revised_low, row.revised_high), f"{100 * row.revised_covers:.0f} %",
+        )
+        for row in rows
+    ]  # fmt: skip
+    caption = (
+        "What would have covered the participants, and what share of them the ranges of the training's people do: "
+        "of participants for torso heights, of trials for waists"
+    )
+    return table(_about(caption, simulated), heads, body, numbers=range(1, 7))
+
+
+def _ends(low: float, high: float) -> str:
+    return f"{quantity(low)} to {quantity(high)}"
+
+
+def _distributions(analysis: Analysis, simulated: bool) -> Markup:
+    heads = ("Measure", "Posture", "People", "n", "Mean", "Deviation", "Least", "Median", "Most")
+    body = [
+        (
+            row.quantity, row.posture, row.people, row.n, f"{row.mean:.3f}",
+            quantity(row.deviation, digits=3, absent="–"), f"{row.least:.3f}", f"{row.median:.3f}", f"{row.most:.3f}",
+        )
+        for row in analysis.biomechanics
+        if row.people != "participants" or row.simulated is simulated
+    ]  # fmt: skip
+    return table(
+        _about("Distributions; the training's people are simulated", simulated),
+        heads,
+        body,
+        numbers=range(3, 9),
+    )
+
+
+# Parts
+
+
+def _tests(caption: str, rows: Sequence[TestedRow], simulated: bool) -> Markup:
+    heads = ("What", "Groups", "One value", "n", "Medians", "p", "p, Holm", "", "Effect", "Test")
+    body = [
+        (
+            row.quantity, f"{row.group_a} / {row.group_b}", row.unit,
+            f"{row.n} + {row.zeros} zero" if row.zeros else row.n,
+            f"{quantity(row.median_a, absent='–')} / {quantity(row.median_b, absent='–')}",
+            probability(row.p), probability(row.p_holm), row.mark, quantity(row.effect, absent="–"),
+            f"{row.test}, {row.note or row.method}",
+        )
+        for row in rows
+    ]  # fmt: skip
+    return table(_about(caption, simulated), heads, body, numbers=(3, 4, 5, 6, 8))
+
+
+def probability(p: float | None) -> str:
+    """A probability for people."""
+    if p is None:
+        return "no test"
+    return "< 0.001" if p < 0.001 else f"{p:.3f}"
+
+
+def _figures(drawings: Drawings, *kinds: str) -> Markup:
+    shown = [figure(drawings[kind].inline(), drawings[kind].caption) for kind in kinds if kind in drawings]
+    return tag("div", *shown, class_="figures")
+
+
+def _details(summary: str, *content: Markup) -> Markup:
+    return tag("details", tag("summary", summary), *content)
+
+
+def _nothing(title: str, text: str) -> Markup:
+    return tag("section", tag("h3", title), tag("p", text))
+
+
+def _about(caption: str, simulated: bool) -> str:
+    return f"{caption} (simulated participants)" if simulated else caption

@@ -1,0 +1,95 @@
+"""The analysis of a study: from its recordings to the paper's results."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+import mujoco
+
+from avrgym.analysis import rows
+from avrgym.analysis.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
+from avrgym.analysis.biomechanics_tests import biomechanics_tests
+from avrgym.analysis.objective import objective_rows
+from avrgym.analysis.reading import Observations, observe
+from avrgym.analysis.statistics import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
+from avrgym.analysis.subjective import answer_tests, likert_rows, subjective_rows
+from avrgym.analysis.tables import Table, control_steps
+from avrgym.analysis.trained_people import PEOPLE_PER_TASK, SEED, draw_people
+from avrgym.study.design import Design
+from avrgym.study.store import Store
+
+IN_TABLES_ONLY = ("control_steps", "people")
+"""Tables too long for the results' file."""
+FORMAT_NAME = "avrgym analysis"
+FORMAT = f"{FORMAT_NAME} 1"
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """All that was found out about a study. ``groups`` are those whose bodies were recorded."""
+
+    design: Design
+    observed: Observations
+    groups: list[Measures]
+    people: list[rows.PersonRow]
+    objective: list[rows.ObjectiveRow]
+    subjective: list[rows.SubjectiveRow]
+    likert: list[rows.LikertRow]
+    tests: list[rows.TestedRow]
+    biomechanics: list[rows.BiomechanicsRow]
+    ranges: list[rows.RangeRow]
+
+    def tables(self) -> Iterator[Table]:
+        """Every table."""
+        seen = self.observed
+        yield Table.of("participants", rows.ParticipantRow, seen.participants)
+        yield Table.of("trials", rows.TrialRow, seen.trials)
+        yield Table.of("attempts", rows.AttemptRow, seen.attempts)
+        yield Table.of("answers", rows.AnswerRow, seen.answers)
+        yield Table.of("reward_terms", rows.TermRow, seen.terms)
+        yield Table.of("problems", rows.ProblemRow, seen.problems)
+        yield Table.of("objective", rows.ObjectiveRow, self.objective)
+        yield Table.of("subjective", rows.SubjectiveRow, self.subjective)
+        yield Table.of("likert", rows.LikertRow, self.likert)
+        yield Table.of("tests", rows.TestedRow, self.tests)
+        yield Table.of("biomechanics", rows.BiomechanicsRow, self.biomechanics)
+        yield Table.of("ranges", rows.RangeRow, self.ranges)
+        yield Table.of("people", rows.PersonRow, self.people)
+        yield control_steps(seen.series, {row.participant: row.simulated for row in seen.participants})
+
+    def results(self) -> dict[str, Any]:
+        """Every number but those of single control steps and of the people drawn, which only tables hold."""
+        return {
+            "format": FORMAT,
+            "title": self.design.title,
+            "versions": {"avrgym": version("avrgym"), "mujoco": mujoco.__version__},
+            "settings": {
+                "people_per_task": PEOPLE_PER_TASK,
+                "seed": SEED,
+                "permutations": PERMUTATIONS,
+                "exact_signed_rank": EXACT_SIGNED_RANK,
+                "exact_rank_sum": EXACT_RANK_SUM,
+            },
+            **{table.name: list(table.rows) for table in self.tables() if table.name not in IN_TABLES_ONLY},
+        }
+
+
+def analyse(store: Store, progress: Callable[[int, int], None] = lambda done, all_: None) -> Analysis:
+    """Analyse a study as it stands; ``progress`` is told how many recordings of how many were read."""
+    observed = observe(store, progress)
+    people = draw_people(store.design)
+    groups = measured_groups(observed.trials)
+    answers = answer_tests(store.design, observed.answers)
+    return Analysis(
+        design=store.design,
+        observed=observed,
+        groups=groups,
+        people=people,
+        objective=objective_rows(store, observed.trials),
+        subjective=subjective_rows(store.design, observed.answers),
+        likert=likert_rows(store.design, observed.answers),
+        tests=answers + biomechanics_tests(groups, observed.participants, people),
+        biomechanics=biomechanics_rows(groups, observed.participants, people),
+        ranges=range_rows(groups, observed.participants),
+    )

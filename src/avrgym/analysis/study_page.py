@@ -1,0 +1,163 @@
+"""The page of a study's analysis: what was found out about people, and apart from them about simulated participants."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from avrgym.analysis.drawing import Drawing
+from avrgym.analysis.page import (
+    Markup,
+    badge,
+    count,
+    definitions,
+    join,
+    listing,
+    notice,
+    table,
+    tag,
+    write_page,
+)
+from avrgym.analysis.result_sections import answers, biomechanics, objective
+from avrgym.analysis.rows import ParticipantRow
+from avrgym.analysis.statistics import EXACT_SIGNED_RANK
+from avrgym.analysis.study import Analysis
+from avrgym.analysis.trained_people import PEOPLE_PER_TASK, SEED
+from avrgym.analysis.trial_section import trials
+
+TITLES = {False: "People", True: "Simulated participants"}
+
+
+def write_study_page(path: Path, analysis: Analysis, drawings: Sequence[Drawing], study_link: str) -> None:
+    """Write the page; ``study_link`` leads from it to the study's folder. The same analysis gives the same bytes."""
+    groups = sorted({row.simulated for row in analysis.observed.participants})
+    header = [tag("p", "Analysis of the study as it stands."), _notices(analysis), _navigation(groups)]
+    sections = [_group(analysis, simulated, drawings, study_link) for simulated in groups]
+    nobody = [tag("p", "Nobody has taken part yet: there is nothing to analyse.")] if not groups else []
+    write_page(path, analysis.design.title, header, [*nobody, *sections, _problems(analysis), _methods()])
+
+
+def _notices(analysis: Analysis) -> Markup:
+    everyone = analysis.observed.participants
+    simulated = sum(row.simulated for row in everyone)
+    notices = []
+    if simulated:
+        which = "All" if simulated == len(everyone) else f"{simulated} of the {len(everyone)}"
+        words = (
+            f"{which} participants here are simulated: poses and answers were made up by a program and say nothing "
+            "about people. They are analysed apart and never taken together with people."
+        )
+        notices.append(notice("SIMULATED PARTICIPANTS.", words))
+    if analysis.design.blind_experimenter:
+        notices.append(notice("Unblinded.", "This study is run blind; the page names the policies."))
+    return join(notices)
+
+
+def _navigation(groups: Sequence[bool]) -> Markup:
+    links = [tag("a", TITLES[simulated], href=f"#{_id(simulated)}") for simulated in groups]
+    return tag(
+        "nav",
+        *links,
+        tag("a", "What is not as it should be", href="#problems"),
+        tag("a", "Methods", href="#methods"),
+    )
+
+
+def _id(simulated: bool) -> str:
+    return "simulated" if simulated else "people"
+
+
+def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], study_link: str) -> Markup:
+    own = {
+        each.name.rpartition("-")[0]: each
+        for each in drawings
+        if each.name.rpartition("-")[2] == _id(simulated)
+    }
+    mark = [badge("SIMULATED PARTICIPANTS")] if simulated else []
+    return tag(
+        "article",
+        tag("h2", TITLES[simulated]),
+        *mark,
+        _counts(analysis, simulated),
+        objective(analysis, simulated, own),
+        answers(analysis, simulated, own),
+        biomechanics(analysis, simulated, own),
+        trials(analysis, simulated, study_link),
+        id=_id(simulated),
+    )
+
+
+def _counts(analysis: Analysis, simulated: bool) -> Markup:
+    people = [row for row in analysis.observed.participants if row.simulated is simulated]
+    trials = [row for row in analysis.observed.trials if row.simulated is simulated]
+    figures = {
+        "Participants": len(people),
+        "completed the study": _in_state(people, "completed"),
+        "withdrew": _in_state(people, "withdrawn"),
+        "excluded": _in_state(people, "excluded"),
+        "Trials planned": len(trials),
+        "completed": sum(row.state == "completed" for row in trials),
+        "missing": sum(row.state != "completed" for row in trials),
+        "of them practice": sum(row.practice for row in trials),
+        "in the analyses": sum(row.counted for row in trials),
+        "Attempts": sum(row.attempts for row in trials),
+        "broken off": sum(row.attempts_broken_off for row in trials),
+    }
+    rows = [
+        (
+            row.participant, row.state, row.sex, "" if row.age_years is None else row.age_years,
+            "" if row.torso_height_m is None else f"{row.torso_height_m:.3f}", row.sessions,
+            row.trials_completed, row.trials_missing, row.attempts, row.attempts_broken_off,
+        )
+        for row in people
+    ]  # fmt: skip
+    heads = (
+        "Participant", "State", "Body", "Age", "Torso / m", "Sessions", "Trials completed", "missing", "Attempts",
+        "broken off",
+    )  # fmt: skip
+    caption = "Participants; who withdrew is counted here and in no analysis"
+    return join([definitions(figures), table(_marked(caption, simulated), heads, rows, numbers=range(3, 10))])
+
+
+def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
+    return sum(row.state == state for row in people)
+
+
+def _marked(caption: str, simulated: bool) -> str:
+    return f"{caption} (simulated participants)" if simulated else caption
+
+
+def _problems(analysis: Analysis) -> Markup:
+    problems = analysis.observed.problems
+    lines = [f"{row.where} {row.what}: {row.consequence}." for row in problems]
+    text = (
+        count(len(lines), "thing") + ":"
+        if lines
+        else "Nothing: every recording is here, whole and consistent."
+    )
+    body = [tag("p", text), listing(lines)] if lines else [tag("p", text)]
+    return tag("section", tag("h2", "What is not as it should be"), *body, id="problems")
+
+
+METHODS = (
+    "Counted are completed trials but for practice, of participants who have not withdrawn. Every table has a column "
+    "that says whether a row is about simulated participants.",
+    "Reward: mean over participants with a 95 % interval by Student's t. Success: Wilson's 95 % interval. Beside them "
+    "stands what training measured for the same policy with the people that it trained with.",
+    "Wilcoxon's signed-rank test: zeros are left out, ties share their mean rank; exact for at most "
+    f"{EXACT_SIGNED_RANK} differences, else the normal approximation. Policies are paired within participant × task × "
+    "robot. Over trials as in the paper, which takes the trials of one participant for independent; over participants "
+    "each is one value, the mean of their trials.",
+    "Effect: rank-biserial correlation, from −1 to 1, positive where the first group is larger; for energy distances "
+    "the share from 0 to 1 that lies between the groups. Holm's correction holds within a family: one question, one "
+    "unit.",
+    f"The training's people: {PEOPLE_PER_TASK} drawn for each task and distribution, with seed {SEED}.",
+    "Head positions and torso heights: signed-rank as in the paper, each trial paired with an arbitrary person drawn; "
+    "Mann-Whitney and the energy distance compare one value per participant with everyone drawn. Means of several "
+    "trials spread less than single people, so that a small p need not mean another place.",
+)
+
+
+def _methods() -> Markup:
+    more = (
+        "docs/analysis.md in AVR Gym's repository says more, and how to recompute every number from tables/."
+    )
+    return tag("section", tag("h2", "Methods"), listing(METHODS), tag("p", more), id="methods")

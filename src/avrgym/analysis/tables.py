@@ -1,0 +1,61 @@
+"""Tables as files: one row of comma-separated values for each thing, with a header even where there is none."""
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from avrgym.analysis.measures import Measured
+from avrgym.study.export.tables import neutral
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Rows of values by column."""
+
+    name: str
+    columns: Sequence[str]
+    rows: Iterable[Mapping[str, Any]]
+
+    @classmethod
+    def of(cls, name: str, kind: type, rows: Sequence[Any]) -> "Table":
+        """A table of dataclass rows of one kind."""
+        return cls(name, [column.name for column in fields(kind)], [asdict(row) for row in rows])
+
+    def write(self, folder: Path) -> None:
+        """Write the table into a folder; text that a spreadsheet would run as a formula gets an apostrophe."""
+        with open(folder / f"{self.name}.csv", "x", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(self.columns)
+            writer.writerows([neutral(row[column]) for column in self.columns] for row in self.rows)
+
+
+def control_steps(series: Mapping[tuple[str, int], Measured], simulated: Mapping[str, bool]) -> Table:
+    """Every control step of every trial with its unweighted reward terms; a term of other tasks is empty."""
+    steps = [step for measured in series.values() for step in measured.steps]
+    terms = sorted({term for step in steps for term in step.reward_terms})
+    columns = [
+        "participant", "simulated", "position", "step", "time_s", "reward", "success", "distance_m",
+        "force_on_person_n", *(f"term_{term}" for term in terms),
+    ]  # fmt: skip
+    return Table("control_steps", columns, _steps(series, simulated, terms))
+
+
+def _steps(
+    series: Mapping[tuple[str, int], Measured], simulated: Mapping[str, bool], terms: Sequence[str]
+) -> Iterator[Mapping[str, Any]]:
+    for (participant, position), measured in series.items():
+        for time_s, step in zip(measured.times_s, measured.steps, strict=True):
+            yield {
+                "participant": participant,
+                "simulated": simulated[participant],
+                "position": position,
+                "step": step.step,
+                "time_s": time_s,
+                "reward": step.reward,
+                "success": step.success,
+                "distance_m": step.distance_m,
+                "force_on_person_n": step.force_on_person_n,
+                **{f"term_{term}": step.reward_terms.get(term) for term in terms},
+            }

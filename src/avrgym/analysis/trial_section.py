@@ -1,0 +1,129 @@
+"""The trials of one group of participants on the page: a line for each, and what happened in it over time."""
+
+from collections.abc import Sequence
+from urllib.parse import quote
+
+from avrgym.analysis.charts import trial_charts
+from avrgym.analysis.page import Markup, definitions, quantity, table, tag
+from avrgym.analysis.rows import AnswerRow, TermRow, TrialRow
+from avrgym.analysis.study import Analysis
+
+
+def trials(analysis: Analysis, simulated: bool, study_link: str) -> Markup:
+    """Every planned trial, run or not; those with a recording can be opened."""
+    rows = [row for row in analysis.observed.trials if row.simulated is simulated]
+    opened = [_trial(analysis, row, study_link) for row in rows if row.recording is not None]
+    return tag(
+        "section",
+        tag("h3", "Trials"),
+        tag("details", tag("summary", f"All {len(rows)} planned trials"), _overview(rows, simulated)),
+        tag("p", "Each opens to its course. Replay commands are given as typed in the study's folder."),
+        *opened,
+    )
+
+
+def _overview(rows: Sequence[TrialRow], simulated: bool) -> Markup:
+    heads = (
+        "Trial",
+        "Task",
+        "Robot",
+        "Policy",
+        "State",
+        "Attempts",
+        "Counted",
+        "Recording",
+        "Reward",
+        "Success",
+    )
+    body = [
+        (
+            _link(row), row.task, row.robot, row.policy + (" (practice)" if row.practice else ""), row.state,
+            row.attempts, "yes" if row.counted else "no", row.recorded or "–",
+            quantity(row.reward, absent="–"), _yes(row.success),
+        )
+        for row in rows
+    ]  # fmt: skip
+    caption = "Planned trials (simulated participants)" if simulated else "Planned trials"
+    return table(caption, heads, body, numbers=(5, 8))
+
+
+def _link(row: TrialRow) -> Markup | str:
+    return tag("a", _name(row), href=f"#{_id(row)}") if row.recording else _name(row)
+
+
+def _name(row: TrialRow) -> str:
+    return f"{row.participant}, {row.position}"
+
+
+def _id(row: TrialRow) -> str:
+    return f"{row.participant}-trial-{row.position}"
+
+
+def _yes(value: bool | None) -> str:
+    return "–" if value is None else "yes" if value else "no"
+
+
+def _trial(analysis: Analysis, row: TrialRow, study_link: str) -> Markup:
+    seen = analysis.observed
+    key = (row.participant, row.position)
+    series = seen.series.get(key)
+    charts = (
+        trial_charts(series.times_s, series.steps, series.weights)
+        if series
+        else tag("p", f"No time series: the recording is {row.recorded}.")
+    )
+    answers = [each for each in seen.answers if (each.participant, each.position) == key and each.attempt]
+    terms = [each for each in seen.terms if (each.participant, each.position) == key]
+    return tag(
+        "details",
+        _summary(row),
+        _figures(row),
+        charts,
+        _answers(answers),
+        _terms(terms),
+        _replay(row, study_link),
+        id=_id(row),
+    )
+
+
+def _summary(row: TrialRow) -> Markup:
+    kind = " (practice)" if row.practice else ""
+    simulated = ", simulated" if row.simulated else ""
+    success = {True: ", success", False: ", no success", None: ""}[row.success]
+    what = f"{_name(row)}: {row.task}, {row.robot}, {row.policy}{kind}{simulated}"
+    return tag("summary", f"{what}: reward {quantity(row.reward)}{success}")
+
+
+def _figures(row: TrialRow) -> Markup:
+    return definitions(
+        {
+            "Steps": row.steps,
+            "Closest to the target": quantity(row.distance_least_m, "m"),
+            "Mean force on the person": quantity(row.force_mean_n, "N"),
+            "Peak force on the person": quantity(row.force_peak_n, "N"),
+            "Torso height": quantity(row.torso_height_m, "m", digits=3),
+            "Mean waist x": quantity(row.waist_x_deg, "°", digits=1),
+            "Attempts": row.attempts,
+            "Recording": row.recorded,
+        }
+    )
+
+
+def _answers(rows: Sequence[AnswerRow]) -> Markup:
+    given = ", ".join(f"{row.item} {row.value} of {row.points}" for row in rows)
+    return tag("p", f"Answers: {given}." if given else "No answers were asked for or given.")
+
+
+def _terms(rows: Sequence[TermRow]) -> Markup:
+    shown = [row for row in rows if row.sum]
+    given = ", ".join(f"{row.term} {quantity(row.weighted_sum)}" for row in shown)
+    return tag(
+        "p",
+        f"Reward by weighted term: {given}." if given else "No reward terms were recorded.",
+        class_="faint",
+    )
+
+
+def _replay(row: TrialRow, study_link: str) -> Markup:
+    file = tag("a", "recording", href=f"{quote(study_link)}/{quote(str(row.recording))}")
+    return tag("p", "Its ", file, "; replay: ", tag("code", f"avrgym replay {row.recording}"))
