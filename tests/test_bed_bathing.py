@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -55,6 +56,16 @@ def state(contacts: dict[tuple[float, float, float], float] | None = None, **cha
         "tool_contact_force_n": contact_force,
     }
     return still_world(**given | changes)
+
+
+@pytest.mark.parametrize("sex", human.SEXES)
+@pytest.mark.parametrize("torso_height_m", human.TORSO_HEIGHT_RANGE_M)
+def test_the_left_hand_lies_beside_the_thigh(sex: human.Sex, torso_height_m: float) -> None:
+    model = human.person_model(Person(sex, torso_height_m, TASK.pose.rest_rad), RECLINED, moving=False)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    hand, thigh = (model.geom(human.PREFIX + name).id for name in ("left_hand", "left_thigh"))
+    assert mujoco.mj_geomDistance(model, data, hand, thigh, 0.5, None) > 0.03
 
 
 def on_top_of_upper_arm(along_m: float, above_m: float = 0.0) -> tuple[float, float, float]:

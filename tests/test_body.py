@@ -184,6 +184,17 @@ def test_a_head_that_shifts_level_is_out_of_reach_of_a_torso_that_cannot_stretch
     assert head_error_m(head) == pytest.approx(error_m, abs=0.001)
 
 
+def test_no_rigid_torso_that_keeps_the_heads_direction_comes_nearer(rng: np.random.Generator) -> None:
+    """The head is missed only by what the head joints are farther from the waist, or nearer, than the torso is long."""
+    waist_w = resting_head_centre(WOMAN, SEATED) - [0.0, 0.0, WAIST_TO_HEAD_M]
+    for _ in range(100):
+        q_w = transforms.from_rotation_vector(rng.uniform(-0.3, 0.3, 3))
+        head = Pose(resting_head_centre(WOMAN, SEATED) + rng.uniform(-1.0, 1.0, 3) * [0.15, 0.15, 0.05], q_w)
+        joints_w = head.pos_w - transforms.rotate(q_w, [0.0, 0.0, 0.063])
+        missing_m = np.linalg.norm(joints_w - waist_w) - (WAIST_TO_HEAD_M - 0.063)
+        assert head_error_m(head) == pytest.approx(abs(missing_m), abs=1e-6)
+
+
 def test_waist_and_head_share_the_yaw_three_to_seven() -> None:
     person = Person("woman", 0.54)
     yaw = transforms.from_axis_angle(human.Z, np.asarray(0.5))

@@ -73,7 +73,7 @@ def test_furniture_that_nobody_sits_on_is_refused() -> None:
 def feed_of(*heads: XRPose) -> TrackingFeed:
     feed = TrackingFeed()
     for i, head in enumerate(heads):
-        feed.add(Tracking(i, 10.0 * i, head, None, None, "controllers"), 0.01 * i)
+        feed.add(Tracking(i, 10.0 * i, head, None, None, "none", "none"), 0.01 * i)
     return feed
 
 

@@ -2,11 +2,13 @@
 
 import time
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import cast
 
+import numpy as np
 import pytest
 
-from avrgym.vr.loop import CATCH_UP_TICKS, INBOX_MESSAGES, RealTimeLoop
+from avrgym.vr.loop import CATCH_UP_TICKS, INBOX_MESSAGES, TIDY_EVERY_S, RealTimeLoop
 from avrgym.vr.messages import Answer, Ready, Stop
 from avrgym.vr.session import Disconnected, Session
 from avrgym.vr.world import TICK_S
@@ -21,6 +23,7 @@ class FakeSession:
         self.ticked_s: list[float] = []
         self.received: list[object] = []
         self.closed_s: list[float] = []
+        self.at_rest = False
         self._busy = busy
 
     def tick(self, now_s: float) -> None:
@@ -110,6 +113,20 @@ def test_it_gives_up_and_counts_what_a_long_delay_lost(clock: FakeClock) -> None
     loop = run(session, 30)
     assert loop.missed_ticks == 99
     assert session.ticked_s[12:30] == pytest.approx([(i + 99) * TICK_S for i in range(12, 30)])
+
+
+def test_garbage_is_collected_only_where_nothing_moves(
+    clock: FakeClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def rest(ticks: int) -> None:
+        session.at_rest = ticks > 2000
+
+    session, collected = FakeSession(rest), []
+    monkeypatch.setattr("avrgym.vr.loop.gc", SimpleNamespace(collect=lambda: collected.append(clock.now_s)))
+    run(session, 5000)
+    assert collected[0] == pytest.approx(100.0 + 2000 * TICK_S)
+    assert np.diff(collected).min() >= TIDY_EVERY_S
+    assert len(collected) >= 3
 
 
 def test_real_time_passes() -> None:

@@ -242,7 +242,7 @@ def test_every_recorded_state_follows_bit_for_bit_from_the_one_before(whole: Vis
 def test_the_torso_height_is_measured(whole: Visit) -> None:
     measured_m = whole.session.person.torso_height_m
     assert measured_m == pytest.approx(whole.participant.traits.torso_height_m, abs=0.005)
-    assert whole.recordings()[1].metadata["person"] == {"sex": "woman", "torso_height_m": measured_m}
+    assert whole.recordings()[1].metadata["person"]["torso_height_m"] == measured_m
 
 
 def test_the_same_seed_gives_the_same_bits(visit: Callable[..., Visit]) -> None:
@@ -465,7 +465,7 @@ def lifted(frame: Tracking, height_m: float) -> Tracking:
     assert frame.head is not None
     x, _, z = frame.head.position
     head = XRPose((x, height_m, z), frame.head.orientation)
-    return messages.Tracking(frame.sequence, frame.client_time_ms, head, None, None, "none")
+    return messages.Tracking(frame.sequence, frame.client_time_ms, head, None, None, "none", "none")
 
 
 def random_person(sex: Sex, seed: int) -> SimulatedParticipant:
@@ -570,7 +570,9 @@ def broken_frames(sequence: int) -> list[Tracking]:
     placed: list[tuple[XRPose | None, XRPose | None, XRPose | None]] = [(None, sound, sound)]
     for pose in broken_poses():
         placed += [(pose, None, None), (sound, pose, None), (sound, None, pose)]
-    return [Tracking(sequence, 0.0, head, left, right, "controllers") for head, left, right in placed]
+    return [
+        Tracking(sequence, 0.0, head, left, right, "controller", "controller") for head, left, right in placed
+    ]
 
 
 def test_frames_that_cannot_be_are_recorded_and_change_nothing(visit: Callable[..., Visit]) -> None:
@@ -599,7 +601,7 @@ def test_frames_that_cannot_be_are_recorded_and_change_nothing(visit: Callable[.
 def replayed(visit: Visit) -> Tracking:
     """A sound frame with a number that has been used, of another pose."""
     frame = visit.participant.frame_of(human.joint_angles(waist_x=20.0), 0.0)
-    return Tracking(0, frame.client_time_ms, frame.head, frame.left, frame.right, "controllers")
+    return Tracking(0, frame.client_time_ms, frame.head, frame.left, frame.right, "controller", "controller")
 
 
 def test_of_frames_between_two_ticks_the_newest_counts_and_all_are_recorded(

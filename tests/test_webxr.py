@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from avrgym import transforms
-from avrgym.vr.messages import XRPose
+from avrgym.vr.messages import Tracking, XRPose
+from avrgym.vr.tracking import body_pose
 from avrgym.vr.webxr import (
     HEADSET_AHEAD_M,
     Pose,
@@ -124,3 +125,14 @@ def test_a_tracked_hand_on_a_table_points_ahead_with_its_thumb_inward(side: Lite
 def test_poses_that_no_headset_has_are_not_valid(pose: XRPose) -> None:
     assert not is_valid(pose)
     assert is_valid(XRPose((0.1, 1.2, -0.3), UPRIGHT))
+
+
+def test_each_hand_is_read_as_what_it_is_tracked_with(rng: np.random.Generator) -> None:
+    """A controller in one hand while the other is bare."""
+    registration, pose = random_registration(rng), XRPose((0.1, 1.0, -0.2), (0.5, -0.5, 0.5, 0.5))
+    body = body_pose(registration, Tracking(0, 0.0, pose, pose, pose, "hand", "controller"))
+    assert body.left is not None
+    assert body.right is not None
+    wrist, grip = hand_pose_from_wrist(registration, pose, "left"), hand_pose(registration, pose)
+    np.testing.assert_array_equal(body.left.pos_w, wrist.pos_w)
+    np.testing.assert_array_equal(body.right.pos_w, grip.pos_w)

@@ -3,7 +3,7 @@ import { awaitsReady, isRunning, mayRecalibrate, panelContent, type Display } fr
 import { FlatPlay } from "./flatplay";
 import { Immersive } from "./immersive";
 import type { Outgoing } from "./codec";
-import type { Phase, Scene, ServerMessage, State, Welcome } from "./messages";
+import type { Body, Phase, Scene, ServerMessage, State, Welcome } from "./messages";
 import { Page, isStopKey } from "./page";
 import { Panel } from "./panel";
 import { Questionnaire } from "./questionnaire";
@@ -36,6 +36,7 @@ export class App {
   private readonly senses: Senses;
   private readonly watching: Watching | null;
   private welcome: Welcome | null = null;
+  private body: Body | null = null;
   private link: Link = "connecting";
   private linkReason = "";
   private problem: string | null = null;
@@ -55,6 +56,7 @@ export class App {
       ready: () => this.send({ type: "ready" }),
       recalibrate: () => this.send({ type: "recalibrate" }),
       answer: (value) => this.answer(value),
+      chooseBody: (choice) => this.send(choice),
     });
     this.flat = new FlatPlay(this.page.view);
     this.view = new View(this.page.view, this.page.card, detail);
@@ -139,6 +141,7 @@ export class App {
     if (message.type === "timing") return this.watching?.timingCame(message);
     if (message.type === "upcoming") return this.fetchAhead(message.url);
     if (message.type === "welcome") this.welcomed(message);
+    if (message.type === "body") this.body = message;
     if (message.type === "scene") void this.sceneCame(message);
     if (message.type === "phase") this.phaseCame(message);
     if (message.type === "question" && !this.watches) this.questionnaire.show(message, performance.now());
@@ -239,7 +242,10 @@ export class App {
 
   private selected(source: XRInputSource, frame: XRFrame): void {
     const space = this.view.renderer.xr.getReferenceSpace();
-    if (this.questionnaire.question && space) this.answer(this.immersive.pointedAt(source, frame, space));
+    const value = space && this.immersive.pointedAt(source, frame, space);
+    const choice = this.panel.choice(value);
+    if (this.questionnaire.question) this.answer(value);
+    else if (choice) this.send(choice);
     else if (awaitsReady(this.phase)) this.send({ type: "ready" });
   }
 
@@ -287,7 +293,8 @@ export class App {
     const { link, linkReason, phase, problem, secondsLeft } = this;
     const { question, answered } = this.questionnaire;
     const { takesPart } = this;
-    const display: Display = { link, linkReason, phase, question, answered, problem, secondsLeft, takesPart };
+    const body = this.welcome?.role === "spectator" ? null : this.body;
+    const display: Display = { link, linkReason, phase, body, question, answered, problem, secondsLeft, takesPart };
     this.page.show(display);
     this.panel.show(this.presenting ? panelContent(display) : null);
   }

@@ -81,8 +81,7 @@ export class Live {
   }
 
   private linked(link: Link, reason: string): void {
-    const words = { link, linkReason: reason, phase: null, question: null, answered: null };
-    element("server").textContent = linkWords({ ...words, problem: null, secondsLeft: null, takesPart: false });
+    element("server").textContent = linkWords({ link, linkReason: reason });
     element("server").dataset["link"] = link;
     if (link !== "connected") this.phase = null;
     this.show();

@@ -1,11 +1,13 @@
 import type { Link } from "./connection";
-import type { Phase, Question } from "./messages";
+import type { Body, Phase, Question } from "./messages";
 
 /** Everything that words are shown about. */
 export interface Display {
   link: Link;
   linkReason: string;
   phase: Phase | null;
+  /** The participant's body, for those who may choose it. */
+  body: Body | null;
   question: Question | null;
   answered: number | null;
   problem: string | null;
@@ -19,6 +21,8 @@ export interface PanelContent {
   text: string;
   secondsLeft: number | null;
   question: Question | null;
+  /** The body to choose another in the place of, while the participant is measured. */
+  body: Body | null;
   answered: number | null;
   notice: string | null;
 }
@@ -30,8 +34,7 @@ const LINK_WORDS: Record<Link, string> = {
   superseded: "Opened in another window. Reload this page to use it here.",
 };
 
-export function linkWords(display: Display): string {
-  const { link, linkReason } = display;
+export function linkWords({ link, linkReason }: Pick<Display, "link" | "linkReason">): string {
   return link === "lost" && linkReason ? `Not connected: ${linkReason}. Trying again …` : LINK_WORDS[link];
 }
 
@@ -42,7 +45,8 @@ export function panelContent(display: Display): PanelContent | null {
   const label = question ? `${question.number} of ${question.count}` : phaseLabel(phase);
   const text = question ? question.text : phaseText(phase);
   if (!text && !notice) return null;
-  return { label, text, secondsLeft: question ? null : secondsLeft, question, answered, notice };
+  const body = phase?.name === "calibration" ? display.body : null;
+  return { label, text, secondsLeft: question ? null : secondsLeft, question, body, answered, notice };
 }
 
 /** Which trial of how many; empty outside the trials. */

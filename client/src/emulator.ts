@@ -29,7 +29,7 @@ export interface EmulatorControls {
   holdMenu(hand: Hand, pressed: boolean): void;
   /** Turns a controller about its target ray's origin until the ray meets a point. */
   aimAt(hand: Hand, point: Triple): void;
-  /** The buttons of the question on the panel; empty while none is to be seen. */
+  /** The buttons on the panel, those of a question or of the bodies to choose; empty while none is to be seen. */
   buttons(): EmulatedButton[];
   phase(): Phase | null;
   question(): Question | null;
@@ -125,10 +125,9 @@ function aim(controller: Movable, point: Vector3): void {
 }
 
 function shownButtons(app: App): EmulatedButton[] {
-  const { question } = app.questionnaire;
-  if (!question || !app.panel.mesh.visible) return [];
+  if (!app.panel.mesh.visible) return [];
   return app.panel.buttons.map((button) => ({
-    item: question.item,
+    item: app.questionnaire.question?.item ?? "body",
     value: button.value,
     centre: app.panel.centreOf(button).toArray(),
   }));

@@ -62,7 +62,8 @@ export class FlatPlay {
       head: pose(this.camera.position, this.camera.quaternion),
       left: pose(LEFT_HAND, UPRIGHT_GRIP),
       right: pose(this.hand, UPRIGHT_GRIP),
-      modality: "mouse",
+      left_modality: "mouse",
+      right_modality: "mouse",
     };
   }
 

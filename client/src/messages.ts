@@ -1,12 +1,14 @@
 // Written by `python -m avrgym.vr.typescript` from messages.py. Do not edit.
 
-export const PROTOCOL = 3;
+export const PROTOCOL = 4;
+
+export type Sex = "man" | "woman";
 
 export type Vector3 = [number, number, number];
 
 export type Quaternion = [number, number, number, number];
 
-export type Modality = "controllers" | "hands" | "mouse" | "none";
+export type Modality = "controller" | "hand" | "mouse" | "none";
 
 export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 
@@ -28,7 +30,8 @@ export interface Hello {
 
 /** One XR frame. `sequence` counts up by one; `client_time_ms` is the XR frame's time stamp.
  *
- * Controller poses are grip poses; a pose that is not tracked is `None`. */
+ * Of a hand that holds a controller the pose is the grip's, of a bare hand the wrist's; a pose that is not tracked is
+ * `None`. Which of them each hand is says its modality. */
 export interface Tracking {
   type: "tracking";
   sequence: number;
@@ -36,7 +39,8 @@ export interface Tracking {
   head: XRPose | null;
   left: XRPose | null;
   right: XRPose | null;
-  modality: Modality;
+  left_modality: Modality;
+  right_modality: Modality;
 }
 
 /** The participant entered VR. */
@@ -83,7 +87,14 @@ export interface Answer {
   response_time_s: number;
 }
 
-export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer;
+/** The body that the participant shall have; one of another sex is measured anew. */
+export interface ChooseBody {
+  type: "choose_body";
+  sex: Sex;
+  skin_tone: string;
+}
+
+export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer | ChooseBody;
 
 /** What the experimenter wants of the session.
  *
@@ -101,7 +112,7 @@ export interface CorrectTorsoHeight {
   torso_height_m: number;
 }
 
-export type ExperimenterMessage = Hello | Command | CorrectTorsoHeight;
+export type ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseBody;
 
 /** The connection is accepted, as whose; whether a touch is felt and a success heard is the plan's choice. */
 export interface Welcome {
@@ -111,6 +122,15 @@ export interface Welcome {
   role: Role;
   haptics: boolean;
   sounds: boolean;
+}
+
+/** The participant's body, and which tones of skin there are: by name, and red, green, blue in 0..1 of each. */
+export interface Body {
+  type: "body";
+  sex: Sex;
+  skin_tone: string;
+  skin_tones: string[];
+  skin_tones_rgb: Vector3[];
 }
 
 /** A scene to draw: a GLB whose nodes carry `extras.body`, and where the simulated world stands.
@@ -210,7 +230,8 @@ export interface Status {
   distance_m: number;
   force_on_person_n: number;
   tracking_age_s: number | null;
-  modality: Modality;
+  left_modality: Modality;
+  right_modality: Modality;
 }
 
 /** What the last second's ticks of 10 ms took, for those who watch; ticks given up since the beginning. */
@@ -221,4 +242,4 @@ export interface Timing {
   missed_ticks: number;
 }
 
-export type ServerMessage = Welcome | Scene | Upcoming | State | Phase | Question | Problem | Feedback | Status | Timing;
+export type ServerMessage = Welcome | Body | Scene | Upcoming | State | Phase | Question | Problem | Feedback | Status | Timing;

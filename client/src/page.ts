@@ -1,5 +1,6 @@
+import { mayChooseBody } from "./bodychoice";
 import { awaitsReady, linkWords, mayRecalibrate, phaseLabel, type Display } from "./display";
-import type { Question } from "./messages";
+import type { Body, ChooseBody, Phase, Question } from "./messages";
 import type { Allowed } from "./senses";
 
 const SENSES = ["haptics", "sounds"] as const;
@@ -10,6 +11,7 @@ export interface PageEvents {
   ready(): void;
   recalibrate(): void;
   answer(value: number): void;
+  chooseBody(choice: ChooseBody): void;
 }
 
 function element<T extends HTMLElement>(id: string): T {
@@ -22,6 +24,8 @@ export class Page {
   readonly card = element("card");
   private readonly enter = element<HTMLButtonElement>("enter");
   private readonly play = element<HTMLButtonElement>("play");
+  private readonly sex = element<HTMLSelectElement>("sex");
+  private readonly tone = element<HTMLSelectElement>("skin-tone");
   private shown: Question | null = null;
   private readonly texts = new Map<string, string>();
 
@@ -30,6 +34,7 @@ export class Page {
     this.play.addEventListener("click", () => events.playOrEnd());
     element("ready").addEventListener("click", () => events.ready());
     element("again").addEventListener("click", () => events.recalibrate());
+    for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
     for (const sense of SENSES) remember(element<HTMLInputElement>(sense));
     element<HTMLDetailsElement>("help").open = window.innerHeight > 620 && window.innerWidth > 720;
   }
@@ -76,7 +81,23 @@ export class Page {
     element("go-on").hidden = !display.takesPart || !awaitsReady(phase);
     element("again").hidden = !mayRecalibrate(phase);
     element("phase").hidden = !phase?.text || question !== null;
+    this.showBody(display.body, phase);
     this.showQuestion(question, display.answered);
+  }
+
+  private showBody(body: Body | null, phase: Phase | null): void {
+    element("body").hidden = body === null;
+    element<HTMLFieldSetElement>("body").disabled = !mayChooseBody(phase);
+    if (!body) return;
+    if (this.tone.options.length === 0)
+      this.tone.append(...body.skin_tones.map((tone) => new Option(tone, tone)));
+    this.sex.value = body.sex;
+    this.tone.value = body.skin_tone;
+  }
+
+  private chooseBody(): void {
+    const sex = this.sex.value as ChooseBody["sex"];
+    this.events.chooseBody({ type: "choose_body", sex, skin_tone: this.tone.value });
   }
 
   private showQuestion(question: Question | null, answered: number | null): void {
@@ -123,6 +144,6 @@ function remember(box: HTMLInputElement): void {
 /** Whether a key press asks the robot to stop: Escape anywhere, Space unless it presses a button. */
 export function isStopKey(event: KeyboardEvent): boolean {
   if (event.repeat) return false;
-  const onControl = event.target instanceof Element && event.target.closest("button, summary, a, input, label") !== null;
+  const onControl = event.target instanceof Element && event.target.closest("button, summary, a, input, select, label") !== null;
   return event.key === "Escape" || (event.key === " " && !onControl);
 }

@@ -1,5 +1,6 @@
+import { bodyButtons, type BodyButton } from "./bodychoice";
 import type { PanelContent } from "./display";
-import type { Question } from "./messages";
+import type { Body, Question } from "./messages";
 import { layoutButtons, type Box, type Button } from "./questionnaire";
 
 /** Pixels of the panel's canvas. */
@@ -11,6 +12,8 @@ const FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif
 const TEXT_BOX: Box = { x: MARGIN, y: 150, width: WIDTH - 2 * MARGIN, height: 620 };
 const STATEMENT_BOX: Box = { x: MARGIN, y: 140, width: WIDTH - 2 * MARGIN, height: 300 };
 const BUTTON_BOX: Box = { x: MARGIN, y: 470, width: WIDTH - 2 * MARGIN, height: 250 };
+const WORDS_BOX: Box = { x: MARGIN, y: 130, width: WIDTH - 2 * MARGIN, height: 290 };
+const BODY_BOX: Box = { x: MARGIN + 220, y: 450, width: WIDTH - 2 * MARGIN - 440, height: 320 };
 const NOTICE_BOX: Box = { x: 24, y: HEIGHT - 152, width: WIDTH - 48, height: 128 };
 
 const COLOUR = {
@@ -26,9 +29,15 @@ const COLOUR = {
 
 type Context = CanvasRenderingContext2D;
 type Asking = PanelContent & { question: Question };
+type Choosing = PanelContent & { body: Body };
 
 export function buttonsOf(content: PanelContent | null): Button[] {
-  return content?.question ? layoutButtons(content.question.points, BUTTON_BOX) : [];
+  if (content?.question) return layoutButtons(content.question.points, BUTTON_BOX);
+  return bodiesOf(content);
+}
+
+export function bodiesOf(content: PanelContent | null): BodyButton[] {
+  return content?.body && !content.question ? bodyButtons(content.body, BODY_BOX) : [];
 }
 
 /** Paints the whole panel; what has no content stays transparent. */
@@ -41,12 +50,17 @@ export function paint(
   context.clearRect(0, 0, WIDTH, HEIGHT);
   if (content.text) paintBackground(context);
   if (asks(content)) paintQuestion(context, content, buttons, hovered);
+  else if (letsChoose(content)) paintBodies(context, content, hovered);
   else if (content.text) paintText(context, content);
   if (content.notice) paintNotice(context, content.notice);
 }
 
 function asks(content: PanelContent): content is Asking {
   return content.question !== null;
+}
+
+function letsChoose(content: PanelContent): content is Choosing {
+  return content.body !== null;
 }
 
 function paintBackground(context: Context): void {
@@ -73,6 +87,24 @@ function paintQuestion(context: Context, content: Asking, buttons: Button[], hov
   for (const button of buttons)
     paintButton(context, button, buttonColours(button.value, hovered, content.answered));
   paintAnchors(context, content.question, buttons);
+}
+
+function paintBodies(context: Context, content: Choosing, hovered: number | null): void {
+  paintLabel(context, content.label);
+  paintLines(context, content.text, WORDS_BOX, 72);
+  for (const button of bodiesOf(content)) paintBody(context, button, button.value === hovered);
+}
+
+function paintBody(context: Context, button: BodyButton, hovered: boolean): void {
+  const [fill, ink] = hovered ? [COLOUR.hovered, COLOUR.onLight] : [COLOUR.button, COLOUR.text];
+  roundedBox(context, button, button.height * 0.16);
+  context.fillStyle = button.colour ?? fill;
+  context.fill();
+  context.lineWidth = button.chosen ? 14 : hovered ? 8 : 4;
+  context.strokeStyle = button.chosen ? COLOUR.answered : hovered ? COLOUR.hovered : COLOUR.edge;
+  context.stroke();
+  const [x, y] = [button.x + button.width / 2, button.y + button.height / 2];
+  paintLine(context, button.label, x, y, `600 ${Math.round(button.height * 0.4)}px ${FONT}`, ink, "center");
 }
 
 function paintAnchors(context: Context, { low, high }: Question, buttons: Button[]): void {

@@ -1,6 +1,7 @@
 import { CanvasTexture, Mesh, MeshBasicMaterial, PlaneGeometry, SRGBColorSpace, Vector3 } from "three";
 import type { PanelContent } from "./display";
-import { HEIGHT, WIDTH, buttonsOf, paint } from "./paint";
+import type { ChooseBody } from "./messages";
+import { HEIGHT, WIDTH, bodiesOf, buttonsOf, paint } from "./paint";
 import { hitButton, type Button } from "./questionnaire";
 
 export const PANEL_WIDTH_M = 0.9;
@@ -53,6 +54,11 @@ export class Panel {
     if (!content) this.placed = false;
     this.mesh.visible = content !== null && this.placed;
     this.repaint();
+  }
+
+  /** The body that the button of a value chooses, if it does. */
+  choice(value: number | null): ChooseBody | null {
+    return bodiesOf(this.content).find((button) => button.value === value)?.message ?? null;
   }
 
   hover(value: number | null): void {

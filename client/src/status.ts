@@ -19,10 +19,11 @@ export function statusWords(status: Status): Record<string, string> {
   };
 }
 
-function trackingWords({ tracking_age_s, modality }: Status): string {
+function trackingWords({ tracking_age_s, left_modality, right_modality }: Status): string {
   if (tracking_age_s === null) return "none yet";
   if (tracking_age_s > STALE_S) return `lost for ${tracking_age_s.toFixed(1)} s, the person is held`;
-  return `${(1000 * tracking_age_s).toFixed(0)} ms old, ${modality}`;
+  const hands = left_modality === right_modality ? left_modality : `left ${left_modality}, right ${right_modality}`;
+  return `${(1000 * tracking_age_s).toFixed(0)} ms old, ${hands}`;
 }
 
 export function timingWords({ tick_ms_median, tick_ms_max, missed_ticks }: Timing): string {

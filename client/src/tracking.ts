@@ -1,4 +1,4 @@
-import type { Tracking, XRPose } from "./messages";
+import type { Modality, Tracking, XRPose } from "./messages";
 
 export const HIGHEST_RATE_HZ = 90;
 /** Above this many waiting bytes a frame is skipped, so that the newest one never queues behind old ones. */
@@ -31,7 +31,8 @@ export class Tracker {
     head: null,
     left: null,
     right: null,
-    modality: "none",
+    left_modality: "none",
+    right_modality: "none",
   };
 
   /** How many frames have been read; the next one has this sequence number. */
@@ -49,7 +50,8 @@ export class Tracker {
     message.head = fill(this.head, frame.getViewerPose(space));
     message.left = left && fill(this.left, sourcePose(frame, space, left));
     message.right = right && fill(this.right, sourcePose(frame, space, right));
-    message.modality = modality(left, right);
+    message.left_modality = modality(left);
+    message.right_modality = modality(right);
     return message;
   }
 }
@@ -72,9 +74,9 @@ function sourcePose(frame: XRFrame, space: XRReferenceSpace, source: XRInputSour
   return wrist && frame.getJointPose?.(wrist, space);
 }
 
-function modality(left: XRInputSource | null, right: XRInputSource | null): Tracking["modality"] {
-  if (!left && !right) return "none";
-  return (left && !left.hand) || (right && !right.hand) ? "controllers" : "hands";
+function modality(source: XRInputSource | null): Modality {
+  if (!source) return "none";
+  return source.hand ? "hand" : "controller";
 }
 
 type XRPoseOfFrame = { transform: XRRigidTransform; emulatedPosition: boolean } | null | undefined;

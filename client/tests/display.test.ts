@@ -1,7 +1,9 @@
 import { describe, expect, it } from "vitest";
+import { mayChooseBody } from "../src/bodychoice";
 import { isRunning, linkWords, panelContent, type Display } from "../src/display";
-import type { Phase, Question } from "../src/messages";
-import { wrap } from "../src/paint";
+import type { Body, Phase, Question } from "../src/messages";
+import { bodiesOf, buttonsOf, wrap } from "../src/paint";
+import { hitButton } from "../src/questionnaire";
 
 const QUESTION: Question = {
   type: "question",
@@ -14,12 +16,23 @@ const QUESTION: Question = {
   count: 4,
 };
 
+const BODY: Body = {
+  type: "body",
+  sex: "woman",
+  skin_tone: "dark",
+  skin_tones: ["light", "dark"],
+  skin_tones_rgb: [
+    [0.9, 0.7, 0.6],
+    [0.3, 0.2, 0.2],
+  ],
+};
+
 function phase(name: Phase["name"], text = "Words"): Phase {
   return { type: "phase", name, text, trial: 3, trials: 8, practice: false, seconds: null };
 }
 
 function display(changes: Partial<Display>): Display {
-  const nothing = { phase: null, question: null, answered: null, problem: null, secondsLeft: null, takesPart: true };
+  const nothing = { phase: null, body: null, question: null, answered: null, problem: null, secondsLeft: null, takesPart: true };
   return { link: "connected", linkReason: "", ...nothing, ...changes };
 }
 
@@ -57,6 +70,41 @@ describe("the panel", () => {
       display({ phase: phase("questionnaire"), question: QUESTION, secondsLeft: 9 }),
     );
     expect(content).toMatchObject({ label: "2 of 4", text: "Safe?", question: QUESTION, secondsLeft: null });
+  });
+});
+
+describe("the bodies to choose", () => {
+  const calibration = display({ phase: phase("calibration"), body: BODY });
+
+  it("are on the panel only while the participant is measured", () => {
+    expect(buttonsOf(panelContent(calibration)).length).toBe(4);
+    expect(buttonsOf(panelContent({ ...calibration, phase: phase("check") }))).toEqual([]);
+    expect(buttonsOf(panelContent({ ...calibration, question: QUESTION })).length).toBe(QUESTION.points);
+  });
+
+  it("change one thing at a time, and mark what is chosen", () => {
+    const buttons = bodiesOf(panelContent(calibration));
+    expect(buttons.map(({ chosen }) => chosen)).toEqual([true, false, false, true]);
+    expect(buttons.map(({ message }) => [message.sex, message.skin_tone])).toEqual([
+      ["woman", "dark"],
+      ["man", "dark"],
+      ["woman", "light"],
+      ["woman", "dark"],
+    ]);
+  });
+
+  it("have buttons of their own that do not overlap", () => {
+    for (const button of bodiesOf(panelContent(calibration))) {
+      const [x, y] = [button.x + button.width / 2, button.y + button.height / 2];
+      expect(hitButton(bodiesOf(panelContent(calibration)), x, y)).toBe(button.value);
+    }
+  });
+
+  it("may be chosen while no trial runs", () => {
+    const allowed = (["waiting", "calibration", "check", "paused", "trial", "questionnaire"] as const).map((name) =>
+      mayChooseBody(phase(name)),
+    );
+    expect(allowed).toEqual([true, true, true, true, false, false]);
   });
 });
 

@@ -30,7 +30,7 @@ describe("playing without a headset", () => {
   it("sends frames that count up and say that a mouse made them", () => {
     const frames = [0, 14, 28].map((ms) => play.frame(ms));
     expect(frames.map(({ sequence }) => sequence)).toEqual([0, 1, 2]);
-    expect(frames.every(({ modality }) => modality === "mouse")).toBe(true);
+    expect(frames.every(({ right_modality }) => right_modality === "mouse")).toBe(true);
     for (const pose of [frames[0]!.head!, frames[0]!.left!, frames[0]!.right!])
       expect(Math.hypot(...pose[1])).toBeCloseTo(1);
   });

@@ -18,7 +18,8 @@ const STATUS: Status = {
   distance_m: 0.123,
   force_on_person_n: 1.5,
   tracking_age_s: 0.011,
-  modality: "hands",
+  left_modality: "hand",
+  right_modality: "hand",
 };
 
 describe("how a session stands", () => {
@@ -31,7 +32,7 @@ describe("how a session stands", () => {
       "watch-reward": "41.3, success",
       "watch-distance": "12.3 cm",
       "watch-force": "1.5 N",
-      "watch-tracking": "11 ms old, hands",
+      "watch-tracking": "11 ms old, hand",
       "watch-height": "54.5 cm",
     });
   });
@@ -41,6 +42,9 @@ describe("how a session stands", () => {
     expect(words["watch-trial"]).toBe("2 of 5, attempt –");
     expect(words["watch-tracking"]).toBe("none yet");
     expect(words["watch-phase"]).toBe("free before");
+    expect(statusWords({ ...STATUS, left_modality: "controller" })["watch-tracking"]).toBe(
+      "11 ms old, left controller, right hand",
+    );
     expect(words["watch-reward"]).toBe("41.3");
   });
 

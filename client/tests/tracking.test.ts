@@ -75,7 +75,8 @@ describe("the tracker", () => {
       head: [[0, 1.25, -0.5], Q],
       left: [[1, 1.25, -0.5], Q],
       right: [[2, 1.25, -0.5], Q],
-      modality: "controllers",
+      left_modality: "controller",
+      right_modality: "controller",
     });
     expect(tracker.read(seen, SPACE, 27).sequence).toBe(1);
     expect(tracker.count).toBe(2);
@@ -84,18 +85,34 @@ describe("the tracker", () => {
   it("gives null for what is not tracked or only guessed", () => {
     const guessed = source("left", "controller", { x: 1, emulatedPosition: true });
     const read = new Tracker().read(frame(null, guessed), SPACE, 0);
-    expect(read).toMatchObject({ head: null, left: null, right: null, modality: "controllers" });
+    expect(read).toMatchObject({ head: null, left: null, right: null });
+    expect(read).toMatchObject({ left_modality: "controller", right_modality: "none" });
   });
 
   it("takes the wrist of a hand that holds no controller", () => {
     const hands = [source("left", "hand", { x: 1 }), source("right", "hand", { x: 2 })];
     const read = new Tracker().read(frame({ x: 0 }, ...hands), SPACE, 0);
     expect(read.left?.[0][0]).toBe(1);
-    expect(read.modality).toBe("hands");
+    expect(read).toMatchObject({ left_modality: "hand", right_modality: "hand" });
+  });
+
+  it("tells a controller in one hand from the other, bare hand", () => {
+    const mixed = [source("left", "hand", { x: 1 }), source("right", "controller", { x: 2 })];
+    const read = new Tracker().read(frame({ x: 0 }, ...mixed), SPACE, 0);
+    expect(read).toMatchObject({ left_modality: "hand", right_modality: "controller" });
+  });
+
+  it("notices a controller that is lost, and its return", () => {
+    const tracker = new Tracker();
+    const held = source("right", "controller", { x: 2 });
+    expect(tracker.read(frame({ x: 0 }, held), SPACE, 0).right).not.toBeNull();
+    expect(tracker.read(frame({ x: 0 }), SPACE, 11)).toMatchObject({ right: null, right_modality: "none" });
+    expect(tracker.read(frame({ x: 0 }, held), SPACE, 22)).toMatchObject({ right_modality: "controller" });
   });
 
   it("says none without any input", () => {
-    expect(new Tracker().read(frame({ x: 0 }), SPACE, 0).modality).toBe("none");
+    const read = new Tracker().read(frame({ x: 0 }), SPACE, 0);
+    expect(read).toMatchObject({ left_modality: "none", right_modality: "none" });
   });
 });
 

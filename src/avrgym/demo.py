@@ -9,8 +9,9 @@ from avrgym.participants import SimulatedParticipant, draw_traits
 from avrgym.vr.attendance import InProcessAttendance
 from avrgym.vr.emulation import BrowserAttendance, BrowserMissingError, EmulatedHeadset
 from avrgym.vr.messages import Message
+from avrgym.vr.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session, SessionPlan, TrialPlan, load_policies
+from avrgym.vr.session import Session
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 FREE_MOVEMENT_S = 4.0

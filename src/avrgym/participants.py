@@ -174,7 +174,8 @@ class SimulatedParticipant:
             head=headset_from_head(self._room, self._pose("head_centre", "head")),
             left=self._grip("left"),
             right=self._grip("right"),
-            modality="controllers",
+            left_modality="controller",
+            right_modality="controller",
         )
 
     def answer(self, item: str, points: int, experience: Experience) -> int:

@@ -37,7 +37,8 @@ class TrackingFrame(Record, frozen=True):
 
     ``applied``: the frame moved the person; one that a newer frame overtook did not.
     ``held``: the frame was stale or invalid, and the person kept the last pose.
-    ``modality``: what was tracked: ``controllers``, ``hands``, a ``mouse`` in place of a headset, or ``none``.
+    ``left_modality``, ``right_modality``: what a hand was tracked with: a ``controller``, the bare ``hand``, whose
+    pose is the wrist's, a ``mouse`` in place of a headset, or ``none``.
     """
 
     sequence: int
@@ -48,7 +49,8 @@ class TrackingFrame(Record, frozen=True):
     head: Pose | None = None
     left: Pose | None = None
     right: Pose | None = None
-    modality: str = "none"
+    left_modality: str = "none"
+    right_modality: str = "none"
 
 
 class BodyTargets(Record, frozen=True):

@@ -50,11 +50,16 @@ START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.radians(45.0))
 
 POSE = Pose(
     rest_rad=human.joint_angles(
-        right_shoulder_y=20.0, right_shoulder_x=-20.0, right_elbow_x=-45.0, left_elbow_x=-45.0
+        right_shoulder_y=20.0,
+        right_shoulder_x=-20.0,
+        right_elbow_x=-45.0,
+        left_shoulder_y=-14.0,
+        left_elbow_x=-45.0,
     ),
     spread_rad=ARM_SPREAD_RAD,
 )
-"""Reclined, the right arm away from the body (reference; paper, section V)."""
+"""Reclined, the right arm away from the body (reference; paper, section V), the left hand beside the thigh: where the
+reference has it, the fingers of short people would be in the thigh."""
 
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,

@@ -61,6 +61,9 @@ def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> Array
     b = atan2(ψx cos a, ψz), ψ from waist to head joints in the hips' frame (paper, section III, which takes the
     head's centre). Head and waist share the yaw. The head turns by what the waist leaves over, so that its
     orientation is exact wherever its own joints allow, even where the waist is at an end of its range.
+
+    Between waist and head joints the torso is rigid, so that a head is missed by as much as these are farther from
+    each other, or nearer, than the torso is long. With the head's direction kept no other angles come nearer.
     """
     p = PROPORTIONS[person.sex]
     scale = person.torso_height_m / p.torso_height

@@ -1,9 +1,9 @@
 """What an experimenter may ask of a session."""
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from avrgym.vr import transitions
+from avrgym.vr import loading, messages, participant, seating, transitions
 from avrgym.vr.messages import CommandName, PhaseName
 
 if TYPE_CHECKING:
@@ -71,32 +71,37 @@ def recalibrate(session: "Session", now_s: float) -> None:
     if _in_trials(session):
         session.abandon("interrupted", now_s)
         session.height_known = False
-        session.calibrate_again(now_s)
+        seating.calibrate_again(session, now_s)
 
 
-def correct_torso_height(session: "Session", torso_height_m: float, now_s: float) -> None:
+def correct_torso_height(session: "Session", message: messages.CorrectTorsoHeight, now_s: float) -> None:
     """Give the participant a body of this torso height; a running trial is interrupted."""
     if _over(session):
         return
     try:
-        session.give_torso_height(torso_height_m)
+        seating.give_torso_height(session, message.torso_height_m)
     except ValueError as error:
         session.problem(str(error))
         return
-    session.tell(transitions.TorsoHeightCorrected(now_s, torso_height_m))
+    session.tell(transitions.TorsoHeightCorrected(now_s, message.torso_height_m))
     if session.phase in IN_TRIALS:
         session.abandon("interrupted", now_s)
-        session.load(session.enter_check, now_s)
+        loading.load(session, lambda now_s: seating.enter_check(session, now_s), now_s)
 
 
 COMMANDS: Mapping[CommandName, Callable[["Session", float], None]] = {
-    "stop": lambda session, now_s: session.stop("experimenter", now_s),
+    "stop": lambda session, now_s: participant.stop(session, "experimenter", now_s),
     "pause": pause,
     "continue": go_on,
     "repeat": repeat,
     "skip": skip,
     "end": end,
     "recalibrate": recalibrate,
+}
+
+HANDLERS: Mapping[type, Callable[["Session", Any, float], None]] = {
+    messages.Command: lambda session, command, now_s: COMMANDS[command.name](session, now_s),
+    messages.CorrectTorsoHeight: correct_torso_height,
 }
 
 

@@ -1,5 +1,6 @@
 """The real-time loop: a thread that ticks a session at 100 Hz, whatever the network does."""
 
+import gc
 import threading
 import time
 from collections import deque
@@ -14,6 +15,8 @@ from avrgym.vr.session import Disconnected
 from avrgym.vr.world import TICK_S
 
 TIMING_EVERY_TICKS = 100
+TIDY_EVERY_S = 10.0
+"""How often garbage is collected, where it pauses nothing that moves: the collector itself would choose any tick."""
 CATCH_UP_TICKS = 5
 """How far the loop may run behind before it gives up the lost ticks instead of hurrying after them."""
 INBOX_MESSAGES = 1000
@@ -38,6 +41,11 @@ class Runnable(Protocol):
     @property
     def scenes(self) -> Sequence[tuple[str, Person]]:
         """Environment and person of each scene that a client was told of, by the number in its address."""
+        ...
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves, so that some milliseconds more or less harm nobody."""
         ...
 
     def greet(self, send: Send, role: messages.Role, now_s: float) -> None:
@@ -73,6 +81,7 @@ class RealTimeLoop(Generic[S]):
         self.error: BaseException | None = None
         self._send = send
         self._took_s: list[float] = []
+        self._tidied_s = 0.0
         self._inbox: deque[Received | Greeting] = deque()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
@@ -108,6 +117,7 @@ class RealTimeLoop(Generic[S]):
                 self._take_messages(now)
                 self.session.tick(now)
                 self._tell_timing(time.monotonic() - began - now)
+                self._tidy(now)
                 due = self._wait(due + TICK_S)
         except BaseException as error:
             self.error = error
@@ -129,6 +139,11 @@ class RealTimeLoop(Generic[S]):
             took_ms = [1000.0 * took_s for took_s in self._took_s]
             self._took_s.clear()
             self._send(messages.Timing(median(took_ms), max(took_ms), self.missed_ticks))
+
+    def _tidy(self, now_s: float) -> None:
+        if self.session.at_rest and now_s >= self._tidied_s + TIDY_EVERY_S:
+            self._tidied_s = now_s
+            gc.collect()
 
     def _wait(self, due: float) -> float:
         """Sleep until the next tick is due; return when it is due, moved on if the loop fell far behind."""

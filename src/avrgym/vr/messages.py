@@ -9,11 +9,14 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
-PROTOCOL = 3
+from avrgym.models.human import Sex
+
+PROTOCOL = 4
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-Modality = Literal["controllers", "hands", "mouse", "none"]
+Modality = Literal["controller", "hand", "mouse", "none"]
+"""What one hand is tracked with."""
 
 
 class XRPose(msgspec.Struct, frozen=True, array_like=True):
@@ -42,7 +45,8 @@ class Hello(Message, frozen=True, tag="hello"):
 class Tracking(Message, frozen=True, tag="tracking"):
     """One XR frame. ``sequence`` counts up by one; ``client_time_ms`` is the XR frame's time stamp.
 
-    Controller poses are grip poses; a pose that is not tracked is ``None``.
+    Of a hand that holds a controller the pose is the grip's, of a bare hand the wrist's; a pose that is not tracked is
+    ``None``. Which of them each hand is says its modality.
     """
 
     sequence: Annotated[int, msgspec.Meta(ge=0)]
@@ -50,7 +54,8 @@ class Tracking(Message, frozen=True, tag="tracking"):
     head: XRPose | None
     left: XRPose | None
     right: XRPose | None
-    modality: Modality
+    left_modality: Modality
+    right_modality: Modality
 
 
 class Entered(Message, frozen=True, tag="entered"):
@@ -91,8 +96,25 @@ class Answer(Message, frozen=True, tag="answer"):
     response_time_s: Annotated[float, msgspec.Meta(ge=0)]
 
 
+class ChooseBody(Message, frozen=True, tag="choose_body"):
+    """The body that the participant shall have; one of another sex is measured anew."""
+
+    sex: Sex
+    skin_tone: Annotated[str, msgspec.Meta(max_length=32)]
+
+
 ClientMessage = (
-    Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer
+    Hello
+    | Tracking
+    | Entered
+    | Left
+    | Ready
+    | SceneLoaded
+    | Stop
+    | Recalibrate
+    | OriginReset
+    | Answer
+    | ChooseBody
 )
 
 # From the experimenter ---------------------------------------------------------------------------------------
@@ -117,7 +139,7 @@ class CorrectTorsoHeight(Message, frozen=True, tag="correct_torso_height"):
     torso_height_m: float
 
 
-ExperimenterMessage = Hello | Command | CorrectTorsoHeight
+ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseBody
 
 # From the server -------------------------------------------------------------------------------------------
 
@@ -148,6 +170,15 @@ class Welcome(Message, frozen=True, tag="welcome"):
     role: Role
     haptics: bool
     sounds: bool
+
+
+class Body(Message, frozen=True, tag="body"):
+    """The participant's body, and which tones of skin there are: by name, and red, green, blue in 0..1 of each."""
+
+    sex: Sex
+    skin_tone: str
+    skin_tones: list[str]
+    skin_tones_rgb: list[Vector3]
 
 
 class Scene(Message, frozen=True, tag="scene"):
@@ -251,7 +282,8 @@ class Status(Message, frozen=True, tag="status"):
     distance_m: float
     force_on_person_n: float
     tracking_age_s: float | None
-    modality: Modality
+    left_modality: Modality
+    right_modality: Modality
 
 
 class Timing(Message, frozen=True, tag="timing"):
@@ -262,7 +294,9 @@ class Timing(Message, frozen=True, tag="timing"):
     missed_ticks: int
 
 
-ServerMessage = Welcome | Scene | Upcoming | State | Phase | Question | Problem | Feedback | Status | Timing
+ServerMessage = (
+    Welcome | Body | Scene | Upcoming | State | Phase | Question | Problem | Feedback | Status | Timing
+)
 
 _Any = TypeVar("_Any")
 

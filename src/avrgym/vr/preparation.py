@@ -2,17 +2,32 @@
 
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
+from typing import Self
 
-from avrgym.models.human import Person
+from avrgym.models.human import Person, Sex
 from avrgym.vr.world import LiveWorld
 
 
 @dataclass(frozen=True)
+class BodyKey:
+    """What a person looks like, however they sit."""
+
+    sex: Sex
+    torso_height_m: float
+    skin_tone: str
+
+    @classmethod
+    def of(cls, person: Person) -> Self:
+        """That of a person."""
+        return cls(person.sex, person.torso_height_m, person.skin_tone)
+
+
+@dataclass(frozen=True)
 class TrialKey:
-    """Which trial a world is for, and for a body of which torso height."""
+    """Which trial a world is for, and for which body."""
 
     trial: int
-    torso_height_m: float
+    body: BodyKey
 
 
 class AtOnce(Executor):

@@ -54,10 +54,14 @@ class Presence:
         return None if newest is None else now_s - newest.received_s
 
     @property
-    def modality(self) -> messages.Modality:
-        """What the newest usable frame was tracked with."""
+    def modalities(self) -> tuple[messages.Modality, messages.Modality]:
+        """What left and right hand of the newest usable frame were tracked with."""
         newest = self._feed.newest
-        return "none" if newest is None else newest.tracking.modality
+        return (
+            ("none", "none")
+            if newest is None
+            else (newest.tracking.left_modality, newest.tracking.right_modality)
+        )
 
     def place(self, head: XRPose, person: Person, posture: Posture) -> None:
         """Put the seat or bed where it fits the headset of a participant who rests in it."""

@@ -56,6 +56,7 @@ def status(
     *, steps: int, paused: bool,
 ) -> messages.Status:  # fmt: skip
     """How a session stands that is in a phase; a trial has so many ``steps``."""
+    left, right = presence.modalities
     latest = attempt.latest.outcome if attempt is not None and attempt.latest is not None else None
     return messages.Status(
         phase=phase.name,
@@ -72,5 +73,6 @@ def status(
         distance_m=float(latest.distance_m[0]) if latest else 0.0,
         force_on_person_n=float(latest.force_on_person_n[0]) if latest else 0.0,
         tracking_age_s=presence.age_s(now_s),
-        modality=presence.modality,
+        left_modality=left,
+        right_modality=right,
     )

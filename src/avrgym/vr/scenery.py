@@ -1,11 +1,12 @@
 """The worlds of a session: the one that stands, the one that is being made, and the scene that a client shows."""
 
 from concurrent.futures import Executor
+from dataclasses import replace
 
 from avrgym.models.human import Person
 from avrgym.tasks import TASKS, find_environment
 from avrgym.vr.plan import SessionPlan
-from avrgym.vr.preparation import Preparation, TrialKey
+from avrgym.vr.preparation import BodyKey, Preparation, TrialKey
 from avrgym.vr.world import LiveWorld, scene_url
 
 
@@ -57,7 +58,7 @@ class Scenery:
             return
         plan, now = self._plan.trials[trial], self.world
         if plan.environment == now.environment:
-            begins = Person(person.sex, person.torso_height_m, now.joint_targets_rad)
+            begins = replace(person, joint_angles_rad=now.joint_targets_rad)
         else:
             begins = resting(plan.environment, person)
         self._preparation.ask(key, plan.environment, begins, plan.seed)
@@ -95,7 +96,7 @@ class Scenery:
     def _number(self, environment: str, person: Person) -> int:
         """The number of an environment's scene with a person in it; a new one where there is none."""
         for number, (known, body) in enumerate(self.scenes):
-            if (known, body.sex, body.torso_height_m) == (environment, person.sex, person.torso_height_m):
+            if known == environment and BodyKey.of(body) == BodyKey.of(person):
                 return number
         self.scenes.append((environment, resting(environment, person)))
         return len(self.scenes) - 1
@@ -104,8 +105,8 @@ class Scenery:
 def resting(environment: str, person: Person) -> Person:
     """The person in the pose in which an environment's task meets people."""
     task, _ = find_environment(environment)
-    return Person(person.sex, person.torso_height_m, TASKS[task].pose.rest_rad)
+    return replace(person, joint_angles_rad=TASKS[task].pose.rest_rad)
 
 
 def _key(trial: int, person: Person) -> TrialKey:
-    return TrialKey(trial, person.torso_height_m)
+    return TrialKey(trial, BodyKey.of(person))

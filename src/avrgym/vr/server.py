@@ -170,6 +170,7 @@ class LiveServer(Generic[S]):
     def __enter__(self) -> "LiveServer[S]":
         gc.collect()
         gc.freeze()  # what stays for the whole session need not be looked through while it runs
+        gc.disable()  # the loop collects where nothing moves
         self._switch_interval_s = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         self.loop.start()
@@ -183,6 +184,7 @@ class LiveServer(Generic[S]):
         self._renderer.close()
         self._socket.close()
         sys.setswitchinterval(self._switch_interval_s)
+        gc.enable()
         gc.unfreeze()
 
     def wait(self) -> None:

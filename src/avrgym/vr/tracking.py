@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym import transforms
 from avrgym.vr.body import BodyPose
-from avrgym.vr.messages import Tracking, XRPose
+from avrgym.vr.messages import Modality, Tracking, XRPose
 from avrgym.vr.webxr import Pose, Registration, hand_pose, hand_pose_from_wrist, head_pose, is_valid
 
 STALE_S = 0.2
@@ -96,11 +96,15 @@ def body_pose(registration: Registration, frame: Tracking) -> BodyPose:
     """Where a usable frame puts head and hands in the world; of tracked hands a frame has the wrists."""
     assert frame.head is not None
 
-    def hand(side: Literal["left", "right"], pose: XRPose | None) -> Pose | None:
+    def hand(side: Literal["left", "right"], pose: XRPose | None, modality: Modality) -> Pose | None:
         if pose is None:
             return None
-        if frame.modality == "hands":
+        if modality == "hand":
             return hand_pose_from_wrist(registration, pose, side)
         return hand_pose(registration, pose)
 
-    return BodyPose(head_pose(registration, frame.head), hand("left", frame.left), hand("right", frame.right))
+    left, right = (
+        hand("left", frame.left, frame.left_modality),
+        hand("right", frame.right, frame.right_modality),
+    )
+    return BodyPose(head_pose(registration, frame.head), left, right)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from avrgym.models.human import Sex
 from avrgym.vr.messages import PhaseName
 
 Result = Literal["completed", "stopped", "paused", "interrupted", "repeated", "skipped", "ended", "failed"]
@@ -45,6 +46,14 @@ class TorsoHeightCorrected(Transition):
     """The experimenter gave the participant's torso height."""
 
     torso_height_m: float
+
+
+@dataclass(frozen=True)
+class BodyChosen(Transition):
+    """The participant or the experimenter chose the participant's body."""
+
+    sex: Sex
+    skin_tone: str
 
 
 @dataclass(frozen=True)

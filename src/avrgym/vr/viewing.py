@@ -48,6 +48,11 @@ class Viewing:
         self._now_s, self._ticks = 0.0, 0
         self._begin()
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves."""
+        return self._phase != "running"
+
     def greet(self, send: Send, role: messages.Role, now_s: float) -> None:
         """Tell a client that has just connected where things stand."""
         name = self._episodes.environment_id

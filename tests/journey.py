@@ -1,0 +1,94 @@
+"""A participant in a real browser: headless Chromium with an emulated headset, the real server and physics."""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+
+from avrgym.participants import SimulatedParticipant, draw_traits
+from avrgym.vr import transitions
+from avrgym.vr.emulation import EmulatedHeadset
+from avrgym.vr.plan import Policies, SessionPlan
+from avrgym.vr.server import LiveServer
+from avrgym.vr.session import Session
+
+PATIENCE_S = 180.0
+
+
+def await_that(condition: Callable[[], bool]) -> None:
+    """Wait until something is so."""
+    give_up = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < give_up
+        time.sleep(0.02)
+
+
+class Journey:
+    """A session on its server, a browser with an emulated headset, and who wears it.
+
+    ``observed`` is what the session told its observer; recordings go into ``folder``.
+    """
+
+    def __init__(self, folder: Path, plan: SessionPlan, policies: Policies, opened: ExitStack) -> None:
+        """Start server and browser; ``opened`` closes them."""
+        self.folder = folder
+        self.observed: list[transitions.Transition] = []
+        workers = opened.enter_context(ThreadPoolExecutor(1))
+
+        def make(send) -> Session:
+            return Session(
+                plan, policies, folder, send, "journey", observe=self.observed.append, workers=workers
+            )
+
+        self.server = opened.enter_context(LiveServer(make, "127.0.0.1", 0))
+        self.headset = opened.enter_context(EmulatedHeadset(self.server.url, width=320, height=180))
+        self.participant = SimulatedParticipant(draw_traits(plan.sex, 5), 5)
+
+    @property
+    def session(self) -> Session:
+        """The session."""
+        return self.server.session
+
+    def enter(self) -> None:
+        """Rest and enter VR."""
+        self.headset.set_poses(self.participant.frame(0.0, moving=False))
+        self.headset.enter_vr()
+        self.await_phase("calibration")
+
+    def be_seated(self) -> None:
+        """Press the trigger until the participant is measured and has seen that they fit."""
+        self.go_on("calibration")
+        self.go_on("check")
+
+    def go_on(self, phase: str) -> None:
+        """Press the trigger until a phase is over: a slow page may have sent too few frames to be measured by."""
+        self.await_phase(phase)
+        while self.headset.call("phase")["name"] == phase:
+            self.headset.await_frames(10)
+            self.headset.pull_trigger("right")
+
+    def await_phase(self, name: str) -> None:
+        """Wait until the page shows a phase."""
+        self.headset.page.wait_for_function(
+            "([name]) => window.avrgymEmulator?.phase()?.name === name",
+            arg=[name],
+            timeout=1000 * PATIENCE_S,
+        )
+
+    def await_buttons(self, item: str) -> None:
+        """Wait until the panel shows the buttons of a question, or of the ``body`` to choose."""
+        self.headset.page.wait_for_function(
+            "([item]) => window.avrgymEmulator.buttons()[0]?.item === item",
+            arg=[item],
+            timeout=1000 * PATIENCE_S,
+        )
+
+    def results(self) -> list[str]:
+        """How the attempts ended that have."""
+        return [each.result for each in self.observed if isinstance(each, transitions.TrialEnded)]
+
+    def drop_sockets(self) -> None:
+        """Break every connection to the browser without a word."""
+        for connection in list(self.server._server.server_state.connections):
+            connection.loop.call_soon_threadsafe(connection.transport.abort)

@@ -1,0 +1,101 @@
+"""Sessions in a real browser: one through all tasks with either robot, and one that does not go smoothly.
+
+The emulated headset proves logic and protocol. Trials are short; frame rates and durations are never asserted.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from avrgym.models.human import SKIN_TONES
+from avrgym.study.questionnaire import LIKERT_ITEMS
+from avrgym.study.recording import read_recording
+from avrgym.tasks import ENVIRONMENTS
+from avrgym.vr import transitions
+from avrgym.vr.emulation import BrowserAttendance
+from avrgym.vr.plan import SessionPlan, TrialPlan
+from journey import PATIENCE_S, Journey, await_that
+from visit import driving
+
+ENDLESS = 100_000
+FIRST_TONE = 3
+"""The panel's button after those of the two bodies."""
+
+
+@pytest.fixture
+def journey(tmp_path: Path) -> Iterator[Callable[[SessionPlan], Journey]]:
+    with ExitStack() as opened:
+        yield lambda plan: Journey(tmp_path, plan, driving(plan), opened)
+
+
+def plan(*environments: str, steps: int) -> SessionPlan:
+    """A short trial in each environment, with one question."""
+    trials = [
+        TrialPlan(environment, "drive", seed, practice=False) for seed, environment in enumerate(environments)
+    ]
+    return SessionPlan(
+        trials, "woman", 0.3, simulated=True, items=LIKERT_ITEMS[:1], trial_steps=steps, countdown_s=0.3
+    )
+
+
+def test_all_tasks_with_either_robot(journey: Callable[[SessionPlan], Journey], tmp_path: Path) -> None:
+    """Take place, move freely, be helped, answer, go on, leave: in wheelchair and bed, by Jaco and PR2."""
+    whole = journey(plan(*ENVIRONMENTS, steps=5))
+    BrowserAttendance(whole.headset, whole.session, whole.participant, tmp_path, lambda words: None).run()
+    recordings = [read_recording(path) for path in whole.session.recordings]
+    completed = [each for each in recordings if each.outcome and each.outcome["result"] == "completed"]
+    assert [each.metadata["environment"] for each in completed] == list(ENVIRONMENTS)
+    for each in completed:
+        assert each.complete
+        assert [record.step for _, record in each.topics["/control"]] == [1, 2, 3, 4, 5]
+        assert len(each.topics["/answers"]) == 1
+        assert any(record.applied for _, record in each.topics["/tracking"])
+    whole.headset.page.get_by_role("button", name="Leave VR").click()
+    await_that(lambda: not whole.headset.call("presenting"))
+
+
+def test_a_session_with_interruptions(journey: Callable[[SessionPlan], Journey]) -> None:
+    """Body, stop, second visitor, lost connections, reload: whatever happens the trial is repeated."""
+    visit = journey(plan("avrgym/FeedingJaco-v1", steps=ENDLESS))
+    headset, session = visit.headset, visit.session
+    visit.enter()
+    visit.await_buttons("body")
+    headset.answer(FIRST_TONE)
+    await_that(lambda: session.person.skin_tone == next(iter(SKIN_TONES)))
+    assert session.phase == "calibration"
+    headset.set_poses(visit.participant.frame(1.0, moving=False))
+    visit.be_seated()
+    visit.await_phase("trial")
+
+    headset.press_menu("left")
+    visit.await_phase("paused")
+    assert visit.results() == ["stopped"]
+    assert [each.by for each in visit.observed if isinstance(each, transitions.Stopped)] == ["participant"]
+    visit.go_on("paused")
+    visit.await_phase("trial")
+
+    browser = headset.page.context.browser
+    assert browser is not None
+    second = browser.new_page()
+    second.goto(visit.server.url)
+    second.get_by_text("one at a time").first.wait_for(timeout=1000 * PATIENCE_S)
+    assert session.phase == "trial"
+    second.close()
+
+    for count in (2, 3):
+        visit.drop_sockets()
+        await_that(lambda count=count: len(visit.results()) == count)
+        visit.be_seated()
+        visit.await_phase("trial")
+
+    headset.page.reload()
+    await_that(lambda: session.phase == "waiting")
+    headset.page.wait_for_function("() => window.avrgymEmulator !== undefined", timeout=1000 * PATIENCE_S)
+    visit.enter()
+    visit.be_seated()
+    visit.await_phase("trial")
+    assert visit.results() == ["stopped", *["interrupted"] * 3]
+    assert [path.name for path in session.recordings] == [f"trial-01_attempt-{n}.mcap" for n in range(1, 6)]
+    assert {read_recording(path).metadata["person"]["skin_tone"] for path in session.recordings} == {"light"}

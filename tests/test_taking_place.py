@@ -1,0 +1,112 @@
+"""How a participant takes place: whose body they have, from choosing it to the recording."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from avrgym.models.human import PROPORTIONS, SKIN_TONES
+from avrgym.participants import SimulatedParticipant
+from avrgym.vr import transitions
+from avrgym.vr.messages import Body, ChooseBody, Ready, Scene
+from visit import Visit, plan
+
+
+@pytest.fixture
+def visit(tmp_path: Path) -> Iterator[Visit]:
+    """A woman's visit, of one short trial."""
+    made = Visit(tmp_path, plan())
+    yield made
+    made.leave()
+
+
+def chosen(visit: Visit) -> list[tuple[str, str]]:
+    return [(each.sex, each.skin_tone) for each in visit.observed if isinstance(each, transitions.BodyChosen)]
+
+
+def test_who_connects_is_told_which_bodies_there_are(visit: Visit) -> None:
+    visit.session.greet(visit.heard.append, "participant", 0.0)
+    (body,) = visit.said(Body)
+    assert (body.sex, body.skin_tone) == ("woman", visit.session.person.skin_tone)
+    assert dict(zip(body.skin_tones, body.skin_tones_rgb, strict=True)) == SKIN_TONES
+
+
+@pytest.mark.parametrize("phase", ["waiting", "calibration"])
+def test_a_body_that_is_chosen_first_is_measured_seen_and_recorded(visit: Visit, phase: str) -> None:
+    man = replace(visit.participant.traits, sex="man", torso_height_m=0.58)
+    visit.participant = SimulatedParticipant(man, 4)
+    visit.go_to(phase)
+    visit.tell(ChooseBody("man", "brown"))
+    assert visit.phase == phase
+    assert (visit.said(Body)[-1].sex, visit.said(Body)[-1].skin_tone) == ("man", "brown")
+    visit.tick(20)
+    visit.go_to("trial") if phase == "waiting" else visit.tell(Ready())
+    visit.until("trial")
+    person = visit.session.person
+    assert (person.sex, person.skin_tone) == ("man", "brown")
+    assert person.torso_height_m == pytest.approx(0.58, abs=0.005)
+    assert chosen(visit) == [("man", "brown")]
+    seen = visit.session.scenes[int(visit.said(Scene)[-1].url.removeprefix("/scenes/").removesuffix(".glb"))][
+        1
+    ]
+    assert (seen.sex, seen.skin_tone, seen.torso_height_m) == ("man", "brown", person.torso_height_m)
+    visit.leave()
+    assert visit.recordings()[0].metadata["person"] == {
+        "sex": "man", "torso_height_m": person.torso_height_m, "skin_tone": "brown"
+    }  # fmt: skip
+
+
+def test_another_tone_of_skin_keeps_the_measure_and_is_looked_at_again(visit: Visit) -> None:
+    visit.go_to("check")
+    before, url = visit.session.person, visit.said(Scene)[-1].url
+    visit.tell(ChooseBody(before.sex, "dark"))
+    visit.until("check")
+    assert visit.session.person.torso_height_m == before.torso_height_m
+    assert visit.said(Scene)[-1].url != url
+    assert visit.phases.count("calibration") == 1
+
+
+def test_a_body_of_the_other_sex_is_measured_anew(visit: Visit) -> None:
+    """The same headset stands higher above a woman's hips."""
+    visit.go_to("check")
+    woman_m = visit.session.person.torso_height_m
+    visit.tell(ChooseBody("man", "fair"))
+    assert visit.phase == "calibration"
+    visit.content = False
+    visit.tick(60)
+    visit.tell(Ready())
+    visit.until("check")
+    rise_m = PROPORTIONS["man"].seated_hips_height - PROPORTIONS["woman"].seated_hips_height
+    assert visit.session.person.torso_height_m == pytest.approx(woman_m - rise_m, abs=0.002)
+
+
+@pytest.mark.parametrize("phase", ["loading", "free_before", "trial", "questionnaire", "finished"])
+def test_a_trial_keeps_its_body(visit: Visit, phase: str) -> None:
+    visit.go_to(phase)
+    before = visit.session.person
+    visit.tell(ChooseBody("man", "dark"))
+    assert visit.phase == phase
+    assert visit.session.person is before
+    assert "waiting, calibration, check, paused" in visit.problems[-1]
+
+
+def test_a_tone_that_there_is_not_is_refused(visit: Visit) -> None:
+    visit.go_to("calibration")
+    before = visit.session.person
+    visit.tell(ChooseBody("woman", "green"))
+    assert visit.session.person is before
+    assert all(tone in visit.problems[-1] for tone in SKIN_TONES)
+    assert chosen(visit) == []
+
+
+AT_REST: dict[str, bool] = {
+    "waiting": True, "calibration": True, "loading": True, "check": True, "free_before": False, "trial": False,
+    "questionnaire": True, "paused": True, "finished": True,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("phase", AT_REST)
+def test_a_session_is_at_rest_where_no_trial_runs(visit: Visit, phase: str) -> None:
+    visit.go_to(phase)
+    assert visit.session.at_rest == AT_REST[phase]
