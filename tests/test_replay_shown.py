@@ -1,0 +1,150 @@
+"""Replays that are looked at: the page and its server, videos, and sequences of pictures."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import av
+import httpx
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import expect, sync_playwright
+
+from avrgym.replay.pictures import CAPTION_PX, FRAMES_PER_S, FRAMES_PX, VIDEO_PX, draw_strip, write_video
+from avrgym.replay.playback import Playback, StateAgain
+from avrgym.replay.server import ReplayServer
+from avrgym.replay.timeline import timeline_of
+from avrgym.study.recording import Recording, read_recording
+from avrgym.vr.emulation import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.reporting import STATE_EVERY_TICKS
+from avrgym.vr.world import poses
+from visit import Visit, plan
+
+PATIENCE_S = 180.0
+STEPS = 3
+
+
+def nothing() -> None:
+    """Hears no progress."""
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """A short trial of scratching, which draws a mark on the person."""
+    visit = Visit(
+        tmp_path_factory.mktemp("visit"),
+        plan(environments=["avrgym/ScratchItchJaco-v1"], trial_steps=STEPS, free_movement_s=0.04),
+    )
+    visit.sit_down()
+    visit.until("questionnaire")
+    visit.tick(10)
+    visit.answer(1, 2, 3, 4)
+    visit.leave()
+    return read_recording(visit.session.recordings[0])
+
+
+@pytest.fixture(scope="module")
+def server(recording: Recording) -> Iterator[ReplayServer]:
+    with ReplayServer(recording, *timeline_of(recording, nothing), port=0) as server:
+        yield server
+
+
+# What the page is given --------------------------------------------------------------------------------------
+
+
+def test_the_poses_are_those_of_every_second_recorded_state(recording: Recording) -> None:
+    timeline, frames = timeline_of(recording, nothing)
+    playback = Playback(recording)
+    shown = [
+        (again.time_s, poses(playback.episodes)) for again in playback.run() if isinstance(again, StateAgain)
+    ][::STATE_EVERY_TICKS]
+    assert timeline.frames_s == [time_s for time_s, _ in shown]
+    assert frames == b"".join(frame for _, frame in shown)
+    things = len(timeline.scene.bodies) + timeline.scene.marks
+    assert timeline.scene.marks == 1
+    assert np.frombuffer(frames, "<f4").shape == (len(shown) * things * 7,)
+
+
+def test_the_timeline_tells_rewards_phases_and_answers(recording: Recording) -> None:
+    timeline, _ = timeline_of(recording, nothing)
+    control = [record for _, record in recording.topics["/control"]]
+    assert timeline.steps.reward[-1] == pytest.approx(sum(record.reward for record in control))
+    assert timeline.steps.force_n == [record.force_on_person_n for record in control]
+    kinds = [happening.kind for happening in timeline.happenings]
+    phases = ["free_before", "countdown", "trial", "free_after", "questionnaire"]
+    assert kinds == [*phases, "answer", "answer", "answer", "answer"]
+    assert timeline.happenings[5].words.startswith("L1: 1 of 7: The robot successfully")
+    assert (timeline.simulated, timeline.complete, timeline.result) == (True, True, "completed")
+
+
+def test_only_who_has_the_token_reads_a_replay(server: ReplayServer) -> None:
+    base, token = server.url.split("/replay#token=")
+    for path in ("timeline", "poses", "scenes/0.glb"):
+        for headers in ({}, {"Authorization": "Bearer wrong"}, {"Authorization": token}):
+            assert httpx.get(f"{base}/{path}", headers=headers, timeout=PATIENCE_S).status_code == 401
+    own = {"Authorization": f"Bearer {token}"}
+    assert "ScratchItch" in httpx.get(f"{base}/timeline", headers=own, timeout=PATIENCE_S).json()["title"]
+    hostile = own | {"Origin": "http://elsewhere.example"}
+    assert httpx.get(f"{base}/timeline", headers=hostile, timeout=PATIENCE_S).status_code == 403
+    named = own | {"Host": "elsewhere.example"}
+    assert httpx.get(f"{base}/timeline", headers=named, timeout=PATIENCE_S).status_code == 400
+
+
+def test_the_page_plays_seeks_and_changes_its_view(server: ReplayServer) -> None:
+    patience_ms = 1000 * PATIENCE_S
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        page = browser.new_page(viewport={"width": 480, "height": 320})
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(server.url.replace("/replay#", "/replay?detail=light#"))
+        expect(page.locator("#title")).to_contain_text("ScratchItchJaco-v1, drive", timeout=patience_ms)
+        expect(page.locator("#simulated")).to_be_visible()
+        page.keyboard.press("End")
+        expect(page.locator("#phase-name")).to_have_text("questionnaire", timeout=patience_ms)
+        expect(page.locator("#step")).to_have_text(f"{STEPS} of {STEPS}")
+        page.keyboard.press("Home")
+        expect(page.locator("#phase-name")).to_have_text("free before", timeout=patience_ms)
+        page.keyboard.press("v")
+        expect(page.locator("#from-inside")).to_be_checked()
+        page.keyboard.press(" ")
+        expect(page.locator("#happenings [aria-current]")).to_contain_text("L4: 4", timeout=patience_ms)
+        expect(page.locator("#play")).to_have_text("Play", timeout=patience_ms)
+        browser.close()
+    assert errors == []
+
+
+# Pictures ----------------------------------------------------------------------------------------------------
+
+
+def test_a_video_lasts_as_long_as_the_trial_until_the_questionnaire(
+    recording: Recording, tmp_path: Path
+) -> None:
+    out = tmp_path / "trial.mp4"
+    write_video(recording, out, first_person=False, progress=nothing)
+    (asked_s,) = (
+        time_ns / 1e9 for time_ns, event in recording.topics["/events"] if event.detail == "questionnaire"
+    )
+    with av.open(str(out)) as file:
+        frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
+        assert file.streams.video[0].average_rate == FRAMES_PER_S
+    assert len(frames) == pytest.approx(asked_s * FRAMES_PER_S, abs=1)
+    assert frames[0].shape == (VIDEO_PX[1], VIDEO_PX[0], 3)
+    assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.1
+    assert [path.name for path in tmp_path.iterdir()] == ["trial.mp4"]
+    with pytest.raises(FileExistsError, match="exists already"):
+        write_video(recording, out, first_person=False, progress=nothing)
+
+
+@pytest.mark.parametrize("first_person", [False, True])
+def test_a_strip_shows_the_trial_from_its_beginning_to_its_end(
+    recording: Recording, tmp_path: Path, first_person: bool
+) -> None:
+    out = tmp_path / "strip.png"
+    times_s = draw_strip(recording, 2, out, first_person=first_person, progress=nothing)
+    assert times_s == pytest.approx([0.0, 0.1 * STEPS], abs=0.02)
+    with Image.open(out) as strip:
+        assert strip.size == (2 * FRAMES_PX[0], FRAMES_PX[1] + 2 * CAPTION_PX)
+        pixels = np.asarray(strip)
+    middle = pixels[CAPTION_PX:-CAPTION_PX]
+    assert middle[:, : FRAMES_PX[0]].std() > 5
