@@ -85,7 +85,7 @@ def take_part(
 def study(folder: Path, *, moved_deg: float = 1.0, simulated: bool = True, count: int = 5) -> Path:
     """A study with one task and robot, two trials each, of so many participants."""
     make_study(folder, tasks=f'["{TASK}"]', robots='["Jaco"]', practice_policy='""')
-    bodies = [(sex, height_m) for sex in SEXES for height_m in HEIGHTS_M[sex]]
+    bodies: list[tuple[Sex, float]] = [(sex, height_m) for sex in SEXES for height_m in HEIGHTS_M[sex]]
     with Store(folder) as store:
         for (sex, height_m), lean_deg in list(zip(bodies, LEANS_DEG, strict=True))[:count]:
             take_part(store, sex, height_m, lean_deg, moved_deg, simulated)
