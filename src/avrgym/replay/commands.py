@@ -58,11 +58,11 @@ def replay(
 
 def _read(file: Path) -> "Recording":
     from avrgym.replay.trial import trial_of
-    from avrgym.study.recording import read_recording
+    from avrgym.study.recording import RecordingError, read_recording
 
     try:
         recording = read_recording(file)
-    except Exception as error:
+    except RecordingError as error:
         raise ValueError(str(error)) from error
     trial = trial_of(recording)
     say(f"{trial.title}, {trial.result or 'broken off'} after {trial.seconds:.2f} s")
