@@ -92,6 +92,8 @@ window.__THREE_DEVTOOLS__.addEventListener("observe", ({ detail: renderer }) => 
 class Moment:
     """A session in which time stands still in the middle of an episode."""
 
+    at_rest = True
+
     def __init__(self, environment_id: str, send: Send) -> None:
         self._send = send
         self._episodes = Episodes(environment_id, 1, distribution="revised", num_threads=1)

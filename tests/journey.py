@@ -24,6 +24,30 @@ def await_that(condition: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
+def go_on(headset: EmulatedHeadset, phase: str) -> None:
+    """Press the trigger until a phase is over: a slow page may have sent too few frames to be measured by."""
+    await_phase(headset, phase)
+    while headset.call("phase")["name"] == phase:
+        headset.await_frames(10)
+        headset.pull_trigger("right")
+
+
+def await_phase(headset: EmulatedHeadset, name: str) -> None:
+    """Wait until the page shows a phase."""
+    headset.page.wait_for_function(
+        "([name]) => window.avrgymEmulator?.phase()?.name === name", arg=[name], timeout=1000 * PATIENCE_S
+    )
+
+
+def await_buttons(headset: EmulatedHeadset, item: str) -> None:
+    """Wait until the panel shows the buttons of a question, or of the ``body`` to choose."""
+    headset.page.wait_for_function(
+        "([item]) => window.avrgymEmulator.buttons()[0]?.item === item",
+        arg=[item],
+        timeout=1000 * PATIENCE_S,
+    )
+
+
 class Journey:
     """A session on its server, a browser with an emulated headset, and who wears it.
 
@@ -62,27 +86,16 @@ class Journey:
         self.go_on("check")
 
     def go_on(self, phase: str) -> None:
-        """Press the trigger until a phase is over: a slow page may have sent too few frames to be measured by."""
-        self.await_phase(phase)
-        while self.headset.call("phase")["name"] == phase:
-            self.headset.await_frames(10)
-            self.headset.pull_trigger("right")
+        """Press the trigger until a phase is over."""
+        go_on(self.headset, phase)
 
     def await_phase(self, name: str) -> None:
         """Wait until the page shows a phase."""
-        self.headset.page.wait_for_function(
-            "([name]) => window.avrgymEmulator?.phase()?.name === name",
-            arg=[name],
-            timeout=1000 * PATIENCE_S,
-        )
+        await_phase(self.headset, name)
 
     def await_buttons(self, item: str) -> None:
         """Wait until the panel shows the buttons of a question, or of the ``body`` to choose."""
-        self.headset.page.wait_for_function(
-            "([item]) => window.avrgymEmulator.buttons()[0]?.item === item",
-            arg=[item],
-            timeout=1000 * PATIENCE_S,
-        )
+        await_buttons(self.headset, item)
 
     def results(self) -> list[str]:
         """How the attempts ended that have."""

@@ -366,8 +366,8 @@ def test_who_comes_back_repeats_the_trial(visit: Callable[..., Visit]) -> None:
     back.until("trial")
     back.tell(Disconnected())
     back.session.greet(back.heard.append, "participant", back.now_s)
-    kinds = [type(message).__name__ for message in back.heard[-3:]]
-    assert kinds == ["Welcome", "Scene", "Phase"]
+    kinds = [type(message).__name__ for message in back.heard[-4:]]
+    assert kinds == ["Welcome", "Body", "Scene", "Phase"]
     back.participant = SimulatedParticipant(back.participant.traits, 8)
     back.sit_down()
     back.until("questionnaire")

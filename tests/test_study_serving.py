@@ -16,6 +16,7 @@ from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 from avrgym.vr.messages import (
     Answer,
+    Body,
     Command,
     Entered,
     Phase,
@@ -94,7 +95,7 @@ def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store
     assert [type(message) for message in greeted] == [Welcome, Phase]
     greeted.clear()
     loop.ask(loop.sessions.begin, first)
-    assert [type(message) for message in greeted] == [Welcome, Scene, Phase]
+    assert [type(message) for message in greeted] == [Welcome, Body, Scene, Phase]
     assert (loop.sessions.participant, len(loop.sessions.scenes)) == (first, 1)
     with pytest.raises(StudyError, match="the session of sub-001 runs; end it before another begins"):
         loop.ask(loop.sessions.begin, second)
@@ -103,7 +104,7 @@ def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store
     assert (loop.sessions.participant, store.sessions(first)[0].state) == (None, "closed")
     loop.ask(loop.sessions.begin, second)
     assert loop.sessions.participant == second
-    assert [type(message) for message in greeted] == 2 * [Welcome, Scene, Phase]
+    assert [type(message) for message in greeted] == 2 * [Welcome, Body, Scene, Phase]
 
 
 def test_who_withdraws_is_withdrawn_after_their_session_has_ended(store: Store, loop: Loop) -> None:
@@ -161,7 +162,7 @@ def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(askin
     answer(loop, "nausea", 3)
     assert [(given.item, given.value) for given in asking.answers(pseudonym)] == [("nausea", 3)]
     answer(loop, "strain", 4)
-    assert [type(message) for message in loop.heard[-3:]] == [Welcome, Scene, Phase]
+    assert [type(message) for message in loop.heard[-4:]] == [Welcome, Body, Scene, Phase]
     loop.sessions.receive(Command(name="end"), loop.now_s)
     loop.tick()
     assert asked(loop.heard)[-1] == "effort"

@@ -24,6 +24,7 @@ from avrgym.participants import SimulatedParticipant, draw_traits
 from avrgym.policies import Policy, PolicyMetadata
 from avrgym.tasks import TASKS, find_environment
 from avrgym.vr import messages
+from avrgym.vr.loop import RealTimeLoop
 from avrgym.vr.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.server import LiveServer
 from avrgym.vr.session import Session
@@ -74,10 +75,9 @@ def measure_vr(environment_id: str, seconds: float) -> VrSpeed:
             return _TimedSession(plan, Path(folder), send, workers, times)
 
         with LiveServer(make, "127.0.0.1", 0) as server:
-            times.watch_arrivals(server)
+            times.watch(server.loop)
             trips = _attend(server, seconds)
-            late, missed = server.loop.late_ticks, server.loop.missed_ticks
-    return _sum_up(environment_id, times, trips, late - times.late_before + missed - times.missed_before)
+    return _sum_up(environment_id, times, trips)
 
 
 def _plan(environment_id: str, seconds: float) -> SessionPlan:
@@ -111,20 +111,26 @@ class _Times:
         self.answered: dict[int, float] = {}
         self.began: list[float] = []
         self.took: list[float] = []
-        self.late_before = self.missed_before = 0
+        self.missed: list[int] = []
+        self._loop: RealTimeLoop | None = None
 
-    def watch_arrivals(self, server: LiveServer) -> None:
-        """Note when frames reach the server's inbox, and how many deadlines were missed before the trial."""
-        loop, post = server.loop, server.loop.post
+    def watch(self, loop: RealTimeLoop) -> None:
+        """Note when frames reach a loop's inbox, and from now on what deadlines it misses."""
+        self._loop, post = loop, loop.post
 
         def note(message) -> None:
             if isinstance(message, messages.Tracking):
                 self.arrived[message.sequence] = time.monotonic()
             post(message)
-            if not self.began:
-                self.late_before, self.missed_before = loop.late_ticks, loop.missed_ticks
 
         loop.post = note
+
+    def note_tick(self, began_s: float) -> None:
+        """Note a tick that ends now, and how many deadlines have been missed before its own."""
+        self.began.append(began_s)
+        self.took.append(time.monotonic() - began_s)
+        if self._loop is not None:
+            self.missed.append(self._loop.late_ticks + self._loop.missed_ticks)
 
 
 class _TimedSession(Session):
@@ -152,8 +158,7 @@ class _TimedSession(Session):
         began, driving = time.monotonic(), self.phase == "trial"
         super().tick(now_s)
         if driving:
-            self._times.began.append(began)
-            self._times.took.append(time.monotonic() - began)
+            self._times.note_tick(began)
 
 
 Trips = dict[int, tuple[float, float]]
@@ -234,7 +239,7 @@ class _Client:
         self._socket.send(messages.encode(message))
 
 
-def _sum_up(environment_id: str, times: _Times, trips: Trips, missed: int) -> VrSpeed:
+def _sum_up(environment_id: str, times: _Times, trips: Trips) -> VrSpeed:
     whole = [n for n in trips if n in times.arrived and n in times.taken and n in times.answered]
     sent, came = (np.array([trips[n][i] for n in whole]) for i in (0, 1))
     arrived, taken, answered = (
@@ -254,7 +259,7 @@ def _sum_up(environment_id: str, times: _Times, trips: Trips, missed: int) -> Vr
         tick_ms=_spread(np.array(times.took)),
         round_trip_ms=_spread(came - sent),
         stages_ms={name: _spread(stage) for name, stage in stages.items()},
-        missed_deadlines=missed,
+        missed_deadlines=times.missed[-1] - times.missed[0],
     )
 
 

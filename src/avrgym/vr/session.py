@@ -1,7 +1,7 @@
 """A participant's session: its trials in explicit phases, from free movement to the questionnaire.
 
-How a participant takes place stands in ``seating``, how worlds come in ``loading``, what participant and experimenter
-may ask in ``participant`` and ``experimenter``.
+How a participant takes place stands in ``seating``, how worlds come in ``loading``, how attempts are kept in
+``keeping``, what participant and experimenter may ask in ``participant`` and ``experimenter``.
 
 The session knows no clock and no network. Whoever runs it gives it messages and ticks, each with the time in seconds
 since the session began, and sends what it hands out. So the same session runs live on a thread and, with a simulated
@@ -19,10 +19,9 @@ import numpy as np
 from avrgym.models import human
 from avrgym.models.human import Person
 from avrgym.study import records
-from avrgym.study.recording import RecordingError
-from avrgym.vr import experimenter, loading, messages, participant, seating, transitions
+from avrgym.vr import experimenter, keeping, loading, messages, participant, seating, transitions
 from avrgym.vr.asking import Asking
-from avrgym.vr.attempt import Attempt, Experience, configuration
+from avrgym.vr.attempt import Attempt, Experience
 from avrgym.vr.messages import PhaseName
 from avrgym.vr.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.preparation import AtOnce
@@ -92,9 +91,10 @@ class Session:
         self.person = Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height)
         self.height_known = False
         self.send = send
-        self._policies, self._folder, self._observe = policies, folder, observe
+        self.folder = folder
+        self._policies, self._observe = policies, observe
         self._called_off = called_off
-        self._observer_failure: Exception | None = None
+        self.observer_failure: Exception | None = None
         known = [] if scenes is None else scenes
         self.scenery = Scenery(plan, self.trial, self.person, workers or AtOnce(), known)
         self._reporter = Reporter(send)
@@ -170,7 +170,7 @@ class Session:
             self.attempt.record_physics(self.world, now_s)
         if step is not None:
             self._finish_step(step, now_s)
-        self._watch_keepers(now_s)
+        keeping.watch(self, now_s)
         loading.watch(self, now_s)
         self._report(step, now_s)
         if self._ends_at is not None and now_s >= self._ends_at:
@@ -226,15 +226,9 @@ class Session:
 
     def _begin_attempt(self, now_s: float) -> None:
         try:
-            attempt = Attempt(
-                self._folder,
-                self.trial + 1,
-                self._configuration,
-                now_s,
-                first_number=self.current.earlier_attempts + 1,
-            )
+            attempt = keeping.new_attempt(self, now_s)
         except OSError as error:
-            self._pause_unrecorded(error, now_s)
+            keeping.pause(self, error, now_s)
             return
         self.attempt = attempt
         self.experience = attempt.experience
@@ -268,9 +262,9 @@ class Session:
 
     def complete_trial(self, now_s: float) -> None:
         """End the attempt as completed, unless it cannot be kept, and go on."""
-        failure = self._end_attempt("completed", now_s) or self._observer_failure
+        failure = keeping.end_attempt(self, "completed", now_s) or self.observer_failure
         if failure is not None:
-            self._pause_unrecorded(failure, now_s)
+            keeping.pause(self, failure, now_s)
         else:
             self.next_trial(now_s)
 
@@ -294,18 +288,9 @@ class Session:
             return
         self.record_event("robot_holds", result, now_s)
         self.attempt.record_physics(self.world, now_s)
-        failure = self._end_attempt(result, now_s)
+        failure = keeping.end_attempt(self, result, now_s)
         if failure is not None:
             self.problem(f"the trial is not recorded completely: {failure}")
-
-    def _pause_unrecorded(self, error: Exception, now_s: float) -> None:
-        """Hold the robot and let the participant try again, because a trial that is not kept is none."""
-        self.world.hold()
-        self._end_attempt("failed", now_s)
-        self.problem(f"the trial cannot be recorded: {error}")
-        text = "The recording failed: the robot holds still. Press the trigger to try again."
-        self.enter("paused", text, now_s)
-        self._observer_failure = None  # whoever cannot keep this pause either is asked again with the trial
 
     def _follow(self, now_s: float) -> None:
         """Move the person to the newest tracking frame, or hold them when it is stale."""
@@ -348,46 +333,12 @@ class Session:
         try:
             self._observe(transition)
         except Exception as error:  # whatever keeps a database from keeping it
-            self._observer_failure = error
-
-    # Recording ---------------------------------------------------------------------------------------------------
-
-    def _configuration(self, attempt: int) -> dict[str, Any]:
-        assert self.registration is not None
-        return configuration(
-            self.plan, self.trial, attempt, self.world, self.registration.xr_from_world(), self.identifier
-        )
+            self.observer_failure = error
 
     def record_event(self, name: str, detail: str, now_s: float) -> None:
         """Record anything that happened at one instant of a running trial."""
         if self.attempt is not None:
             self.attempt.record("/events", records.Event(name, detail), now_s)
-
-    def _watch_keepers(self, now_s: float) -> None:
-        """Tell of a disk that pauses; go no further with a trial that recording or observer cannot keep."""
-        if self._observer_failure is not None:
-            self._pause_unrecorded(self._observer_failure, now_s)
-        if self.attempt is None:
-            return
-        stall = self.attempt.stall()
-        if stall is not None:
-            self.record_event("recording_stalled", str(stall), now_s)
-            self.problem(f"the recording is slow: {stall}")
-        if self.attempt.failure is not None:
-            self._pause_unrecorded(self.attempt.failure, now_s)
-
-    def _end_attempt(self, result: transitions.Result, now_s: float) -> RecordingError | None:
-        """End the recording of a running trial; what keeps it from being complete, if anything does."""
-        attempt, self.attempt = self.attempt, None
-        if attempt is None:
-            return None
-        attempt.record_frames(self.presence.take_arrived(), None, stale=False)
-        failure = attempt.close(result, now_s)
-        sums = attempt.steps, attempt.reward, attempt.success
-        whose = attempt.trial, attempt.number, attempt.path
-        kept = "failed" if result == "completed" and failure is not None else result
-        self.tell(transitions.TrialEnded(now_s, *whose, kept, failure is None, *sums))
-        return failure
 
 
 HANDLERS: Mapping[type, Handler] = {

@@ -1,0 +1,66 @@
+"""How a session keeps its attempts: recorded, and told to its observer. What is not kept is no trial."""
+
+from typing import TYPE_CHECKING, Any
+
+from avrgym.study.recording import RecordingError
+from avrgym.vr import transitions
+from avrgym.vr.attempt import Attempt, configuration
+
+if TYPE_CHECKING:
+    from avrgym.vr.session import Session
+
+
+def new_attempt(session: "Session", now_s: float) -> Attempt:
+    """Open the recording of the next attempt at the current trial; ``OSError`` when none can be opened."""
+    first = session.current.earlier_attempts + 1
+    return Attempt(
+        session.folder,
+        session.trial + 1,
+        lambda number: _configuration(session, number),
+        now_s,
+        first_number=first,
+    )
+
+
+def _configuration(session: "Session", attempt: int) -> dict[str, Any]:
+    assert session.registration is not None
+    place = session.registration.xr_from_world()
+    return configuration(session.plan, session.trial, attempt, session.world, place, session.identifier)
+
+
+def watch(session: "Session", now_s: float) -> None:
+    """Tell of a disk that pauses; go no further with a trial that recording or observer cannot keep."""
+    if session.observer_failure is not None:
+        pause(session, session.observer_failure, now_s)
+    if session.attempt is None:
+        return
+    stall = session.attempt.stall()
+    if stall is not None:
+        session.record_event("recording_stalled", str(stall), now_s)
+        session.problem(f"the recording is slow: {stall}")
+    if session.attempt.failure is not None:
+        pause(session, session.attempt.failure, now_s)
+
+
+def pause(session: "Session", error: Exception, now_s: float) -> None:
+    """Hold the robot and let the participant try again, because a trial that is not kept is none."""
+    session.world.hold()
+    end_attempt(session, "failed", now_s)
+    session.problem(f"the trial cannot be recorded: {error}")
+    text = "The recording failed: the robot holds still. Press the trigger to try again."
+    session.enter("paused", text, now_s)
+    session.observer_failure = None  # whoever cannot keep this pause either is asked again with the trial
+
+
+def end_attempt(session: "Session", result: transitions.Result, now_s: float) -> RecordingError | None:
+    """End the recording of a running trial; what keeps it from being complete, if anything does."""
+    attempt, session.attempt = session.attempt, None
+    if attempt is None:
+        return None
+    attempt.record_frames(session.presence.take_arrived(), None, stale=False)
+    failure = attempt.close(result, now_s)
+    sums = attempt.steps, attempt.reward, attempt.success
+    whose = attempt.trial, attempt.number, attempt.path
+    kept = "failed" if result == "completed" and failure is not None else result
+    session.tell(transitions.TrialEnded(now_s, *whose, kept, failure is None, *sums))
+    return failure
