@@ -1,6 +1,5 @@
 """From where head and hands are to the 20 joint angles of the simulated body."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from math import atan2, cos, radians
@@ -87,6 +86,21 @@ def _limited(
     return x, y, z
 
 
+@dataclass(frozen=True, eq=False)
+class _Aim:
+    """What a pose asks for: the torso's angles (6,), and for A arms where their hands shall be.
+
+    ``arms`` (A, 7) are indices of the arms' joints; ``hand_pos`` (A, 3) and ``hand_axes`` (A, 3, 3) are seen from the
+    right shoulder, a left hand reflected. ``reflect`` (A, 7) are signs of the angles that do so.
+    """
+
+    torso_rad: Array
+    arms: list[list[int]]
+    hand_pos: Array
+    hand_axes: Array
+    reflect: Array
+
+
 class BodySolver:
     """The inverse kinematics of one person: call ``solve`` with every tracking frame.
 
@@ -98,39 +112,47 @@ class BodySolver:
         frames = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
         self._waist_h, self._shoulder_t = frames.body_pos["torso"][0], frames.body_pos["right_upper_arm"][0]
         self._arm = ArmSolver(person)
+        self._known: tuple[BodyPose, _Aim] | None = None
 
     def solve(self, pose: BodyPose, start_rad: Array) -> Array:
         """Joint angles (20,) within their ranges that bring head and hands to ``pose``.
 
         Waist and head follow at once; arms turn by less than 0.1 rad per joint, from ``start_rad`` (20,), so
-        that no single frame makes them jump. A hand that is not tracked keeps its arm's angles.
+        that no single frame makes them jump. A hand that is not tracked keeps its arm's angles. To go on towards
+        the same pose takes less time.
         """
+        if self._known is None or self._known[0] is not pose:
+            self._known = pose, self._aim(pose)
+        aim = self._known[1]
         angles = np.array(start_rad, float)
-        angles[_WAIST + _HEAD] = torso_angles(self.person, pose.head, self.posture)
-        hands = {"right": pose.right, "left": pose.left}
-        tracked = {side: hand for side, hand in hands.items() if hand is not None}
-        if tracked:
-            arms = [_ARMS[side] for side in tracked]
-            angles[arms] = self._arm_angles(tracked, self._torso_frame(angles[_WAIST]), angles[arms])
+        angles[_WAIST + _HEAD] = aim.torso_rad
+        if aim.arms:
+            start = aim.reflect * angles[aim.arms]
+            angles[aim.arms] = aim.reflect * self._arm.solve(aim.hand_pos, aim.hand_axes, start)
         return angles
+
+    def _aim(self, pose: BodyPose) -> _Aim:
+        """A left hand is aimed at as the right one of the mirrored person."""
+        torso_rad = torso_angles(self.person, pose.head, self.posture)
+        waist_w, torso_axes_w = self._torso_frame(torso_rad[:3])
+        hands = {
+            side: hand for side, hand in (("right", pose.right), ("left", pose.left)) if hand is not None
+        }
+        pos_t = np.array([hand.pos_w - waist_w for hand in hands.values()]).reshape(-1, 3) @ torso_axes_w
+        axes_w = np.array([axes.of_quaternion(hand.q_w) for hand in hands.values()]).reshape(-1, 3, 3)
+        reflect = np.array([_REFLECT[side] for side in hands]).reshape(-1, 3)
+        return _Aim(
+            torso_rad,
+            [_ARMS[side] for side in hands],
+            reflect * pos_t - self._shoulder_t,
+            reflect[:, :, None] * reflect[:, None] * (torso_axes_w.T @ axes_w),
+            np.where(_ABOUT_X, 1.0, reflect[:, :1]),
+        )
 
     def _torso_frame(self, waist_rad: Array) -> tuple[Array, Array]:
         """Where the waist is in the world, (3,), and the torso's axes (3, 3) as columns."""
         hips_w, hips_axes_w = hips_frame(self.person, self.posture)
         return hips_w + hips_axes_w @ self._waist_h, hips_axes_w @ axes.of_xyz(*waist_rad.tolist())
-
-    def _arm_angles(self, hands: Mapping[str, Pose], torso: tuple[Array, Array], start_rad: Array) -> Array:
-        """The angles (A, 7) of the arms of A hands; a left one is solved as the right one of the mirrored person."""
-        waist_w, torso_axes_w = torso
-        hand_pos_t = np.array([hand.pos_w - waist_w for hand in hands.values()]) @ torso_axes_w
-        hand_axes_t = torso_axes_w.T @ np.array([axes.of_quaternion(hand.q_w) for hand in hands.values()])
-        reflect = np.array([_REFLECT[side] for side in hands])
-        reflect_axes = reflect[:, :, None] * reflect[:, None]
-        reflect_angles = np.where(_ABOUT_X, 1.0, reflect[:, :1])
-        angles = self._arm.solve(
-            reflect * hand_pos_t - self._shoulder_t, reflect_axes * hand_axes_t, reflect_angles * start_rad
-        )
-        return reflect_angles * angles
 
 
 _REFLECT = {"right": (1.0, 1.0, 1.0), "left": (-1.0, 1.0, 1.0)}
