@@ -6,13 +6,14 @@ from typing import Annotated
 import typer
 from rich.progress import Progress
 
+from avrgym.analysis.manifest import FOLDER
 from avrgym.terminal import JsonFile, check_folder, console, plain_errors, say, write_json
 
 
 def analyze(
     folder: Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")],
     out: Annotated[
-        Path | None, typer.Option(help="A folder for the analysis; without one, analysis in the study's.")
+        Path | None, typer.Option(help="A folder for the analysis; without one, a folder of the study's.")
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
@@ -21,7 +22,7 @@ def analyze(
     from avrgym.analysis.study import analyse
     from avrgym.study.store import Store
 
-    place = out or folder / "analysis"
+    place = out or folder / FOLDER
     with plain_errors(), Store(folder) as store:
         check_folder(json_file)
         check_out(place)

@@ -6,18 +6,19 @@ import tempfile
 from pathlib import Path
 
 from avrgym.analysis.figures import draw_study
-from avrgym.analysis.study import FORMAT_NAME, Analysis
+from avrgym.analysis.manifest import RESULTS, made_before, remove_files
+from avrgym.analysis.study import Analysis
 from avrgym.analysis.study_page import write_study_page
 from avrgym.study.states import StudyError
 
-REPORT, RESULTS = "report/index.html", "results.json"
-OUTPUTS = ("report", "tables", "figures", RESULTS)
+REPORT = "report/index.html"
+FOLDERS = ("report", "tables", "figures")
 
 
 def check_out(out: Path) -> None:
     """Raise ``StudyError`` where an analysis would overwrite what no analysis made."""
-    present = [name for name in OUTPUTS if (out / name).exists()]
-    if present and _made_before(out) is None:
+    present = [name for name in (*FOLDERS, RESULTS) if (out / name).exists()]
+    if present and made_before(out) is None:
         raise StudyError(f"{out / present[0]} is not of an earlier analysis; choose another folder")
 
 
@@ -45,8 +46,8 @@ def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
 
 def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
     """Write all but the results' file into a new folder."""
-    for name in ("tables", "figures"):
-        (made / name).mkdir()
+    for folder in FOLDERS:
+        (made / folder).mkdir()
     for table in analysis.tables():
         table.write(made / "tables")
     drawings = draw_study(analysis)
@@ -57,18 +58,8 @@ def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
 
 def _replace(made: Path, out: Path, files: list[str]) -> None:
     """Move new files to their places, the results last, and remove those that an earlier analysis made in addition."""
-    for name in set(_made_before(out) or ()) - set(files):
-        if (out / name).resolve().is_relative_to(out.resolve()):
-            (out / name).unlink(missing_ok=True)
+    remove_files(out, set(made_before(out) or ()) - set(files))
+    for folder in FOLDERS:
+        (out / folder).mkdir(exist_ok=True)
     for name in [*files, RESULTS]:
-        (out / name).parent.mkdir(exist_ok=True)
         os.replace(made / name, out / name)
-
-
-def _made_before(out: Path) -> list[str] | None:
-    """The files that an earlier analysis made in a folder, if there was one."""
-    try:
-        results = json.loads((out / RESULTS).read_bytes())
-        return list(map(str, results["files"])) if results["format"].startswith(FORMAT_NAME) else None
-    except (OSError, ValueError, AttributeError, KeyError, TypeError):
-        return None

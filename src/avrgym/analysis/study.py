@@ -10,6 +10,7 @@ import mujoco
 from avrgym.analysis import rows
 from avrgym.analysis.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
 from avrgym.analysis.biomechanics_tests import biomechanics_tests
+from avrgym.analysis.manifest import FORMAT_NAME
 from avrgym.analysis.objective import objective_rows
 from avrgym.analysis.reading import Observations, observe
 from avrgym.analysis.statistics import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
@@ -21,7 +22,6 @@ from avrgym.study.store import Store
 
 IN_TABLES_ONLY = ("control_steps", "people")
 """Tables too long for the results' file."""
-FORMAT_NAME = "avrgym analysis"
 FORMAT = f"{FORMAT_NAME} 1"
 
 

@@ -4,6 +4,7 @@ import shutil
 
 import sqlalchemy as sa
 
+from avrgym.analysis.manifest import FOLDER, remove_analysis
 from avrgym.study import keyfile, schema
 from avrgym.study.database import BACKUPS
 from avrgym.study.rows import RECORDINGS, StudySession, Tombstone, participant_number
@@ -13,7 +14,7 @@ from avrgym.study.store import Store, find_all, find_participant, now
 
 
 def delete_participant(store: Store, pseudonym: str) -> None:
-    """Delete a participant's recordings, rows and key entry, and every backup of the database.
+    """Delete a participant's recordings, rows and key entry, every backup of the database, and the study's analysis.
 
     The number stays in a tombstone and is never given again. After a crash, deleting again finishes the work.
 
@@ -27,6 +28,7 @@ def delete_participant(store: Store, pseudonym: str) -> None:
         keyfile.remove_entry(store.folder, pseudonym)
     _remove(store, f"{RECORDINGS}/{pseudonym}")
     _remove(store, BACKUPS)
+    remove_analysis(store.folder / FOLDER)
     store.database.erase_traces()
 
 

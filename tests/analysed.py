@@ -1,0 +1,115 @@
+"""Small studies for tests of the analysis, whose answers, rewards and bodies are known."""
+
+import csv
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from avrgym.models import human
+from avrgym.models.human import JOINTS, Sex
+from avrgym.study.answers import record_answer
+from avrgym.study.attempts import begin_attempt, complete_attempt, end_attempt
+from avrgym.study.participants import enrol, record_consent, record_inclusion
+from avrgym.study.recording import RecordingWriter
+from avrgym.study.records import Answer, BodyTargets, Control, TrackingFrame
+from avrgym.study.rows import Participant, Trial, TrialAttempt
+from avrgym.study.sessions import close_session, open_session
+from avrgym.study.store import Store
+from avrgym.tasks import TASKS, find_environment
+from studies import fitting_answers
+
+STEPS = 5
+ITEMS = ("L1", "L2", "L3", "L4")
+Rate = Callable[[Participant, Trial, str], int]
+
+
+def take_part(store: Store, sex: Sex = "woman", *, simulated: bool = True) -> str:
+    """Enrol someone, with consent and an order."""
+    pseudonym = enrol(store, sex, age_years=22, simulated=simulated)
+    record_consent(store, pseudonym)
+    record_inclusion(store, pseudonym, fitting_answers(store))
+    return pseudonym
+
+
+def chance(participant: Participant, trial: Trial, item: str) -> int:
+    """An answer by chance that stays the same."""
+    seed = [participant.number, trial.position, ITEMS.index(item)]
+    return int(np.random.default_rng(seed).integers(1, 8))
+
+
+def torso_height_m(participant: Participant) -> float:
+    """How tall a participant's torso is measured: 0.51, 0.52, … m."""
+    return 0.50 + 0.01 * participant.number
+
+
+def run_trials(store: Store, pseudonym: str, count: int | None = None, rate: Rate = chance) -> None:
+    """A session with a participant's remaining trials, or the first few of them."""
+    participant = store.participant(pseudonym)
+    session = open_session(store, pseudonym)
+    for trial in store.remaining_trials(pseudonym)[:count]:
+        attempt = begin_attempt(store, session.id, trial.position)
+        figures = record_trial(store.path(attempt.recording), participant, trial)
+        if not trial.practice:
+            for item in ITEMS:
+                record_answer(store, attempt.id, item, rate(participant, trial, item), 1.0)
+        complete_attempt(store, attempt.id, figures)
+    close_session(store, session.id)
+
+
+def break_off(store: Store, pseudonym: str) -> TrialAttempt:
+    """A session that stops in the first remaining trial."""
+    session = open_session(store, pseudonym)
+    attempt = begin_attempt(store, session.id, store.remaining_trials(pseudonym)[0].position)
+    end_attempt(store, attempt.id, "stopped")
+    close_session(store, session.id)
+    return attempt
+
+
+def record_trial(
+    path: Path, participant: Participant, trial: Trial, *, other_course: int = 0, **changes: Any
+) -> dict[str, Any]:
+    """Write a trial's recording, of other metadata where ``changes`` say so; gives the trial's figures."""
+    writer = RecordingWriter(path, _metadata(participant, trial) | changes)
+    rng = np.random.default_rng([participant.number, trial.position, other_course])
+    lean_deg, reward = rng.uniform(-5.0, 15.0), 0.0
+    for step in range(1, STEPS + 1):
+        time_ns = step * 100_000_000
+        angles = human.joint_angles(waist_x=lean_deg + step, head_z=5.0 * step)
+        writer.write(
+            "/tracking", time_ns, TrackingFrame(step, 10.0 * step, step / 10, applied=True, held=False)
+        )
+        writer.write("/body_targets", time_ns - 1, BodyTargets(angles.tolist()))
+        control = _control(step, float(rng.normal()))
+        reward += control.reward
+        writer.write("/control", time_ns, control)
+    writer.write("/answers", 900_000_000, Answer("L1", 4, 1.0))
+    figures = {"steps": STEPS, "reward": reward, "success": bool(rng.random() < 0.5), "seconds": 4.0}
+    writer.close({"result": "completed", **figures})
+    return figures
+
+
+def _metadata(participant: Participant, trial: Trial) -> dict[str, Any]:
+    task, _ = find_environment(trial.environment)
+    return {
+        "environment": trial.environment,
+        "policy": trial.policy,
+        "seed": trial.seed,
+        "practice": trial.practice,
+        "simulated": participant.simulated,
+        "person": {"sex": participant.sex, "torso_height_m": torso_height_m(participant)},
+        "joints": list(JOINTS),
+        "reward_weights": dict(TASKS[task].weights),
+    }
+
+
+def _control(step: int, reward: float) -> Control:
+    terms = {"distance_m": 0.5 / step, "action_squared": 0.25}
+    return Control(step, [0.0], [0.0] * 7, reward, terms, step == STEPS, 0.5 / step, 2.0 * step)
+
+
+def read_table(folder: Path, name: str) -> list[Mapping[str, str]]:
+    """A table's rows as text."""
+    with open(folder / "tables" / f"{name}.csv", encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
