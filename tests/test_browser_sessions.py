@@ -12,13 +12,19 @@ import pytest
 from avrgym.models.human import SKIN_TONES
 from avrgym.study.questionnaire import LIKERT_ITEMS
 from avrgym.study.recording import read_recording
-from avrgym.tasks import ENVIRONMENTS
 from avrgym.vr import transitions
 from avrgym.vr.emulation import BrowserAttendance
 from avrgym.vr.plan import SessionPlan, TrialPlan
 from journey import PATIENCE_S, Journey, await_that
 from visit import driving
 
+MIXED = (
+    "avrgym/FeedingPR2-v1",
+    "avrgym/DrinkingJaco-v1",
+    "avrgym/ScratchItchPR2-v1",
+    "avrgym/BedBathingJaco-v1",
+)
+"""All tasks and both robots; in process ``test_mixed_session`` goes through all environments."""
 ENDLESS = 100_000
 FIRST_TONE = 3
 """The panel's button after those of the two bodies."""
@@ -40,13 +46,15 @@ def plan(*environments: str, steps: int) -> SessionPlan:
     )
 
 
-def test_all_tasks_with_either_robot(journey: Callable[[SessionPlan], Journey], tmp_path: Path) -> None:
+def test_every_task_with_one_robot_or_the_other(
+    journey: Callable[[SessionPlan], Journey], tmp_path: Path
+) -> None:
     """Take place, move freely, be helped, answer, go on, leave: in wheelchair and bed, by Jaco and PR2."""
-    whole = journey(plan(*ENVIRONMENTS, steps=5))
+    whole = journey(plan(*MIXED, steps=5))
     BrowserAttendance(whole.headset, whole.session, whole.participant, tmp_path, lambda words: None).run()
     recordings = [read_recording(path) for path in whole.session.recordings]
     completed = [each for each in recordings if each.outcome and each.outcome["result"] == "completed"]
-    assert [each.metadata["environment"] for each in completed] == list(ENVIRONMENTS)
+    assert [each.metadata["environment"] for each in completed] == list(MIXED)
     for each in completed:
         assert each.complete
         assert [record.step for _, record in each.topics["/control"]] == [1, 2, 3, 4, 5]

@@ -13,7 +13,7 @@ const TEXT_BOX: Box = { x: MARGIN, y: 150, width: WIDTH - 2 * MARGIN, height: 62
 const STATEMENT_BOX: Box = { x: MARGIN, y: 140, width: WIDTH - 2 * MARGIN, height: 300 };
 const BUTTON_BOX: Box = { x: MARGIN, y: 470, width: WIDTH - 2 * MARGIN, height: 250 };
 const WORDS_BOX: Box = { x: MARGIN, y: 130, width: WIDTH - 2 * MARGIN, height: 290 };
-const BODY_BOX: Box = { x: MARGIN + 220, y: 450, width: WIDTH - 2 * MARGIN - 440, height: 320 };
+const BODY_BOX: Box = { x: MARGIN + 150, y: 450, width: WIDTH - 2 * MARGIN - 300, height: 350 };
 const NOTICE_BOX: Box = { x: 24, y: HEIGHT - 152, width: WIDTH - 48, height: 128 };
 
 const COLOUR = {
