@@ -44,26 +44,40 @@ def replay(
             raise ValueError("--frames and --out go together, as in --frames 4 --out strip.png")
         if json_file is not None and not verify:
             raise ValueError("--json writes the figures of --verify; give both")
+        if first_person and video is None and frames is None:
+            raise ValueError("--first-person goes with --video or --frames; on the page V changes the view")
         check_folder(json_file)
-        recording = _read(file)
-        if verify:
-            _verify(recording, json_file)
-        if video is not None:
-            _write_video(recording, video, first_person)
-        if frames is not None and out is not None:
-            _draw_strip(recording, frames, out, first_person)
-        if not verify and video is None and frames is None:
-            _show(recording, port)
+        with _naming(file):
+            recording = _read(file)
+            if verify:
+                _verify(recording, json_file)
+            if video is not None:
+                _write_video(recording, video, first_person)
+            if frames is not None and out is not None:
+                _draw_strip(recording, frames, out, first_person)
+            if not verify and video is None and frames is None:
+                _show(recording, port)
+
+
+@contextmanager
+def _naming(file: Path) -> Iterator[None]:
+    """Say which recording cannot be read or replayed."""
+    from avrgym.replay.trial import ReplayError
+    from avrgym.study.recording import RecordingError
+
+    try:
+        yield
+    except RecordingError as error:  # which names its file
+        raise ValueError(str(error)) from error
+    except ReplayError as error:
+        raise ValueError(f"{file}: {error}") from error
 
 
 def _read(file: Path) -> "Recording":
     from avrgym.replay.trial import trial_of
-    from avrgym.study.recording import RecordingError, read_recording
+    from avrgym.study.recording import read_recording
 
-    try:
-        recording = read_recording(file)
-    except RecordingError as error:
-        raise ValueError(str(error)) from error
+    recording = read_recording(file)
     trial = trial_of(recording)
     say(f"{trial.title}, {trial.result or 'broken off'} after {trial.seconds:.2f} s")
     return recording
@@ -93,6 +107,7 @@ def _verify(recording: "Recording", json_file: Path | None) -> None:
 
 def _tell_differences(found: "Verification") -> None:
     """Say what differs; where nothing may, that is an error."""
+    from avrgym.replay.trial import ReplayError
     from avrgym.vr.attempt import versions
 
     say(
@@ -102,7 +117,7 @@ def _tell_differences(found: "Verification") -> None:
     print_table([asdict(difference) for difference in found.differences])
     with_versions = ", ".join(f"{name} {number}" for name, number in found.recorded_with.items())
     if found.same_versions:
-        raise ValueError(
+        raise ReplayError(
             f"it differs although it was recorded with the versions that run here, {with_versions}"
         )
     here = ", ".join(f"{name} {number}" for name, number in versions().items())

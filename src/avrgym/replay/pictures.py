@@ -1,5 +1,6 @@
 """Videos and image sequences of a recorded trial, drawn by MuJoCo's renderer."""
 
+import io
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from avrgym.files import write_whole
 from avrgym.rendering import Camera
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.trial import Trial, driven_span_s, trial_of
@@ -88,7 +90,9 @@ def draw_strip(
     sheet.paste(strip, (0, CAPTION_PX))
     _write(sheet, (10, CAPTION_PX // 2), trial.title, "lm")
     _check_new(out, PICTURE_SUFFIXES)
-    sheet.save(out)
+    file = io.BytesIO()
+    sheet.save(file, Image.registered_extensions()[out.suffix.lower()])
+    write_whole(out, file.getvalue())
     return [time_s - begins_s for time_s in times_s]
 
 

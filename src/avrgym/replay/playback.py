@@ -9,16 +9,13 @@ from numpy.typing import NDArray
 
 from avrgym.episodes import Episodes
 from avrgym.models.human import JOINTS, Person
+from avrgym.replay.trial import ReplayError
 from avrgym.study.recording import Recording
 from avrgym.study.records import Control, Event, Physics
 from avrgym.vr.attempt import control_record
 from avrgym.vr.world import ControlStep, ControlSteps
 
 Array = NDArray[np.float64]
-
-
-class ReplayError(ValueError):
-    """A recording that cannot be stepped again; the message says what it lacks or what has changed."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +51,11 @@ class Playback:
         """Compile the scene and begin the episode.
 
         Raises:
-            ReplayError: for a recording that does not say what it was made with, or whose scene has changed since.
+            ReplayError: for a recording that breaks off before its first state or does not say what it was made
+                with, and for one whose scene has changed since.
         """
+        if not recording.topics["/physics"]:
+            raise ReplayError("it breaks off before its first state")
         self.recording = recording
         self.episodes = _episodes(recording.metadata)
         _check_names(recording.metadata, self.episodes)

@@ -5,6 +5,10 @@ from dataclasses import dataclass
 from avrgym.study.recording import Recording
 
 
+class ReplayError(ValueError):
+    """A recording that cannot be replayed; the message says what it lacks or what has changed."""
+
+
 @dataclass(frozen=True)
 class Trial:
     """Which attempt at which trial it was, in a session of what name.
@@ -39,7 +43,7 @@ def trial_of(recording: Recording) -> Trial:
     """Which trial a recording is of.
 
     Raises:
-        ValueError: for a recording that does not say so.
+        ReplayError: for a recording that does not say so.
     """
     metadata, outcome = recording.metadata, recording.outcome
     seconds = max((time_ns for _, time_ns, _ in recording.messages), default=0) / 1e9
@@ -59,7 +63,7 @@ def trial_of(recording: Recording) -> Trial:
             shown_s=next((time_s for time_s, name in phases(recording) if name == "questionnaire"), seconds),
         )
     except KeyError as error:
-        raise ValueError(f"its configuration lacks {error}") from error
+        raise ReplayError(f"its configuration lacks {error}") from error
 
 
 def phases(recording: Recording) -> list[tuple[float, str]]:
