@@ -1,17 +1,21 @@
 """Simulated participants whose processes are killed at random instants."""
 
+import csv
 import os
 import random
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import datetime
 from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 from avrgym.study import live
 from avrgym.study.checking import check_study
+from avrgym.study.export import export_study
 from avrgym.study.recording import RecordingError, RecordingWriter, read_recording
 from avrgym.study.rows import Trial
 from avrgym.study.simulation import simulate_participant, simulated_participant
@@ -110,7 +114,7 @@ def compare_with_killed(whole: Path, folder: Path, journal: Path, kills: int) ->
     trials = _take_part_undisturbed(whole, 1, journal)
     people, lost_s = _kill(folder, kills, 1.5 * _first_session_s(whole) / trials, journal)
     trials = _take_part_undisturbed(whole, people, journal)
-    attempts = _assert_same(whole, folder)
+    attempts = assert_same(whole, folder)
     for path in folder.rglob("*.mcap"):
         assert_loads(path)
     assert lost_s < 1.0
@@ -159,15 +163,62 @@ def _finish_all(folder: Path, store: Store, journal: Path) -> None:
             finish(folder, person.pseudonym, SEED, journal)
 
 
-def _assert_same(whole: Path, folder: Path) -> int:
-    """How many attempts the study has that was broken off."""
+def assert_same(whole: Path, folder: Path) -> int:
+    """Assert that two studies are the same in the end; how many attempts the second has, which was broken off."""
     with Store(folder) as store, Store(whole) as expected:
         people = [person.pseudonym for person in store.participants()]
         for pseudonym in people:
             assert store.participant(pseudonym).state == "completed"
             assert outcome_of(store, pseudonym) == outcome_of(expected, pseudonym)
+            for recorded, wanted in zip(
+                recorded_of(store, pseudonym), recorded_of(expected, pseudonym), strict=True
+            ):
+                assert recorded == wanted
+        assert tables_of(store) == tables_of(expected)
         assert [f"{each.where}: {each.what}" for each in check_study(store) if each.wrong] == []
         return sum(len(store.attempts(pseudonym)) for pseudonym in people)
+
+
+def recorded_of(store: Store, pseudonym: str) -> Iterator[tuple[dict[str, Any], dict[str, Any] | None, list]]:
+    """All that the recordings of a participant's completed trials hold, but for session, attempt and slow disks."""
+    completed = {a.trial: a for a in store.attempts(pseudonym) if a.state == "completed"}
+    for trial in store.trials(pseudonym):
+        recording = read_recording(store.path(completed[trial.id].recording))
+        metadata = {name: value for name, value in recording.metadata.items() if name not in RUN}
+        messages = [
+            message
+            for message in recording.messages
+            if getattr(message[2], "name", "") != "recording_stalled"
+        ]
+        yield metadata, recording.outcome, messages
+
+
+RUN = {
+    "session",
+    "attempt",
+    "attempts",
+    "recording",
+    "sha256",
+    "consented_at",
+    "started_at",
+    "ended_at",
+    "answered_at",
+}
+"""What tells of the run that made a study, and not of the study."""
+
+
+def tables_of(store: Store) -> dict[str, list[dict[str, str]]]:
+    """The rows of the exported tables, of attempts only the completed ones."""
+    with TemporaryDirectory() as folder:
+        export_study(store, "csv", Path(folder) / "tables")
+        return {path.name: list(_rows(path)) for path in (Path(folder) / "tables").glob("*.csv")}
+
+
+def _rows(table: Path) -> Iterator[dict[str, str]]:
+    with open(table, encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            if row.get("state", "completed") == "completed":
+                yield {name: value for name, value in row.items() if name not in RUN}
 
 
 def assert_loads(path: Path) -> None:

@@ -21,6 +21,7 @@ from avrgym.study.records import Answer, BodyTargets, Control, Event, Pose, Trac
 from avrgym.study.rows import StudySession, Trial, TrialAttempt
 from avrgym.study.sessions import close_session, open_session
 from avrgym.study.store import Store
+from processes import die_with_parent
 
 STEPS = 3
 FIGURES = {"steps": STEPS, "reward": -1.5, "success": True, "seconds": 4.0}
@@ -148,7 +149,9 @@ def postgresql_server(programs: Path) -> Iterator[Path]:
     serve = [programs / "postgres", "-D", data, "-k", folder, "-c", "listen_addresses=", "-c", "fsync=off"]
     try:
         subprocess.run(initialise, check=True, capture_output=True, user=user, cwd=folder)
-        with subprocess.Popen(serve, stderr=subprocess.PIPE, user=user, cwd=folder, text=True) as server:
+        with subprocess.Popen(
+            serve, stderr=subprocess.PIPE, user=user, cwd=folder, text=True, preexec_fn=die_with_parent
+        ) as server:
             try:
                 assert server.stderr is not None
                 next(line for line in server.stderr if "ready to accept connections" in line)

@@ -5,7 +5,6 @@ import json
 import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli import app
 from avrgym.tasks import ENVIRONMENTS
+from processes import AVRGYM, die_with_parent
 from visit import ENVIRONMENT, drive
 
 FIGURES = [
@@ -221,9 +221,10 @@ def test_wrong_usage_is_named(arguments: list[str], named: str) -> None:
 
 
 def test_serve_prints_its_address_and_stops_on_request(tmp_path: Path) -> None:
-    program = Path(sys.executable).with_name("avrgym")
-    command = [program, "serve", "--port", "0", "--study", tmp_path / "study"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    command = [AVRGYM, "serve", "--port", "0", "--study", tmp_path / "study"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=die_with_parent
+    ) as running:
         assert running.stdout is not None
         address = next(line.strip() for line in running.stdout if "/#token=" in line)
         assert httpx.get(address.partition("#")[0], timeout=60.0).status_code == 200

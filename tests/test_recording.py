@@ -28,6 +28,7 @@ from avrgym.study.records import (
     encode,
     json_schema,
 )
+from processes import die_with_parent
 
 METADATA = {
     "environment": "avrgym/FeedingJaco-v1",
@@ -249,7 +250,10 @@ except RecordingError as error:
 
 def start_child(path: Path, size_limit: int) -> subprocess.Popen:
     child = subprocess.Popen(
-        [sys.executable, "-c", CHILD, str(path), str(size_limit)], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", CHILD, str(path), str(size_limit)],
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=die_with_parent,
     )
     assert child.stdout is not None
     assert child.stdout.readline() == "started\n"

@@ -52,6 +52,7 @@ from avrgym.vr.messages import (
 from avrgym.vr.rendering import SceneRenderer
 from avrgym.vr.server import LiveServer, ServerError
 from avrgym.vr.session import Session
+from processes import die_with_parent
 from visit import driving, plan
 
 M = TypeVar("M", bound=Message)
@@ -614,7 +615,10 @@ def test_a_killed_server_leaves_no_process_behind(tmp_path: Path) -> None:
     script = tmp_path / "killed.py"
     script.write_text(ORPHAN)
     with subprocess.Popen(
-        [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        [sys.executable, script],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        preexec_fn=die_with_parent,
     ) as killed:
         assert killed.stdout is not None
         renderer = int(killed.stdout.readline())

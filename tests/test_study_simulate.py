@@ -1,5 +1,7 @@
 """Dry runs: the same study from the same seed, however often it is broken off."""
 
+import subprocess
+import time
 from pathlib import Path
 
 import pytest
@@ -12,7 +14,9 @@ from avrgym.study.checking import check_study
 from avrgym.study.simulation import simulate_study, simulated_participant, traits_of
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
-from killing import SEED, compare_with_killed
+from avrgym.study.summary import summarise_study
+from killing import SEED, assert_same, compare_with_killed
+from processes import AVRGYM, die_with_parent
 from studies import make_study, take_in
 
 DESIGN = {
@@ -42,6 +46,28 @@ def test_kill_9_at_any_instant_changes_nothing_of_the_study(folder: Path, tmp_pa
     """Orders, seeds, answers and figures are those of a study that was never broken off."""
     whole = make_study(tmp_path / "whole", **DESIGN)
     print(compare_with_killed(whole, folder, tmp_path / "journal", kills=20))
+
+
+def test_a_dry_run_that_is_killed_goes_on_as_if_it_never_had_been(tmp_path: Path) -> None:
+    """The program with its processes, by `kill -9` between two trials of a participant, or in the second."""
+    design = DESIGN | {"practice_policy": '""'}
+    whole, killed = (make_study(tmp_path / name, **design) for name in ("whole", "killed"))
+    arguments = "--participants", "1", "--seed", str(SEED)
+    assert study("simulate", whole, *arguments).exit_code == 0
+    command = [AVRGYM, "study", "simulate", killed, *arguments]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, preexec_fn=die_with_parent) as running:
+        while completed(killed) == 0:
+            assert running.poll() is None
+            time.sleep(0.05)
+        running.kill()
+    assert study("simulate", killed, *arguments).exit_code == 0
+    assert assert_same(whole, killed) >= 2
+
+
+def completed(folder: Path) -> int:
+    """How many trials of a study are."""
+    with Store(folder) as store:
+        return sum(row.trials_completed for row in summarise_study(store).participants)
 
 
 def test_a_dry_run_is_a_whole_study_and_a_second_one_goes_on(folder: Path) -> None:

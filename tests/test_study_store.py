@@ -25,6 +25,7 @@ from avrgym.study.rows import Trial
 from avrgym.study.sessions import close_session, open_session, skip_trial, tell
 from avrgym.study.states import TRANSITIONS, StudyError, check_transition
 from avrgym.study.store import Store
+from processes import die_with_parent
 from studies import (
     FIGURES,
     fitting_answers,
@@ -441,7 +442,8 @@ def test_kill_9_at_any_moment_changes_neither_order_nor_seeds_nor_loses_a_trial(
 def _run_and_kill(folder: Path, after_s: float) -> None:
     """Start a session in a process of its own and end it, at some moment of its work, as a crash would."""
     command = [sys.executable, "-c", WORKER, folder]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=Path(__file__).parent) as worker:
+    here = Path(__file__).parent
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=here, preexec_fn=die_with_parent) as worker:
         assert worker.stdout is not None
         assert worker.stdout.readline() == b"ready\n"
         time.sleep(after_s)

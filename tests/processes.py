@@ -1,0 +1,43 @@
+"""Processes that tests start: none outlives the tests, however those end."""
+
+import ctypes
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+AVRGYM = Path(sys.executable).with_name("avrgym")
+_PR_SET_PDEATHSIG = 1
+_LIBC = ctypes.CDLL(None)
+
+
+def die_with_parent() -> None:
+    """For ``preexec_fn``: Linux kills this process when the one that started it ends."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+@dataclass(frozen=True)
+class Served:
+    """A server of its own process, and the addresses that it printed for this machine."""
+
+    process: subprocess.Popen[str]
+    participant: str
+    dashboard: str
+
+
+@contextmanager
+def served(study: Path) -> Iterator[Served]:
+    """`avrgym serve` of a study; killed when the context ends, unless it has ended before."""
+    command = [AVRGYM, "serve", "--port", "0", "--study", study]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent) as process:
+        try:
+            assert process.stdout is not None
+            lines = (line.strip() for line in process.stdout)
+            participant = next(line for line in lines if "/#token=" in line)
+            dashboard = next(line for line in lines if "/dashboard#token=" in line)
+            yield Served(process, participant, dashboard)
+        finally:
+            process.kill()
