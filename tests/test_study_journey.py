@@ -1,0 +1,157 @@
+"""A study from enrolment to its check, all in a real browser; the server is killed in the middle of a trial."""
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+from typer.testing import CliRunner
+
+from avrgym.cli import app
+from avrgym.participants import SimulatedParticipant, draw_traits
+from avrgym.study import database
+from avrgym.study.store import Store
+from avrgym.tasks import ENVIRONMENTS
+from avrgym.vr.emulation import EmulatedHeadset
+from journey import PATIENCE_S, await_buttons, await_phase, go_on
+from processes import served
+from studies import make_study
+from visit import drive
+
+TASKS = ("Feeding", "ScratchItch")
+ANSWERS = {"L1": 7, "L2": 6, "L3": 5, "L4": 4}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A study of two trials of two seconds, with a policy of its own, that asks one item before each session."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    folder = make_study(
+        tmp_path / "study",
+        tasks=json.dumps(TASKS),
+        robots='["Jaco"]',
+        policies='["mine"]',
+        practice_policy='""',
+        trial_steps="20",
+        free_movement_s="0.5",
+    )
+    with open(folder / "study.toml", "a") as file:
+        file.write('[[questionnaires]]\nname = "before"\nwhen = "before_session"\n')
+        file.write('items = [{ id = "nausea", text = "Sick?", points = 4, low = "no", high = "very" }]\n')
+    for environment, (task, robot) in ENVIRONMENTS.items():
+        (folder / "mine").mkdir(exist_ok=True)
+        drive(environment).save(folder / "mine" / f"{task}{robot}.safetensors")
+    return folder
+
+
+def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
+    expect.set_options(timeout=1000 * PATIENCE_S)
+    participant = SimulatedParticipant(draw_traits("woman", 5), 5)
+    with served(folder) as server, EmulatedHeadset(server.participant, 320, 180) as headset:
+        dashboard = open_dashboard(headset, server.dashboard)
+        take_in(dashboard)
+        begin(dashboard, headset, "Begin session")
+        sit_down(headset, participant)
+        await_buttons(headset, "L1")
+        expect(dashboard.locator("#session-words")).to_contain_text("Trial 1 of 2: questionnaire")
+        expect(dashboard.locator("#watch-steps")).to_contain_text("20 of 20")
+        answer_all(headset)
+        await_attempt(headset, 2)
+        server.process.send_signal(signal.SIGKILL)
+        expect(dashboard.locator("#server")).to_contain_text("Connection lost")
+    kept = digests(folder)
+    assert states(folder) == ["completed", "running"]
+    with served(folder) as server, EmulatedHeadset(server.participant, 320, 180) as headset:
+        dashboard = open_dashboard(headset, server.dashboard)
+        dashboard.get_by_role("button", name="sub-001").click()
+        begin(dashboard, headset, "Continue with the remaining trials")
+        sit_down(headset, participant)
+        answer_all(headset)
+        await_phase(headset, "finished")
+        expect(dashboard.get_by_role("row", name="sub-001")).to_contain_text("completed")
+    assert states(folder) == ["completed", "interrupted", "completed"]
+    assert kept.items() <= digests(folder).items()
+    checked = CliRunner().invoke(app, ["study", "check", str(folder)])
+    assert (checked.exit_code, checked.stdout) == (0, "nothing is wrong\n")
+    with Store(folder) as store:
+        given = [(answer.item, answer.value) for answer in store.answers("sub-001")]
+    assert given == [("nausea", 2), *ANSWERS.items(), ("nausea", 2), *ANSWERS.items()]
+
+
+# What the experimenter does -----------------------------------------------------------------------------------
+
+
+def open_dashboard(headset: EmulatedHeadset, address: str) -> Page:
+    browser = headset.page.context.browser
+    assert browser is not None
+    page = browser.new_page()
+    page.set_default_timeout(1000 * PATIENCE_S)
+    page.goto(address.replace("/dashboard#", "/dashboard?detail=light#"))
+    expect(page.locator("#server")).to_contain_text("Connected")
+    return page
+
+
+def take_in(dashboard: Page) -> None:
+    """Enrol a woman who agrees and can take part."""
+    dashboard.locator("summary", has_text="Enrol somebody").click()
+    dashboard.get_by_label("Body model").select_option("woman")
+    dashboard.get_by_role("button", name="Enrol", exact=True).click()
+    dashboard.get_by_label("They have read version 1 and agree").check()
+    dashboard.get_by_role("button", name="Record consent").click()
+    questions = dashboard.locator("#questions").get_by_role("group")
+    expect(questions).to_have_count(5)
+    for number, answer in enumerate(("yes", "yes", "no", "yes", "no")):
+        questions.nth(number).get_by_label(answer).check()
+    dashboard.get_by_role("button", name="Record answers").click()
+    expect(dashboard.get_by_role("row", name="sub-001")).to_contain_text("0 of 2")
+
+
+def begin(dashboard: Page, headset: EmulatedHeadset, button: str) -> None:
+    """Begin the session; the participant answers the question before it on their page."""
+    dashboard.get_by_role("button", name=button).click()
+    expect(dashboard.locator("#session-words")).to_contain_text("Before the session")
+    headset.page.bring_to_front()
+    headset.page.locator("#points").get_by_role("button", name="2").click()
+    await_phase(headset, "waiting")
+
+
+# What the participant does ------------------------------------------------------------------------------------
+
+
+def sit_down(headset: EmulatedHeadset, participant: SimulatedParticipant) -> None:
+    headset.set_poses(participant.frame(0.0, moving=False))
+    headset.enter_vr()
+    await_phase(headset, "calibration")
+    go_on(headset, "calibration")
+    await_phase(headset, "check")
+    go_on(headset, "check")
+
+
+def answer_all(headset: EmulatedHeadset) -> None:
+    for item, value in ANSWERS.items():
+        await_buttons(headset, item)
+        headset.answer(value)
+
+
+def await_attempt(headset: EmulatedHeadset, trial: int) -> None:
+    """Wait until a trial has begun: from free movement to the last answer something is to be lost."""
+    headset.page.wait_for_function(
+        "([trial]) => ((phase) => phase?.trial === trial && phase.name !== 'loading')(window.avrgymEmulator.phase())",
+        arg=[trial],
+        timeout=1000 * PATIENCE_S,
+    )
+
+
+# What is left -------------------------------------------------------------------------------------------------
+
+
+def states(folder: Path) -> list[str]:
+    with Store(folder) as store:
+        return [attempt.state for attempt in store.attempts("sub-001")]
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """The stored checksums of closed recordings, which are those of their files."""
+    with Store(folder) as store:
+        return {each.recording: each.sha256 for each in store.attempts("sub-001") if each.sha256}
