@@ -22,7 +22,7 @@ from avrgym.vr.session import Session
 from studies import FIGURES, fitting_answers, make_study, run_participant, take_in
 from visit import driving, plan
 
-PATIENCE_S = 180.0
+PATIENCE_S = 400.0
 HOSTILE = "<script>window.hacked = 1</script><img src=x onerror='window.hacked = 2'>"
 READING = ("/overview", "/participants/{pseudonym}")
 ACTING = ("/participants", *(f"/participants/{{pseudonym}}/{name}" for name in ACTIONS))

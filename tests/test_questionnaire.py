@@ -1,6 +1,7 @@
 import pytest
 
-from avrgym.study.questionnaire import LIKERT_ITEMS, validate_answer
+from avrgym.study.questionnaire import LIKERT_ITEMS, MOST_POINTS, validate_answer
+from avrgym.vr.messages import Answer, decode_client, encode
 
 
 def test_the_ids_are_unique_and_the_anchors_are_named():
@@ -25,3 +26,8 @@ def test_anything_off_the_scale_is_refused(value):
 def test_an_unknown_item_is_refused():
     with pytest.raises(ValueError, match="no item 'L9'; allowed: L1, L2, L3, L4"):
         validate_answer(LIKERT_ITEMS, "L9", 4)
+
+
+def test_every_answer_that_a_scale_allows_can_be_sent():
+    answer = Answer(item="vas", value=MOST_POINTS, response_time_s=1.0)
+    assert decode_client(encode(answer)) == answer

@@ -10,6 +10,7 @@ from typing import Annotated, Literal, TypeVar
 import msgspec
 
 from avrgym.models.human import Sex
+from avrgym.study.questionnaire import MOST_POINTS
 
 PROTOCOL = 4
 
@@ -92,7 +93,7 @@ class Answer(Message, frozen=True, tag="answer"):
     """The answer to one item of the questionnaire, with the time from its appearance to the press."""
 
     item: Annotated[str, msgspec.Meta(max_length=64)]
-    value: Annotated[int, msgspec.Meta(ge=1, le=100)]
+    value: Annotated[int, msgspec.Meta(ge=1, le=MOST_POINTS)]
     response_time_s: Annotated[float, msgspec.Meta(ge=0)]
 
 
