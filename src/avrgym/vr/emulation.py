@@ -178,6 +178,7 @@ class BrowserAttendance:
         found = phase["name"], phase["trial"]
         if found != self._phase:
             self._phase, self._phase_began, self._changed_s = found, now_s, now_s
+            self._asked = ""
             self._participant.take_place(self._session.plan.trials[max(found[1] - 1, 0)].environment)
             self._say(f"{found[0].replace('_', ' ')} (trial {found[1]} of {phase['trials']})")
 
