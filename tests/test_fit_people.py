@@ -1,5 +1,6 @@
 """Fitting people to a study, and meeting them in training, evaluation and Gymnasium's environments."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -269,6 +270,14 @@ woman = [0.50, 0.60]
 [poses.Feeding]
 waist_x = [-5.0, 5]
 """
+
+
+def test_the_example_of_the_documents_is_a_file_of_people() -> None:
+    text = (Path(__file__).parents[1] / "docs" / "closing_the_loop.md").read_text()
+    (example,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    found = parse_people(example, "example")
+    assert tuple(found.poses["Feeding"]) == ("waist_x", "head_z")
+    assert found.source is not None
 
 
 def test_a_file_by_hand_needs_no_source() -> None:
