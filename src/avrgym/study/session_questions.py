@@ -45,30 +45,37 @@ class SessionQuestions:
         """Tell a client that has just connected what is asked."""
         send(Welcome(PROTOCOL, self._visit.identifier, role, haptics=False, sounds=False))
         send(self._phase)
-        send(self._asking.question())
+        if not self._asking.done:
+            send(self._asking.question())
 
     def receive(self, message: Received) -> None:
         """Take an answer of the participant or a command of the experimenter; nothing else counts now."""
-        if isinstance(message, Answer):
-            self._take(message)
-        elif isinstance(message, Command) and message.name in ("skip", "end"):
-            self._skipped, self._ended = True, message.name == "end"
-            self._visit.tell(f"questions {self.when} left", self._asking.question().item)
+        if self.done:
+            return
+        try:
+            if isinstance(message, Answer):
+                self._take(message)
+            elif isinstance(message, Command) and message.name in ("skip", "end"):
+                self._leave(ended=message.name == "end")
+        except StudyError as error:
+            self._send(Problem(message=str(error)))
+            self._send(self._asking.question())
 
     @property
     def _phase(self) -> Phase:
         return Phase("questionnaire", WORDS[self.when], 0, 0, practice=False, seconds=None)
 
     def _take(self, answer: Answer) -> None:
-        """Store an answer and ask the next item; what is none is refused, and asked again."""
+        """Store an answer and ask the next item; what is none is refused."""
         asked = self._asking.question().item
-        try:
-            if answer.item != asked:
-                raise StudyError(f"{answer.item!r} is not asked now; {asked} is")
-            self._visit.record(answer.item, answer.value, answer.response_time_s)
-        except StudyError as error:
-            self._send(Problem(message=str(error)))
-        else:
-            self._asking.take(answer)
+        if answer.item != asked:
+            raise StudyError(f"{answer.item!r} is not asked now; {asked} is")
+        self._visit.record(answer.item, answer.value, answer.response_time_s)
+        self._asking.take(answer)
         if not self._asking.done:
             self._send(self._asking.question())
+
+    def _leave(self, *, ended: bool) -> None:
+        """Leave what is asked now, and whatever would follow, unanswered."""
+        self._skipped, self._ended = True, ended
+        self._visit.tell(f"questions {self.when} left", self._asking.question().item)
