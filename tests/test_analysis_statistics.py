@@ -18,7 +18,7 @@ from avrgym.analysis.statistics import (
 from avrgym.evaluation import wilson_interval
 
 scipy_stats: Any = stats  # whose types no checker follows
-EVERY = stats.PermutationMethod(n_resamples=np.inf)
+EVERY = scipy_stats.PermutationMethod(n_resamples=np.inf)
 """Has SciPy go through all permutations, which is exact with ties too."""
 
 

@@ -7,12 +7,12 @@ have covered them.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from statistics import fmean
+from statistics import fmean, median
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.analysis.rows import BiomechanicsRow, ParticipantRow, PersonRow, RangeRow, TrialRow
+from avrgym.analysis.rows import BiomechanicsRow, PersonRow, RangeRow, TrialRow
 from avrgym.analysis.trained_people import (
     AXES,
     HEIGHTS_OF,
@@ -37,10 +37,6 @@ class Measures:
         """The postures that they were in."""
         return list(dict.fromkeys(posture_of(row.task) for row in self.trials))
 
-    def participants(self) -> list[str]:
-        """Who they are of."""
-        return list(dict.fromkeys(row.participant for row in self.trials))
-
     def in_posture(self, posture: str) -> list[TrialRow]:
         """Those in a posture."""
         return [row for row in self.trials if posture_of(row.task) == posture]
@@ -58,16 +54,12 @@ def measured_groups(trials: Sequence[TrialRow]) -> list[Measures]:
 # How they are distributed
 
 
-def biomechanics_rows(
-    groups: Sequence[Measures], participants: Sequence[ParticipantRow], people: Sequence[PersonRow]
-) -> list[BiomechanicsRow]:
+def biomechanics_rows(groups: Sequence[Measures], people: Sequence[PersonRow]) -> list[BiomechanicsRow]:
     """Torso heights, and head positions by posture: of participants, one value each, and of the training's people."""
     rows = []
     for group in groups:
-        own = heights(group, participants)
-        rows.append(
-            _distribution(group.simulated, "torso_height_m", "any", "participants", list(own.values()))
-        )
+        own = heights(group)
+        rows.append(_distribution(group.simulated, "torso_height_m", "any", "participants", own))
         for posture, axis in product(group.postures(), range(len(AXES))):
             heads = participants_heads(group, posture)[:, axis]
             rows.append(
@@ -83,10 +75,13 @@ def biomechanics_rows(
     return rows
 
 
-def heights(group: Measures, participants: Sequence[ParticipantRow]) -> dict[str, float]:
-    """Torso heights of a group's participants by pseudonym, metres."""
-    known = {row.participant: row.torso_height_m for row in participants}
-    return {name: float(known[name] or 0.0) for name in group.participants()}
+def heights(group: Measures, sex: str | None = None) -> list[float]:
+    """Torso heights of a group's participants, or those of one sex, metres; each the median of their trials."""
+    own = [row for row in group.trials if sex in (row.sex, None)]
+    return [
+        median(float(row.torso_height_m or 0.0) for row in own if row.participant == name)
+        for name in dict.fromkeys(row.participant for row in own)
+    ]
 
 
 def participants_heads(group: Measures, posture: str) -> Array:
@@ -120,17 +115,15 @@ def _distribution(
 # What would have covered them
 
 
-def range_rows(groups: Sequence[Measures], participants: Sequence[ParticipantRow]) -> list[RangeRow]:
+def range_rows(groups: Sequence[Measures]) -> list[RangeRow]:
     """Ranges of torso heights by sex, and of the waist's angles, within which all participants lie.
 
     Waists are looked at twice: by the means of the trials, and by all that was seen in a trial.
     """
     rows = []
     for group in groups:
-        own = heights(group, participants)
-        sexes = {row.participant: row.sex for row in participants}
         for sex in SEXES:
-            spans = [(value, value) for name, value in own.items() if sexes[name] == sex]
+            spans = [(height_m, height_m) for height_m in heights(group, sex)]
             ends = [getattr(TRAINED_WITH[name], f"torso_height_{sex}_m") for name in HEIGHTS_OF]
             rows += _range(group.simulated, f"torso_height_{sex}_m", spans, *ends)
         for axis in AXES:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from avrgym.analysis.biomechanics import Measures, heights, participants_heads
 from avrgym.analysis.comparisons import PARTICIPANT, TRIAL, corrected, tested
-from avrgym.analysis.rows import ParticipantRow, PersonRow, TestedRow, TrialRow
+from avrgym.analysis.rows import PersonRow, TestedRow, TrialRow
 from avrgym.analysis.statistics import Comparison, energy_test, rank_sum, signed_rank
 from avrgym.analysis.trained_people import AXES, HEIGHTS_OF, SEED, TRAINED_WITH, head_of, people_heads
 from avrgym.tasks import TASKS
@@ -17,9 +17,7 @@ from avrgym.tasks import TASKS
 Array = NDArray[np.floating]
 
 
-def biomechanics_tests(
-    groups: Sequence[Measures], participants: Sequence[ParticipantRow], people: Sequence[PersonRow]
-) -> list[TestedRow]:
+def biomechanics_tests(groups: Sequence[Measures], people: Sequence[PersonRow]) -> list[TestedRow]:
     """All tests of torso heights, then of head positions, for each group and posture.
 
     Signed-rank as in the paper: each trial is paired with another of the people drawn for its task, in order, so
@@ -28,9 +26,8 @@ def biomechanics_tests(
     """
     rows = []
     for group in groups:
-        own = list(heights(group, participants).values())
         rows += [_paired_heights(group, people, name) for name in HEIGHTS_OF]
-        rows += [_unpaired_heights(group, own, people, name) for name in HEIGHTS_OF]
+        rows += [_unpaired_heights(group, people, name) for name in HEIGHTS_OF]
         places = list(product(group.postures(), TRAINED_WITH))
         for tests in (_paired_heads, _unpaired_heads, _whole_heads):
             rows += [row for place in places for row in tests(group, people, *place)]
@@ -44,9 +41,8 @@ def _paired_heights(group: Measures, people: Sequence[PersonRow], name: str) -> 
     return _row(group, "torso heights", "torso_height_m", TRIAL, own, name, others, found)
 
 
-def _unpaired_heights(
-    group: Measures, own: Sequence[float], people: Sequence[PersonRow], name: str
-) -> TestedRow:
+def _unpaired_heights(group: Measures, people: Sequence[PersonRow], name: str) -> TestedRow:
+    own = heights(group)
     others = [row.torso_height_m for row in people if row.people == name]
     found = rank_sum(own, others)
     return _row(group, "torso heights", "torso_height_m", PARTICIPANT, own, name, others, found)

@@ -13,12 +13,13 @@ from matplotlib.figure import Figure
 
 from avrgym.analysis.biomechanics import Measures, heights
 from avrgym.analysis.drawing import INK, LINES, RULE, STYLE, WARNING, Drawing
-from avrgym.analysis.rows import LikertRow, ObjectiveRow, ParticipantRow, PersonRow, TestedRow
+from avrgym.analysis.rows import LikertRow, ObjectiveRow, PersonRow, TestedRow
 from avrgym.analysis.study import Analysis
 from avrgym.analysis.subjective import middle, rated_items
 from avrgym.analysis.trained_people import HEIGHTS_OF, head_of
 from avrgym.models.human import SEXES
 from avrgym.study.design import Design
+from avrgym.study.questionnaire import Item
 
 WIDTH_IN = 5.0
 GROUP_WIDTH = 0.8
@@ -43,7 +44,7 @@ def draw_study(analysis: Analysis) -> list[Drawing]:
     for simulated in sorted({row.simulated for row in analysis.likert}):
         drawings.append(likert_figure(analysis.design, simulated, analysis.likert, analysis.tests))
     for group in analysis.groups:
-        drawings.append(height_figure(group, analysis.observed.participants, analysis.people))
+        drawings.append(height_figure(group, analysis.people))
         drawings.append(head_figure(group, analysis.people))
     return drawings
 
@@ -64,24 +65,18 @@ def likert_figure(
 ) -> Drawing:
     """The paper's figure: how each item was answered with each policy, and which policies differ."""
     items, policies = rated_items(design), design.policies
-    step = len(policies) + 1.2
+    apart = len(policies) + 1.2
+    own = [row for row in likert if row.simulated is simulated]
+    differ = [row for row in tests if row.simulated is simulated and row.family == "policies, by trial"]
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.5 + 0.25 * step * len(items)), layout="constrained")
+        figure = Figure(figsize=(WIDTH_IN, 0.5 + 0.25 * apart * len(items)), layout="constrained")
         axes = figure.add_subplot()
-        for index, (item, (place, policy)) in enumerate(product(items, enumerate(policies))):
-            own = [
-                row for row in likert if (row.simulated, row.item, row.policy) == (simulated, item.id, policy)
-            ]
-            y = step * (index // len(policies)) + place
-            _stack(axes, y, [row.share for row in own], [row.count for row in own], middle(item))
         for index, item in enumerate(items):
-            axes.text(-1.0, step * index - 0.62, f"{item.id}  {item.text}", fontsize=8, va="bottom")
-            _brackets(
-                axes, step * index, item.id, policies, [row for row in tests if row.simulated is simulated]
-            )
-        places = [step * index + place for index in range(len(items)) for place in range(len(policies))]
+            _item(axes, apart * index, item, policies, [row for row in own if row.item == item.id])
+            _brackets(axes, apart * index, policies, [row for row in differ if row.quantity == item.id])
+        places = [apart * index + place for index in range(len(items)) for place in range(len(policies))]
         axes.set_yticks(places, list(policies) * len(items))
-        axes.set(xlim=(-1.0, 1.4), ylim=(step * len(items) - 0.8, -1.3), xticks=[])
+        axes.set(xlim=(-1.0, 1.4), ylim=(apart * len(items) - 0.8, -1.3), xticks=[])
         axes.spines[["left", "bottom"]].set_visible(False)
         axes.tick_params(length=0)
         axes.axvline(0.0, color=RULE, linewidth=0.8, zorder=0)
@@ -90,6 +85,14 @@ def likert_figure(
         "trials; p by Wilcoxon's signed-rank test over trials, corrected by Holm; * < 0.05, ** < 0.01, *** < 0.001"
     )
     return _draw(simulated, "likert", caption, figure)
+
+
+def _item(axes: Axes, top: float, item: Item, policies: Sequence[str], rows: Sequence[LikertRow]) -> None:
+    """An item's text above a bar for each policy."""
+    axes.text(-1.0, top - 0.62, f"{item.id}  {item.text}", fontsize=8, va="bottom")
+    for place, policy in enumerate(policies):
+        own = [row for row in rows if row.policy == policy]
+        _stack(axes, top + place, [row.share for row in own], [row.count for row in own], middle(item))
 
 
 def _stack(axes: Axes, y: float, shares: Sequence[float], counts: Sequence[int], neutral: float) -> None:
@@ -107,9 +110,9 @@ def _stack(axes: Axes, y: float, shares: Sequence[float], counts: Sequence[int],
         left += share
 
 
-def _brackets(axes: Axes, top: float, item: str, policies: Sequence[str], tests: Sequence[TestedRow]) -> None:
-    own = [row for row in tests if row.family == "policies, by trial" and row.quantity == item]
-    for index, row in enumerate(own):
+def _brackets(axes: Axes, top: float, policies: Sequence[str], tests: Sequence[TestedRow]) -> None:
+    """Which policies differ in an item, beside its bars."""
+    for index, row in enumerate(tests):
         first, second = (top + policies.index(policy) for policy in (row.group_b, row.group_a))
         x = 1.02 + 0.2 * index
         axes.plot([x, x + 0.02, x + 0.02, x], [first, first, second, second], color=INK, linewidth=0.8)
@@ -189,14 +192,11 @@ def _interval(axes: Axes, x: float, row: ObjectiveRow, interval: str, prefix: st
 # Biomechanics
 
 
-def height_figure(
-    group: Measures, participants: Sequence[ParticipantRow], people: Sequence[PersonRow]
-) -> Drawing:
+def height_figure(group: Measures, people: Sequence[PersonRow]) -> Drawing:
     """Torso heights of the participants, one mark each, above those of the training's people."""
-    own = heights(group, participants)
-    sexes = {row.participant: row.sex for row in participants}
+    own = heights(group)
     trained = {name: [row.torso_height_m for row in people if row.people == name] for name in HEIGHTS_OF}
-    samples = {"participants": list(own.values()), **trained}
+    samples = {"participants": own, **trained}
     edges = np.arange(
         min(map(min, samples.values())) - 2 * BIN_M, max(map(max, samples.values())) + 2 * BIN_M, BIN_M
     )
@@ -208,7 +208,7 @@ def height_figure(
             weights = np.full(len(values), 1.0 / len(values))
             axes.hist(values, edges.tolist(), weights=weights, histtype="step", color=colour, label=label)
         for sex, marker in zip(SEXES, "so", strict=True):
-            marks = [value for name, value in own.items() if sexes[name] == sex]
+            marks = heights(group, sex)
             label = {"man": "a man", "woman": "a woman"}[sex]
             axes.plot(marks, [-0.05] * len(marks), marker, color=INK, markersize=5, alpha=0.7, label=label)
         axes.axhline(0.0, color=INK, linewidth=0.6)
@@ -250,7 +250,7 @@ def _heads(axes: Axes, group: Measures, people: Sequence[PersonRow], posture: st
         _cloud(
             axes, drawn, axis, color=colour, alpha=0.4, markersize=2.5, label=f"{name} people (simulation)"
         )
-    _cloud(axes, group.in_posture(posture), axis, color=INK, markersize=3.5, label="a trial")
+    _cloud(axes, group.in_posture(posture), axis, color=INK, markersize=3.5, label="a participant's trial")
 
 
 def _cloud(axes: Axes, rows: Sequence[Any], axis: int, **style: Any) -> None:

@@ -25,10 +25,12 @@ a { color: var(--accent); }
 .notice { padding: .75rem 1rem; }
 .badge { display: inline-block; padding: .1rem .5rem; margin: 0 .4rem .4rem 0; font-size: .85rem; }
 .scroll { overflow-x: auto; }
+.scroll svg { min-width: 27rem; }
 table { border-collapse: collapse; margin: 1rem 0; overflow-wrap: normal; }
 caption { text-align: left; padding-bottom: .3rem; }
 th, td { padding: .3rem .8rem .3rem 0; border-bottom: 1px solid var(--rule); text-align: left;
   vertical-align: top; }
+td.text { min-width: 4.5rem; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 @media (max-width: 30rem) { table { font-size: .875rem; } th, td { padding-right: .5rem; } }
 dl { display: grid; grid-template-columns: repeat(auto-fit, minmax(max(8.5rem, 22%), 1fr)); gap: .8rem; }
@@ -39,7 +41,6 @@ summary { cursor: pointer; }
 nav a { margin-right: 1rem; }
 .figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(20rem, 100%), 1fr)); gap: 1rem; }
 figure { margin: 0; max-width: 40rem; }
-figure.wide { max-width: 60rem; }
 figure svg, figure img { display: block; width: 100%; height: auto; }
 figure img { border-radius: .3rem; }
 """.strip()
@@ -97,10 +98,9 @@ def listing(items: Sequence[Any]) -> Markup:
     return tag("ul", *(tag("li", item) for item in items))
 
 
-def figure(picture: Markup, caption: str, class_: str = "") -> Markup:
+def figure(picture: Markup, caption: str) -> Markup:
     """A picture with words below it."""
-    named = {"class_": class_} if class_ else {}
-    return tag("figure", picture, tag("figcaption", caption), **named)
+    return tag("figure", picture, tag("figcaption", caption))
 
 
 def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence], numbers: Sequence[int]) -> Markup:
@@ -113,6 +113,11 @@ def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence], numbers:
     ]
     whole = tag("table", tag("caption", caption), tag("thead", tag("tr", *head)), tag("tbody", *body))
     return tag("div", whole, class_="scroll", tabindex=0, role="region", aria_label=caption)
+
+
+def brief(value: float | None) -> str:
+    """A number with three digits that count."""
+    return "–" if value is None else f"{value:z.3g}".replace("-", "−")
 
 
 def quantity(value: float | None, unit: str = "", digits: int = 2, absent: str = "not recorded") -> str:

@@ -5,7 +5,7 @@ from itertools import product
 
 from avrgym.analysis.drawing import Drawing
 from avrgym.analysis.objective import ALL
-from avrgym.analysis.page import Markup, figure, listing, quantity, table, tag
+from avrgym.analysis.page import Markup, brief, figure, listing, quantity, table, tag
 from avrgym.analysis.rows import ObjectiveRow, RangeRow, SubjectiveRow, TestedRow
 from avrgym.analysis.study import Analysis
 from avrgym.analysis.subjective import rated_items
@@ -139,17 +139,17 @@ def biomechanics(analysis: Analysis, simulated: bool, drawings: Drawings) -> Mar
     if group is None:
         return _nothing("Biomechanics", "No counted trial has a whole recording of a body.")
     tests = [row for row in analysis.tests if row.simulated is simulated and row.group_a == "participants"]
-    brief = [row for row in tests if not row.family.startswith("head positions")]
+    whole = [row for row in tests if not row.family.startswith("head positions")]
     ranges = [row for row in analysis.ranges if row.simulated is simulated]
     return tag(
         "section",
         tag("h3", "Biomechanics: participants and the people of the training"),
         _figures(drawings, "torso-heights", "head-positions"),
         _ranges(ranges, simulated),
-        _tests("Torso heights and whole head positions", brief, simulated),
+        _tests("Torso heights and whole head positions", whole, simulated),
         _details(
             "Head positions, axis by axis",
-            _tests("Head positions by axis", [row for row in tests if row not in brief], simulated),
+            _tests("Head positions by axis", [row for row in tests if row not in whole], simulated),
         ),
         _details("The distributions in numbers", _distributions(analysis, simulated)),
     )
@@ -173,7 +173,7 @@ def _ranges(rows: Sequence[RangeRow], simulated: bool) -> Markup:
 
 
 def _ends(low: float, high: float) -> str:
-    return f"{quantity(low)} to {quantity(high)}"
+    return f"{brief(low)} to {brief(high)}"
 
 
 def _distributions(analysis: Analysis, simulated: bool) -> Markup:
@@ -203,7 +203,7 @@ def _tests(caption: str, rows: Sequence[TestedRow], simulated: bool) -> Markup:
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.unit,
             f"{row.n} + {row.zeros} zero" if row.zeros else row.n,
-            f"{quantity(row.median_a, absent='–')} / {quantity(row.median_b, absent='–')}",
+            f"{brief(row.median_a)} / {brief(row.median_b)}",
             probability(row.p), probability(row.p_holm), row.mark, quantity(row.effect, absent="–"),
             f"{row.test}, {row.note or row.method}",
         )
@@ -220,7 +220,8 @@ def probability(p: float | None) -> str:
 
 
 def _figures(drawings: Drawings, *kinds: str) -> Markup:
-    shown = [figure(drawings[kind].inline(), drawings[kind].caption) for kind in kinds if kind in drawings]
+    present = [drawings[kind] for kind in kinds if kind in drawings]
+    shown = [figure(tag("div", each.inline(), class_="scroll"), each.caption) for each in present]
     return tag("div", *shown, class_="figures")
 
 

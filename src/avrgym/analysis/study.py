@@ -89,7 +89,7 @@ def analyse(store: Store, progress: Callable[[int, int], None] = lambda done, al
         objective=objective_rows(store, observed.trials),
         subjective=subjective_rows(store.design, observed.answers),
         likert=likert_rows(store.design, observed.answers),
-        tests=answers + biomechanics_tests(groups, observed.participants, people),
-        biomechanics=biomechanics_rows(groups, observed.participants, people),
-        ranges=range_rows(groups, observed.participants),
+        tests=answers + biomechanics_tests(groups, people),
+        biomechanics=biomechanics_rows(groups, people),
+        ranges=range_rows(groups),
     )
