@@ -52,7 +52,7 @@ def draw_study(analysis: Analysis) -> list[Drawing]:
 def _draw(simulated: bool, kind: str, caption: str, figure: Figure) -> Drawing:
     """Finish a figure: what was simulated says so in it."""
     if simulated:
-        figure.suptitle("SIMULATED PARTICIPANTS", color=WARNING, fontsize=8, x=0.99, ha="right")
+        figure.suptitle("SIMULATED PARTICIPANTS", color=WARNING, fontsize=8, x=0.01, ha="left")
     suffix = "simulated" if simulated else "people"
     return Drawing(f"{kind}-{suffix}", f"{caption} ({group_name(simulated)})", figure)
 

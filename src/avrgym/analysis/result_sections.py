@@ -221,7 +221,7 @@ def probability(p: float | None) -> str:
 
 def _figures(drawings: Drawings, *kinds: str) -> Markup:
     present = [drawings[kind] for kind in kinds if kind in drawings]
-    shown = [figure(tag("div", each.inline(), class_="scroll"), each.caption) for each in present]
+    shown = [figure(tag("div", each.inline(), class_="scroll", tabindex=0), each.caption) for each in present]
     return tag("div", *shown, class_="figures")
 
 

@@ -74,16 +74,8 @@ def _trial(analysis: Analysis, row: TrialRow, study_link: str) -> Markup:
     )
     answers = [each for each in seen.answers if (each.participant, each.position) == key and each.attempt]
     terms = [each for each in seen.terms if (each.participant, each.position) == key]
-    return tag(
-        "details",
-        _summary(row),
-        _figures(row),
-        charts,
-        _answers(answers),
-        _terms(terms),
-        _replay(row, study_link),
-        id=_id(row),
-    )
+    parts = (_figures(row), charts, _answers(answers), _terms(terms), _replay(row, study_link))
+    return tag("details", _summary(row), tag("div", *parts, id=_id(row)))
 
 
 def _summary(row: TrialRow) -> Markup:
@@ -102,7 +94,7 @@ def _figures(row: TrialRow) -> Markup:
             "Mean force on the person": quantity(row.force_mean_n, "N"),
             "Peak force on the person": quantity(row.force_peak_n, "N"),
             "Torso height": quantity(row.torso_height_m, "m", digits=3),
-            "Mean waist x": quantity(row.waist_x_deg, "°", digits=1),
+            "Bent forward, mean": quantity(row.waist_x_deg, "°", digits=1),
             "Attempts": row.attempts,
             "Recording": row.recorded,
         }
