@@ -1,0 +1,61 @@
+"""What a recording tells about the body: kinematics as MuJoCo's, targets that hold until they change."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from avrgym.analysis.measures import head_centres, measure
+from avrgym.models import human
+from avrgym.models.human import JOINTS, LOWER_RAD, RECLINED, SEATED, UPPER_RAD, People, Person, Posture
+from avrgym.study.recording import Recording
+from avrgym.study.records import BodyTargets, Control
+
+METADATA = {"person": {"sex": "woman", "torso_height_m": 0.55}, "joints": list(JOINTS)}
+
+
+@pytest.mark.parametrize("posture", [SEATED, RECLINED], ids=["seated", "in bed"])
+def test_heads_are_where_mujoco_puts_them(posture: Posture, rng: np.random.Generator) -> None:
+    for sex in human.SEXES:
+        person = Person(sex, rng.uniform(0.5, 0.6), rng.uniform(LOWER_RAD, UPPER_RAD))
+        model = human.person_model(person, posture, moving=True)
+        data = mujoco.MjData(model)
+        data.qpos[:] = person.joint_angles_rad
+        mujoco.mj_kinematics(model, data)
+        expected = data.site(human.PREFIX + "head_centre").xpos
+        assert head_centres(People.of([person]), posture)[0] == pytest.approx(expected, abs=1e-12)
+
+
+def _recorded(targets: list[tuple[int, float]], metadata: dict) -> Recording:
+    """Waist angles x in degrees at times in milliseconds; control steps at 100, 200 and 300 ms."""
+    messages = [
+        ("/body_targets", time_ms * 1_000_000, BodyTargets(human.joint_angles(waist_x=angle).tolist()))
+        for time_ms, angle in targets
+    ]
+    steps = [
+        ("/control", step * 100_000_000, Control(step, [], [], 1.0, {}, False, 0.1, 2.0))
+        for step in (1, 2, 3)
+    ]
+    return Recording(metadata, None, [*messages, *steps], True)
+
+
+def test_targets_hold_until_they_change() -> None:
+    body = measure(_recorded([(150, 5.0), (199, 10.0), (400, 20.0)], METADATA), SEATED).body
+    assert body is not None
+    assert np.degrees(body.waist_rad[:, 0]) == pytest.approx([5.0, 10.0, 10.0])
+    assert body.torso_height_m == 0.55
+    assert body.head_centre_w.shape == (3, 3)
+
+
+@pytest.mark.parametrize(
+    ("targets", "metadata"),
+    [
+        ([], METADATA),
+        ([(0, 1.0)], METADATA | {"joints": ["waist_x"]}),
+        ([(0, 1.0)], METADATA | {"person": {"sex": "woman"}}),
+        ([(0, 1.0)], {}),
+    ],
+)
+def test_without_targets_or_a_known_body_there_is_none(targets: list, metadata: dict) -> None:
+    measured = measure(_recorded(targets, metadata), SEATED)
+    assert measured.body is None
+    assert measured.times_s == [0.1, 0.2, 0.3]
