@@ -1,6 +1,7 @@
 """What the documents say is there, and what is there they say."""
 
 import re
+import runpy
 from pathlib import Path
 
 import pytest
@@ -42,3 +43,10 @@ def test_every_reward_term_is_described_with_its_weight(task):
 def test_the_readme_names_every_command():
     commands = get_command(app).commands  # type: ignore[attr-defined]
     assert [command for command in commands if f"`avrgym {command}" not in README] == []
+
+
+@pytest.mark.parametrize("kind", ["original", "revised"])
+def test_the_page_of_the_policies_says_what_their_files_say(kind):
+    tables = runpy.run_path(str(ROOT / "examples" / "policy_tables.py"))
+    page = (ROOT / "docs" / "policies.md").read_text().splitlines()
+    assert [row for row in tables["packaged_table"](kind) if row not in page] == []

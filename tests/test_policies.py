@@ -265,11 +265,15 @@ def test_a_policy_for_other_sizes_is_refused(packaged):
         load_policy("original", ENVIRONMENT, 30, 7)
 
 
-def test_every_packaged_policy_loads_under_its_own_environment():
-    for path in policies.PACKAGED.glob("*.safetensors"):
-        scene, name = path.stem.split("-")
-        assert Policy.load(path).metadata.environment == f"avrgym/{scene}-v1"
-        assert find_policy(name, f"avrgym/{scene}-v1") == path
+@pytest.mark.parametrize("path", sorted(policies.PACKAGED.glob("*.safetensors")), ids=lambda path: path.stem)
+def test_a_packaged_policy_says_where_and_on_whom_it_was_trained(path):
+    scene, kind = path.stem.split("-")
+    assert find_policy(kind, f"avrgym/{scene}-v1") == path
+    assert path.stat().st_size < 200_000
+    metadata = Policy.load(path).metadata
+    assert (metadata.environment, metadata.people) == (f"avrgym/{scene}-v1", kind)
+    assert metadata.steps > 0
+    assert metadata.measured["episodes"] == 100
 
 
 def test_arrays_that_do_not_fit_make_no_policy():

@@ -78,10 +78,15 @@ class TrainingConfiguration:
 
 
 TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
-    "Feeding": {"imitation_rounds": 0, "log_std": (-0.7, -1.8)},
-    "Drinking": {"imitation_rounds": 16, "log_std": (-2.5, -3.5), "critic_updates": 2},
-    "ScratchItch": {"imitation_rounds": 24},
-    "BedBathing": {"log_std": (-1.0, -1.2)},
+    "Feeding": {"imitation_rounds": 0, "log_std": (-0.7, -2.8)},
+    "Drinking": {
+        "imitation_rounds": 24,
+        "log_std": (-2.2, -3.7),
+        "critic_updates": 3,
+        "learning_rate": 1.2e-4,
+    },
+    "ScratchItch": {"imitation_rounds": 24, "log_std": (-1.0, -2.4)},
+    "BedBathing": {"imitation_rounds": 12, "log_std": (-1.0, -2.5), "force_weight_per_n": 0.05},
 }
 """Where a task does better with settings other than the usual ones."""
 

@@ -1,0 +1,82 @@
+"""What the packaged policies reach, as the tables of docs/policies.md.
+
+python examples/policy_tables.py                                   what their own files say
+python examples/policy_tables.py original.json revised.json        Original against Revised on the same people, from
+                                                                   what `avrgym evaluate --all --json` wrote of each
+"""
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from avrgym.evaluation import wilson_interval
+from avrgym.policies import Policy, packaged_policies
+from avrgym.tasks import ENVIRONMENTS
+
+PAPER = {
+    "avrgym/FeedingJaco-v1": (75, 82),
+    "avrgym/FeedingPR2-v1": (77, 103),
+    "avrgym/DrinkingJaco-v1": (32, 144),
+    "avrgym/DrinkingPR2-v1": (59, 380),
+    "avrgym/ScratchItchJaco-v1": (48, 218),
+    "avrgym/ScratchItchPR2-v1": (35, 62),
+    "avrgym/BedBathingJaco-v1": (28, 118),
+    "avrgym/BedBathingPR2-v1": (13, 85),
+}
+"""Success in percent and mean reward of the paper's Original policies in its simulation (section VII)."""
+
+
+def packaged_table(kind: str) -> Iterator[str]:
+    """The rows of one kind of policy, each on the people it was trained on."""
+    yield "| environment | success | paper | reward | paper | force on the person | steps | hours |"
+    yield "|---|---|---|---|---|---|---|---|"
+    for environment in ENVIRONMENTS:
+        file = packaged_policies(environment).get(kind)
+        if file is not None:
+            yield _packaged_row(environment, Policy.load(file))
+
+
+def _packaged_row(environment: str, policy: Policy) -> str:
+    metadata = policy.metadata
+    measured = {name: float(value) for name, value in metadata.measured.items()}
+    episodes = round(measured["episodes"])
+    success = _success(round(measured["success_rate"] * episodes), episodes)
+    paper_success, paper_reward = PAPER[environment]
+    hours = f"{metadata.seconds / 3600:.1f}" if metadata.seconds else "–"
+    return (
+        f"| {_short(environment)} | {success} | {paper_success} % | {measured['reward_mean']:.0f} | {paper_reward} "
+        f"| {measured['force_mean_newton']:.1f} N | {metadata.steps / 1e6:.2f} M | {hours} |"
+    )
+
+
+def comparison_table(original: list[dict], revised: list[dict]) -> Iterator[str]:
+    """Original beside Revised, and both averaged over all environments, which have equally many episodes."""
+    yield "| environment | Original | Revised | force, Original | force, Revised |"
+    yield "|---|---|---|---|---|"
+    for one, other in zip(original, revised, strict=True):
+        forces = f"{one['force_mean_newton']:.1f} N | {other['force_mean_newton']:.1f} N"
+        yield f"| {_short(one['env'])} | {_row_success([one])} | {_row_success([other])} | {forces} |"
+    yield f"| all | {_row_success(original)} | {_row_success(revised)} | | |"
+
+
+def _row_success(rows: list[dict]) -> str:
+    episodes = sum(row["episodes"] for row in rows)
+    return _success(round(sum(row["success_rate"] * row["episodes"] for row in rows)), episodes)
+
+
+def _success(successes: int, episodes: int) -> str:
+    low, high = wilson_interval(successes, episodes)
+    return f"{100.0 * successes / episodes:.3g} % [{100.0 * low:.0f}, {100.0 * high:.0f}]"
+
+
+def _short(environment: str) -> str:
+    return environment.removeprefix("avrgym/").removesuffix("-v1")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) == 3:
+        lines = comparison_table(*(json.loads(Path(path).read_text()) for path in sys.argv[1:]))
+    else:
+        lines = (line for kind in ("original", "revised") for line in ("", kind, *packaged_table(kind)))
+    print("\n".join(lines))
