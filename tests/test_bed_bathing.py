@@ -319,7 +319,13 @@ def test_the_person_lies_with_the_right_arm_away_from_the_body():
     rest = {name: np.degrees(TASK.pose.rest_rad[i]) for name, i in JOINT_INDEX.items()}
     moved = {name: angle for name, angle in rest.items() if angle != 0.0}
     assert moved == pytest.approx(
-        {"right_shoulder_y": 20.0, "right_shoulder_x": -20.0, "right_elbow_x": -45.0, "left_elbow_x": -45.0}
+        {
+            "right_shoulder_y": 20.0,
+            "right_shoulder_x": -20.0,
+            "right_elbow_x": -45.0,
+            "left_shoulder_y": -14.0,
+            "left_elbow_x": -45.0,
+        }
     )
     spread = {name for name, i in JOINT_INDEX.items() if TASK.pose.spread_rad[i] != 0.0}
     assert spread == {name for name in JOINT_INDEX if name.startswith("right_")}
