@@ -13,6 +13,7 @@ from avrgym.models.scene import build_spec
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
 from avrgym.transforms import to_matrix
 from avrgym.vr.scene_export import export_glb
+from avrgym.vr.skins import Skin, closed, skins_of
 from glb import GlbFile
 
 MOST_CALLS, MOST_TRIANGLES, MOST_BYTES = 100, 300_000, 2_500_000
@@ -118,9 +119,19 @@ def test_skins_rest_where_their_bones_are_bound() -> None:
     model, glb = model_of(FEEDING), exported(FEEDING)
     skins = [node for node in glb["nodes"] if "skin" in node]
     drawn = np.concatenate([at_bind_pose(glb, model, node) for node in skins])
-    there = model.skin_vert
+    body, lidded = body_and_lidded(model)
+    there = np.concatenate([model.skin_vert, lidded.vertices[len(body.vertices) :]])
     assert len(drawn) == len(there)
     np.testing.assert_allclose(in_order(drawn), in_order(there), atol=2e-4)
+
+
+def body_and_lidded(model: mujoco.MjModel) -> tuple[Skin, Skin]:
+    """The body's bare skin, and the same with a lid where the face begins."""
+    skins = {skin.name: skin for skin in skins_of(model)}
+    body, face = skins["person/body"], skins["person/face"]
+    lidded = closed(body, face)
+    assert closed(lidded, face) is lidded
+    return body, lidded
 
 
 def in_order(places: np.ndarray) -> np.ndarray:
@@ -174,6 +185,15 @@ def test_the_head_is_apart_from_the_body() -> None:
     )
     parts = [model.skin(f"person/{part}").id for part in HEAD_PARTS]
     assert drawn == 3 * model.skin_facenum[parts].sum()
+
+
+def test_the_body_is_closed_where_the_head_begins() -> None:
+    """Whose own head is not drawn does not look into their neck."""
+    body, lidded = body_and_lidded(model_of(FEEDING))
+    lid = lidded.vertices[lidded.faces[len(body.faces) :]]
+    assert np.ptp(lid.reshape(-1, 3), axis=0).max() < 0.2
+    assert lidded.normals[-1, 2] > 0.5
+    assert np.array_equal(lidded.vertices[: len(body.vertices)], body.vertices)
 
 
 def corners_of(glb: GlbFile, node: dict) -> np.ndarray:

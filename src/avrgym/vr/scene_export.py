@@ -15,6 +15,7 @@ faster than many small ones.
 import io
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import reduce
 
 import mujoco
 import numpy as np
@@ -26,7 +27,7 @@ from avrgym.models import human
 from avrgym.models.contacts import VISUAL_GROUP
 from avrgym.vr.glb import Glb
 from avrgym.vr.meshes import geom_mesh, pose_matrix
-from avrgym.vr.skins import Bone, Skin, joined, skins_of
+from avrgym.vr.skins import Bone, Skin, closed, joined, skins_of
 
 Array = NDArray[np.float64]
 
@@ -150,10 +151,17 @@ class _Export:
     # Skins
 
     def _skins_by_finish(self) -> dict[tuple[bool, Finish], list[Skin]]:
-        """The skins in groups that may be one: the head's apart from the others, because its owner does not see it."""
+        """The skins in groups that may be one: the head's apart from the others, because its owner does not see it.
+
+        The others are closed where the head begins.
+        """
         groups: dict[tuple[bool, Finish], list[Skin]] = {}
-        for skin in skins_of(self._model):
+        skins = list(skins_of(self._model))
+        head = [skin for skin in skins if skin.main_body == HEAD]
+        for skin in skins:
             of_head = skin.main_body == HEAD
+            if not of_head:
+                skin = reduce(closed, head, skin)
             finish = Finish.of(self._model, int(skin.materials[0]))
             groups.setdefault((of_head, finish), []).append(skin)
         return groups

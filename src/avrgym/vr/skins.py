@@ -7,7 +7,7 @@ swing to the body.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -91,6 +91,48 @@ def joined(skins: Sequence[Skin]) -> Skin:
         bone_of=np.concatenate(bone_of),
         weight_of=np.concatenate([skin.weight_of for skin in skins]),
     )
+
+
+def closed(skin: Skin, other: Skin) -> Skin:
+    """A skin with a lid where another one goes on, so that nobody looks into it who does not see the other."""
+    rim = _rim(skin, other)
+    if not len(rim):
+        return skin
+    centre, first = len(skin.vertices) + len(rim), rim[:, 0]
+    copies = {vertex: len(skin.vertices) + number for number, vertex in enumerate(first.tolist())}
+    ends = [copies[vertex] for vertex in rim[:, 1].tolist()]
+    lid = np.stack([ends, list(copies.values()), np.full(len(rim), centre)], axis=1)
+    vertices = np.concatenate([skin.vertices, skin.vertices[first], skin.vertices[first].mean(axis=0)[None]])
+    corners = vertices[lid]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
+    grown = np.append(first, first[0])
+    return replace(
+        skin,
+        materials=np.concatenate([skin.materials, skin.materials[grown]]),
+        vertices=vertices,
+        normals=np.concatenate([skin.normals, np.tile(normal / np.linalg.norm(normal), (len(grown), 1))]),
+        uv=np.concatenate([skin.uv, skin.uv[grown]]),
+        faces=np.concatenate([skin.faces, lid]),
+        bone_of=np.concatenate([skin.bone_of, skin.bone_of[grown]]),
+        weight_of=np.concatenate([skin.weight_of, skin.weight_of[grown]]),
+    )
+
+
+def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
+    """The edges (E, 2) at which a skin ends and another goes on, in the direction of the skin's own triangles."""
+    together = np.concatenate([skin.vertices, other.vertices]).round(5)
+    _, place = np.unique(together, axis=0, return_inverse=True)
+    place = place.ravel()
+    own_place, other_place = place[: len(skin.vertices)], place[len(skin.vertices) :]
+    first_there = {int(at): vertex for vertex, at in reversed(list(enumerate(own_place)))}
+    own, others = _edges(own_place[skin.faces]), _edges(other_place[other.faces])
+    rim = [(a, b) for a, b in sorted(own) if (b, a) in others and (b, a) not in own]
+    return np.array([(first_there[a], first_there[b]) for a, b in rim], dtype=int).reshape(-1, 2)
+
+
+def _edges(faces: NDArray) -> set[tuple[int, int]]:
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    return {(a, b) for a, b in pairs.tolist()}
 
 
 def _rows(values: NDArray, starts: NDArray, counts: NDArray, index: int) -> NDArray:
