@@ -30,8 +30,8 @@ test: setup lint ## every check: linters, types, the client's tests, the tests
 	cd client && npm test
 	.venv/bin/python -m pytest
 
-soak: setup ## an hour of crashes and sessions: nothing is lost, memory stays flat
-	.venv/bin/python -m pytest -s tests/soak.py
+soak: setup ## an hour of crashes, sessions and a whole study in a browser: nothing is lost, memory stays flat
+	.venv/bin/python -m pytest -s tests/soak.py tests/study_journey.py
 
 setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install all that development and training need
 

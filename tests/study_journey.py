@@ -85,7 +85,7 @@ def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
 def open_dashboard(headset: EmulatedHeadset, address: str) -> Page:
     browser = headset.page.context.browser
     assert browser is not None
-    page = browser.new_page()
+    page = browser.new_page(viewport={"width": 640, "height": 480})
     page.set_default_timeout(1000 * PATIENCE_S)
     page.goto(address.replace("/dashboard#", "/dashboard?detail=light#"))
     expect(page.locator("#server")).to_contain_text("Connected")
