@@ -1,5 +1,6 @@
 import { Connection, type Link } from "./connection";
 import { isRunning, linkWords, phaseLabel } from "./display";
+import { element } from "./element";
 import type { CommandName, Phase, ServerMessage, Status } from "./messages";
 import { statusWords, timingWords } from "./status";
 
@@ -9,10 +10,6 @@ export interface LiveEvents {
   /** The session went on, so that the study has changed. */
   changed(): void;
   problem(words: string): void;
-}
-
-function element<T extends HTMLElement>(id: string): T {
-  return document.getElementById(id) as T;
 }
 
 /** The session that runs: its picture, how it stands, and the commands, by button and by key. */

@@ -12,10 +12,7 @@ import {
   trialsTable,
   type Table,
 } from "./dashboard-tables";
-
-function element<T extends HTMLElement>(id: string): T {
-  return document.getElementById(id) as T;
-}
+import { element } from "./element";
 
 /** What a form's field holds. */
 function field(form: HTMLFormElement, name: string): string {

@@ -1,5 +1,6 @@
 import { mayChooseBody } from "./bodychoice";
 import { awaitsReady, linkWords, mayRecalibrate, phaseLabel, type Display } from "./display";
+import { element } from "./element";
 import type { Body, ChooseBody, Phase, Question } from "./messages";
 import type { Allowed } from "./senses";
 
@@ -12,10 +13,6 @@ export interface PageEvents {
   recalibrate(): void;
   answer(value: number): void;
   chooseBody(choice: ChooseBody): void;
-}
-
-function element<T extends HTMLElement>(id: string): T {
-  return document.getElementById(id) as T;
 }
 
 /** The words and buttons over the flat view. */

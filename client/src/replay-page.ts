@@ -1,3 +1,4 @@
+import { element } from "./element";
 import { drawChart } from "./replay-chart";
 import type { Clock } from "./replay-clock";
 import { SPEEDS } from "./replay-clock";
@@ -5,10 +6,6 @@ import { latest, phasesOf, type Happening, type Timeline } from "./replay-data";
 
 const STEP_S = 1;
 const FRAME_S = 0.02;
-
-function element<T extends Element = HTMLElement>(id: string): T {
-  return document.getElementById(id) as unknown as T;
-}
 
 /** The words, the time line and the keys of a replay. */
 export class ReplayPage {

@@ -1,5 +1,6 @@
 import "./page.css";
 import "./replay.css";
+import { element } from "./element";
 import { Eyes } from "./eyes";
 import { POSE } from "./interpolation";
 import { Clock } from "./replay-clock";
@@ -47,7 +48,7 @@ function furnish(view: View, world: World): void {
 }
 
 function refuse(error: unknown): void {
-  const problem = document.getElementById("problem")!;
+  const problem = element("problem");
   problem.hidden = false;
   problem.textContent = `The replay cannot be shown: ${error instanceof Error ? error.message : String(error)}.`;
 }

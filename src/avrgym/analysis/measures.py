@@ -2,10 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +12,7 @@ from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEXES, People, Posture
 from avrgym.study.recording import Recording
 from avrgym.study.records import Control
+from avrgym.vr.attempt import versions
 
 Array = NDArray[np.float64]
 WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
@@ -52,7 +51,7 @@ def measure(recording: Recording, posture: Posture) -> Measured:
 def other_versions(recording: Recording) -> str:
     """With which versions the trial was recorded, if they are not those that run now; else nothing."""
     recorded = recording.metadata.get("versions") or {}
-    present = {"avrgym": version("avrgym"), "mujoco": mujoco.__version__}
+    present = versions()
     names = {"avrgym": "AVR Gym", "mujoco": "MuJoCo"}
     return ", ".join(
         f"{names[name]} {recorded[name]} (now {now})"

@@ -1,11 +1,11 @@
 """How well the robots did: reward and success of each condition, beside the same policy in simulation."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import product
 from statistics import fmean, stdev
 
-from avrgym.analysis.rows import ObjectiveRow, TrialRow
+from avrgym.analysis.rows import ObjectiveRow, Simulated, TrialRow
 from avrgym.analysis.statistics import t_interval
 from avrgym.episodes import EPISODE_STEPS
 from avrgym.evaluation import wilson_interval
@@ -14,21 +14,6 @@ from avrgym.study.store import Store
 
 ALL = "all"
 """Stands for all tasks or all robots, taken together."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Simulated:
-    """What a policy's file says of its own evaluation; ``simulation_note`` why there is nothing, or what to mind."""
-
-    simulation_people: str | None = None
-    simulation_episodes: int | None = None
-    simulation_reward_mean: float | None = None
-    simulation_reward_low: float | None = None
-    simulation_reward_high: float | None = None
-    simulation_success_rate: float | None = None
-    simulation_success_low: float | None = None
-    simulation_success_high: float | None = None
-    simulation_note: str = ""
 
 
 def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRow]:

@@ -137,8 +137,8 @@ class ProblemRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObjectiveRow:
-    """A condition's counted trials, beside the same policy in simulation; intervals are 95 % intervals.
+class Outcome:
+    """A condition's counted trials; intervals are 95 % intervals.
 
     The row of the task ``all`` has no reward: rewards of different tasks cannot be compared.
     """
@@ -155,6 +155,12 @@ class ObjectiveRow:
     success_rate: float | None
     success_low: float | None
     success_high: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulated:
+    """What a policy's file says of its own evaluation; ``simulation_note`` why there is nothing, or what to mind."""
+
     simulation_people: str | None = None
     simulation_episodes: int | None = None
     simulation_reward_mean: float | None = None
@@ -164,6 +170,11 @@ class ObjectiveRow:
     simulation_success_low: float | None = None
     simulation_success_high: float | None = None
     simulation_note: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectiveRow(Simulated, Outcome):
+    """A condition's counted trials, then the same policy in simulation."""
 
 
 @dataclass(frozen=True, kw_only=True)

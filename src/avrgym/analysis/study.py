@@ -2,10 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import Any
-
-import mujoco
 
 from avrgym.analysis import rows
 from avrgym.analysis.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
@@ -19,6 +16,7 @@ from avrgym.analysis.tables import Table, control_steps
 from avrgym.analysis.trained_people import PEOPLE_PER_TASK, SEED, draw_people
 from avrgym.study.design import Design
 from avrgym.study.store import Store
+from avrgym.vr.attempt import versions
 
 IN_TABLES_ONLY = ("control_steps", "people")
 """Tables too long for the results' file."""
@@ -63,7 +61,7 @@ class Analysis:
         return {
             "format": FORMAT,
             "title": self.design.title,
-            "versions": {"avrgym": version("avrgym"), "mujoco": mujoco.__version__},
+            "versions": versions(),
             "settings": {
                 "people_per_task": PEOPLE_PER_TASK,
                 "seed": SEED,
