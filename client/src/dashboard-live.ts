@@ -18,6 +18,7 @@ export class Live {
   private readonly buttons = [...document.querySelectorAll<HTMLButtonElement>("[data-command]")];
   private phase: Phase | null = null;
   private paused = false;
+  private isWelcome = false;
 
   constructor(
     private readonly token: string,
@@ -32,6 +33,7 @@ export class Live {
     for (const button of this.buttons)
       button.addEventListener("click", () => this.command(button.dataset["command"] as CommandName));
     window.addEventListener("keydown", (event) => this.key(event));
+    element("picture").addEventListener("toggle", () => this.showPicture());
   }
 
   start(): void {
@@ -48,7 +50,16 @@ export class Live {
   }
 
   private welcomed(): void {
-    if (element("picture").childElementCount === 0) element("picture").append(this.picture());
+    this.isWelcome = true;
+    this.showPicture();
+  }
+
+  /** Draws nothing while the picture is folded away: a slow machine has time for the session then. */
+  private showPicture(): void {
+    const picture = element<HTMLDetailsElement>("picture");
+    const drawn = picture.querySelector("iframe");
+    if (!picture.open) drawn?.remove();
+    else if (this.isWelcome && !drawn) picture.append(this.picture());
   }
 
   /** The page for those who watch, in which the keys of this one work as well; Esc it knows itself. */

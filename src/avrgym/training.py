@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
+from math import exp
 from pathlib import Path
 from typing import Any
 
@@ -40,9 +41,10 @@ class TrainingConfiguration:
     """What a training run is made of. Network and algorithm are the paper's (section V); the rest is ours.
 
     The policy first imitates its task's teacher for ``imitation_rounds`` episodes in every world, though for no more
-    than half of all steps. Then only the critic learns for ``critic_updates``. The learning rate falls to a tenth.
+    than half of all steps. Then only the critic learns for ``critic_updates``.
     ``log_std`` is how random actions are at the beginning of PPO and over its last third, so that in the end the
-    policy does without chance.
+    policy does without chance. The ``learning_rate`` is that of the beginning of PPO; it falls with the standard
+    deviation, so that updates change what the policy does alike throughout.
     ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
     the task's own reward does; it grows over the second third: first the policy learns to help, then to be gentle.
     """
@@ -76,17 +78,35 @@ class TrainingConfiguration:
         rounds = min(self.imitation_rounds, self.steps // 2 // self.update_steps)
         return rounds * self.update_steps
 
+    def ppo_share(self, steps: float) -> float:
+        """What share of PPO is done after so many environment steps in all."""
+        return min(1.0, max(0.0, steps - self.imitation_steps) / (self.steps - self.imitation_steps))
+
+    def log_std_at(self, steps: float) -> float:
+        """Logarithm of the standard deviation of random actions after so many steps."""
+        first, last = self.log_std
+        return first + min(1.5 * self.ppo_share(steps), 1.0) * (last - first)
+
+    def learning_rate_at(self, steps: float) -> float:
+        """The learning rate after so many steps."""
+        return self.learning_rate * exp(self.log_std_at(steps) - self.log_std[0])
+
 
 TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
-    "Feeding": {"imitation_rounds": 0, "log_std": (-0.7, -2.8)},
+    "Feeding": {"imitation_rounds": 0, "log_std": (-0.7, -3.2)},
     "Drinking": {
         "imitation_rounds": 24,
         "log_std": (-2.2, -3.7),
         "critic_updates": 3,
-        "learning_rate": 1.2e-4,
+        "learning_rate": 1e-4,
     },
-    "ScratchItch": {"imitation_rounds": 24, "log_std": (-1.0, -2.4)},
-    "BedBathing": {"imitation_rounds": 12, "log_std": (-1.0, -2.5), "force_weight_per_n": 0.05},
+    "ScratchItch": {"imitation_rounds": 24, "log_std": (-1.2, -3.5), "learning_rate": 1.8e-4},
+    "BedBathing": {
+        "imitation_rounds": 20,
+        "log_std": (-1.7, -3.7),
+        "learning_rate": 1e-4,
+        "force_weight_per_n": 0.008,
+    },
 }
 """Where a task does better with settings other than the usual ones."""
 
@@ -146,12 +166,10 @@ class _Watch(BaseCallback):
     def _on_rollout_start(self) -> None:
         self.save_checkpoint()
         configuration = self._configuration
-        ppo_steps = configuration.steps - configuration.imitation_steps
-        share = min(1.0, (self.num_timesteps - configuration.imitation_steps) / ppo_steps)
-        first, last = configuration.log_std
+        share = configuration.ppo_share(self.num_timesteps)
         assert isinstance(self.model, PPO)
         with torch.no_grad():
-            self.model.policy.log_std.fill_(first + min(1.5 * share, 1.0) * (last - first))
+            self.model.policy.log_std.fill_(configuration.log_std_at(self.num_timesteps))
         gentleness = min(max(3.0 * share - 1.0, 0.0), 1.0)
         self._env.force_weight_per_n = gentleness * configuration.force_weight_per_n
 
@@ -304,7 +322,7 @@ def _ppo(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path) -> 
     model = PPO(
         "MlpPolicy",
         VecNormalize(env, gamma=configuration.discount, clip_obs=5.0),
-        learning_rate=lambda remaining: configuration.learning_rate * (0.1 + 0.9 * remaining),
+        learning_rate=lambda remaining: configuration.learning_rate_at((1.0 - remaining) * configuration.steps),
         n_steps=EPISODE_STEPS,
         batch_size=configuration.minibatch,
         n_epochs=configuration.epochs,

@@ -88,11 +88,6 @@ class Guide:
         self._put(self.angles_rad + step)
         return step / self._reach_rad
 
-    def relax(self) -> None:
-        """Go on from where the servos aim, the arm drawn nowhere."""
-        self._see()
-        self.posture_rad = self.angles_rad
-
     def find(self, pos_w: Array, q_w: Array, tilt_rad: float = np.pi) -> tuple[Array, Array]:
         """Angles (N, K, 7) for K tool poses per world, (N, K, 3) and (N, K, 4): near, and clear of all else.
 

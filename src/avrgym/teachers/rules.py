@@ -1,55 +1,22 @@
-"""Controllers that react to the present and plan nothing, so that a policy without memory can learn from them.
-
-They are worse than the oracles, which choose the arm's pose and the tool's way for each person: a teacher moves the
-tool straight on, by a rule that changes evenly from state to state.
-"""
-
-from collections.abc import Callable, Mapping
+"""The rules by which teachers feed, give drink and scratch."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrgym import transforms
-from avrgym.episodes import Episodes
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.oracles import drinking, feeding, scratch_itch
-from avrgym.oracles.bed_bathing import BedBathingOracle
 from avrgym.oracles.guide import Guide
 from avrgym.oracles.head import heading
 from avrgym.simulation import State
 from avrgym.tasks.base import Memory
 from avrgym.tasks.scratch_itch import itch_pos_w, limb_frame
+from avrgym.teachers.reactive import TURN_RAD_S, Aim, Array, funnel_m, speed_m_s
 from avrgym.transforms import norm
 
-Array = NDArray[np.float64]
-Aim = tuple[Array, Array, Array]
-"""Where a tool should go: position (N, 3) and rotation (N, 4), world frame, and its speed (N,), m/s."""
-
-FASTEST_M_S, TURN_RAD_S = 0.35, 0.8
-SPEED_PER_M = 2.0
-"""The tool slows down on its way, in 1/s."""
-FUNNEL = 2.0
-"""How far before the goal the tool stays for each metre that it is beside it."""
 SLANT_RAD = 0.9
 """How far from straight at the skin a rod may point."""
 TILT_RAD_S = 0.12
 """How fast a cup is tilted that pours."""
-
-
-class Reactive:
-    """Moves the tools to where a rule aims them, arms going along as they come."""
-
-    def __init__(self, episodes: Episodes, aim: Callable[[State, Memory, Guide], Aim]) -> None:
-        """Begin where the arms are."""
-        self._episodes, self._aim = episodes, aim
-        self._guide = Guide(episodes)
-
-    def __call__(self, observation: Array) -> Array:
-        """Actions (N, 7)."""
-        self._guide.relax()
-        state, memory = self._episodes.simulation.state(), self._episodes.memory
-        pos_w, q_w, speed_m_s = self._aim(state, memory, self._guide)
-        return self._guide.toward(pos_w, q_w, speed_m_s, TURN_RAD_S)
 
 
 def feed(state: State, memory: Memory, guide: Guide) -> Aim:
@@ -58,8 +25,8 @@ def feed(state: State, memory: Memory, guide: Guide) -> Aim:
     q_w = transforms.from_axis_angle(drinking.UP, np.arctan2(into[:, 1], into[:, 0]))
     clearance_m = np.full(len(into), feeding.CLEARANCE_M)
     goal_w = feeding.at_mouth(state, q_w, 0.0, clearance_m)
-    back_m = _funnel_m(goal_w - guide.pos_w, into, 0.005, feeding.AWAY_M)
-    speed = _speed_m_s(goal_w - guide.pos_w, feeding.ENTER_M_S)
+    back_m = funnel_m(goal_w - guide.pos_w, into, 0.005, feeding.AWAY_M)
+    speed = speed_m_s(goal_w - guide.pos_w, feeding.ENTER_M_S)
     return goal_w - back_m[:, None] * into, q_w, speed
 
 
@@ -75,8 +42,8 @@ def give_drink(state: State, memory: Memory, guide: Guide) -> Aim:
     far = norm(offset) > drinking.AWAY_M
     tilt = np.where(near, tilt + CONTROL_STEP_S * rate, np.where(far, drinking.TIPPED_RAD, tilt))
     goal_w, q_w = drinking.at_mouth(state, way, np.minimum(tilt, drinking.EMPTY_RAD))
-    back_m = _funnel_m(offset, into, 0.01, drinking.AWAY_M)
-    return goal_w - back_m[:, None] * into, q_w, _speed_m_s(offset, drinking.ENTER_M_S)
+    back_m = funnel_m(offset, into, 0.01, drinking.AWAY_M)
+    return goal_w - back_m[:, None] * into, q_w, speed_m_s(offset, drinking.ENTER_M_S)
 
 
 def scratch(state: State, memory: Memory, guide: Guide) -> Aim:
@@ -90,21 +57,11 @@ def scratch(state: State, memory: Memory, guide: Guide) -> Aim:
     )
     goal_w = scratch_itch.tip(itch_pos_w(state, memory), out, rod_w)
     offset = goal_w - state.tool_pos_w
-    above_m = _funnel_m(offset, out, 0.02, scratch_itch.AWAY_M) - scratch_itch.SEEK_DEPTH_M
+    above_m = funnel_m(offset, out, 0.02, scratch_itch.AWAY_M) - scratch_itch.SEEK_DEPTH_M
     rubs = (state.tool_force_n > 0.0) & (norm(offset) < scratch_itch.SEEK_DEPTH_M)
     rubbed_w = scratch_itch.rub(state, memory, guide.pos_w, rod_w)
     pos_w = np.where(rubs[:, None], rubbed_w, goal_w + above_m[:, None] * out)
-    return pos_w, q_w, np.where(rubs, scratch_itch.RUB_M_S, _speed_m_s(offset, scratch_itch.ENTER_M_S))
-
-
-def _funnel_m(offset: Array, axis: Array, free_m: float, most_m: float) -> Array:
-    """How far before its goal a tool should stay, (N,), that is beside the goal's axis by more than ``free_m``."""
-    beside = norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis)
-    return np.clip(FUNNEL * (beside - free_m), 0.0, most_m)
-
-
-def _speed_m_s(offset: Array, slowest_m_s: float) -> Array:
-    return np.clip(SPEED_PER_M * norm(offset), slowest_m_s, FASTEST_M_S)
+    return pos_w, q_w, np.where(rubs, scratch_itch.RUB_M_S, speed_m_s(offset, scratch_itch.ENTER_M_S))
 
 
 def _turn(a: Array, b: Array) -> tuple[Array, Array]:
@@ -112,12 +69,3 @@ def _turn(a: Array, b: Array) -> tuple[Array, Array]:
     axis = transforms.cross(a, b)
     sine = norm(axis)
     return axis / np.maximum(sine, 1e-9)[:, None], np.arctan2(sine, (a * b).sum(axis=-1))
-
-
-TEACHERS: Mapping[str, Callable[[Episodes], Callable[[Array], Array]]] = {
-    "Feeding": lambda episodes: Reactive(episodes, feed),
-    "Drinking": lambda episodes: Reactive(episodes, give_drink),
-    "ScratchItch": lambda episodes: Reactive(episodes, scratch),
-    "BedBathing": BedBathingOracle,
-}
-"""By task: made when episodes have begun, then called with the observation (N, O) of every control step."""

@@ -1,0 +1,96 @@
+"""The rule by which a teacher washes an arm: down on its top, back on its outer side.
+
+Where around the arm the cloth is says which way it goes, so that nothing need be remembered. Places on the arm are
+counted along both limbs: 0 to 1 on the upper arm, 1 to 2 across the elbow, 2 to 3 on the forearm.
+"""
+
+import numpy as np
+
+from avrgym import transforms
+from avrgym.oracles import bed_bathing
+from avrgym.oracles.bed_bathing import CARRY_M_S, FROM_ENDS_M, STRONG_N, WIPE_M_S, cloth_pose
+from avrgym.oracles.guide import Guide
+from avrgym.simulation import State
+from avrgym.tasks.base import Memory
+from avrgym.tasks.bed_bathing import LIMB_GEOMS
+from avrgym.teachers.reactive import Aim, Array, funnel_m
+from avrgym.transforms import norm
+
+TOP_RAD, SIDE_RAD = np.radians([12.0, 75.0])
+"""Where around the arm the cloth goes down and back, from its top outwards."""
+BORDER_RAD, ELBOW_BORDER_RAD, SOFT_RAD = np.radians(43.0), np.radians(22.0), 0.1
+"""Between the two, how far up it moves at the elbow, where the cloth lies askew, and how gradual it is."""
+HAND_END, SOFT_END = 2.9, 0.08
+"""Where along the arm the cloth goes around it, to come back, and how gradually."""
+AHEAD, AHEAD_RAD = 0.3, 0.8
+"""How far along and at most around the arm the cloth aims from where it is."""
+AWAY_M, HOVER_M = 0.045, 0.02
+"""From how far above the skin on the cloth is on its way there, and how far above it begins."""
+LIFT_M, ADVANCING_M, SLOWEST = 0.03, 0.01, 0.05
+"""How high it is lifted across the elbow; how near the skin it goes on, and how slowly where it is not."""
+YIELD_M_N, SOFTER_M, FIRMER_M, LOST_M = 0.0003, -0.002, 0.001, 0.006
+"""How much deeper it aims for each newton too few, and at most; and where it does not touch."""
+HEIGHT_M = (-0.03, 0.01)
+
+
+def wipe(state: State, memory: Memory, guide: Guide) -> Aim:
+    """The cloth from the shoulder to the wrist on top of the arm, and back on its outer side."""
+    along, angle, above_m = _on_arm(state)
+    away = above_m > AWAY_M
+    elbow = np.sin(np.pi * np.clip(along - 1.0, 0.0, 1.0))
+    border = BORDER_RAD + (ELBOW_BORDER_RAD - BORDER_RAD) * np.sqrt(elbow)
+    back = _gradual((angle - border) / SOFT_RAD)
+    side = np.maximum(back, _gradual((along - HAND_END) / SOFT_END))
+    turn = np.clip(TOP_RAD + side * (SIDE_RAD - TOP_RAD) - angle, -AHEAD_RAD, AHEAD_RAD)
+    advance = np.maximum(np.clip(1.0 - above_m / ADVANCING_M, SLOWEST, 1.0), np.minimum(1.0, 3.0 * elbow))
+    next_along = np.clip(along + (1.0 - 2.0 * back) * AHEAD * advance, 0.0, 3.0)
+    skin_w, q_w, out = _arm_pose(
+        state, np.where(away, 0.0, next_along), np.where(away, TOP_RAD, angle + turn)
+    )
+    deeper = np.clip(YIELD_M_N * (bed_bathing.FORCE_N - state.tool_force_n), SOFTER_M, FIRMER_M)
+    deeper = np.where(state.tool_force_n > 0.0, deeper, LOST_M)
+    height = np.clip(((guide.pos_w - skin_w) * out).sum(axis=-1) - deeper, *HEIGHT_M)
+    height = np.maximum(height, HEIGHT_M[0] + elbow * (LIFT_M - HEIGHT_M[0]))
+    before = HOVER_M + funnel_m(skin_w - state.tool_pos_w, out, HOVER_M, 4.0 * HOVER_M)
+    speed = WIPE_M_S * np.clip(2.0 - state.tool_force_n / STRONG_N, 0.2, 1.0)
+    pos_w = skin_w + np.where(away, before, height)[:, None] * out
+    return pos_w, q_w, np.where(away, CARRY_M_S, speed)
+
+
+def _gradual(offset: Array) -> Array:
+    """From 0 to 1, half at 0."""
+    return 0.5 + 0.5 * np.tanh(offset)
+
+
+def _on_arm(state: State) -> tuple[Array, Array, Array]:
+    """Where the cloths are: along the arm, around it in radians from its top outwards, metres above the skin, (N,)."""
+    segment_w = state.person_segment_w[:, LIMB_GEOMS]
+    end_w, start_w = segment_w[:, :, 0], segment_w[:, :, 1]
+    axes = transforms.normalize(end_w - start_w)
+    from_elbow = state.tool_pos_w - start_w[:, 1]
+    limb = ((from_elbow * axes.sum(axis=1)).sum(axis=-1) > 0.0).astype(np.intp)
+    world = np.arange(len(limb))
+    axis, length = axes[world, limb], norm(end_w - start_w)[world, limb]
+    offset = state.tool_pos_w - start_w[world, limb]
+    far = (offset * axis).sum(axis=-1)
+    top = transforms.normalize([0.0, 0.0, 1.0] - axis * axis[:, 2:])
+    angle = np.arctan2((offset * transforms.cross(axis, top)).sum(axis=-1), (offset * top).sum(axis=-1))
+    radius = state.person_radius_m[world, np.array(LIMB_GEOMS)[limb]]
+    share = np.clip((far - FROM_ENDS_M) / (length - 2.0 * FROM_ENDS_M), 0.0, 1.0)
+    to_elbow = np.where(limb == 0, length - far, far)
+    past_end = np.clip(1.0 - to_elbow / FROM_ENDS_M, 0.0, 1.0)
+    along = share + 2.0 * limb + 0.5 * past_end * (1.0 - 2.0 * limb)
+    return along, angle, norm(offset - far[:, None] * axis) - radius
+
+
+def _arm_pose(state: State, along: Array, angle_rad: Array) -> tuple[Array, Array, Array]:
+    """A place on the arm's skin: the cloth's face (N, 3) and rotation (N, 4) there, and out of the skin (N, 3)."""
+    skin = np.zeros(len(along))
+    (upper_w, upper_q_w), (lower_w, lower_q_w) = (
+        cloth_pose(state, np.full(len(along), limb), angle_rad, np.clip(along - 2.0 * limb, 0.0, 1.0), skin)
+        for limb in range(2)
+    )
+    part = np.clip(along - 1.0, 0.0, 1.0)[:, None]
+    same = np.sign((upper_q_w * lower_q_w).sum(axis=-1, keepdims=True))
+    q_w = transforms.normalize((1.0 - part) * upper_q_w + part * same * lower_q_w)
+    return (1.0 - part) * upper_w + part * lower_w, q_w, -transforms.rotate(q_w, (1.0, 0.0, 0.0))
