@@ -322,7 +322,9 @@ def _ppo(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path) -> 
     model = PPO(
         "MlpPolicy",
         VecNormalize(env, gamma=configuration.discount, clip_obs=5.0),
-        learning_rate=lambda remaining: configuration.learning_rate_at((1.0 - remaining) * configuration.steps),
+        learning_rate=lambda remaining: configuration.learning_rate_at(
+            (1.0 - remaining) * configuration.steps
+        ),
         n_steps=EPISODE_STEPS,
         batch_size=configuration.minibatch,
         n_epochs=configuration.epochs,
