@@ -5,11 +5,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv
 
 from avrgym.envs import ACTIONS, AssistiveVectorEnv
+from avrgym.tasks.base import Task
 
 Array = NDArray[Any]
+
+FROM_GOAL = ("tool_from_mouth_m", "tool_from_itch_m")
+FROM_GOAL_SCALE_M = 0.05
 
 
 class SB3VectorEnv(VecEnv):
@@ -73,3 +78,25 @@ class SB3VectorEnv(VecEnv):
 def finished_episodes(infos: Sequence[dict[str, Any]]) -> list[tuple[float, bool]]:
     """Return and success of episodes that ended, from the infos of their last step."""
     return [(info["episode_return"], info["success"]) for info in infos]
+
+
+class ObservationScale(RunningMeanStd):
+    """Mean and variance of observations as they come, but a fixed scale for how far the tool is from its goal.
+
+    What a tool does depends on centimetres where it is near; by the variance of whole episodes they would hardly show.
+    """
+
+    def __init__(self, task: Task) -> None:
+        """Begin without having seen any of the task's observations."""
+        super().__init__(shape=(task.observation_size,))
+        names = np.repeat([entry.name for entry in task.observed], [entry.size for entry in task.observed])
+        self._from_goal = np.isin(names, FROM_GOAL)
+        self._fix()
+
+    def update_from_moments(self, batch_mean: np.ndarray, batch_var: np.ndarray, batch_count: float) -> None:
+        """Take in what a batch of observations was like."""
+        super().update_from_moments(batch_mean, batch_var, batch_count)
+        self._fix()
+
+    def _fix(self) -> None:
+        self.mean[self._from_goal], self.var[self._from_goal] = 0.0, FROM_GOAL_SCALE_M**2

@@ -26,7 +26,7 @@ from avrgym.files import write_whole
 from avrgym.imitation import imitate
 from avrgym.people import DISTRIBUTIONS, people_name
 from avrgym.policies import Policy, PolicyMetadata
-from avrgym.stable_baselines import SB3VectorEnv, finished_episodes
+from avrgym.stable_baselines import ObservationScale, SB3VectorEnv, finished_episodes
 from avrgym.tasks import find_environment
 
 POLICY_FILE, CONFIGURATION_FILE, CHECKPOINT_FILE = "policy.safetensors", "configuration.json", "checkpoint.pt"
@@ -42,9 +42,9 @@ class TrainingConfiguration:
 
     The policy first imitates its task's teacher for ``imitation_rounds`` episodes in every world, though for no more
     than half of all steps. Then only the critic learns for ``critic_updates``.
-    ``log_std`` is how random actions are at the beginning of PPO and over its last third, so that in the end the
-    policy does without chance. The ``learning_rate`` is that of the beginning of PPO; it falls with the standard
-    deviation, so that updates change what the policy does alike throughout.
+    ``log_std`` is how random actions are at the beginning and at the end of PPO. The ``learning_rate`` is that of its
+    beginning and falls to next to nothing, so that in the end the policy is a mean of many updates: it will be used
+    without chance.
     ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
     the task's own reward does; it grows over the second third: first the policy learns to help, then to be gentle.
     """
@@ -85,25 +85,25 @@ class TrainingConfiguration:
     def log_std_at(self, steps: float) -> float:
         """Logarithm of the standard deviation of random actions after so many steps."""
         first, last = self.log_std
-        return first + min(1.5 * self.ppo_share(steps), 1.0) * (last - first)
+        return first + self.ppo_share(steps) * (last - first)
 
     def learning_rate_at(self, steps: float) -> float:
         """The learning rate after so many steps."""
-        return self.learning_rate * exp(self.log_std_at(steps) - self.log_std[0])
+        return self.learning_rate * max(0.01, 1.0 - self.ppo_share(steps))
 
 
 TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
-    "Feeding": {"imitation_rounds": 0, "log_std": (-0.7, -3.2)},
+    "Feeding": {"imitation_rounds": 0, "log_std": (-0.7, -2.5)},
     "Drinking": {
         "imitation_rounds": 24,
-        "log_std": (-2.2, -3.7),
+        "log_std": (-2.2, -3.0),
         "critic_updates": 3,
         "learning_rate": 1e-4,
     },
-    "ScratchItch": {"imitation_rounds": 24, "log_std": (-1.2, -3.5), "learning_rate": 1.8e-4},
+    "ScratchItch": {"imitation_rounds": 24, "log_std": (-1.2, -2.2), "learning_rate": 2e-4},
     "BedBathing": {
         "imitation_rounds": 20,
-        "log_std": (-1.7, -3.7),
+        "log_std": (-1.7, -2.4),
         "learning_rate": 1e-4,
         "force_weight_per_n": 0.008,
     },
@@ -319,9 +319,11 @@ def _measure(configuration: TrainingConfiguration, out: Path) -> Policy:
 
 def _ppo(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path) -> PPO:
     torch.set_num_threads(1)  # so small a network gains nothing from more, and its sums keep their order
+    normaliser = VecNormalize(env, gamma=configuration.discount, clip_obs=5.0)
+    normaliser.obs_rms = ObservationScale(env.env.episodes.task)
     model = PPO(
         "MlpPolicy",
-        VecNormalize(env, gamma=configuration.discount, clip_obs=5.0),
+        normaliser,
         learning_rate=lambda remaining: configuration.learning_rate_at(
             (1.0 - remaining) * configuration.steps
         ),
