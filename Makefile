@@ -28,10 +28,10 @@ demo: $(DONE)/demo $(DONE)/chromium $(CLIENT) ## a whole session of a simulated 
 
 test: setup lint ## every check: linters, types, the client's tests, the tests
 	cd client && npm test
-	.venv/bin/python -m pytest
+	.venv/bin/python -m pytest --numprocesses auto --dist loadfile
 
-soak: setup ## an hour of crashes, sessions and a whole study in a browser: nothing is lost, memory stays flat
-	.venv/bin/python -m pytest -s tests/soak.py tests/study_journey.py
+soak: setup ## crashes and sessions for half an hour: nothing is lost, memory stays flat
+	.venv/bin/python -m pytest -s tests/soak.py
 
 setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install all that development and training need
 
