@@ -99,12 +99,12 @@ TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
         "critic_updates": 3,
         "learning_rate": 1e-4,
     },
-    "ScratchItch": {"imitation_rounds": 24, "log_std": (-1.2, -2.2), "learning_rate": 2e-4},
+    "ScratchItch": {"imitation_rounds": 24, "log_std": (-1.0, -2.2), "force_weight_per_n": 0.0},
     "BedBathing": {
         "imitation_rounds": 20,
         "log_std": (-1.7, -2.4),
         "learning_rate": 1e-4,
-        "force_weight_per_n": 0.008,
+        "force_weight_per_n": 0.0,
     },
 }
 """Where a task does better with settings other than the usual ones."""
