@@ -1,4 +1,4 @@
-"""How the packaged policies learned, one panel per environment, from what their own files say.
+"""How the packaged policies learned, one panel per environment, from what their own files say, if they do.
 
 python examples/learning_curves.py docs/pictures/learning_curves.svg
 """
@@ -27,7 +27,7 @@ def draw(path: Path) -> None:
     for row, robot in zip(axes, ROBOTS, strict=True):
         for panel, task in zip(row, TASKS, strict=True):
             _draw_panel(panel, f"avrgym/{task}{robot}-v1")
-    axes[0][0].legend(loc="lower right", frameon=False)
+    axes[0][1].legend(loc="lower right", frameon=False)
     figure.supxlabel("environment steps, millions")
     figure.supylabel("success of the latest training episodes, %")
     figure.savefig(path, metadata={"Date": None})
@@ -35,7 +35,10 @@ def draw(path: Path) -> None:
 
 def _draw_panel(panel: Axes, environment: str) -> None:
     for kind, file in packaged_policies(environment).items():
-        steps, _, successes = zip(*Policy.load(file).metadata.curve, strict=True)
+        curve = Policy.load(file).metadata.curve
+        if not curve:
+            continue
+        steps, _, successes = zip(*curve, strict=True)
         colour, line = STYLES[kind]
         millions, percent = [step / 1e6 for step in steps], [100.0 * success for success in successes]
         panel.plot(millions, percent, line, color=colour, label=kind)

@@ -208,17 +208,28 @@ RUN = {
 
 
 def tables_of(store: Store) -> dict[str, list[dict[str, str]]]:
-    """The rows of the exported tables, of attempts only the completed ones."""
+    """The rows of the exported tables, of attempts and what was done in them only those of completed ones."""
     with TemporaryDirectory() as folder:
         export_study(store, "csv", Path(folder) / "tables")
-        return {path.name: list(_rows(path)) for path in (Path(folder) / "tables").glob("*.csv")}
+        tables = {path.name: _rows(path) for path in (Path(folder) / "tables").glob("*.csv")}
+    completed = {_attempt(row) for row in tables["attempts.csv"] if row["state"] == "completed"}
+    return {
+        name: [
+            {column: value for column, value in row.items() if column not in RUN}
+            for row in rows
+            if "attempt" not in row or _attempt(row) in completed
+        ]
+        for name, rows in tables.items()
+    }
 
 
-def _rows(table: Path) -> Iterator[dict[str, str]]:
+def _rows(table: Path) -> list[dict[str, str]]:
     with open(table, encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            if row.get("state", "completed") == "completed":
-                yield {name: value for name, value in row.items() if name not in RUN}
+        return list(csv.DictReader(file))
+
+
+def _attempt(row: dict[str, str]) -> tuple[str, str, str]:
+    return row["participant"], row["position"], row["attempt"]
 
 
 def assert_loads(path: Path) -> None:

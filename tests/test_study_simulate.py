@@ -1,5 +1,7 @@
 """Dry runs: the same study from the same seed, however often it is broken off."""
 
+import os
+import signal
 import subprocess
 import time
 from pathlib import Path
@@ -55,12 +57,15 @@ def test_a_dry_run_that_is_killed_goes_on_as_if_it_never_had_been(tmp_path: Path
     arguments = "--participants", "1", "--seed", str(SEED)
     assert study("simulate", whole, *arguments).exit_code == 0
     command = [AVRGYM, "study", "simulate", killed, *arguments]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, preexec_fn=die_with_parent) as running:
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, preexec_fn=die_with_parent, start_new_session=True
+    ) as running:
         while completed(killed) == 0:
             assert running.poll() is None
             time.sleep(0.05)
-        running.kill()
-    assert study("simulate", killed, *arguments).exit_code == 0
+        os.killpg(running.pid, signal.SIGKILL)
+    resumed = study("simulate", killed, *arguments)
+    assert resumed.exit_code == 0, resumed.output
     assert assert_same(whole, killed) >= 2
 
 

@@ -1,6 +1,7 @@
 """A study's store, on SQLite and PostgreSQL: what may happen, what may not, and what stays after a crash."""
 
 import json
+import os
 import random
 import shutil
 import subprocess
@@ -24,7 +25,7 @@ from avrgym.study.participants import add_note, enrol, record_consent, record_in
 from avrgym.study.rows import Trial
 from avrgym.study.sessions import close_session, open_session, skip_trial, tell
 from avrgym.study.states import TRANSITIONS, StudyError, check_transition
-from avrgym.study.store import Store
+from avrgym.study.store import Store, is_running
 from processes import die_with_parent
 from studies import (
     FIGURES,
@@ -350,7 +351,7 @@ import os, sys
 from pathlib import Path
 from avrgym.study.attempts import begin_attempt
 from avrgym.study.sessions import open_session
-from avrgym.study.store import Store
+from avrgym.study.store import Store, is_running
 store = Store(Path(sys.argv[1]))
 begin_attempt(store, open_session(store, sys.argv[2]).id, 1)
 os._exit(9)
@@ -399,7 +400,7 @@ WORKER = """
 import sys
 import time
 from pathlib import Path
-from avrgym.study.store import Store
+from avrgym.study.store import Store, is_running
 from studies import run_participant
 with Store(Path(sys.argv[1])) as store:
     print("ready", flush=True)
@@ -477,7 +478,7 @@ def test_of_a_deleted_participant_only_a_tombstone_stays(store: Store) -> None:
 STATION = """
 import json, sys
 from pathlib import Path
-from avrgym.study.store import Store
+from avrgym.study.store import Store, is_running
 from studies import take_in
 with Store(Path(sys.argv[1])) as store:
     print(json.dumps([take_in(store) for _ in range(int(sys.argv[2]))]))
@@ -597,3 +598,17 @@ def test_every_write_waits_for_the_disk(tmp_path: Path) -> None:
             for name in ("synchronous", "journal_mode")
         }
         assert pragmas == {"synchronous": 2, "journal_mode": "wal"}
+
+
+def test_a_process_that_has_ended_does_not_run() -> None:
+    """Also before its parent has asked how it ended."""
+    assert is_running(os.getpid())
+    with subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.read()
+        give_up = time.monotonic() + 60.0
+        while is_running(process.pid):
+            assert time.monotonic() < give_up
+            time.sleep(0.01)
+        assert process.returncode is None
+    assert not is_running(process.pid)
