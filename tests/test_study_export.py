@@ -23,7 +23,7 @@ from avrgym.study.store import Store
 from studies import OBSERVATION, STEPS, record, run_participant, small_study, take_in
 
 NAME = "Ada Unverwechselbar"
-SCENES = {"FeedingJaco", "FeedingPR2"}
+SCENES = ("FeedingJaco", "FeedingPR2")
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +195,7 @@ def test_bids_answers_have_a_row_for_each_participant(exports: dict[str, Path]) 
 
 def test_hdf5_has_robomimic_s_structure(exports: dict[str, Path]) -> None:
     files = sorted(exports["hdf5"].glob("*.hdf5"))
-    assert {path.stem for path in files} == SCENES
+    assert {path.stem for path in files} == set(SCENES)
     for path in files:
         with h5py.File(path) as file:
             data: Any = file["data"]
