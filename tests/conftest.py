@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+pytest.register_assert_rewrite("killing")
+
 if TYPE_CHECKING:
     from avrgym.models.scene import Stage
 

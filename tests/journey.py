@@ -14,6 +14,8 @@ from avrgym.vr.server import LiveServer
 from avrgym.vr.session import Session
 
 PATIENCE_S = 180.0
+SEATING = ("calibration", "check")
+"""The phases in which a participant takes their place."""
 
 
 def await_that(condition: Callable[[], bool]) -> None:
@@ -24,18 +26,24 @@ def await_that(condition: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
-def go_on(headset: EmulatedHeadset, phase: str) -> None:
-    """Press the trigger until a phase is over: a slow page may have sent too few frames to be measured by."""
-    await_phase(headset, phase)
-    while headset.call("phase")["name"] == phase:
+def go_on(headset: EmulatedHeadset, *phases: str) -> None:
+    """Press the trigger until phases that follow each other are over.
+
+    More than once: a slow page may have sent too few frames to be measured by. A press may arrive late and end the
+    next phase too, so whoever presses through several names them all.
+    """
+    await_phase(headset, *phases)
+    while headset.call("phase")["name"] in phases:
         headset.await_frames(10)
         headset.pull_trigger("right")
 
 
-def await_phase(headset: EmulatedHeadset, name: str) -> None:
-    """Wait until the page shows a phase."""
+def await_phase(headset: EmulatedHeadset, *names: str) -> None:
+    """Wait until the page shows one of these phases."""
     headset.page.wait_for_function(
-        "([name]) => window.avrgymEmulator?.phase()?.name === name", arg=[name], timeout=1000 * PATIENCE_S
+        "([...names]) => names.includes(window.avrgymEmulator?.phase()?.name)",
+        arg=list(names),
+        timeout=1000 * PATIENCE_S,
     )
 
 
@@ -82,12 +90,11 @@ class Journey:
 
     def be_seated(self) -> None:
         """Press the trigger until the participant is measured and has seen that they fit."""
-        self.go_on("calibration")
-        self.go_on("check")
+        self.go_on(*SEATING)
 
-    def go_on(self, phase: str) -> None:
-        """Press the trigger until a phase is over."""
-        go_on(self.headset, phase)
+    def go_on(self, *phases: str) -> None:
+        """Press the trigger until phases that follow each other are over."""
+        go_on(self.headset, *phases)
 
     def await_phase(self, name: str) -> None:
         """Wait until the page shows a phase."""

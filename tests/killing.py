@@ -217,7 +217,7 @@ def tables_of(store: Store) -> dict[str, list[dict[str, str]]]:
         name: [
             {column: value for column, value in row.items() if column not in RUN}
             for row in rows
-            if "attempt" not in row or _attempt(row) in completed
+            if not row.get("attempt") or _attempt(row) in completed
         ]
         for name, rows in tables.items()
     }

@@ -13,11 +13,13 @@ from typer.testing import CliRunner, Result
 from avrgym.cli import app
 from avrgym.policies import packaged_policies
 from avrgym.study import database, schema
+from avrgym.study.answers import record_answer
 from avrgym.study.attempts import begin_attempt
 from avrgym.study.checking import check_study
+from avrgym.study.recording import read_recording
 from avrgym.study.sessions import open_session
 from avrgym.study.store import Store
-from studies import make_study, run_participant, small_study, take_in
+from studies import make_study, record, run_participant, small_study, take_in
 
 FIRST = "recordings/sub-001/ses-01/trial-01_attempt-1.mcap"
 SECOND = "recordings/sub-001/ses-01/trial-02_attempt-1.mcap"
@@ -192,6 +194,18 @@ def test_a_policy_that_is_still_missing_is_noted(tmp_path: Path, monkeypatch: py
 def test_an_attempt_that_runs_is_no_fault(store: Store) -> None:
     session = open_session(store, "sub-002")
     begin_attempt(store, session.id, store.remaining_trials("sub-002")[0].position)
+    assert not any(finding.wrong for finding in check_study(store))
+
+
+def test_an_answer_may_lack_where_a_crash_cut_its_recording(store: Store) -> None:
+    session = open_session(store, "sub-002")
+    trial = store.remaining_trials("sub-002")[0]
+    attempt = begin_attempt(store, session.id, trial.position)
+    record(store, attempt, trial, simulated=False)
+    path = store.path(attempt.recording)
+    path.write_bytes(path.read_bytes().partition(b'"L1"')[0])
+    assert read_recording(path).topics["/answers"] == []
+    record_answer(store, attempt.id, "L1", 6, 1.25)
     assert not any(finding.wrong for finding in check_study(store))
 
 

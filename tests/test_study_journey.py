@@ -14,7 +14,7 @@ from avrgym.study import database
 from avrgym.study.store import Store
 from avrgym.tasks import ENVIRONMENTS
 from avrgym.vr.emulation import EmulatedHeadset
-from journey import PATIENCE_S, await_buttons, await_phase, go_on
+from journey import PATIENCE_S, SEATING, await_buttons, await_phase, go_on
 from processes import served
 from studies import make_study
 from visit import drive
@@ -124,10 +124,7 @@ def begin(dashboard: Page, headset: EmulatedHeadset, button: str) -> None:
 def sit_down(headset: EmulatedHeadset, participant: SimulatedParticipant) -> None:
     headset.set_poses(participant.frame(0.0, moving=False))
     headset.enter_vr()
-    await_phase(headset, "calibration")
-    go_on(headset, "calibration")
-    await_phase(headset, "check")
-    go_on(headset, "check")
+    go_on(headset, *SEATING)
 
 
 def answer_all(headset: EmulatedHeadset) -> None:

@@ -187,7 +187,7 @@ class Simulation:
         contacts = sensors[:, names.tool_contacts].copy().reshape(self.num_worlds, TOOL_CONTACTS, 6)
         return State(
             robot_pos_w=self._xpos[:, names.robot_torso].copy(),
-            arm_angles_rad=self._qpos[:, names.arm_qpos],
+            arm_angles_rad=self.arm_angles_rad(),
             effector_velocity_w=sensors[:, names.effector_velocity].copy(),
             tool_pos_w=self._xpos[:, names.tool].copy(),
             tool_q_w=self._xquat[:, names.tool].copy(),
@@ -215,9 +215,13 @@ class Simulation:
         body = self._names.robot_base
         return self._body_pos[:, body].copy(), self._body_quat[:, body].copy()
 
+    def arm_angles_rad(self) -> Array:
+        """Where the arm's joints are, (N, 7)."""
+        return self._qpos[:, self._names.arm_qpos]
+
     def arm_targets_rad(self) -> Array:
         """Where the arm's servos aim, (N, 7): no farther ahead of the joints than a command leaves them."""
-        angles = self._qpos[:, self._names.arm_qpos]
+        angles = self.arm_angles_rad()
         return np.clip(self._act[:, self._names.arm_act], angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD)
 
     def controls(self) -> Array:

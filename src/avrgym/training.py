@@ -42,7 +42,7 @@ class TrainingConfiguration:
     The policy first imitates its task's teacher for ``imitation_rounds`` episodes in every world, though for no more
     than half of all steps. Then only the critic learns for ``critic_updates``.
     ``log_std`` is how random actions are at the beginning and at the end of PPO. The ``learning_rate`` is that of its
-    beginning and falls to next to nothing, so that in the end the policy is a mean of many updates: it will be used
+    beginning and falls to a hundredth, so that in the end the policy is a mean of many updates: it will be used
     without chance.
     ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
     the task's own reward does; it grows over the second third: first the policy learns to help, then to be gentle.
@@ -77,18 +77,22 @@ class TrainingConfiguration:
         rounds = min(self.imitation_rounds, self.steps // 2 // self.update_steps)
         return rounds * self.update_steps
 
-    def ppo_share(self, steps: float) -> float:
+    def _ppo_share(self, steps: float) -> float:
         """What share of PPO is done after so many environment steps in all."""
         return min(1.0, max(0.0, steps - self.imitation_steps) / (self.steps - self.imitation_steps))
 
     def log_std_at(self, steps: float) -> float:
         """Logarithm of the standard deviation of random actions after so many steps."""
         first, last = self.log_std
-        return first + self.ppo_share(steps) * (last - first)
+        return first + self._ppo_share(steps) * (last - first)
 
     def learning_rate_at(self, steps: float) -> float:
         """The learning rate after so many steps."""
-        return self.learning_rate * max(0.01, 1.0 - self.ppo_share(steps))
+        return self.learning_rate * max(0.01, 1.0 - self._ppo_share(steps))
+
+    def force_weight_at(self, steps: float) -> float:
+        """What each newton takes off the reward after so many steps, 1/N."""
+        return self.force_weight_per_n * min(max(3.0 * self._ppo_share(steps) - 1.0, 0.0), 1.0)
 
 
 TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
@@ -165,12 +169,10 @@ class _Watch(BaseCallback):
     def _on_rollout_start(self) -> None:
         self.save_checkpoint()
         configuration = self._configuration
-        share = configuration.ppo_share(self.num_timesteps)
         assert isinstance(self.model, PPO)
         with torch.no_grad():
             self.model.policy.log_std.fill_(configuration.log_std_at(self.num_timesteps))
-        gentleness = min(max(3.0 * share - 1.0, 0.0), 1.0)
-        self._env.force_weight_per_n = gentleness * configuration.force_weight_per_n
+        self._env.force_weight_per_n = configuration.force_weight_at(self.num_timesteps)
 
     def save_checkpoint(self) -> None:
         """Save where the training is, between two updates."""

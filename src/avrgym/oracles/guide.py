@@ -42,7 +42,7 @@ class Guide:
         self._clearance = Clearance(self._simulation)
         self._base_w = self._simulation.robot_base()
         self._to_base = transforms.invert(*self._base_w)
-        self._put(self._simulation.state().arm_angles_rad)
+        self._put(self._simulation.arm_angles_rad())
         self.posture_rad = self.angles_rad
 
     def toward(

@@ -43,7 +43,7 @@ class PresentGuide(Guide):
         self.posture_rad = np.clip(self.angles_rad, *self._middle_rad)
 
     def _see(self) -> None:
-        self._put(self._simulation.state().arm_angles_rad)
+        self._put(self._simulation.arm_angles_rad())
 
 
 class Reactive:
