@@ -14,7 +14,7 @@ from avrgym.vr.server import LiveServer
 from avrgym.vr.session import Session
 
 PATIENCE_S = 180.0
-SEATING = ("calibration", "check")
+SEATING = ("calibration", "loading", "check")
 """The phases in which a participant takes their place."""
 
 

@@ -448,7 +448,7 @@ def test_a_participant_is_measured_only_when_tracked_still_and_seated(visit: Cal
         return seated.problems[-1]
 
     assert "not tracked" in measure()
-    assert "not tracked" in measure(1.2, 1.2, 1.2, 1.2)
+    assert "not tracked" in measure(1.2, 1.2)
     assert "within 3 cm" in measure(1.2, 1.2, 1.24, 1.24, 1.24)
     seated.tick(60)
     assert "1.04 to 1.39 m" in measure(*[3.0] * 10)

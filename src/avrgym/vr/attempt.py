@@ -81,6 +81,7 @@ class Attempt:
         self.latest: ControlStep | None = None
         self._told_of_stall = False
         self._targets_rad: Array | None = None
+        self._records: list[tuple[str, int, records.Record]] = []
         self.number, self._recording = _open(folder, trial, configuration, first_number)
 
     @property
@@ -112,8 +113,18 @@ class Attempt:
         self._recording.catch_up()
 
     def record(self, topic: str, record: records.Record, now_s: float) -> None:
-        """Record anything that happened at ``now_s``."""
-        self._recording.write(topic, round((now_s - self.began_s) * 1e9), record)
+        """Record anything that happened at ``now_s``; it goes to the disk with the next ``hand_over``."""
+        self._records.append((topic, round((now_s - self.began_s) * 1e9), record))
+
+    def hand_over(self) -> None:
+        """Give what was recorded to the thread that writes it.
+
+        At the end of a tick this thread has the time before the next one. Woken in the middle, it would take turns
+        with the tick at holding the interpreter, and make it twice as long.
+        """
+        for record in self._records:
+            self._recording.write(*record)
+        self._records.clear()
 
     def record_physics(self, world: LiveWorld, now_s: float) -> None:
         """Record the simulator's whole state, and before it the action that this tick began with."""
@@ -164,6 +175,7 @@ class Attempt:
             "success": self.success,
             "seconds": now_s - self.began_s,
         }
+        self.hand_over()
         try:
             self._recording.close(outcome)
         except RecordingError as error:

@@ -175,6 +175,8 @@ class Session:
         self._report(step, now_s)
         if self._ends_at is not None and now_s >= self._ends_at:
             self._advance(now_s)
+        if self.attempt is not None:
+            self.attempt.hand_over()
 
     def catch_up(self) -> None:
         """Wait for the disk, where ticks follow each other faster than in real time."""

@@ -122,17 +122,23 @@ def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
     """The edges (E, 2) at which a skin ends and another goes on, in the direction of the skin's own triangles."""
     together = np.concatenate([skin.vertices, other.vertices]).round(5)
     _, place = np.unique(together, axis=0, return_inverse=True)
-    place = place.ravel()
-    own_place, other_place = place[: len(skin.vertices)], place[len(skin.vertices) :]
-    first_there = {int(at): vertex for vertex, at in reversed(list(enumerate(own_place)))}
+    own_place, other_place = np.split(place.ravel(), [len(skin.vertices)])
+    places, vertices = np.unique(own_place, return_index=True)
     own, others = _edges(own_place[skin.faces]), _edges(other_place[other.faces])
-    rim = [(a, b) for a, b in sorted(own) if (b, a) in others and (b, a) not in own]
-    return np.array([(first_there[a], first_there[b]) for a, b in rim], dtype=int).reshape(-1, 2)
+    numbers, turned = (_edge_numbers(edges, len(together)) for edges in (own, own[:, ::-1]))
+    goes_on = np.isin(turned, _edge_numbers(others, len(together))) & ~np.isin(turned, numbers)
+    _, rim = np.unique(np.where(goes_on, numbers, -1), return_index=True)
+    return vertices[np.searchsorted(places, own[rim[goes_on[rim]]])]
 
 
-def _edges(faces: NDArray) -> set[tuple[int, int]]:
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    return {(a, b) for a, b in pairs.tolist()}
+def _edges(faces: NDArray) -> NDArray[np.int64]:
+    """The edges (E, 2) of triangles, each in its triangle's direction."""
+    return faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+
+
+def _edge_numbers(edges: NDArray[np.int64], places: int) -> NDArray[np.int64]:
+    """A number (E,) for each edge between so many places, in the order of the edges."""
+    return edges[:, 0] * places + edges[:, 1]
 
 
 def _rows(values: NDArray, starts: NDArray, counts: NDArray, index: int) -> NDArray:

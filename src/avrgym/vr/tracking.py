@@ -14,7 +14,8 @@ from avrgym.vr.webxr import Pose, Registration, hand_pose, hand_pose_from_wrist,
 STALE_S = 0.2
 """A frame older than this no longer moves the person."""
 CALIBRATION_S = 0.5
-CALIBRATION_FRAMES = 5
+CALIBRATION_FRAMES = 3
+"""As many as have a median: a page that draws in software, as where no headset is at hand, sends few."""
 STEADY_M = 0.03
 STEEPEST_GAZE = 0.85
 """The sine of the steepest angle, up or down, at which a headset still says where somebody faces."""
