@@ -1,14 +1,17 @@
 """The real-time loop with a made-up session: when it ticks, what it hands over, how it ends."""
 
+import os
+import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
 
-from avrgym.vr.loop import CATCH_UP_TICKS, INBOX_MESSAGES, TIDY_EVERY_S, RealTimeLoop
+from avrgym.vr.loop import CATCH_UP_TICKS, INBOX_MESSAGES, PRIORITY, TIDY_EVERY_S, RealTimeLoop
 from avrgym.vr.messages import Answer, Ready, Stop
 from avrgym.vr.session import Disconnected, Session
 from avrgym.vr.world import TICK_S
@@ -69,6 +72,36 @@ def run(session: FakeSession, ticks: int) -> RealTimeLoop:
     await_that(lambda: len(session.ticked_s) >= ticks)
     loop.stop()
     return loop
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux says how a thread is scheduled")
+def test_the_loops_thread_takes_precedence_where_it_may_and_nobody_inherits_that() -> None:
+    def scheduled() -> int:
+        return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+
+    found: list[int] = []
+
+    def busy(ticks: int) -> None:
+        with ThreadPoolExecutor(1) as child:
+            found.extend((scheduled(), child.submit(scheduled).result()))
+
+    run(FakeSession(busy), 1)
+    assert found[:2] == [highest_allowed(), os.SCHED_OTHER]
+    assert scheduled() == os.SCHED_OTHER
+
+
+def highest_allowed() -> int:
+    """How the system lets a thread of this process be scheduled."""
+
+    def ask() -> int:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        except PermissionError:
+            return os.SCHED_OTHER
+        return os.sched_getscheduler(0) if len(os.sched_getaffinity(0)) > 1 else os.SCHED_OTHER
+
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(ask).result()
 
 
 def await_that(condition: Callable[[], bool]) -> None:

@@ -1,10 +1,13 @@
 """The real-time loop: a thread that ticks a session at 100 Hz, whatever the network does."""
 
 import gc
+import os
+import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
 from typing import Generic, Protocol, TypeVar
@@ -19,6 +22,8 @@ TIDY_EVERY_S = 10.0
 """How often garbage is collected, where it pauses nothing that moves: the collector itself would choose any tick."""
 CATCH_UP_TICKS = 5
 """How far the loop may run behind before it gives up the lost ticks instead of hurrying after them."""
+PRIORITY = 10
+"""That of the loop's thread among the system's real-time ones, 1 to 99."""
 INBOX_MESSAGES = 1000
 """How many messages may wait for the next tick; no headset sends as many in ten seconds."""
 
@@ -109,6 +114,7 @@ class RealTimeLoop(Generic[S]):
         self._inbox.append(Greeting(send, role))
 
     def _run(self) -> None:
+        take_precedence()
         began = time.monotonic()
         due = began
         try:
@@ -157,3 +163,14 @@ class RealTimeLoop(Generic[S]):
             self.missed_ticks += lost
             return due + lost * TICK_S
         return due
+
+
+def take_precedence() -> None:
+    """Have the system run this thread before all ordinary ones, where it can and may.
+
+    Linux lets root and whoever has a limit ``rtprio``. On a single processor the others would wait for every tick.
+    """
+    if sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1:
+        with suppress(PermissionError):
+            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK  # threads that it starts are ordinary ones
+            os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))

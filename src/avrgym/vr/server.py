@@ -29,7 +29,7 @@ MAX_MESSAGE_BYTES = 1 << 16
 PING_INTERVAL_S, PING_TIMEOUT_S = 1.0, 4.0
 """How a connection is found dead that did not say goodbye: a headset that fell asleep or left the network."""
 FAREWELL_S = 5
-SWITCH_INTERVAL_S = 0.0005
+SWITCH_INTERVAL_S = 0.0001
 """How long a thread may keep the others waiting: Python's own 5 ms would be half of a tick."""
 SCENE_KEPT_S = 3600
 """How long a browser may keep a scene: a session."""
