@@ -1,5 +1,7 @@
 """Bed bathing by script: wipe along upper arm and forearm with light pressure, at several angles around them."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -106,14 +108,31 @@ def cloth_pose(
         share: from 0 at the limb's upper end to 1, (N,).
         above_m: how far the face is from the skin, (N,).
     """
-    world, geom = np.arange(len(limb)), np.array(LIMB_GEOMS)[limb]
-    end, start = state.person_segment_w[world, geom].swapaxes(0, 1)
-    length = norm(end - start)[:, None]
-    along = (end - start) / length
-    top = transforms.normalize([0.0, 0.0, 1.0] - along * along[:, 2:])
-    outwards = transforms.cross(along, top)
-    normal = np.cos(angle_rad)[:, None] * top + np.sin(angle_rad)[:, None] * outwards
-    middle = start + (FROM_ENDS_M + share[:, None] * (length - 2.0 * FROM_ENDS_M)) * along
-    pos_w = middle + (state.person_radius_m[world, geom] + above_m)[:, None] * normal
-    axes = [-normal, -along, transforms.cross(normal, along)]
+    at = limb_frame(state, limb)
+    normal = np.cos(angle_rad)[:, None] * at.top_w + np.sin(angle_rad)[:, None] * at.outwards_w
+    far_m = FROM_ENDS_M + share * (at.length_m - 2.0 * FROM_ENDS_M)
+    pos_w = at.start_w + far_m[:, None] * at.along_w + (at.radius_m + above_m)[:, None] * normal
+    axes = [-normal, -at.along_w, transforms.cross(normal, at.along_w)]
     return pos_w, transforms.from_matrix(np.stack(axes, axis=-1))
+
+
+class LimbFrame(NamedTuple):
+    """Where limbs begin and which way they run, their top and their outer side, (N, 3); length and radius (N,)."""
+
+    start_w: Array
+    along_w: Array
+    top_w: Array
+    outwards_w: Array
+    length_m: Array
+    radius_m: Array
+
+
+def limb_frame(state: State, limb: Ids) -> LimbFrame:
+    """The limb, 0 the upper arm and 1 the forearm, (N,), of each person in N worlds."""
+    world, geom = np.arange(len(limb)), np.array(LIMB_GEOMS)[limb]
+    end_w, start_w = state.person_segment_w[world, geom].swapaxes(0, 1)
+    length_m = norm(end_w - start_w)
+    along_w = (end_w - start_w) / length_m[:, None]
+    top_w = transforms.normalize([0.0, 0.0, 1.0] - along_w * along_w[:, 2:])
+    outwards_w = transforms.cross(along_w, top_w)
+    return LimbFrame(start_w, along_w, top_w, outwards_w, length_m, state.person_radius_m[world, geom])

@@ -8,11 +8,19 @@ import numpy as np
 
 from avrgym import transforms
 from avrgym.oracles import bed_bathing
-from avrgym.oracles.bed_bathing import CARRY_M_S, FROM_ENDS_M, STRONG_N, WIPE_M_S, cloth_pose
+from avrgym.oracles.bed_bathing import (
+    CARRY_M_S,
+    FOREARM,
+    FROM_ENDS_M,
+    STRONG_N,
+    UPPER_ARM,
+    WIPE_M_S,
+    cloth_pose,
+    limb_frame,
+)
 from avrgym.oracles.guide import Guide
 from avrgym.simulation import State
 from avrgym.tasks.base import Memory
-from avrgym.tasks.bed_bathing import LIMB_GEOMS
 from avrgym.teachers.reactive import Aim, Array, funnel_m
 from avrgym.transforms import norm
 
@@ -64,23 +72,19 @@ def _gradual(offset: Array) -> Array:
 
 def _on_arm(state: State) -> tuple[Array, Array, Array]:
     """Where the cloths are: along the arm, around it in radians from its top outwards, metres above the skin, (N,)."""
-    segment_w = state.person_segment_w[:, LIMB_GEOMS]
-    end_w, start_w = segment_w[:, :, 0], segment_w[:, :, 1]
-    axes = transforms.normalize(end_w - start_w)
-    from_elbow = state.tool_pos_w - start_w[:, 1]
-    limb = ((from_elbow * axes.sum(axis=1)).sum(axis=-1) > 0.0).astype(np.intp)
-    world = np.arange(len(limb))
-    axis, length = axes[world, limb], norm(end_w - start_w)[world, limb]
-    offset = state.tool_pos_w - start_w[world, limb]
-    far = (offset * axis).sum(axis=-1)
-    top = transforms.normalize([0.0, 0.0, 1.0] - axis * axis[:, 2:])
-    angle = np.arctan2((offset * transforms.cross(axis, top)).sum(axis=-1), (offset * top).sum(axis=-1))
-    radius = state.person_radius_m[world, np.array(LIMB_GEOMS)[limb]]
+    worlds = len(state.tool_pos_w)
+    upper, lower = (limb_frame(state, np.full(worlds, limb)) for limb in (UPPER_ARM, FOREARM))
+    from_elbow = state.tool_pos_w - lower.start_w
+    limb = ((from_elbow * (upper.along_w + lower.along_w)).sum(axis=-1) > 0.0).astype(np.intp)
+    at = limb_frame(state, limb)
+    offset, length = state.tool_pos_w - at.start_w, at.length_m
+    far = (offset * at.along_w).sum(axis=-1)
+    angle = np.arctan2((offset * at.outwards_w).sum(axis=-1), (offset * at.top_w).sum(axis=-1))
     share = np.clip((far - FROM_ENDS_M) / (length - 2.0 * FROM_ENDS_M), 0.0, 1.0)
     to_elbow = np.where(limb == 0, length - far, far)
     past_end = np.clip(1.0 - to_elbow / FROM_ENDS_M, 0.0, 1.0)
     along = share + 2.0 * limb + 0.5 * past_end * (1.0 - 2.0 * limb)
-    return along, angle, norm(offset - far[:, None] * axis) - radius
+    return along, angle, norm(offset - far[:, None] * at.along_w) - at.radius_m
 
 
 def _arm_pose(state: State, along: Array, angle_rad: Array) -> tuple[Array, Array, Array]:
