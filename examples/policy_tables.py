@@ -1,6 +1,7 @@
 """What the packaged policies reach, as the tables of docs/policies.md.
 
 python examples/policy_tables.py                                   what their own files say
+python examples/policy_tables.py settings                          how each task is trained; needs avrgym[train]
 python examples/policy_tables.py original.json revised.json        Original against Revised on the same people, from
                                                                    what `avrgym evaluate --all --json` wrote of each
 """
@@ -12,7 +13,7 @@ from pathlib import Path
 
 from avrgym.evaluation import wilson_interval
 from avrgym.policies import Policy, packaged_policies
-from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks import ENVIRONMENTS, TASKS
 
 PAPER = {
     "avrgym/FeedingJaco-v1": (75, 82),
@@ -60,6 +61,21 @@ def comparison_table(original: list[dict], revised: list[dict]) -> Iterator[str]
     yield f"| all | {_row_success(original)} | {_row_success(revised)} | | |"
 
 
+def settings_table() -> Iterator[str]:
+    """What differs between the tasks in how `avrgym train` trains."""
+    from avrgym.training import configuration_for
+
+    yield "| task | rounds of imitation | log standard deviation | learning rate | last weight of force, 1/N |"
+    yield "|---|---|---|---|---|"
+    for task in TASKS:
+        how = configuration_for(f"avrgym/{task}Jaco-v1", "original", 1, 0)
+        first, last = how.log_std
+        yield (
+            f"| {task} | {how.imitation_rounds} | {first:g} to {last:g} | {how.learning_rate:g} "
+            f"| {how.force_weight_per_n:g} |"
+        )
+
+
 def _row_success(rows: list[dict]) -> str:
     episodes = sum(row["episodes"] for row in rows)
     return _success(round(sum(row["success_rate"] * row["episodes"] for row in rows)), episodes)
@@ -77,6 +93,8 @@ def _short(environment: str) -> str:
 if __name__ == "__main__":
     if len(sys.argv) == 3:
         lines = comparison_table(*(json.loads(Path(path).read_text()) for path in sys.argv[1:]))
+    elif sys.argv[1:] == ["settings"]:
+        lines = settings_table()
     else:
         lines = (line for kind in ("original", "revised") for line in ("", kind, *packaged_table(kind)))
     print("\n".join(lines))

@@ -1,4 +1,5 @@
 import json
+import runpy
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +17,11 @@ from avrgym import training
 from avrgym.envs import AssistiveVectorEnv
 from avrgym.policies import Policy
 from avrgym.stable_baselines import SB3VectorEnv
+from avrgym.tasks import ENVIRONMENTS
 from avrgym.teachers import TEACHERS
-from avrgym.training import Progress, TrainingConfiguration, export_policy, resume, train
+from avrgym.training import Progress, TrainingConfiguration, configuration_for, export_policy, resume, train
 
+ROOT = Path(__file__).parents[1]
 FEEDING = "avrgym/FeedingJaco-v1"
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 TINY = TrainingConfiguration(
@@ -41,6 +44,32 @@ def trained(tmp_path_factory) -> tuple[Policy, Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "MEASURED_EPISODES", 2)
         return train(TINY, out), out
+
+
+# The settings
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_schedules_go_evenly_from_their_beginning_to_their_end(environment):
+    how = configuration_for(environment, "revised", 1_000_000, 0)
+    steps = np.linspace(how.imitation_steps, how.steps, 31)
+    log_std, rate, weight = (
+        np.array([at(step) for step in steps])
+        for at in (how.log_std_at, how.learning_rate_at, how.force_weight_at)
+    )
+    assert_allclose(log_std, np.linspace(*how.log_std, 31))
+    assert_allclose(rate[[0, 15, 30]], how.learning_rate * np.array([1.0, 0.5, 0.01]))
+    assert (np.diff(rate) < 0.0).all()
+    assert_allclose(
+        weight[[0, 10, 15, 20, 30]], how.force_weight_per_n * np.array([0.0, 0.0, 0.5, 1.0, 1.0]), atol=1e-12
+    )
+    assert [at(0) for at in (how.log_std_at, how.learning_rate_at)] == [log_std[0], rate[0]]
+
+
+def test_the_page_of_the_policies_says_how_they_are_trained():
+    tables = runpy.run_path(str(ROOT / "examples" / "policy_tables.py"))
+    page = (ROOT / "docs" / "policies.md").read_text().splitlines()
+    assert [row for row in tables["settings_table"]() if row not in page] == []
 
 
 # The wrapper
