@@ -110,5 +110,5 @@ class Journey:
 
     def drop_sockets(self) -> None:
         """Break every connection to the browser without a word."""
-        for connection in list(self.server._server.server_state.connections):
+        for connection in list(self.server._web._uvicorn.server_state.connections):
             connection.loop.call_soon_threadsafe(connection.transport.abort)

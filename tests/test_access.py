@@ -23,8 +23,9 @@ from avrgym.vr import messages
 from avrgym.vr.access import Tokens
 from avrgym.vr.certificate import Certificate, certificate_for, lan_names
 from avrgym.vr.messages import Command, Entered, Hello, Message, Phase, Problem, State, Status, Welcome
-from avrgym.vr.server import LiveServer, ServerError
+from avrgym.vr.server import LiveServer
 from avrgym.vr.session import Session
+from avrgym.vr.web import ServerError
 from visit import driving, plan
 
 PATIENCE_S = 180.0

@@ -32,9 +32,8 @@ from websockets.uri import parse_uri
 from avrgym.models.human import Person
 from avrgym.participants import SimulatedParticipant, draw_traits
 from avrgym.study.recording import read_recording
-from avrgym.vr import conversation, hub, messages
+from avrgym.vr import conversation, hub, messages, web
 from avrgym.vr import rendering as rendering_module
-from avrgym.vr import server as server_module
 from avrgym.vr.messages import (
     Answer,
     Body,
@@ -51,8 +50,9 @@ from avrgym.vr.messages import (
     Welcome,
 )
 from avrgym.vr.rendering import SceneRenderer
-from avrgym.vr.server import LiveServer, ServerError
+from avrgym.vr.server import LiveServer
 from avrgym.vr.session import Session
+from avrgym.vr.web import ServerError
 from processes import die_with_parent
 from visit import driving, plan
 
@@ -512,8 +512,8 @@ def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
 
 
 def test_a_headset_that_falls_silent_is_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server_module, "PING_INTERVAL_S", 0.1)
-    monkeypatch.setattr(server_module, "PING_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(web, "PING_INTERVAL_S", 0.1)
+    monkeypatch.setattr(web, "PING_TIMEOUT_S", 1.0)
     with make_server(tmp_path) as server, socket.create_connection(("127.0.0.1", server.port)) as raw:
         speak_and_fall_silent(server, raw)
         assert connected(server)
@@ -652,7 +652,7 @@ def test_an_address_that_is_not_here_is_named(host: str) -> None:
 
 
 def test_a_missing_client_is_named_with_the_way_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(server_module, "STATIC", tmp_path)
+    monkeypatch.setattr(web, "STATIC", tmp_path)
     with pytest.raises(ServerError, match="make client"):
         make_server(tmp_path)
 

@@ -103,7 +103,8 @@ def serve(
     from concurrent.futures import ThreadPoolExecutor
 
     from avrgym.vr.certificate import certificate_for, data_folder, lan_names
-    from avrgym.vr.server import EVERY_ADDRESS, LOOPBACK, LiveServer
+    from avrgym.vr.server import LiveServer
+    from avrgym.vr.web import EVERY_ADDRESS, LOOPBACK
 
     with plain_errors(), ThreadPoolExecutor(1) as workers:
         if person not in SEXES:

@@ -1,10 +1,8 @@
 """The local server of a replay: the page, the scene, and the timeline with its poses."""
 
-import threading
 from functools import cache
 
 import msgspec
-import uvicorn
 from fastapi import FastAPI, HTTPException, Request, Response
 from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
@@ -16,7 +14,7 @@ from avrgym.study.recording import Recording
 from avrgym.vr.access import OwnPagesOnly, Tokens
 from avrgym.vr.rendering import render_scene
 from avrgym.vr.scenery import resting
-from avrgym.vr.server import LOOPBACK, STATIC, ServerError, listen
+from avrgym.vr.web import LOOPBACK, STATIC, WebThread, check_page, listen
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:
@@ -63,17 +61,11 @@ class ReplayServer:
         Raises:
             ServerError: when the client is not built or the port cannot be had.
         """
-        if not (STATIC / "replay.html").exists():
-            raise ServerError("the browser client is not built; run `make client`")
-        self._socket = listen(LOOPBACK[0], port)
-        self.port = int(self._socket.getsockname()[1])
+        check_page("replay.html")
+        listener = listen(LOOPBACK[0], port)
+        self.port = int(listener.getsockname()[1])
         self.tokens = Tokens.new()
-        self.app = create_replay_app(recording, timeline, poses, self.tokens)
-        settings = uvicorn.Config(self.app, log_level="warning", access_log=False)
-        self._server = uvicorn.Server(settings)
-        self._thread = threading.Thread(
-            target=self._server.run, kwargs={"sockets": [self._socket]}, daemon=True
-        )
+        self._web = WebThread(create_replay_app(recording, timeline, poses, self.tokens), listener)
 
     @property
     def url(self) -> str:
@@ -81,15 +73,13 @@ class ReplayServer:
         return f"http://localhost:{self.port}/replay#token={self.tokens.spectator}"
 
     def __enter__(self) -> "ReplayServer":
-        self._thread.start()
+        self._web.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._server.should_exit = True
-        self._thread.join()
-        self._socket.close()
+        self._web.stop()
 
     def wait(self) -> None:
         """Wait until the server ends."""
-        while self._thread.is_alive():
-            self._thread.join(0.5)
+        while self._web.running:
+            self._web.wait(0.5)

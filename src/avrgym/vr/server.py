@@ -1,14 +1,10 @@
 """The VR server: serves the client's pages, the scenes, and the WebSockets of participant and watchers."""
 
 import gc
-import socket
 import sys
-import threading
 from collections.abc import Callable
-from pathlib import Path
 from typing import Generic
 
-import uvicorn
 from fastapi import FastAPI, HTTPException, Request, Response, WebSocket
 from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
@@ -21,22 +17,12 @@ from avrgym.vr.hub import Hub
 from avrgym.vr.loop import RealTimeLoop, S
 from avrgym.vr.messages import Message
 from avrgym.vr.rendering import SceneRenderer
+from avrgym.vr.web import EVERY_ADDRESS, LOOPBACK, STATIC, WebThread, check_page, listen
 
-STATIC = Path(__file__).parent / "static"
-LOOPBACK = ("127.0.0.1", "localhost")
-EVERY_ADDRESS = "0.0.0.0"
-MAX_MESSAGE_BYTES = 1 << 16
-PING_INTERVAL_S, PING_TIMEOUT_S = 1.0, 4.0
-"""How a connection is found dead that did not say goodbye: a headset that fell asleep or left the network."""
-FAREWELL_S = 5
 SWITCH_INTERVAL_S = 0.0001
 """How long a thread may keep the others waiting: Python's own 5 ms would be half of a tick."""
 SCENE_KEPT_S = 3600
 """How long a browser may keep a scene: a session."""
-
-
-class ServerError(RuntimeError):
-    """The server cannot start; the message says why and what to do."""
 
 
 def create_app(
@@ -124,26 +110,22 @@ class LiveServer(Generic[S]):
         Raises:
             ServerError: when the client is not built or the port cannot be had.
         """
-        if not (STATIC / "index.html").exists():
-            raise ServerError("the browser client is not built; run `make client`")
-        self._socket = listen(host, port, certificate)
-        self.host, self.port = host, int(self._socket.getsockname()[1])
+        check_page("index.html")
+        listener = listen(host, port, certificate)
+        self.host, self.port = host, int(listener.getsockname()[1])
         self.certificate = certificate
         self.tokens = Tokens.new()
         hub = Hub()
         try:
             self.loop = RealTimeLoop(make_session(hub.send), hub.send)
         except BaseException:
-            self._socket.close()
+            listener.close()
             raise
         self._renderer = SceneRenderer()
         hosts = [*LOOPBACK, *(certificate.names if certificate else ())]
         pages = study(self.tokens, self.session) if study else None
         self.app = create_app(self.loop, hub, self.tokens, hosts, self._renderer, pages)
-        self._server = uvicorn.Server(_configuration(self.app, certificate))
-        self._thread = threading.Thread(
-            target=self._server.run, kwargs={"sockets": [self._socket]}, daemon=True
-        )
+        self._web = WebThread(self.app, listener, certificate)
 
     @property
     def session(self) -> S:
@@ -174,56 +156,18 @@ class LiveServer(Generic[S]):
         self._switch_interval_s = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         self.loop.start()
-        self._thread.start()
+        self._web.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._server.should_exit = True
-        self._thread.join()
+        self._web.stop()
         self.loop.stop()
         self._renderer.close()
-        self._socket.close()
         sys.setswitchinterval(self._switch_interval_s)
         gc.enable()
         gc.unfreeze()
 
     def wait(self) -> None:
         """Wait until the server ends or the simulation fails."""
-        while self._thread.is_alive() and self.loop.error is None:
-            self._thread.join(0.5)
-
-
-def _configuration(app: FastAPI, certificate: Certificate | None) -> uvicorn.Config:
-    return uvicorn.Config(
-        app,
-        log_level="warning",
-        access_log=False,
-        ws_max_size=MAX_MESSAGE_BYTES,
-        ws_ping_interval=PING_INTERVAL_S,
-        ws_ping_timeout=PING_TIMEOUT_S,
-        timeout_graceful_shutdown=FAREWELL_S,
-        ws_per_message_deflate=False,
-        ssl_certfile=certificate.certificate_file if certificate else None,
-        ssl_keyfile=certificate.key_file if certificate else None,
-    )
-
-
-def listen(host: str, port: int, certificate: Certificate | None = None) -> socket.socket:
-    """A socket that listens; ``ServerError`` where it cannot, or where others would reach it without TLS."""
-    if host not in LOOPBACK and certificate is None:
-        raise ServerError(
-            f"--host {host} is not this machine's own address; allowed: {' and '.join(LOOPBACK)}, which a "
-            "headset reaches over USB, because browsers allow VR only on secure pages; --lan serves the "
-            "local network, with a certificate"
-        )
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listener.bind((host, port))
-        listener.listen()
-    except OSError as error:
-        listener.close()
-        raise ServerError(
-            f"cannot listen on {host}:{port} ({error.strerror}); choose another --port; 0 takes a free one"
-        ) from error
-    return listener
+        while self._web.running and self.loop.error is None:
+            self._web.wait(0.5)
