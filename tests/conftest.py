@@ -1,7 +1,5 @@
 """What several test files share."""
 
-import ctypes.util
-import os
 import resource
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
@@ -9,15 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+import avrgym  # noqa: F401  before any test imports MuJoCo: it chooses how that draws
+
 pytest.register_assert_rewrite("killing")
 
 if TYPE_CHECKING:
     from avrgym.models.scene import Stage
-
-# MuJoCo chooses how it draws when it is imported, which happens after this file has run.
-for _library, _name in (("EGL", "egl"), ("OSMesa", "osmesa")):
-    if ctypes.util.find_library(_library):
-        os.environ.setdefault("MUJOCO_GL", _name)
 
 
 @pytest.fixture

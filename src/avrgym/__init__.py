@@ -1,8 +1,13 @@
 """AVR Gym: real people meet simulated assistive robots in virtual reality.
 
-Importing the package registers the Gymnasium environments.
+Importing the package registers the Gymnasium environments. On Linux without a screen it also has MuJoCo draw with a
+library that needs none, by ``MUJOCO_GL``, unless that is set or MuJoCo was imported before.
 """
 
-from avrgym.envs import register
+from avrgym.headless import choose_renderer
+
+choose_renderer()
+
+from avrgym.envs import register  # noqa: E402
 
 register()
