@@ -96,7 +96,7 @@ def highest_allowed() -> int:
     def ask() -> int:
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-        except PermissionError:
+        except OSError:
             return os.SCHED_OTHER
         return os.sched_getscheduler(0) if len(os.sched_getaffinity(0)) > 1 else os.SCHED_OTHER
 

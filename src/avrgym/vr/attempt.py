@@ -122,9 +122,9 @@ class Attempt:
         At the end of a tick this thread has the time before the next one. Woken in the middle, it would take turns
         with the tick at holding the interpreter, and make it twice as long.
         """
-        for record in self._records:
+        recorded, self._records = self._records, []
+        for record in recorded:
             self._recording.write(*record)
-        self._records.clear()
 
     def record_physics(self, world: LiveWorld, now_s: float) -> None:
         """Record the simulator's whole state, and before it the action that this tick began with."""

@@ -171,6 +171,6 @@ def take_precedence() -> None:
     Linux lets root and whoever has a limit ``rtprio``. On a single processor the others would wait for every tick.
     """
     if sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1:
-        with suppress(PermissionError):
+        with suppress(OSError):
             policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK  # threads that it starts are ordinary ones
             os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
