@@ -27,7 +27,7 @@ def draw(path: Path) -> None:
     for row, robot in zip(axes, ROBOTS, strict=True):
         for panel, task in zip(row, TASKS, strict=True):
             _draw_panel(panel, f"avrgym/{task}{robot}-v1")
-    axes[0][1].legend(loc="lower right", frameon=False)
+    next(panel for panel in axes.flat if panel.lines).legend(loc="lower right", frameon=False)
     figure.supxlabel("environment steps, millions")
     figure.supylabel("success of the latest training episodes, %")
     figure.savefig(path, metadata={"Date": None})

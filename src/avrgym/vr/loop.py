@@ -114,7 +114,7 @@ class RealTimeLoop(Generic[S]):
         self._inbox.append(Greeting(send, role))
 
     def _run(self) -> None:
-        take_precedence()
+        _take_precedence()
         began = time.monotonic()
         due = began
         try:
@@ -165,7 +165,7 @@ class RealTimeLoop(Generic[S]):
         return due
 
 
-def take_precedence() -> None:
+def _take_precedence() -> None:
     """Have the system run this thread before all ordinary ones, where it can and may.
 
     Linux lets root and whoever has a limit ``rtprio``. On a single processor the others would wait for every tick.

@@ -125,10 +125,11 @@ def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
     own_place, other_place = np.split(place.ravel(), [len(skin.vertices)])
     places, vertices = np.unique(own_place, return_index=True)
     own, others = _edges(own_place[skin.faces]), _edges(other_place[other.faces])
-    numbers, turned = (_edge_numbers(edges, len(together)) for edges in (own, own[:, ::-1]))
-    goes_on = np.isin(turned, _edge_numbers(others, len(together))) & ~np.isin(turned, numbers)
-    _, rim = np.unique(np.where(goes_on, numbers, -1), return_index=True)
-    return vertices[np.searchsorted(places, own[rim[goes_on[rim]]])]
+    turned = _edge_numbers(own[:, ::-1], len(together))
+    goes_on = np.isin(turned, _edge_numbers(others, len(together)))
+    ends = ~np.isin(turned, _edge_numbers(own, len(together)))
+    rim = np.unique(own[goes_on & ends], axis=0)
+    return vertices[np.searchsorted(places, rim)]
 
 
 def _edges(faces: NDArray) -> NDArray[np.int64]:
