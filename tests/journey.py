@@ -1,7 +1,7 @@
 """A participant in a real browser: headless Chromium with an emulated headset, the real server and physics."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,6 +16,8 @@ from avrgym.vr.session import Session
 PATIENCE_S = 180.0
 SEATING = ("calibration", "loading", "check")
 """The phases in which a participant takes their place."""
+TRIAL = ("free_before", "countdown", "trial", "free_after", "questionnaire")
+"""The phases of a trial in their order; all but the last end by themselves."""
 
 
 def await_that(condition: Callable[[], bool]) -> None:
@@ -32,14 +34,21 @@ def go_on(headset: EmulatedHeadset, *phases: str) -> None:
     More than once: a slow page may have sent too few frames to be measured by. A press may arrive late and end the
     next phase too, so whoever presses through several names them all.
     """
-    await_phase(headset, *phases)
+    _await_any(headset, phases)
     while headset.call("phase")["name"] in phases:
         headset.await_frames(10)
         headset.pull_trigger("right")
 
 
-def await_phase(headset: EmulatedHeadset, *names: str) -> None:
-    """Wait until the page shows one of these phases."""
+def await_phase(headset: EmulatedHeadset, name: str) -> None:
+    """Wait until the page shows a phase, or one that follows it in its trial.
+
+    A phase that ends by itself may be over before a slow machine looks again.
+    """
+    _await_any(headset, TRIAL[TRIAL.index(name) :] if name in TRIAL else (name,))
+
+
+def _await_any(headset: EmulatedHeadset, names: Sequence[str]) -> None:
     headset.page.wait_for_function(
         "([...names]) => names.includes(window.avrgymEmulator?.phase()?.name)",
         arg=list(names),
@@ -97,7 +106,7 @@ class Journey:
         go_on(self.headset, *phases)
 
     def await_phase(self, name: str) -> None:
-        """Wait until the page shows a phase."""
+        """Wait until the page shows a phase, or one that follows it in its trial."""
         await_phase(self.headset, name)
 
     def await_buttons(self, item: str) -> None:
