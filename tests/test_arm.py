@@ -91,6 +91,16 @@ def test_the_closed_form_brings_the_hand_to_any_pose_of_an_arm(rng: np.random.Ge
         assert degrees < 1.5
 
 
+def test_a_wrist_may_lie_in_line_with_the_hinge_of_the_elbow() -> None:
+    """The hinge of an arm that hangs straight down points sideways, and there the wrist shall go."""
+    wrist, axes = np.array([0.4, 0.0, 0.0]), np.eye(3)
+    hand = wrist - LENGTHS.hand_m * axes[:, 2], axes
+    solved = comfortable_angles(LENGTHS, hand[0][None], axes[None], np.zeros((1, 7)))
+    metres, degrees = error(solved[0], hand)
+    assert metres < 0.006
+    assert degrees < 1.5
+
+
 def test_an_arm_stays_where_its_hand_stays() -> None:
     hand = hand_of(RELAXED)
     angles = follow(ArmSolver(PERSON), [hand] * 300, RELAXED)

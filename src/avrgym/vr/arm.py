@@ -9,8 +9,9 @@ ranges or the speed of the joints keep from the hand, damped least squares distr
 Everything is in the shoulder's frame: its origin, the torso's axes. The left arm is the mirror image.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import acos, atan2, cos, sin, sqrt
+from math import acos, atan2, cos, pi, sin, sqrt
 from statistics import median
 from time import process_time
 
@@ -152,36 +153,45 @@ def comfortable_angles(lengths: ArmLengths, hand_pos: Array, hand_axes: Array, s
 
     The arguments are those of ``ArmSolver.solve``. A few arms take little longer than one.
     """
-    wrist = hand_pos + lengths.hand_m * hand_axes[:, :, 2]
-    arms = [_Swivel.of(lengths, *arm) for arm in zip(wrist, hand_axes, start_rad, strict=True)]
-    elbow, coefficients = (
-        np.array([arm.elbow_rad for arm in arms]),
-        np.array([arm.coefficients for arm in arms]),
+    elbow, coefficients = _swivelling(
+        lengths, hand_pos + lengths.hand_m * hand_axes[:, :, 2], hand_axes, start_rad
     )
-    upper, angles = _solutions(coefficients, elbow, start_rad, _SWIVELS)
-    costs = _costs(angles, upper, start_rad).transpose(1, 0, 2)
+    entries = coefficients @ _SWIVELS
+    costs = _costs(_solutions(entries, elbow, start_rad), entries[:, -1], start_rad)
     branches, swivels = zip(*(divmod(int(of_arm.argmin()), of_arm.shape[1]) for of_arm in costs), strict=True)
     best = [s + _vertex(of_arm[b], s) for of_arm, b, s in zip(costs, branches, swivels, strict=True)]
-    finest = _harmonics(SWIVEL_STEP_RAD * np.array(best)[:, None])
-    return _solutions(coefficients, elbow, start_rad, finest)[1][:, branches, range(len(arms)), 0].T
+    finest = np.array([_harmonics([SWIVEL_STEP_RAD * swivel]) for swivel in best])
+    return _solutions(coefficients @ finest, elbow, start_rad)[:, branches, range(len(best)), 0].T
 
 
-@dataclass(frozen=True)
-class _Swivel:
-    """How one arm can swivel: its elbow's angle, and the coefficients (18, 3) of two frames; see ``_turning_axes``.
+def _swivelling(lengths: ArmLengths, wrist: Array, hand_axes: Array, start_rad: Array) -> tuple[Array, Array]:
+    """How A arms can swivel: their elbows' angles (A,), and coefficients (A, 11, 3) for ``_harmonics``.
 
-    The first nine are of the upper arm's axes, the others of the forearm's, before it turns, seen from the hand.
+    A swivel turns the upper arm's axes, and those of the forearm before it turns, here seen from the hand. The
+    coefficients are of what ``_ENTRIES`` takes from them.
     """
+    wrists = wrist.tolist()
+    bends = [_elbow(lengths, sqrt(x * x + y * y + z * z)) for x, y, z in wrists]
+    towards = np.array([_towards(*arm) for arm in zip(wrists, start_rad.tolist(), strict=True)])
+    frames = np.concatenate([towards, hand_axes.transpose(0, 2, 1) @ towards], axis=1)
+    turning = np.array([[_turning_axes(below), _turning_axes(below + elbow)] for elbow, below in bends])
+    coefficients = frames.reshape(-1, 2, 3, 3) @ turning
+    return np.array([elbow for elbow, _ in bends]), _ENTRIES @ coefficients.reshape(-1, 18, 3)
 
-    elbow_rad: float
-    coefficients: Array
 
-    @classmethod
-    def of(cls, lengths: ArmLengths, wrist: Array, hand_axes: Array, start_rad: Array) -> "_Swivel":
-        elbow, below = _elbow(lengths, sqrt(wrist @ wrist))
-        frame = _towards(wrist, _upper_arm_x(start_rad))
-        upper_arm, forearm = frame @ _turning_axes(below), frame @ _turning_axes(below + elbow)
-        return cls(elbow, np.concatenate([upper_arm, hand_axes.T @ forearm]).reshape(18, 3))
+def _entries() -> Array:
+    """A matrix (11, 18) that takes from two frames what tells their angles, and how the elbow lies to its rest.
+
+    Of the angles that turn freely first the sines, then the cosines, each times a positive number; then the sines of
+    those that bend. See ``_solutions``.
+    """
+    upper_arm, forearm = np.eye(18).reshape(2, 3, 3, 18)
+    sines = upper_arm[0, 2], upper_arm[1, 0], -forearm[1, 0], -forearm[0, 2]
+    cosines = upper_arm[2, 2], upper_arm[1, 1], forearm[1, 1], forearm[2, 2]
+    return np.array([*sines, *cosines, -upper_arm[1, 2], forearm[1, 2], ELBOW_RESTS @ upper_arm[:, 2]])
+
+
+_ENTRIES = _entries()
 
 
 def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
@@ -192,61 +202,70 @@ def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
     return angle, atan2(-fore * sin(angle), upper + fore * cos(angle))
 
 
-def _upper_arm_x(angles_rad: Array) -> tuple[float, float, float]:
+def _towards(wrist: list[float], start_rad: list[float]) -> list[list[float]]:
+    """Axes (3, 3) as columns: −z towards the wrist, x as near as can be to the elbow's hinge.
+
+    Where that points to the wrist any x serves: that of a hinge a quarter turn about the upper arm from it.
+    """
+    x, y, z = wrist
+    scale = -1.0 / max(sqrt(x * x + y * y + z * z), 1e-6)
+    zx, zy, zz = scale * x, scale * y, scale * z
+    x, y, z = _upper_arm_x(start_rad)
+    along = x * zx + y * zy + z * zz
+    x, y, z = x - along * zx, y - along * zy, z - along * zz
+    across = sqrt(x * x + y * y + z * z)
+    if across < 1e-6:
+        return _towards(wrist, [*start_rad[:2], start_rad[2] + 0.5 * pi])
+    x, y, z = x / across, y / across, z / across
+    return [[x, zy * z - zz * y, zx], [y, zz * x - zx * z, zy], [z, zx * y - zy * x, zz]]
+
+
+def _upper_arm_x(angles_rad: list[float]) -> tuple[float, float, float]:
     """The axis of the elbow's hinge, which is the x axis of the upper arm."""
-    y, x, z = angles_rad[:3].tolist()
+    y, x, z = angles_rad[:3]
     across, along = sin(x) * sin(z), cos(z)
     return cos(y) * along + sin(y) * across, cos(x) * sin(z), cos(y) * across - sin(y) * along
 
 
-def _towards(wrist: Array, x: tuple[float, float, float]) -> Array:
-    """Axes (3, 3) as columns: −z towards the wrist, x as near as can be to a given one."""
-    rows = np.empty((3, 3))
-    rows[2] = wrist / -max(sqrt(wrist @ wrist), 1e-6)
-    rows[0] = x - (rows[2] @ x) * rows[2]
-    mujoco.mju_normalize3(rows[0])
-    mujoco.mju_cross(rows[1], rows[2], rows[0])
-    return rows.T
-
-
-def _turning_axes(below: float) -> Array:
+def _turning_axes(below: float) -> list[list[float]]:
     """The axes x, y, z of a frame that swivels about z and then turns about its x: coefficients (3, 9).
 
     Of each axis those of the swivel's cosine, of its sine, and the constant ones.
     """
     c, s = cos(below), sin(below)
-    return np.array([[1, 0, 0, 0, -c, 0, 0, s, 0], [0, 1, 0, c, 0, 0, -s, 0, 0], [0, 0, 0, 0, 0, s, 0, 0, c]])
+    return [
+        [1.0, 0.0, 0.0, 0.0, -c, 0.0, 0.0, s, 0.0],
+        [0.0, 1.0, 0.0, c, 0.0, 0.0, -s, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0, s, 0.0, 0.0, c],
+    ]
 
 
-def _harmonics(swivels_rad: Array) -> Array:
-    """What the axes' coefficients are multiplied with, for swivels (..., K): (..., 3, K)."""
-    return np.stack([np.cos(swivels_rad), np.sin(swivels_rad), np.ones_like(swivels_rad)], axis=-2)
+def _harmonics(swivels_rad: Sequence[float]) -> Array:
+    """What the axes' coefficients are multiplied with, for K swivels: (3, K)."""
+    return np.array(
+        [
+            [cos(swivel) for swivel in swivels_rad],
+            [sin(swivel) for swivel in swivels_rad],
+            [1.0] * len(swivels_rad),
+        ]
+    )
 
 
-_SWIVELS = _harmonics(np.arange(0.0, 2.0 * np.pi - 1e-9, SWIVEL_STEP_RAD))
+_SWIVELS = _harmonics(np.arange(0.0, 2.0 * np.pi - 1e-9, SWIVEL_STEP_RAD).tolist())
 
 
-def _solutions(coefficients: Array, elbow: Array, start_rad: Array, swivels: Array) -> tuple[Array, Array]:
-    """The upper arms' axes (3, 3, A, K) and angles (7, 2, A, K) for K swivels, with both ways to turn the shoulder.
-
-    ``upper`` has the axes as columns; ``hand`` (3, 3, A, K) are the hands' axes, row by row, seen from the forearm
-    before it turns.
-    """
-    frames = coefficients @ swivels
-    upper, hand = frames.reshape(len(elbow), 2, 3, 3, -1).transpose(1, 2, 3, 0, 4)
-    angles = np.empty((7, 2, len(elbow), frames.shape[-1]))
-    angles[0, 0] = np.arctan2(upper[0, 2], upper[2, 2])
-    angles[1, 0] = np.arcsin(_clipped(-upper[1, 2], -1.0, 1.0))
-    angles[2, 0] = np.arctan2(upper[1, 0], upper[1, 1])
-    angles[:3, 1] = _OTHER_WAY[0] + _OTHER_WAY[1] * angles[:3, 0]
+def _solutions(entries: Array, elbow: Array, start_rad: Array) -> Array:
+    """Angles (7, 2, A, K) for the ``_ENTRIES`` (A, 11, K) of K swivels, with both ways to turn the shoulder."""
+    read = entries.transpose(1, 0, 2)
+    angles = np.empty((7, 2, *read.shape[1:]))
+    angles[::2] = np.arctan2(read[:4], read[4:8])[:, None]
+    angles[1::4] = np.arcsin(_clipped(read[8:10], -1.0, 1.0))[:, None]
     angles[3] = elbow[:, None]
-    angles[4] = np.arctan2(-hand[1, 0], hand[1, 1])
-    angles[5] = np.arcsin(_clipped(hand[1, 2], -1.0, 1.0))
-    angles[6] = np.arctan2(-hand[0, 2], hand[2, 2])
+    angles[:3, 1] = _OTHER_WAY[0] + _OTHER_WAY[1] * angles[:3, 0]
     around = _per_arm(_clipped(start_rad, _FIRST, _LAST))
     angles -= 2.0 * np.pi * np.rint((angles - around) / (2.0 * np.pi))
-    _rest_near_pole(angles, upper[:, 2], start_rad[:, :1])
-    return upper, angles
+    _rest_near_pole(angles, read[8], start_rad[:, :1])
+    return angles
 
 
 def _per_arm(angles: Array) -> Array:
@@ -257,20 +276,20 @@ def _per_arm(angles: Array) -> Array:
 _OTHER_WAY = np.pi, np.array([1.0, -1.0, 1.0])[:, None, None]
 
 
-def _rest_near_pole(angles: Array, upper_arm_z: Array, start_y_rad: Array) -> None:
-    """Where the upper arm points nearly forward, let shoulder y stay where it is, as far as the hand hardly moves.
+def _rest_near_pole(angles: Array, ahead: Array, start_y_rad: Array) -> None:
+    """Where the upper arm points nearly ahead, let shoulder y stay where it is, as far as the hand hardly moves.
 
-    There y and z turn about the same axis: exactly following a hand that passes by would whirl them about.
+    There y and z turn about the same axis: exactly following a hand that passes by would whirl them about. ``ahead``
+    (A, K) is how far ahead it points, −1 to 1.
     """
-    from_pole_squared = 1.0 - upper_arm_z[1] ** 2
-    slack = np.pi * np.minimum(POLE_RAD**2 / (from_pole_squared + 1e-12), 1.0)
+    slack = np.pi * np.minimum(POLE_RAD**2 / (1.0 + 1e-12 - ahead * ahead), 1.0)
     rest = _clipped(start_y_rad - angles[0], -slack, slack)
     angles[0] += rest
     angles[2] -= rest
 
 
-def _costs(angles: Array, upper: Array, start_rad: Array) -> Array:
-    """What each of the solutions costs, (2, A, K).
+def _costs(angles: Array, rests: Array, start_rad: Array) -> Array:
+    """What each of the solutions costs, (A, 2, K); ``rests`` (A, K) is the last of the ``_ENTRIES``.
 
     That it moves and that it is not at ease are both squares about a place for each joint. Together they are, but
     for a constant, one square about the mean of the two places.
@@ -278,8 +297,7 @@ def _costs(angles: Array, upper: Array, start_rad: Array) -> Array:
     outside = angles - _clipped(angles, _per_arm(_LOWER[None]), _per_arm(_UPPER[None]))
     away = angles - _per_arm((STAY * start_rad + _EASE * AT_EASE_RAD) / (STAY + _EASE))
     squares = OUTSIDE * (outside * outside) + _per_arm((STAY + _EASE)[None]) * (away * away)
-    rests = ELBOW_RESTS @ upper[:, 2].reshape(3, -1)
-    return squares.sum(axis=0) + LIFT * rests.reshape(upper.shape[2:])
+    return squares.sum(axis=0).transpose(1, 0, 2) + LIFT * rests[:, None]
 
 
 _EASE = np.array([SHOULDER_Y, 0.0, SHOULDER_Z, 0.0, FOREARM, WRIST, WRIST])
