@@ -17,7 +17,7 @@ METADATA = PolicyMetadata(
 )
 
 
-def make_policy(sizes=(25, 64, 64, 7), seed=0) -> Policy:
+def make_policy(sizes=(25, 64, 64, 7), seed=0, deviation=0.3) -> Policy:
     rng = np.random.default_rng(seed)
     layers = list(itertools.pairwise(sizes))
     return Policy(
@@ -27,6 +27,7 @@ def make_policy(sizes=(25, 64, 64, 7), seed=0) -> Policy:
         observation_variance=rng.uniform(0, 2, sizes[0]),
         observation_clip=10.0,
         observation_epsilon=1e-8,
+        action_deviation=deviation,
         metadata=METADATA,
     )
 
@@ -52,6 +53,10 @@ def observations(count: int, size: int = 25) -> np.ndarray:
     return 3 * np.random.default_rng(1).standard_normal((count, size))
 
 
+def generators(count: int) -> list[np.random.Generator]:
+    return [np.random.default_rng(seed) for seed in range(count)]
+
+
 # Acting
 
 
@@ -63,10 +68,14 @@ def test_a_policy_by_hand():
         observation_variance=np.array([3.0, 0.0]),
         observation_clip=5.0,
         observation_epsilon=1.0,
+        action_deviation=0.25,
         metadata=METADATA,
     )
     hidden = np.tanh(0.5 * 1 - 5.0 * 2 + 9.7)
-    assert_allclose(policy.act(np.array([[2.0, -80.0]])), [[4 * hidden + 0.1, -1.0]], rtol=1e-6)
+    assert_allclose(policy.mean(np.array([[2.0, -80.0]])), [[4 * hidden + 0.1, -9 * hidden]], rtol=1e-12)
+    drawn = policy.mean(np.array([[2.0, -80.0]])) + 0.25 * np.random.default_rng(0).standard_normal(2)
+    acted = policy.act(np.array([[2.0, -80.0]]), generators(1))
+    assert_allclose(acted, np.clip(drawn, -1.0, 1.0), rtol=1e-6)
 
 
 @pytest.mark.parametrize("sizes", [(25, 64, 64, 7), (30, 5, 3, 7), (4, 1), (2, 33, 1)])
@@ -74,28 +83,54 @@ def test_a_policy_by_hand():
 def test_the_batch_never_changes_the_bits_of_a_row(sizes, dtype):
     policy = make_policy(sizes)
     batch = observations(64, sizes[0]).astype(dtype)
-    actions = policy.act(batch)
+    actions = policy.act(batch, generators(64))
     for row in range(64):
-        assert_array_equal(policy.act(batch[row : row + 1]), actions[row : row + 1])
-        assert_array_equal(policy.act(batch[: row + 1]), actions[: row + 1])
-    assert_array_equal(policy.act(np.asfortranarray(batch)), actions)
-    assert_array_equal(policy.act(batch[::-1])[::-1], actions)
+        assert_array_equal(
+            policy.act(batch[row : row + 1], generators(64)[row : row + 1]), actions[row : row + 1]
+        )
+        assert_array_equal(policy.act(batch[: row + 1], generators(row + 1)), actions[: row + 1])
+    assert_array_equal(policy.act(np.asfortranarray(batch), generators(64)), actions)
+    assert_array_equal(policy.act(batch[::-1], generators(64)[::-1])[::-1], actions)
+
+
+def test_actions_scatter_about_their_mean_as_told():
+    policy = make_policy((25, 8, 7), deviation=0.02)
+    observation = 0.01 * observations(1)
+    mean = policy.mean(observation)[0]
+    random = generators(1)
+    drawn = np.array([policy.act(observation, random)[0] for _ in range(2000)])
+    inside = np.abs(mean) < 0.9
+    assert inside.sum() > 2
+    assert_allclose(drawn.mean(axis=0)[inside], mean[inside], atol=0.002)
+    assert_allclose(drawn.std(axis=0)[inside], 0.02, rtol=0.1)
+
+
+def test_a_policy_without_chance_draws_nothing():
+    policy, random = make_policy(deviation=0.0), generators(4)
+    actions = policy.act(observations(4), random)
+    assert_array_equal(actions, np.clip(policy.mean(observations(4)), -1, 1).astype(np.float32))
+    assert [each.random() for each in random] == [each.random() for each in generators(4)]
 
 
 def test_actions_are_float32_within_their_bounds_and_the_observations_stay_as_they_were():
     batch = observations(64) * 1e6
     before = batch.copy()
-    actions = make_policy().act(batch)
+    actions = make_policy().act(batch, generators(64))
     assert actions.dtype == np.float32
     assert np.abs(actions).max() <= 1
     assert_array_equal(batch, before)
-    assert make_policy().act(observations(0)).shape == (0, 7)
+    assert make_policy().act(observations(0), []).shape == (0, 7)
 
 
 @pytest.mark.parametrize("shape", [(25,), (1, 24), (1, 1, 25)])
 def test_observations_of_another_shape_are_refused(shape):
     with pytest.raises(PolicyError, match=r"takes \(N, 25\)"):
-        make_policy().act(np.zeros(shape))
+        make_policy().act(np.zeros(shape), generators(shape[0]))
+
+
+def test_every_observation_needs_a_generator():
+    with pytest.raises(PolicyError, match="3 generators for 4 observations"):
+        make_policy().act(observations(4), generators(3))
 
 
 def test_a_policy_cannot_be_changed():
@@ -112,7 +147,9 @@ def test_a_saved_policy_acts_bit_for_bit_alike(tmp_path):
     loaded = Policy.load(saved(tmp_path, policy))
     assert loaded.metadata == METADATA
     assert (loaded.observation_size, loaded.action_size) == (25, 7)
-    assert_array_equal(loaded.act(observations(64)), policy.act(observations(64)))
+    assert_array_equal(
+        loaded.act(observations(64), generators(64)), policy.act(observations(64), generators(64))
+    )
 
 
 def test_float32_tensors_are_welcome(tmp_path):
@@ -161,6 +198,8 @@ WRONG_TENSORS = {
     "not a number": ({"actor.2.bias": np.full(7, np.nan)}, "actor.2.bias holds numbers that are not finite"),
     "infinity": ({"observation.epsilon": np.array([np.inf])}, "not finite"),
     "a negative variance": ({"observation.variance": np.full(25, -1.0)}, "0 and above"),
+    "a negative deviation": ({"action.deviation": np.array([-0.1])}, "0 and above"),
+    "two deviations": ({"action.deviation": np.zeros(2)}, "action.deviation has the shape"),
     "an epsilon of 0": ({"observation.epsilon": np.zeros(1)}, "above 0"),
     "integers": ({"actor.2.bias": np.zeros(7, np.int64)}, "I64; allowed: F32 and F64"),
     "a foreign type": ({"actor.2.bias": np.zeros(7, np.float16)}, "F16; allowed"),
@@ -184,9 +223,9 @@ WRONG_HEADERS = {
     "foreign": ({"format": "pt"}, r"not a policy of AVR Gym.*\['format'\]"),
     "not JSON": ({"avrgym_policy": "{"}, "is wrong"),
     "no version": ({"avrgym_policy": "{}"}, "format_version"),
-    "another version": ({"avrgym_policy": '{"format_version": 2}'}, "format version 2; allowed: 1"),
-    "fields missing": ({"avrgym_policy": '{"format_version": 1}'}, "missing required field"),
-    "unknown fields": ({"avrgym_policy": '{"format_version": 1, "code": ""}'}, "unknown field `code`"),
+    "another version": ({"avrgym_policy": '{"format_version": 1}'}, "format version 1; allowed: 2"),
+    "fields missing": ({"avrgym_policy": '{"format_version": 2}'}, "missing required field"),
+    "unknown fields": ({"avrgym_policy": '{"format_version": 2, "code": ""}'}, "unknown field `code`"),
 }
 
 

@@ -108,7 +108,8 @@ def actor(policy: str, world: Episodes, generators: list[np.random.Generator]) -
         path = find_policy(policy, world.environment_id)
     except PolicyError as error:
         raise PolicyError(f"{error}; or oracle, random or zero") from error
-    return load_policy(path, world.environment_id, world.task.observation_size, ACTIONS).act
+    found = load_policy(path, world.environment_id, world.task.observation_size, ACTIONS)
+    return lambda observation: found.act(observation, generators)
 
 
 def _run(

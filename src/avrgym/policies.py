@@ -1,11 +1,12 @@
 """Trained policies: one file each, run in NumPy.
 
-A policy is a small network of tanh layers behind an observation normaliser. Its file is safetensors: numbers
-and a header of text, never code. The header says what the policy was trained on.
+A policy is a small network of tanh layers behind an observation normaliser, and the chance that it was trained
+with. Its file is safetensors: numbers and a header of text, never code. The header says what the policy was trained on.
 """
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,12 @@ import safetensors.numpy
 
 from avrgym.files import write_whole
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 PACKAGED = Path(__file__).parent / "assets" / "policies"
 
 _HEADER = "avrgym_policy"
 _NORMALISER = ("observation.mean", "observation.variance", "observation.clip", "observation.epsilon")
+_DEVIATION = "action.deviation"
 _DTYPES = ("F32", "F64")
 
 
@@ -34,7 +36,7 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     ``steps`` counts environment steps, ``seconds`` the time that training took. ``measured`` holds plain figures
     such as ``success_rate``. ``curve`` is how training went: steps so far, and mean reward and share of successes
-    of the latest episodes, whose actions are random about the policy's.
+    of the latest episodes.
     """
 
     environment: str
@@ -49,9 +51,10 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """A deterministic actor: observation normaliser, hidden layers with tanh, output clipped to [-1, 1].
+    """An actor as PPO trains it: observation normaliser, hidden layers with tanh, normal chance about their output.
 
-    All arrays are kept as read-only float64.
+    Where all is still, a mean action may be nothing, and chance helps on: a policy that learned with it needs it. All
+    arrays are kept as read-only float64.
 
     Args:
         weights: One (inputs, outputs) matrix per layer; the inputs of the first are the observation.
@@ -60,6 +63,7 @@ class Policy:
         observation_variance: (observation,), not negative.
         observation_clip: Normalised observations are clipped to ± this, in standard deviations.
         observation_epsilon: Added to the variance before its root is taken.
+        action_deviation: Standard deviation of every entry of an action about its mean, 0 for no chance.
         metadata: What the policy was trained on.
     """
 
@@ -69,6 +73,7 @@ class Policy:
     observation_variance: np.ndarray
     observation_clip: float
     observation_epsilon: float
+    action_deviation: float
     metadata: PolicyMetadata
 
     def __post_init__(self):
@@ -87,8 +92,22 @@ class Policy:
     def action_size(self) -> int:
         return self.weights[-1].shape[1]
 
-    def act(self, observations: np.ndarray) -> np.ndarray:
-        """Mean actions (N, action) float32 in [-1, 1] for observations (N, observation).
+    def act(self, observations: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
+        """Actions (N, action) float32 in [-1, 1] for observations (N, observation), each drawn from its generator.
+
+        Neither the size of the batch nor other rows change the bits of a row.
+        """
+        if len(generators) != len(observations):
+            raise PolicyError(
+                f"{len(generators)} generators for {len(observations)} observations; one is for each"
+            )
+        actions = self.mean(observations)
+        for row, generator in enumerate(generators if self.action_deviation else ()):
+            actions[row] += self.action_deviation * generator.standard_normal(self.action_size)
+        return np.clip(actions, -1, 1).astype(np.float32)
+
+    def mean(self, observations: np.ndarray) -> np.ndarray:
+        """The means (N, action) about which actions are drawn before they are clipped.
 
         Every row is one product of fixed shape, so that the size of the batch never changes its bits.
         """
@@ -99,8 +118,7 @@ class Policy:
         rows = self._normalise(np.array(observations, np.float64, order="C"))[:, None, :]
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             rows = np.tanh(rows @ weight + bias)
-        rows = rows @ self.weights[-1] + self.biases[-1]
-        return np.clip(rows[:, 0], -1, 1).astype(np.float32)
+        return (rows @ self.weights[-1] + self.biases[-1])[:, 0]
 
     def _normalise(self, observations: np.ndarray) -> np.ndarray:
         deviation = np.sqrt(self.observation_variance + self.observation_epsilon)
@@ -183,6 +201,8 @@ def _check_numbers(policy: Policy) -> None:
             raise PolicyError(f"{name} is {number}; it must be above 0")
     if (policy.observation_variance < 0).any():
         raise PolicyError("observation.variance holds negative numbers; 0 and above are allowed")
+    if policy.action_deviation < 0:
+        raise PolicyError(f"{_DEVIATION} is {policy.action_deviation}; 0 and above are allowed")
 
 
 def _check_shapes(policy: Policy) -> None:
@@ -212,6 +232,7 @@ def _tensors(policy: Policy) -> dict[str, np.ndarray]:
         "observation.variance": policy.observation_variance,
         "observation.clip": np.array([policy.observation_clip], np.float64),
         "observation.epsilon": np.array([policy.observation_epsilon], np.float64),
+        _DEVIATION: np.array([policy.action_deviation], np.float64),
         **{f"actor.{layer}.weight": weight for layer, weight in enumerate(policy.weights)},
         **{f"actor.{layer}.bias": bias for layer, bias in enumerate(policy.biases)},
     }
@@ -220,13 +241,15 @@ def _tensors(policy: Policy) -> dict[str, np.ndarray]:
 def _read(file: Any) -> Policy:
     metadata = _read_metadata(file.metadata() or {})
     names = set(file.keys())
-    layers = (len(names) - len(_NORMALISER)) // 2
+    layers = (len(names) - len(_NORMALISER) - 1) // 2
     weights = [f"actor.{layer}.weight" for layer in range(layers)]
     biases = [f"actor.{layer}.bias" for layer in range(layers)]
-    _check_names(names, {*_NORMALISER, *weights, *biases})
+    _check_names(names, {*_NORMALISER, _DEVIATION, *weights, *biases})
     mean, variance, clip, epsilon = (_tensor(file, name) for name in _NORMALISER)
     _check_shape("observation.clip", clip, (1,))
     _check_shape("observation.epsilon", epsilon, (1,))
+    deviation = _tensor(file, _DEVIATION)
+    _check_shape(_DEVIATION, deviation, (1,))
     return Policy(
         weights=tuple(_tensor(file, name) for name in weights),
         biases=tuple(_tensor(file, name) for name in biases),
@@ -234,6 +257,7 @@ def _read(file: Any) -> Policy:
         observation_variance=variance,
         observation_clip=float(clip[0]),
         observation_epsilon=float(epsilon[0]),
+        action_deviation=float(deviation[0]),
         metadata=metadata,
     )
 
@@ -242,7 +266,8 @@ def _check_names(names: set[str], allowed: set[str]) -> None:
     if names != allowed:
         raise PolicyError(
             f"tensors {sorted(names - allowed)} are not allowed and {sorted(allowed - names)} are missing; "
-            f"allowed: {', '.join(_NORMALISER)}, and actor.0.weight, actor.0.bias, actor.1.weight and so on"
+            f"allowed: {', '.join((*_NORMALISER, _DEVIATION))}, and actor.0.weight, actor.0.bias, "
+            "actor.1.weight and so on"
         )
 
 

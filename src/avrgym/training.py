@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
+from math import exp
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +43,8 @@ class TrainingConfiguration:
     The policy first imitates its task's teacher for ``imitation_rounds`` episodes in every world, though for no more
     than half of all steps. Then only the critic learns for ``critic_updates``.
     ``log_std`` is how random actions are at the beginning and at the end of PPO. The ``learning_rate`` is that of its
-    beginning and falls to a hundredth, so that in the end the policy is a mean of many updates: it will be used
-    without chance.
+    beginning and falls to a hundredth, so that in the end the policy is a mean of many updates. The policy keeps the
+    chance of its last update.
     ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
     the task's own reward does; it grows over the second third: first the policy learns to help, then to be gentle.
     """
@@ -349,7 +350,7 @@ def _ppo(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path) -> 
 def export_policy(
     model: PPO, configuration: TrainingConfiguration, seconds: float, curve: list[Progress]
 ) -> Policy:
-    """The deterministic actor of a PPO model with its observation normaliser.
+    """The actor of a PPO model with its observation normaliser and the chance of this stage of training.
 
     ``seconds`` it was trained for; of the ``curve`` a hundred points are kept.
     """
@@ -366,6 +367,7 @@ def export_policy(
         observation_variance=normaliser.obs_rms.var,  # type: ignore[union-attr]
         observation_clip=normaliser.clip_obs,
         observation_epsilon=normaliser.epsilon,
+        action_deviation=exp(configuration.log_std_at(model.num_timesteps)),
         metadata=PolicyMetadata(
             environment=configuration.environment,
             people=people_name(configuration.people),

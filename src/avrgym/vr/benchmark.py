@@ -97,6 +97,7 @@ def _policies(environment_id: str) -> Policies:
         observation_variance=np.ones(size),
         observation_clip=10.0,
         observation_epsilon=1e-8,
+        action_deviation=0.1,
         metadata=PolicyMetadata(environment=environment_id, people="", steps=0, seed=0),
     )
     return {(environment_id, POLICY): policy}

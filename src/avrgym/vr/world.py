@@ -131,9 +131,13 @@ class LiveWorld:
         return self.ticks * TICK_S
 
     def begin(self, seed: int) -> None:
-        """Put robot, furniture and food at the start of an episode; the person stays as they sit."""
+        """Put robot, furniture and food at the start of an episode; the person stays as they sit.
+
+        ``seed`` is that of the start, and of a policy's chance.
+        """
         self._episodes.person = replace(self.person, joint_angles_rad=self.joint_targets_rad)
-        self._episodes.begin(np.array([0]), [np.random.default_rng(seed)])
+        self._generators = [np.random.default_rng(seed)]
+        self._episodes.begin(np.array([0]), self._generators)
         self.hold()
 
     def follow(self, pose: BodyPose) -> None:
@@ -149,7 +153,9 @@ class LiveWorld:
     def tick(self, policy: Policy | None) -> ControlStep | None:
         """Advance by 10 ms. With a policy the robot drives; every tenth tick then gives a control step."""
         self.ticks += 1
-        return self._steps.tick(None if policy is None else policy.act)
+        if policy is None:
+            return self._steps.tick(None)
+        return self._steps.tick(lambda observation: policy.act(observation, self._generators))
 
     def state_vector(self) -> Array:
         """The simulator's integration state."""
