@@ -30,8 +30,8 @@ PAPER = {
 
 def packaged_table(kind: str) -> Iterator[str]:
     """The rows of one kind of policy, each on the people it was trained on."""
-    yield "| environment | success | paper | reward | paper | force on the person | steps | hours |"
-    yield "|---|---|---|---|---|---|---|---|"
+    yield "| environment | success | paper | reward | paper | force on the person | chance | steps | hours |"
+    yield "|---|---|---|---|---|---|---|---|---|"
     for environment in ENVIRONMENTS:
         file = packaged_policies(environment).get(kind)
         if file is not None:
@@ -47,7 +47,8 @@ def _packaged_row(environment: str, policy: Policy) -> str:
     hours = f"{metadata.seconds / 3600:.1f}" if metadata.seconds else "–"
     return (
         f"| {_short(environment)} | {success} | {paper_success} % | {measured['reward_mean']:.0f} | {paper_reward} "
-        f"| {measured['force_mean_newton']:.1f} N | {metadata.steps / 1e6:.2f} M | {hours} |"
+        f"| {measured['force_mean_newton']:.1f} N | {policy.action_deviation:.2g} | {metadata.steps / 1e6:.2f} M "
+        f"| {hours} |"
     )
 
 

@@ -1,5 +1,7 @@
 """Laws of the world that a participant is in: every environment goes live, and its person follows."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from avrgym.tasks import ENVIRONMENTS, TASKS
 from avrgym.vr.body import BodyPose
 from avrgym.vr.webxr import Pose
 from avrgym.vr.world import LiveWorld
+from visit import drive
 
 SETTLED_TICKS = 100
 
@@ -68,3 +71,19 @@ def test_a_lost_hand_keeps_its_pose() -> None:
     world.follow(BodyPose(raised.head, raised.left, None))
     right = [i for i, name in enumerate(human.JOINTS) if name.startswith("right_")]
     np.testing.assert_array_equal(world.joint_targets_rad[right], before[right])
+
+
+def test_a_policys_chance_comes_from_the_seed_of_the_trial() -> None:
+    world = LiveWorld("avrgym/FeedingJaco-v1", Person())
+    policy = replace(drive(world.environment), action_deviation=0.1)
+
+    def actions(seed: int) -> list[np.ndarray]:
+        world.begin(seed)
+        steps = (world.tick(policy) for _ in range(30))
+        return [step.action for step in steps if step is not None]
+
+    first = actions(5)
+    assert len(first) == 3
+    assert not np.array_equal(first[0], first[1])
+    np.testing.assert_array_equal(actions(5), first)
+    assert not np.array_equal(actions(6), first)
