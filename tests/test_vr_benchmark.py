@@ -35,6 +35,7 @@ def test_a_live_session_is_measured() -> None:
     speed = measure_vr("avrgym/FeedingJaco-v1", 1.0)
     assert speed.env == "avrgym/FeedingJaco-v1"
     assert speed.rate_hz > 0.0
+    assert speed.stolen_s >= 0.0
     for spread in (speed.tick_ms, speed.round_trip_ms, *speed.stages_ms.values()):
         assert list(spread.values()) == sorted(spread.values())
         assert all(np.isfinite(list(spread.values())))

@@ -5,6 +5,7 @@ are the system's monotonic one, which every process shares.
 """
 
 import multiprocessing
+import os
 import tempfile
 import time
 from collections.abc import Callable
@@ -34,6 +35,8 @@ TRACKING_HZ = 90.0
 HIDDEN_UNITS = 64
 POLICY = "untrained"
 PATIENCE_S = 120.0
+STOLEN_COLUMN = 8
+"""Of the first line of Linux's ``/proc/stat``, after its name (proc(5))."""
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
 
 Spread = dict[str, float]
@@ -47,7 +50,9 @@ class VrSpeed:
     ``rate_hz`` are ticks per second, ``tick_ms`` what one took; ``missed_deadlines`` ended after the next one was
     due. ``round_trip_ms`` is the time from a tracking frame's sending to the first state that follows it, and
     ``stages_ms`` its parts: from the client to the server, in the queue until the next tick, the tick until its state
-    is sent (every other tick sends one), and the way back.
+    is sent (every other tick sends one), and the way back. ``stolen_s`` is how much time of all processors other
+    machines on the same host took, from before the client came until the trial was over, where the system knows:
+    what was late then may not be our doing.
     """
 
     env: str
@@ -57,6 +62,7 @@ class VrSpeed:
     round_trip_ms: Spread
     stages_ms: dict[str, Spread]
     missed_deadlines: int
+    stolen_s: float
 
 
 def measure_vr(environment_id: str, seconds: float) -> VrSpeed:
@@ -76,8 +82,18 @@ def measure_vr(environment_id: str, seconds: float) -> VrSpeed:
 
         with LiveServer(make, "127.0.0.1", 0) as server:
             times.watch(server.loop)
+            before_s = _stolen_s()
             trips = _attend(server, seconds)
+            times.stolen_s = _stolen_s() - before_s
     return _sum_up(environment_id, times, trips)
+
+
+def _stolen_s() -> float:
+    """What other machines of the same host took so far of all processors' time, seconds; 0 where nothing says so."""
+    statistics = Path("/proc/stat")
+    if not statistics.exists():
+        return 0.0
+    return int(statistics.read_text().split(maxsplit=9)[STOLEN_COLUMN]) / os.sysconf("SC_CLK_TCK")
 
 
 def _plan(environment_id: str, seconds: float) -> SessionPlan:
@@ -113,6 +129,7 @@ class _Times:
         self.began: list[float] = []
         self.took: list[float] = []
         self.missed: list[int] = []
+        self.stolen_s = 0.0
         self._loop: RealTimeLoop | None = None
 
     def watch(self, loop: RealTimeLoop) -> None:
@@ -261,6 +278,7 @@ def _sum_up(environment_id: str, times: _Times, trips: Trips) -> VrSpeed:
         round_trip_ms=_spread(came - sent),
         stages_ms={name: _spread(stage) for name, stage in stages.items()},
         missed_deadlines=times.missed[-1] - times.missed[0],
+        stolen_s=times.stolen_s,
     )
 
 
