@@ -22,12 +22,12 @@ from processes import AVRGYM, die_with_parent
 from studies import make_study, take_in
 
 DESIGN = {
-    "tasks": '["Feeding"]',
+    "tasks": '["ScratchItch"]',
     "robots": '["Jaco"]',
     "trial_steps": "3",
     "free_movement_s": "0.1",
 }
-"""A practice trial and two trials for each participant."""
+"""A practice trial and two trials for each participant, of policies that act with chance."""
 
 
 @pytest.fixture(autouse=True)
@@ -119,7 +119,7 @@ def test_another_seed_does_not_go_on_with_earlier_people(folder: Path) -> None:
 
 def test_a_missing_policy_ends_a_dry_run_before_it_begins(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", **DESIGN | {"policies": '["nobody", "revised"]'})
-    with pytest.raises(PolicyError, match="no policy 'nobody' for avrgym/FeedingJaco-v1"):
+    with pytest.raises(PolicyError, match="no policy 'nobody' for avrgym/ScratchItchJaco-v1"):
         simulate_study(folder, 1, SEED)
     with Store(folder) as store:
         assert store.participants() == []
