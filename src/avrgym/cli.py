@@ -378,13 +378,7 @@ def _brief(row: Row) -> Row:
         for name in ("tick_ms", "round_trip_ms")
         for share in ("p50", "p99", "max")
     }
-    return {
-        "env": row["env"],
-        "rate_hz": row["rate_hz"],
-        **spreads,
-        "missed": row["missed_deadlines"],
-        "stolen, s": row["stolen_s"],
-    }
+    return {"env": row["env"], **spreads, "missed": row["missed_deadlines"], "stolen, s": row["stolen_s"]}
 
 
 def _tabulate(
