@@ -22,8 +22,14 @@ FORMAT_VERSION = 2
 PACKAGED = Path(__file__).parent / "assets" / "policies"
 
 _HEADER = "avrgym_policy"
-_NORMALISER = ("observation.mean", "observation.variance", "observation.clip", "observation.epsilon")
 _DEVIATION = "action.deviation"
+_BESIDE_LAYERS = (
+    "observation.mean",
+    "observation.variance",
+    "observation.clip",
+    "observation.epsilon",
+    _DEVIATION,
+)
 _DTYPES = ("F32", "F64")
 
 
@@ -241,14 +247,13 @@ def _tensors(policy: Policy) -> dict[str, np.ndarray]:
 def _read(file: Any) -> Policy:
     metadata = _read_metadata(file.metadata() or {})
     names = set(file.keys())
-    layers = (len(names) - len(_NORMALISER) - 1) // 2
+    layers = (len(names) - len(_BESIDE_LAYERS)) // 2
     weights = [f"actor.{layer}.weight" for layer in range(layers)]
     biases = [f"actor.{layer}.bias" for layer in range(layers)]
-    _check_names(names, {*_NORMALISER, _DEVIATION, *weights, *biases})
-    mean, variance, clip, epsilon = (_tensor(file, name) for name in _NORMALISER)
+    _check_names(names, {*_BESIDE_LAYERS, *weights, *biases})
+    mean, variance, clip, epsilon, deviation = (_tensor(file, name) for name in _BESIDE_LAYERS)
     _check_shape("observation.clip", clip, (1,))
     _check_shape("observation.epsilon", epsilon, (1,))
-    deviation = _tensor(file, _DEVIATION)
     _check_shape(_DEVIATION, deviation, (1,))
     return Policy(
         weights=tuple(_tensor(file, name) for name in weights),
@@ -266,7 +271,7 @@ def _check_names(names: set[str], allowed: set[str]) -> None:
     if names != allowed:
         raise PolicyError(
             f"tensors {sorted(names - allowed)} are not allowed and {sorted(allowed - names)} are missing; "
-            f"allowed: {', '.join((*_NORMALISER, _DEVIATION))}, and actor.0.weight, actor.0.bias, "
+            f"allowed: {', '.join(_BESIDE_LAYERS)}, and actor.0.weight, actor.0.bias, "
             "actor.1.weight and so on"
         )
 
