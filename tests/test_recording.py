@@ -10,7 +10,9 @@ import time
 from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.writer import MCAP0_MAGIC
 
 from avrgym.study import recording
 from avrgym.study.recording import RecordingError, RecordingWriter, read_recording
@@ -194,17 +196,38 @@ def test_a_file_cut_anywhere_gives_a_prefix(tmp_path, small_chunks):
     assert len(lengths) > 3
 
 
-def test_a_damaged_chunk_ends_the_reading(tmp_path, small_chunks):
+def records_of_the_data_section(content: bytes) -> list[tuple[int, int]]:
+    """(opcode, position) of each record before the end of the data, as the specification of MCAP frames them."""
+    found = []
+    position = len(MCAP0_MAGIC)
+    while content[position] != Opcode.DATA_END:
+        found.append((content[position], position))
+        position += 9 + int.from_bytes(content[position + 1 : position + 9], "little")
+    return [*found, (Opcode.DATA_END, position)]
+
+
+def test_damage_to_any_byte_ends_the_reading(tmp_path, small_chunks):
     path = tmp_path / "trial.mcap"
-    written = write_trial(path)
-    content = bytearray(path.read_bytes())
+    written = write_trial(path, steps=20)
+    content = path.read_bytes()
+    *records, (_, end) = records_of_the_data_section(content)
+    chunks = [position for opcode, position in records if opcode == Opcode.CHUNK]
+    assert len(chunks) > 1
     rng = random.Random(2)
-    for _ in range(100):
+    flips = [(start + byte, bit) for _, start in records for byte in range(9) for bit in range(8)]
+    flips += [(rng.randrange(end), rng.randrange(8)) for _ in range(500)]
+    for position, bit in flips:
         damaged = bytearray(content)
-        damaged[rng.randrange(600, len(content))] ^= 1 << rng.randrange(8)
+        damaged[position] ^= 1 << bit
         path.write_bytes(damaged)
-        physics = read_recording(path).topics["/physics"]
-        assert physics == written["/physics"][: len(physics)]
+        try:
+            read = read_recording(path)
+        except RecordingError:
+            assert position < chunks[0]
+            continue
+        assert not read.complete
+        for topic, messages in read.topics.items():
+            assert messages == written[topic][: len(messages)]
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a recording at all" * 9])

@@ -49,7 +49,8 @@ class RecordingWriter:
         self._failure: Exception | None = None
         self._queue: SimpleQueue[tuple[str, int, Record] | None] = SimpleQueue()
         self._disk = _Disk(self.path)
-        self._mcap = Writer(cast(IO[bytes], self._disk))
+        self._mcap = Writer(cast(IO[bytes], self._disk), enable_data_crcs=True)
+        self._written = 0
         self._channels = self._start(metadata)
         self._alive_at = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
@@ -142,7 +143,14 @@ class RecordingWriter:
         if entry is None:
             return False
         topic, log_time_ns, record = entry
-        self._mcap.add_message(self._channels[topic], log_time_ns, encode(record), publish_time=log_time_ns)
+        self._written += 1
+        self._mcap.add_message(
+            self._channels[topic],
+            log_time_ns,
+            encode(record),
+            publish_time=log_time_ns,
+            sequence=self._written,
+        )
         return True
 
     def _complete(self, outcome: Mapping[str, Any]) -> None:
@@ -211,19 +219,18 @@ class Recording:
 
 
 def read_recording(path: str | os.PathLike) -> Recording:
-    """Read a recording, wherever a crash may have ended it; ``RecordingError`` without a header."""
+    """Read a recording up to where a crash or damage may have ended it; ``RecordingError`` without a header."""
     records, whole = _intact_records(path)
-    metadata = {
-        record.name: record.metadata for record in records if isinstance(record, mcap_records.Metadata)
-    }
+    metadata = _metadata(records)
     if _CONFIGURATION not in metadata:
         raise RecordingError(f"{path}: not a recording, or cut off before the end of its header")
+    messages, gapless = _messages(path, records)
     outcome = metadata.get(_OUTCOME)
     return Recording(
-        metadata=_from_text(metadata[_CONFIGURATION]),
-        outcome=None if outcome is None else _from_text(outcome),
-        messages=_messages(path, records),
-        complete=whole and outcome is not None,
+        metadata=metadata[_CONFIGURATION],
+        outcome=outcome,
+        messages=messages,
+        complete=whole and gapless and outcome is not None,
     )
 
 
@@ -241,20 +248,34 @@ def _intact_records(path: str | os.PathLike) -> tuple[list[mcap_records.McapReco
     return records, True
 
 
-def _messages(path: str | os.PathLike, records: list[mcap_records.McapRecord]) -> list[tuple[str, int, Any]]:
+def _metadata(records: list[mcap_records.McapRecord]) -> dict[str, dict[str, Any]]:
+    metadata = {}
+    for record in records:
+        if isinstance(record, mcap_records.Metadata):
+            with suppress(msgspec.DecodeError):
+                metadata[record.name] = _from_text(record.metadata)
+    return metadata
+
+
+def _messages(
+    path: str | os.PathLike, records: list[mcap_records.McapRecord]
+) -> tuple[list[tuple[str, int, Any]], bool]:
+    """The messages before the first gap in their numbers, and whether there was none."""
     names: dict[int, str] = {}
     messages: list[tuple[str, int, Any]] = []
     for record in records:
         if isinstance(record, mcap_records.Channel):
             names.setdefault(record.id, record.topic)
         elif isinstance(record, mcap_records.Message):
+            if record.sequence != len(messages) + 1:
+                return messages, False
             topic = names[record.channel_id]
             try:
                 messages.append((topic, record.log_time, decode(topic, record.data)))
             except (KeyError, msgspec.DecodeError) as error:
                 allowed = ", ".join(TOPICS)
                 raise RecordingError(f"{path}: foreign {topic!r}: {error}; allowed: {allowed}") from error
-    return messages
+    return messages, True
 
 
 def _to_text(values: Mapping[str, Any]) -> dict[str, str]:
