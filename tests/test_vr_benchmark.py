@@ -21,6 +21,7 @@ def test_stages_add_up_to_the_round_trip() -> None:
         times.answered[number] = sent + 0.006
         trips[number] = (sent, sent + 0.007)
     times.began, times.took = [0.0, 0.01, 0.02], [0.002, 0.003, 0.004]
+    times.computed = [0.001, 0.001, 0.002]
     times.missed = [5, 6, 8]
     trips[99] = (1.0, 2.0)
     speed = benchmark._sum_up("avrgym/FeedingJaco-v1", times, trips)
@@ -28,7 +29,7 @@ def test_stages_add_up_to_the_round_trip() -> None:
     stages = {name: spread["p50"] for name, spread in speed.stages_ms.items()}
     assert stages == pytest.approx({"to_server": 1.0, "queue": 3.0, "tick": 2.0, "return": 1.0})
     assert (speed.rate_hz, speed.seconds, speed.missed_deadlines) == pytest.approx((100.0, 0.03, 3))
-    assert speed.tick_ms["max"] == pytest.approx(4.0)
+    assert (speed.tick_ms["max"], speed.processor_ms["max"]) == pytest.approx((4.0, 2.0))
 
 
 def test_a_live_session_is_measured() -> None:
@@ -36,7 +37,7 @@ def test_a_live_session_is_measured() -> None:
     assert speed.env == "avrgym/FeedingJaco-v1"
     assert speed.rate_hz > 0.0
     assert speed.stolen_s >= 0.0
-    for spread in (speed.tick_ms, speed.round_trip_ms, *speed.stages_ms.values()):
+    for spread in (speed.tick_ms, speed.processor_ms, speed.round_trip_ms, *speed.stages_ms.values()):
         assert list(spread.values()) == sorted(spread.values())
         assert all(np.isfinite(list(spread.values())))
 

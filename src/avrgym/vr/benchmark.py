@@ -47,18 +47,19 @@ Spread = dict[str, float]
 class VrSpeed:
     """A trial of one environment, live and recorded.
 
-    ``rate_hz`` are ticks per second, ``tick_ms`` what one took; ``missed_deadlines`` ended after the next one was
-    due. ``round_trip_ms`` is the time from a tracking frame's sending to the first state that follows it, and
-    ``stages_ms`` its parts: from the client to the server, in the queue until the next tick, the tick until its state
-    is sent (every other tick sends one), and the way back. ``stolen_s`` is how much time of all processors other
-    machines on the same host took, from before the client came until the trial was over, where the system knows:
-    what was late then may not be our doing.
+    ``rate_hz`` are ticks per second, ``tick_ms`` what one took, ``processor_ms`` how long its thread was on a
+    processor meanwhile; ``missed_deadlines`` ended after the next one was due. ``round_trip_ms`` is the time from a
+    tracking frame's sending to the first state that follows it, and ``stages_ms`` its parts: from the client to the
+    server, in the queue until the next tick, the tick until its state is sent (every other tick sends one), and the
+    way back. ``stolen_s`` is how much time of all processors other machines on the same host took, from before the
+    client came until the trial was over, where the system knows: what was late then may not be our doing.
     """
 
     env: str
     seconds: float
     rate_hz: float
     tick_ms: Spread
+    processor_ms: Spread
     round_trip_ms: Spread
     stages_ms: dict[str, Spread]
     missed_deadlines: int
@@ -128,6 +129,7 @@ class _Times:
         self.answered: dict[int, float] = {}
         self.began: list[float] = []
         self.took: list[float] = []
+        self.computed: list[float] = []
         self.missed: list[int] = []
         self.stolen_s = 0.0
         self._loop: RealTimeLoop | None = None
@@ -143,10 +145,11 @@ class _Times:
 
         loop.post = note
 
-    def note_tick(self, began_s: float) -> None:
-        """Note a tick that ends now, and how many deadlines have been missed before its own."""
+    def note_tick(self, began_s: float, computed_s: float) -> None:
+        """Note a tick that ends now and its processor time, and how many deadlines have been missed before its own."""
         self.began.append(began_s)
         self.took.append(time.monotonic() - began_s)
+        self.computed.append(computed_s)
         if self._loop is not None:
             self.missed.append(self._loop.late_ticks + self._loop.missed_ticks)
 
@@ -173,10 +176,10 @@ class _TimedSession(Session):
         super().receive(message, now_s)
 
     def tick(self, now_s: float) -> None:
-        began, driving = time.monotonic(), self.phase == "trial"
+        began, computed_before, driving = time.monotonic(), time.thread_time(), self.phase == "trial"
         super().tick(now_s)
         if driving:
-            self._times.note_tick(began)
+            self._times.note_tick(began, time.thread_time() - computed_before)
 
 
 Trips = dict[int, tuple[float, float]]
@@ -275,6 +278,7 @@ def _sum_up(environment_id: str, times: _Times, trips: Trips) -> VrSpeed:
         seconds=lasted_s,
         rate_hz=len(times.began) / lasted_s,
         tick_ms=_spread(np.array(times.took)),
+        processor_ms=_spread(np.array(times.computed)),
         round_trip_ms=_spread(came - sent),
         stages_ms={name: _spread(stage) for name, stage in stages.items()},
         missed_deadlines=times.missed[-1] - times.missed[0],
