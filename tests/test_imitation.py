@@ -17,12 +17,18 @@ WORLDS, ROUNDS = 8, 4
 
 
 @pytest.fixture(scope="module")
-def imitated() -> tuple[PPO, list[int]]:
+def imitated(tmp_path_factory) -> tuple[PPO, list[int]]:
     """A model after four rounds, and after how many steps it had driven episodes of its own."""
+    shown = tmp_path_factory.mktemp("imitation") / "shown"
     native = AssistiveVectorEnv(FEEDING, WORLDS, people="revised", num_threads=1)
     model = PPO("MlpPolicy", VecNormalize(SB3VectorEnv(native)), n_steps=200, seed=3, device="cpu")
     heard: list[int] = []
-    imitate(model, native.episodes, ROUNDS, 3, lambda steps, finished: heard.append(steps))
+
+    def hear(finished: list[tuple[float, bool]]) -> None:
+        if finished:
+            heard.append(model.num_timesteps)
+
+    imitate(model, native.episodes, ROUNDS, 3, shown, hear)
     return model, heard
 
 

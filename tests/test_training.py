@@ -27,6 +27,7 @@ SCRATCHING = "avrgym/ScratchItchJaco-v1"
 TINY = TrainingConfiguration(
     FEEDING, people="revised", steps=3200, seed=4, worlds=8, epochs=2, threads=1, imitation_rounds=0
 )
+LONG = replace(TINY, steps=5 * 8 * 200, imitation_rounds=3, imitation_share=0.7)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -173,30 +174,64 @@ class Killed(Exception):
     """Something ended the training."""
 
 
-def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> tuple[Path, list[Progress]]:
+    """An uninterrupted training of three rounds of imitation and two updates, and what it told of."""
+    out = tmp_path_factory.mktemp("runs") / "whole"
+    heard: list[Progress] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "MEASURED_EPISODES", 2)
+        train(LONG, out, heard.append)
+    assert [progress.steps for progress in heard] == [3200, 4800, 6400, 8000]
+    return out, heard
+
+
+@pytest.mark.parametrize("told", [2, 3], ids=["in its imitation", "in PPO"])
+def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(told, whole, tmp_path, monkeypatch):
     monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
-    long = replace(TINY, steps=4 * 8 * 200, imitation_rounds=1)
     heard: list[Progress] = []
 
-    def kill_after_two_updates(progress: Progress) -> None:
+    def kill(progress: Progress) -> None:
         heard.append(progress)
-        if len(heard) == 2:
+        if len(heard) == told:
             raise Killed
 
     with pytest.raises(Killed):
-        train(long, tmp_path / "cut", kill_after_two_updates)
+        train(LONG, tmp_path / "cut", kill)
     resume(tmp_path / "cut", heard.append)
-    whole: list[Progress] = []
-    train(long, tmp_path / "whole", whole.append)
-    assert [progress.steps for progress in heard] == [3200, 4800, 4800, 6400]
-    assert whole == [heard[0], *heard[2:]]
+    uncut, expected = whole
+    assert heard == [*expected[:told], *expected[told - 1 :]]
     first, second = (
-        torch.load(tmp_path / name / "checkpoint.pt", weights_only=True) for name in ("cut", "whole")
+        torch.load(out / "checkpoint.pt", weights_only=True) for out in (tmp_path / "cut", uncut)
     )
     for part in ("policy", "observations", "returns"):
         for name, value in first[part].items():
             assert_array_equal(np.asarray(value), np.asarray(second[part][name]), err_msg=name)
     assert first["episodes"] == second["episodes"]
+    assert sorted(path.name for path in (tmp_path / "cut").iterdir()) == sorted(
+        path.name for path in uncut.iterdir()
+    )
+
+
+def test_a_training_may_be_imitation_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
+    policy = train(replace(TINY, steps=2 * 8 * 200, imitation_rounds=9, imitation_share=1.0), tmp_path)
+    assert policy.metadata.steps == 2 * 8 * 200
+    assert policy.metadata.measured["episodes"] == 2
+    assert policy.action_deviation == pytest.approx(np.exp(TINY.log_std[0]))
+    with pytest.raises(ValueError, match="is complete"):
+        resume(tmp_path)
+
+
+def test_a_training_whose_teacher_s_files_are_damaged_says_so(tmp_path):
+    def kill(progress: Progress) -> None:
+        raise Killed
+
+    with pytest.raises(Killed):
+        train(LONG, tmp_path, kill)
+    (tmp_path / "shown" / "round_0000.npz").write_bytes(b"PK")
+    with pytest.raises(ValueError, match=r"round_0000\.npz: not what a teacher showed"):
+        resume(tmp_path)
 
 
 def test_only_a_training_that_was_cut_off_can_be_resumed(trained, tmp_path):

@@ -5,6 +5,9 @@ learns to do the same from all that was gathered so far.
 """
 
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import torch
@@ -27,42 +30,68 @@ EPOCHS, LAST_EPOCHS = 10, 100
 LEARNING_RATE, FALL, LAST_FALL = 1e-3, 0.3, 0.01
 """The learning rate, and the share of it that is left at the end of a round and of the last."""
 
-Hear = Callable[[int, list[tuple[float, bool]]], object]
+Hear = Callable[[list[tuple[float, bool]]], object]
 
 
-def imitate(model: PPO, episodes: Episodes, rounds: int, seed: int, hear: Hear) -> None:
+def imitate(model: PPO, episodes: Episodes, rounds: int, seed: int, shown: Path, hear: Hear) -> None:
     """Bring a model's actor to do as the teacher does, and fit its normaliser of observations on the way.
 
+    What the model has done of it, by its number of steps, is not done again: it goes on to the same weights.
+
     Args:
-        model: over a ``VecNormalize`` of the environment whose worlds ``episodes`` are; not yet begun.
+        model: over a ``VecNormalize`` of the environment whose worlds ``episodes`` are; not yet begun, or as it was
+            after a round.
         episodes: the worlds.
-        rounds: how many, 1 or more; each is an episode in every world.
+        rounds: how many in all; each is an episode in every world.
         seed: of who drives which world, and of the minibatches.
-        hear: told after each round how many steps were made in all, and return and success of each episode that the
-            policy drove.
+        shown: a folder for what the teacher shows, a file for each round; it must hold those of the rounds done.
+        hear: told after each round return and success of each episode that the policy drove.
+
+    Raises:
+        ValueError: for a file that is missing or damaged.
     """
     normaliser = model.get_env()
     assert isinstance(normaliser, VecNormalize)
-    random = np.random.default_rng([seed, 2])
-    normaliser.reset()
-    seen, shown = [], []
-    for number in range(rounds):
-        by_teacher = random.random(episodes.simulation.num_worlds) < TEACHER_SHARE**number
-        observations, actions, finished = _gather(model, normaliser, episodes, by_teacher)
-        seen.append(observations)
-        shown.append(actions)
-        last = number == rounds - 1
-        _fit(model, np.concatenate(seen), np.concatenate(shown), random, last)
-        if finished:
-            hear((number + 1) * len(observations), finished)
+    worlds = episodes.simulation.num_worlds
+    done = model.num_timesteps // (worlds * EPISODE_STEPS)
+    shown.mkdir(exist_ok=True)
+    files = [shown / f"round_{number:04}.npz" for number in range(rounds)]
+    gathered = [_load(file) for file in files[:done]]
+    if not done:
+        normaliser.reset()
+    for number in range(done, rounds):
+        random = np.random.default_rng([seed, 2, number])
+        by_teacher = random.random(worlds) < TEACHER_SHARE**number
+        round_shown, finished = _gather(model, normaliser, episodes, by_teacher)
+        np.savez(files[number], **asdict(round_shown))
+        gathered.append(round_shown)
+        _fit(model, gathered, random, last=number == rounds - 1)
+        model.num_timesteps += len(round_shown.observations)
+        hear(finished)
     model._last_obs = normaliser.normalize_obs(episodes.observe())  # type: ignore[assignment]
-    model._last_episode_starts = np.ones(episodes.simulation.num_worlds, dtype=bool)
+    model._last_episode_starts = np.ones(worlds, dtype=bool)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a teacher showed: observations (S, O) and its actions (S, 7), single precision."""
+
+    observations: NDArray[np.float32]
+    actions: NDArray[np.float32]
+
+
+def _load(file: Path) -> Shown:
+    try:
+        with np.load(file) as arrays:
+            return Shown(**arrays)
+    except (OSError, ValueError, TypeError, BadZipFile) as error:
+        raise ValueError(f"{file}: not what a teacher showed ({error})") from error
 
 
 def _gather(
     model: PPO, normaliser: VecNormalize, episodes: Episodes, by_teacher: NDArray[np.bool_]
-) -> tuple[Array, Array, list[tuple[float, bool]]]:
-    """One episode in every world: observations (S, O), the teacher's actions (S, 7), the policy's returns."""
+) -> tuple[Shown, list[tuple[float, bool]]]:
+    """One episode in every world: what the teacher showed, and return and success of the policy's own."""
     teacher = TEACHERS[episodes.task.name](episodes)
     observation = episodes.observe()
     seen, shown, infos = [], [], []
@@ -73,15 +102,17 @@ def _gather(
         _, _, _, infos = normaliser.step(np.where(by_teacher[:, None], shown[-1], own))
         observation = np.asarray(normaliser.get_original_obs())
     own_infos = [infos[world] for world in np.nonzero(~by_teacher)[0]]
-    return np.concatenate(seen), np.concatenate(shown), finished_episodes(own_infos)
+    observations, actions = (np.concatenate(rows).astype(np.float32) for rows in (seen, shown))
+    return Shown(observations, actions), finished_episodes(own_infos)
 
 
-def _fit(model: PPO, seen: Array, shown: Array, random: np.random.Generator, last: bool) -> None:
+def _fit(model: PPO, gathered: list[Shown], random: np.random.Generator, *, last: bool) -> None:
     """Least squares over all that was gathered, at a rate that falls; in the last round longer."""
     normaliser = model.get_env()
     assert isinstance(normaliser, VecNormalize)
+    seen = np.concatenate([shown.observations for shown in gathered])
     observations = torch.as_tensor(np.asarray(normaliser.normalize_obs(seen)), dtype=torch.float32)
-    actions = torch.as_tensor(shown, dtype=torch.float32)
+    actions = torch.as_tensor(np.concatenate([shown.actions for shown in gathered]))
     actor = model.policy
     parameters = [*actor.mlp_extractor.policy_net.parameters(), *actor.action_net.parameters()]
     optimizer = torch.optim.Adam(parameters, LEARNING_RATE)

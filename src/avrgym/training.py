@@ -3,6 +3,7 @@
 Needs the extra ``train``. What it leaves is a policy file that needs neither of them.
 """
 
+import shutil
 import subprocess
 import time
 from collections.abc import Callable, Mapping
@@ -20,7 +21,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from avrgym import checkpoint
 from avrgym.envs import AssistiveVectorEnv
-from avrgym.episodes import EPISODE_STEPS
+from avrgym.episodes import EPISODE_STEPS, Episodes
 from avrgym.evaluation import evaluate
 from avrgym.files import write_whole
 from avrgym.imitation import imitate
@@ -30,6 +31,8 @@ from avrgym.stable_baselines import ObservationScale, SB3VectorEnv, finished_epi
 from avrgym.tasks import find_environment
 
 POLICY_FILE, CONFIGURATION_FILE, CHECKPOINT_FILE = "policy.safetensors", "configuration.json", "checkpoint.pt"
+SHOWN_FOLDER = "shown"
+"""What the teacher showed, while the policy imitates it."""
 PEOPLE_FILE = "people.toml"
 """A copy of the file of people that a training was begun with, if it was."""
 MEASURED_EPISODES = 100
@@ -41,7 +44,7 @@ class TrainingConfiguration:
     """What a training run is made of. Network and algorithm are the paper's (section V); the rest is ours.
 
     The policy first imitates its task's teacher for ``imitation_rounds`` episodes in every world, though for no more
-    than half of all steps. Then only the critic learns for ``critic_updates``.
+    than ``imitation_share`` of all steps. Then only the critic learns for ``critic_updates``.
     ``log_std`` is how random actions are at the beginning and at the end of PPO. The ``learning_rate`` is that of its
     beginning and falls to a hundredth, so that in the end the policy is a mean of many updates. The policy keeps the
     chance of its last update.
@@ -63,6 +66,7 @@ class TrainingConfiguration:
     log_std: tuple[float, float] = (-1.5, -3.0)
     hidden: tuple[int, ...] = (64, 64)
     imitation_rounds: int = 8
+    imitation_share: float = 0.5
     critic_updates: int = 5
     force_weight_per_n: float = 0.03
     threads: int = 0
@@ -75,12 +79,12 @@ class TrainingConfiguration:
     @property
     def imitation_steps(self) -> int:
         """Environment steps of imitation, whole rounds."""
-        rounds = min(self.imitation_rounds, self.steps // 2 // self.update_steps)
+        rounds = min(self.imitation_rounds, int(self.imitation_share * self.steps) // self.update_steps)
         return rounds * self.update_steps
 
     def _ppo_share(self, steps: float) -> float:
         """What share of PPO is done after so many environment steps in all."""
-        return min(1.0, max(0.0, steps - self.imitation_steps) / (self.steps - self.imitation_steps))
+        return min(1.0, max(0.0, steps - self.imitation_steps) / max(1, self.steps - self.imitation_steps))
 
     def log_std_at(self, steps: float) -> float:
         """Logarithm of the standard deviation of random actions after so many steps."""
@@ -106,8 +110,9 @@ TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
     },
     "ScratchItch": {"imitation_rounds": 24, "log_std": (-1.0, -2.2), "force_weight_per_n": 0.0},
     "BedBathing": {
-        "imitation_rounds": 20,
-        "log_std": (-1.7, -2.4),
+        "imitation_rounds": 100,
+        "imitation_share": 1.0,
+        "log_std": (-3.0, -3.0),
         "learning_rate": 1e-4,
         "force_weight_per_n": 0.0,
     },
@@ -152,6 +157,11 @@ class _Watch(BaseCallback):
         self._curve: list[Progress] = []
         self._seconds_before, self._began = 0.0, time.monotonic()
 
+    @property
+    def episodes(self) -> Episodes:
+        """The worlds."""
+        return self._env.env.episodes
+
     def resume(self, notes: dict[str, Any]) -> None:
         """Go on from the notes of a checkpoint."""
         self._finished = [(reward, success) for reward, success in notes["finished"]]
@@ -166,6 +176,12 @@ class _Watch(BaseCallback):
         self._curve.append(now)
         self._tell(now)
         return now
+
+    def imitated(self, finished: list[tuple[float, bool]]) -> None:
+        """Save a round of imitation, and tell of what the policy did meanwhile."""
+        if finished:
+            self.hear(self.model.num_timesteps, finished)
+        self.save_checkpoint()
 
     def _on_rollout_start(self) -> None:
         self.save_checkpoint()
@@ -253,7 +269,7 @@ def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
     watch.resume(checkpoint.restore(out / CHECKPOINT_FILE, model, env.env))
     if model.num_timesteps >= configuration.steps and Policy.load(out / POLICY_FILE).metadata.measured:
         raise ValueError(f"the training in {out} is complete, after {model.num_timesteps} steps")
-    return _learn(model, configuration, watch, out)
+    return _go_on(model, configuration, watch, out)
 
 
 def stored_configuration(out: Path) -> TrainingConfiguration:
@@ -272,21 +288,24 @@ def stored_configuration(out: Path) -> TrainingConfiguration:
 
 
 def _begin(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path, tell: Tell) -> Policy:
-    model = _ppo(configuration, env, out)
-    watch = _Watch(configuration, out, env, tell)
-    rounds = configuration.imitation_steps // configuration.update_steps
-    if rounds:
-        imitate(model, env.env.episodes, rounds, configuration.seed, watch.hear)
-        model.num_timesteps = configuration.imitation_steps
-    return _learn(model, configuration, watch, out)
+    return _go_on(_ppo(configuration, env, out), configuration, _Watch(configuration, out, env, tell), out)
 
 
-def _learn(model: PPO, configuration: TrainingConfiguration, watch: _Watch, out: Path) -> Policy:
+def _go_on(model: PPO, configuration: TrainingConfiguration, watch: _Watch, out: Path) -> Policy:
+    if model.num_timesteps < configuration.imitation_steps:
+        watch.init_callback(model)
+        _imitate(model, configuration, watch, out)
+    shutil.rmtree(out / SHOWN_FOLDER, ignore_errors=True)
     remaining = configuration.steps - model.num_timesteps
     if remaining > 0:
         model.learn(remaining, callback=watch, reset_num_timesteps=False)
         watch.save_checkpoint()
     return _measure(configuration, out)
+
+
+def _imitate(model: PPO, configuration: TrainingConfiguration, watch: _Watch, out: Path) -> None:
+    rounds = configuration.imitation_steps // configuration.update_steps
+    imitate(model, watch.episodes, rounds, configuration.seed, out / SHOWN_FOLDER, watch.imitated)
 
 
 def _stored_people(configuration: TrainingConfiguration, out: Path) -> str:
