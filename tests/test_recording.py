@@ -174,6 +174,18 @@ def test_a_wrong_topic_or_record_is_refused(tmp_path):
     writer.close(OUTCOME)
 
 
+def test_a_recording_whose_messages_are_not_numbered_reads_whole(tmp_path, monkeypatch):
+    add_message = recording.Writer.add_message
+    monkeypatch.setattr(
+        recording.Writer, "add_message", lambda *args, sequence, **more: add_message(*args, **more)
+    )
+    path = tmp_path / "trial.mcap"
+    written = write_trial(path)
+    read = read_recording(path)
+    assert read.complete
+    assert read.topics == written
+
+
 def test_a_file_cut_anywhere_gives_a_prefix(tmp_path, small_chunks):
     path = tmp_path / "trial.mcap"
     written = write_trial(path)

@@ -260,14 +260,14 @@ def _metadata(records: list[mcap_records.McapRecord]) -> dict[str, dict[str, Any
 def _messages(
     path: str | os.PathLike, records: list[mcap_records.McapRecord]
 ) -> tuple[list[tuple[str, int, Any]], bool]:
-    """The messages before the first gap in their numbers, and whether there was none."""
+    """The messages before the first gap in their numbers, and whether there was none; 0 is no number."""
     names: dict[int, str] = {}
     messages: list[tuple[str, int, Any]] = []
     for record in records:
         if isinstance(record, mcap_records.Channel):
             names.setdefault(record.id, record.topic)
         elif isinstance(record, mcap_records.Message):
-            if record.sequence != len(messages) + 1:
+            if record.sequence not in (0, len(messages) + 1):
                 return messages, False
             topic = names[record.channel_id]
             try:
