@@ -66,14 +66,17 @@ def settings_table() -> Iterator[str]:
     """What differs between the tasks in how `avrgym train` trains."""
     from avrgym.training import configuration_for
 
-    yield "| task | rounds of imitation | log standard deviation | learning rate | last weight of force, 1/N |"
-    yield "|---|---|---|---|---|"
+    yield (
+        "| task | rounds of imitation | log standard deviation | learning rate | last weight of force, 1/N "
+        "| weight of detours, 1/m |"
+    )
+    yield "|---|---|---|---|---|---|"
     for task in TASKS:
         how = configuration_for(f"avrgym/{task}Jaco-v1", "original", 1, 0)
         first, last = how.log_std
         yield (
             f"| {task} | {how.imitation_rounds} | {first:g} to {last:g} | {how.learning_rate:g} "
-            f"| {how.force_weight_per_n:g} |"
+            f"| {how.force_weight_per_n:g} | {how.detour_weight_per_m:g} |"
         )
 
 

@@ -15,7 +15,9 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from avrgym import training
 from avrgym.envs import AssistiveVectorEnv
+from avrgym.episodes import EPISODE_STEPS
 from avrgym.policies import Policy
+from avrgym.shaping import around_limb_m
 from avrgym.stable_baselines import SB3VectorEnv
 from avrgym.tasks import ENVIRONMENTS
 from avrgym.teachers import TEACHERS
@@ -127,6 +129,21 @@ def test_force_on_the_person_costs_what_the_wrapper_is_told():
         assert_allclose(learned, reward - 0.5 * info["force_on_person"], atol=1e-9)
         most_n = max(most_n, info["force_on_person"].max())
     assert most_n > 1.0
+
+
+def test_detours_cost_what_the_wrapper_is_told_but_for_the_last_step():
+    env = SB3VectorEnv(AssistiveVectorEnv(SCRATCHING, 2, num_threads=1))
+    env.seed(5)
+    env.reset()
+    env.detour_weight_per_m = 2.0
+    rng, returns, costs = np.random.default_rng(0), np.zeros(2), np.zeros(2)
+    for _ in range(EPISODE_STEPS - 1):
+        _, learned, _, _ = env.step(rng.uniform(-1.0, 1.0, (2, 7)).astype(np.float32))
+        returns += learned
+        costs += 2.0 * around_limb_m(env.env.episodes.simulation.state(), env.env.episodes.memory)
+    _, learned, _, infos = env.step(np.zeros((2, 7), np.float32))
+    assert_allclose(returns + learned + costs, [info["episode_return"] for info in infos])
+    assert costs.max() > 0.1
 
 
 # Training

@@ -9,6 +9,7 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv
 
 from avrgym.envs import ACTIONS, AssistiveVectorEnv
+from avrgym.shaping import DETOURS
 from avrgym.tasks.base import Task
 
 Array = NDArray[Any]
@@ -21,12 +22,13 @@ class SB3VectorEnv(VecEnv):
     """The native vector environment as Stable-Baselines3 wants it.
 
     The infos of a finished episode hold ``success`` and ``episode_return``, the sum of the task's own rewards.
-    ``force_weight_per_n`` is what each newton on the person takes off a step's reward beyond that.
+    Beyond that each newton on the person takes ``force_weight_per_n`` off a step's reward, and each metre of a detour
+    that the tool has to make to its goal ``detour_weight_per_m``, but for an episode's last step.
     """
 
     def __init__(self, env: AssistiveVectorEnv) -> None:
         self.env = env  # the base class asks it for its render mode
-        self.force_weight_per_n = 0.0
+        self.force_weight_per_n = self.detour_weight_per_m = 0.0
         self._returns: Array = np.zeros(env.num_envs)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self._actions: Array = np.zeros((env.num_envs, ACTIONS))
@@ -57,7 +59,17 @@ class SB3VectorEnv(VecEnv):
                 "episode_return": float(self._returns[i]),
             }
             self._returns[i] = 0.0
-        return observation, reward - self.force_weight_per_n * info["force_on_person"], truncated, infos
+        cost = self.force_weight_per_n * info["force_on_person"]
+        cost = cost + self.detour_weight_per_m * np.where(truncated, 0.0, self._detour_m())
+        return observation, reward - cost, truncated, infos
+
+    def _detour_m(self) -> Array:
+        """How much longer the tool's way is than the straight one, (N,)."""
+        episodes = self.env.episodes
+        detour = DETOURS.get(episodes.task.name)
+        if detour is None or not self.detour_weight_per_m:
+            return np.zeros(self.num_envs)
+        return detour(episodes.simulation.state(), episodes.memory)
 
     def close(self) -> None:
         self.env.close()

@@ -50,6 +50,7 @@ class TrainingConfiguration:
     chance of its last update.
     ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
     the task's own reward does; it grows over the second third: first the policy learns to help, then to be gentle.
+    ``detour_weight_per_m`` is what each metre takes off that the tool's way to its goal is longer than straight on.
     """
 
     environment: str
@@ -69,6 +70,7 @@ class TrainingConfiguration:
     imitation_share: float = 0.5
     critic_updates: int = 5
     force_weight_per_n: float = 0.03
+    detour_weight_per_m: float = 0.0
     threads: int = 0
 
     @property
@@ -108,7 +110,7 @@ TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
         "critic_updates": 3,
         "learning_rate": 1e-4,
     },
-    "ScratchItch": {"imitation_rounds": 24, "log_std": (-1.0, -2.2), "force_weight_per_n": 0.0},
+    "ScratchItch": {"imitation_rounds": 24, "log_std": (-1.0, -2.3), "detour_weight_per_m": 5.0},
     "BedBathing": {
         "imitation_rounds": 100,
         "imitation_share": 1.0,
@@ -314,14 +316,12 @@ def _stored_people(configuration: TrainingConfiguration, out: Path) -> str:
 
 
 def _environment(configuration: TrainingConfiguration, people: str) -> SB3VectorEnv:
-    return SB3VectorEnv(
-        AssistiveVectorEnv(
-            configuration.environment,
-            configuration.worlds,
-            people=people,
-            num_threads=configuration.threads,
-        )
+    native = AssistiveVectorEnv(
+        configuration.environment, configuration.worlds, people=people, num_threads=configuration.threads
     )
+    env = SB3VectorEnv(native)
+    env.detour_weight_per_m = configuration.detour_weight_per_m
+    return env
 
 
 def _measure(configuration: TrainingConfiguration, out: Path) -> Policy:

@@ -1,0 +1,44 @@
+"""What training counts beyond a task's own reward, so that a policy is drawn the way that leads to the goal.
+
+A reward that falls with the straight distance draws a tool to the near side of a limb that itches on its far side, and
+there it stays.
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import transforms
+from avrgym.simulation import State
+from avrgym.tasks.base import Memory
+from avrgym.tasks.scratch_itch import ScratchItchMemory, limb_frame
+from avrgym.transforms import norm
+
+Array = NDArray[np.float64]
+
+SMALLEST_M = 1e-4
+
+
+def around_limb_m(state: State, memory: ScratchItchMemory) -> Array:
+    """How much longer the tool's way to the itch is around the limb than straight on, (N,), metres.
+
+    The limb is an endless cylinder with the itch on its skin. Where the straight way would lead through it, the
+    shortest one leads along a tangent to the skin and then around it; unrolled it is straight.
+    """
+    limb_pos_w, limb_q_w = limb_frame(state, memory)
+    tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
+    along = tool[:, 2] - memory.itch[:, 2]
+    tool, itch = tool[:, :2], memory.itch[:, :2]
+    radius = norm(itch)
+    away = np.maximum(norm(tool), radius + SMALLEST_M)
+    cosine = (tool * itch).sum(axis=-1) / np.maximum(norm(tool) * radius, SMALLEST_M**2)
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+    hidden = np.maximum(0.0, angle - np.arccos(radius / away))
+    straight = norm(tool - itch)
+    around = np.where(hidden > 0.0, np.sqrt(away**2 - radius**2) + radius * hidden, straight)
+    return np.hypot(around, along) - np.hypot(straight, along)
+
+
+DETOURS: Mapping[str, Callable[[State, Memory], Array]] = {"ScratchItch": around_limb_m}
+"""By task, where something is in the tool's way: how much longer that makes the way, (N,), metres."""
