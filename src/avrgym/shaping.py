@@ -30,9 +30,9 @@ def around_limb_m(state: State, memory: ScratchItchMemory) -> Array:
     tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
     along = tool[:, 2] - memory.itch[:, 2]
     tool, itch = tool[:, :2], memory.itch[:, :2]
-    radius = norm(itch)
-    away = np.maximum(norm(tool), radius + SMALLEST_M)
-    cosine = (tool * itch).sum(axis=-1) / np.maximum(norm(tool) * radius, SMALLEST_M**2)
+    radius, from_axis = norm(itch), norm(tool)
+    away = np.maximum(from_axis, radius + SMALLEST_M)
+    cosine = (tool * itch).sum(axis=-1) / np.maximum(from_axis * radius, SMALLEST_M**2)
     angle = np.arccos(np.clip(cosine, -1.0, 1.0))
     hidden = np.maximum(0.0, angle - np.arccos(radius / away))
     straight = norm(tool - itch)
