@@ -1,10 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
+from avrgym import transforms
 from avrgym.episodes import EPISODE_STEPS, Episodes
 from avrgym.tasks import ENVIRONMENTS, TASKS
-from avrgym.teachers import TEACHERS
+from avrgym.tasks.scratch_itch import ScratchItchMemory
+from avrgym.teachers import TEACHERS, scratching
+from avrgym.transforms import norm, normalize
+
+OUTSIDE_RAD = np.radians(120.0)
 
 
 def begun(environment: str, count: int) -> Episodes:
@@ -39,11 +46,66 @@ def test_a_teacher_brings_the_tool_nearer(environment):
     assert distances[-1] < 0.5 * distances[0]
 
 
-@pytest.mark.parametrize("task", ["Feeding", "ScratchItch", "BedBathing"])
-def test_a_teacher_mostly_succeeds(task):
-    episodes = begun(f"avrgym/{task}Jaco-v1", 16)
-    teacher = TEACHERS[task](episodes)
-    success = np.zeros(16, dtype=bool)
+def around_axis(from_axis, angle, along):
+    """Places in a limb's frame, the angle from its outer side."""
+    return np.stack([-from_axis * np.cos(angle), from_axis * np.sin(angle), along], axis=-1)
+
+
+def share_of_successes(episodes: Episodes) -> float:
+    """In how many worlds the teacher has succeeded after an episode."""
+    teacher = TEACHERS[episodes.task.name](episodes)
+    success = np.zeros(1, dtype=bool)
     for _ in range(EPISODE_STEPS):
         success = episodes.step(teacher(episodes.observe())).success
-    assert success.mean() >= 0.5
+    return success.mean()
+
+
+@pytest.mark.parametrize("task", ["Feeding", "ScratchItch", "BedBathing"])
+def test_a_teacher_mostly_succeeds(task):
+    assert share_of_successes(begun(f"avrgym/{task}Jaco-v1", 16)) >= 0.5
+
+
+@pytest.mark.parametrize("robot", ["Jaco", "PR2"])
+def test_a_teacher_scratches_the_far_side_of_the_forearm(robot):
+    """On its upper, inner side, where the robot is on the outer one."""
+    episodes = begun(f"avrgym/ScratchItch{robot}-v1", 8)
+    radius, middle = 0.033, -0.13
+    angle = np.radians(np.linspace(-135.0, -100.0, 8))
+    itch = around_axis(radius, angle, np.full(8, middle))
+    episodes.memory = replace(episodes.memory, limb=np.ones(8, dtype=np.intp), itch=itch)
+    assert share_of_successes(episodes) >= 0.75
+
+
+def test_a_tip_goes_around_the_limb_and_not_through_it():
+    """From wherever it is outside, a centimetre at a time to where it aims, until it is at the itch."""
+    random = np.random.default_rng(0)
+    limb, radius = random.integers(2, size=300), random.uniform(0.02, 0.05, 300)
+    itch = around_axis(radius, OUTSIDE_RAD * random.uniform(-1.0, 1.0, 300), random.uniform(-0.2, 0.0, 300))
+    places = radius + random.uniform(0.005, 0.3, 300)
+    tip = around_axis(places, OUTSIDE_RAD * random.uniform(-1.0, 1.0, 300), random.uniform(-0.4, 0.2, 300))
+    memory = ScratchItchMemory(limb, itch, np.zeros_like(itch), np.zeros_like(limb))
+    arrived = np.zeros(300, dtype=bool)
+    for _ in range(100):
+        arrived |= norm(tip - itch) < 0.03
+        step = scratching.around(tip, memory) - tip
+        tip = tip + np.where(arrived[:, None], 0.0, 0.01 * step / norm(step)[:, None])
+        assert np.all(arrived | (norm(tip[:, :2]) >= radius))
+    assert arrived.all()
+
+
+def test_a_scratching_hand_stays_out_of_the_skin():
+    out_w = normalize(np.random.default_rng(0).normal(size=(500, 3)))
+    hand_w = scratching.hand(out_w)
+    assert_allclose(norm(hand_w), 1.0)
+    assert np.all((hand_w * out_w).sum(axis=-1) >= np.cos(scratching.SLANT_RAD) - 1e-9)
+
+
+def test_a_rod_that_has_turned_need_not_turn_again():
+    random = np.random.default_rng(0)
+    rod_w, out_w = (normalize(random.normal(size=(500, 3))) for _ in range(2))
+    turn = scratching.turn_rad(rod_w, out_w)
+    turned_w = transforms.rotate(transforms.from_rotation_vector(turn), rod_w)
+    assert (norm(turn) > 0.1).sum() > 400
+    assert_allclose(scratching.turn_rad(turned_w, out_w), 0.0, atol=1e-7)
+    askew_rad = np.arccos((-turned_w * scratching.hand(out_w)).sum(axis=-1))
+    assert np.all(askew_rad <= scratching.ASKEW_RAD + 1e-7)

@@ -17,7 +17,7 @@ from avrgym import training
 from avrgym.envs import AssistiveVectorEnv
 from avrgym.episodes import EPISODE_STEPS
 from avrgym.policies import Policy
-from avrgym.shaping import around_limb_m
+from avrgym.shaping import around_arm_m
 from avrgym.stable_baselines import SB3VectorEnv
 from avrgym.tasks import ENVIRONMENTS
 from avrgym.teachers import TEACHERS
@@ -140,7 +140,7 @@ def test_detours_cost_what_the_wrapper_is_told_but_for_the_last_step():
     for _ in range(EPISODE_STEPS - 1):
         _, learned, _, _ = env.step(rng.uniform(-1.0, 1.0, (2, 7)).astype(np.float32))
         returns += learned
-        costs += 2.0 * around_limb_m(env.env.episodes.simulation.state(), env.env.episodes.memory)
+        costs += 2.0 * around_arm_m(env.env.episodes.simulation.state(), env.env.episodes.memory)
     _, learned, _, infos = env.step(np.zeros((2, 7), np.float32))
     assert_allclose(returns + learned + costs, [info["episode_return"] for info in infos])
     assert costs.max() > 0.1

@@ -1,7 +1,7 @@
 """What training counts beyond a task's own reward, so that a policy is drawn the way that leads to the goal.
 
 A reward that falls with the straight distance draws a tool to the near side of a limb that itches on its far side, and
-there it stays.
+there it stays. So it is with a hand that is where it has no room.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,14 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym import transforms
+from avrgym.oracles.scratch_itch import ROD, surface
 from avrgym.simulation import State
 from avrgym.tasks.base import Memory
 from avrgym.tasks.scratch_itch import ScratchItchMemory, limb_frame
+from avrgym.teachers import scratching
 from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 
 SMALLEST_M = 1e-4
+HAND_M = 0.06
+"""How far from the tip the hand begins."""
 
 
 def around_limb_m(state: State, memory: ScratchItchMemory) -> Array:
@@ -40,5 +44,16 @@ def around_limb_m(state: State, memory: ScratchItchMemory) -> Array:
     return np.hypot(around, along) - np.hypot(straight, along)
 
 
-DETOURS: Mapping[str, Callable[[State, Memory], Array]] = {"ScratchItch": around_limb_m}
-"""By task, where something is in the tool's way: how much longer that makes the way, (N,), metres."""
+def around_arm_m(state: State, memory: ScratchItchMemory) -> Array:
+    """How much longer the way around the limb is, (N,), metres, and how far the hand has to go about the tip.
+
+    The hand is to be where it has room, as in ``teachers.scratching``.
+    """
+    _, limb_q_w = limb_frame(state, memory)
+    out_w, _ = surface(memory, limb_q_w)
+    turn_rad = scratching.turn_rad(transforms.rotate(state.tool_q_w, ROD), out_w)
+    return around_limb_m(state, memory) + HAND_M * norm(turn_rad)
+
+
+DETOURS: Mapping[str, Callable[[State, Memory], Array]] = {"ScratchItch": around_arm_m}
+"""By task, where something is in the tool's way: how much longer that makes the way of tool and hand, (N,), metres."""

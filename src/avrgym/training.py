@@ -50,7 +50,7 @@ class TrainingConfiguration:
     chance of its last update.
     ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
     the task's own reward does; it grows over the second third: first the policy learns to help, then to be gentle.
-    ``detour_weight_per_m`` is what each metre takes off that the tool's way to its goal is longer than straight on.
+    ``detour_weight_per_m`` is what each metre takes off that the way of tool and hand is longer than straight on.
     """
 
     environment: str
@@ -110,7 +110,12 @@ TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
         "critic_updates": 3,
         "learning_rate": 1e-4,
     },
-    "ScratchItch": {"imitation_rounds": 24, "log_std": (-1.0, -2.3), "detour_weight_per_m": 5.0},
+    "ScratchItch": {
+        "imitation_rounds": 60,
+        "log_std": (-1.7, -2.4),
+        "learning_rate": 2e-4,
+        "detour_weight_per_m": 5.0,
+    },
     "BedBathing": {
         "imitation_rounds": 100,
         "imitation_share": 1.0,

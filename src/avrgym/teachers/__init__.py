@@ -9,7 +9,8 @@ from functools import partial
 
 from avrgym.episodes import Episodes
 from avrgym.teachers.reactive import Array, Reactive
-from avrgym.teachers.rules import feed, give_drink, scratch
+from avrgym.teachers.rules import feed, give_drink
+from avrgym.teachers.scratching import scratch
 from avrgym.teachers.wiping import wipe
 
 TEACHERS: Mapping[str, Callable[[Episodes], Callable[[Array], Array]]] = {

@@ -1,20 +1,17 @@
-"""The rules by which teachers feed, give drink and scratch."""
+"""The rules by which teachers feed and give drink."""
 
 import numpy as np
 
 from avrgym import transforms
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.oracles import drinking, feeding, scratch_itch
+from avrgym.oracles import drinking, feeding
 from avrgym.oracles.guide import Guide
 from avrgym.oracles.head import heading
 from avrgym.simulation import State
 from avrgym.tasks.base import Memory
-from avrgym.tasks.scratch_itch import itch_pos_w, limb_frame
-from avrgym.teachers.reactive import TURN_RAD_S, Aim, Array, funnel_m, speed_m_s
+from avrgym.teachers.reactive import TURN_RAD_S, Aim, funnel_m, speed_m_s
 from avrgym.transforms import norm
 
-SLANT_RAD = 0.9
-"""How far from straight at the skin a rod may point."""
 TILT_RAD_S = 0.12
 """How fast a cup is tilted that pours."""
 
@@ -44,28 +41,3 @@ def give_drink(state: State, memory: Memory, guide: Guide) -> Aim:
     goal_w, q_w = drinking.at_mouth(state, way, np.minimum(tilt, drinking.EMPTY_RAD))
     back_m = funnel_m(offset, into, 0.01, drinking.AWAY_M)
     return goal_w - back_m[:, None] * into, q_w, speed_m_s(offset, drinking.ENTER_M_S)
-
-
-def scratch(state: State, memory: Memory, guide: Guide) -> Aim:
-    """The rod turns towards the skin while its tip comes down to the itch; where it touches, it rubs."""
-    _, limb_q_w = limb_frame(state, memory)
-    out, _ = scratch_itch.surface(memory, limb_q_w)
-    rod_w = transforms.rotate(guide.q_w, scratch_itch.ROD)
-    turn, angle = _turn(rod_w, -out)
-    q_w = transforms.multiply(
-        transforms.from_rotation_vector(turn * np.maximum(0.0, angle - SLANT_RAD)[:, None]), guide.q_w
-    )
-    goal_w = scratch_itch.tip(itch_pos_w(state, memory), out, rod_w)
-    offset = goal_w - state.tool_pos_w
-    above_m = funnel_m(offset, out, 0.02, scratch_itch.AWAY_M) - scratch_itch.SEEK_DEPTH_M
-    rubs = (state.tool_force_n > 0.0) & (norm(offset) < scratch_itch.SEEK_DEPTH_M)
-    rubbed_w = scratch_itch.rub(state, memory, guide.pos_w, rod_w)
-    pos_w = np.where(rubs[:, None], rubbed_w, goal_w + above_m[:, None] * out)
-    return pos_w, q_w, np.where(rubs, scratch_itch.RUB_M_S, speed_m_s(offset, scratch_itch.ENTER_M_S))
-
-
-def _turn(a: Array, b: Array) -> tuple[Array, Array]:
-    """The axis (N, 3) about which unit vectors a turn to unit vectors b, (N, 3), and by how much (N,)."""
-    axis = transforms.cross(a, b)
-    sine = norm(axis)
-    return axis / np.maximum(sine, 1e-9)[:, None], np.arctan2(sine, (a * b).sum(axis=-1))

@@ -1,0 +1,83 @@
+"""The rule by which a teacher scratches: around the arm, wherever it itches."""
+
+import numpy as np
+
+from avrgym import transforms
+from avrgym.oracles import scratch_itch
+from avrgym.oracles.bed_bathing import FOREARM
+from avrgym.oracles.guide import Guide
+from avrgym.simulation import State
+from avrgym.tasks.scratch_itch import ScratchItchMemory, itch_pos_w, limb_frame
+from avrgym.teachers.reactive import FUNNEL, Aim, Array, speed_m_s
+from avrgym.transforms import norm
+
+SLANT_RAD, ASKEW_RAD = 1.2, 0.2
+"""How far from straight out of the skin the hand may be drawn, and how far the rod may point beside it."""
+FORWARDS, UPWARDS, SWERVE = 0.4, 0.6, 0.5
+"""Where the hand has room, for each metre to the person's right; and how much more so by how the skin lies there."""
+LEVEL, SOFT = -0.35, 0.17
+"""The height of the skin's normal at which the hand changes from above the arm to below it, and how gradually."""
+BESIDE_M = 0.02
+"""How far beside the itch the tip comes down."""
+AHEAD_RAD = 0.8
+"""How far around the limb the tip aims at most."""
+
+
+def scratch(state: State, memory: ScratchItchMemory, guide: Guide) -> Aim:
+    """The tip goes around the limb above the skin and comes down at the itch; where it touches, it rubs."""
+    limb_pos_w, limb_q_w = limb_frame(state, memory)
+    out_w, _ = scratch_itch.surface(memory, limb_q_w)
+    rod_w = transforms.rotate(guide.q_w, scratch_itch.ROD)
+    q_w = transforms.multiply(transforms.from_rotation_vector(turn_rad(rod_w, out_w)), guide.q_w)
+    tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
+    skin_w = limb_pos_w + transforms.rotate(limb_q_w, around(tool, memory))
+    goal_w = scratch_itch.tip(skin_w, out_w, rod_w)
+    itch_w = scratch_itch.tip(itch_pos_w(state, memory), out_w, rod_w)
+    rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < scratch_itch.SEEK_DEPTH_M)
+    pos_w = np.where(rubs[:, None], scratch_itch.rub(state, memory, guide.pos_w, rod_w), goal_w)
+    speed = speed_m_s(goal_w - state.tool_pos_w, scratch_itch.ENTER_M_S)
+    return pos_w, q_w, np.where(rubs, scratch_itch.RUB_M_S, speed)
+
+
+def turn_rad(rod_w: Array, out_w: Array) -> Array:
+    """How a rod has to turn, rotation vectors (N, 3), world frame, for the hand to be where it has room.
+
+    Args:
+        rod_w: where it points, unit vectors (N, 3), world frame.
+        out_w: out of the skin at the itch, likewise.
+    """
+    axis, angle = _turn(rod_w, -hand(out_w))
+    return axis * np.maximum(0.0, angle - ASKEW_RAD)[:, None]
+
+
+def hand(out_w: Array) -> Array:
+    """In which direction (N, 3) from an itch the hand should be, world frame, by where its skin faces (N, 3).
+
+    Straight out of the skin, but drawn to where there is room: on the person's right, in front and above; below and
+    behind where the skin faces down.
+    """
+    above = np.tanh((out_w[:, 2] - LEVEL) / SOFT)
+    right, forwards = np.ones(len(out_w)), FORWARDS + SWERVE * (above - out_w[:, 1])
+    room_w = np.stack([-right, -forwards, UPWARDS + SWERVE * above], axis=-1)
+    axis, angle = _turn(out_w, transforms.normalize(room_w))
+    return transforms.rotate(transforms.from_axis_angle(axis, np.minimum(angle, SLANT_RAD)), out_w)
+
+
+def around(tool: Array, memory: ScratchItchMemory) -> Array:
+    """Where a tip (N, 3) goes next (N, 3), limb's frame: around it, above the skin until it is at the itch."""
+    radius = norm(memory.itch[:, :2])
+    now, there = (np.arctan2(place[:, 1], -place[:, 0]) for place in (tool, memory.itch))
+    shorter = (there - now + np.pi) % (2.0 * np.pi) - np.pi
+    way = np.where(memory.limb == FOREARM, shorter, there - now)
+    beside = np.hypot(radius * way, memory.itch[:, 2] - tool[:, 2])
+    above = np.clip(FUNNEL * (beside - BESIDE_M), 0.0, scratch_itch.AWAY_M)
+    height = radius + np.where(above > 0.0, above, -scratch_itch.SEEK_DEPTH_M)
+    angle = now + np.clip(way, -AHEAD_RAD, AHEAD_RAD)
+    return np.stack([-height * np.cos(angle), height * np.sin(angle), memory.itch[:, 2]], axis=-1)
+
+
+def _turn(a: Array, b: Array) -> tuple[Array, Array]:
+    """The axis (N, 3) about which unit vectors a turn to unit vectors b, (N, 3), and by how much (N,)."""
+    axis = transforms.cross(a, b)
+    sine = norm(axis)
+    return axis / np.maximum(sine, 1e-9)[:, None], np.arctan2(sine, (a * b).sum(axis=-1))
