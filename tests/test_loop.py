@@ -115,7 +115,7 @@ def test_it_ticks_every_10_ms_whatever_the_work_takes(clock: FakeClock) -> None:
     session = FakeSession(lambda ticks: clock.sleep(0.001 * (ticks % 9)))
     loop = run(session, 100)
     assert session.ticked_s[:100] == pytest.approx([i * TICK_S for i in range(100)])
-    assert loop.missed_ticks == loop.late_ticks == 0
+    assert loop.missed_ticks == len(loop.late) == 0
 
 
 def test_it_hurries_after_a_short_delay(clock: FakeClock) -> None:
@@ -127,7 +127,10 @@ def test_it_hurries_after_a_short_delay(clock: FakeClock) -> None:
     assert session.ticked_s[10] == pytest.approx(due[9] + late_s)
     assert session.ticked_s[15:30] == pytest.approx(due[15:])
     assert loop.missed_ticks == 0
-    assert loop.late_ticks == CATCH_UP_TICKS - 1
+    assert len(loop.late) == CATCH_UP_TICKS - 1
+    assert [tick.ended_s - tick.due_s - TICK_S for tick in loop.late] == pytest.approx(
+        [late_s - (i + 1) * TICK_S for i in range(CATCH_UP_TICKS - 1)]
+    )
 
 
 def test_it_tells_once_a_second_what_ticks_took(clock: FakeClock) -> None:
@@ -145,6 +148,7 @@ def test_it_gives_up_and_counts_what_a_long_delay_lost(clock: FakeClock) -> None
     session = FakeSession(lambda ticks: clock.sleep(1.003 if ticks == 10 else 0.0))
     loop = run(session, 30)
     assert loop.missed_ticks == 99
+    assert [tick.lost for tick in loop.late] == [99]
     assert session.ticked_s[12:30] == pytest.approx([(i + 99) * TICK_S for i in range(12, 30)])
 
 

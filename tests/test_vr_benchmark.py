@@ -1,10 +1,18 @@
 """The live server's measurement: its parts add up, and it measures a real session. No figure is asserted."""
 
+import multiprocessing
+import os
+import time
+
 import numpy as np
 import pytest
 
 from avrgym.vr import benchmark
 from avrgym.vr.benchmark import PERCENTILES, measure_vr
+from avrgym.vr.loop import LateTick
+from avrgym.vr.standstill import PRIORITY, Span, Standstills, merged, within_s
+
+EVER = (-np.inf, np.inf)
 
 
 def test_percentiles_rise_and_are_milliseconds() -> None:
@@ -22,13 +30,15 @@ def test_stages_add_up_to_the_round_trip() -> None:
         trips[number] = (sent, sent + 0.007)
     times.began, times.took = [0.0, 0.01, 0.02], [0.002, 0.003, 0.004]
     times.computed = [0.001, 0.001, 0.002]
-    times.missed = [5, 6, 8]
+    times.late = [LateTick(-0.5, -0.45, 3), LateTick(0.0, 0.012, 0), LateTick(0.01, 0.023, 1)]
+    times.stood_still = [(0.004, 0.0065)]
     trips[99] = (1.0, 2.0)
     speed = benchmark._sum_up("avrgym/FeedingJaco-v1", times, trips)
     assert speed.round_trip_ms == pytest.approx(dict.fromkeys(PERCENTILES, 7.0))
     stages = {name: spread["p50"] for name, spread in speed.stages_ms.items()}
     assert stages == pytest.approx({"to_server": 1.0, "queue": 3.0, "tick": 2.0, "return": 1.0})
     assert (speed.rate_hz, speed.seconds, speed.missed_deadlines) == pytest.approx((100.0, 0.03, 3))
+    assert speed.missed_running == 2
     assert (speed.tick_ms["max"], speed.processor_ms["max"]) == pytest.approx((4.0, 2.0))
 
 
@@ -37,9 +47,58 @@ def test_a_live_session_is_measured() -> None:
     assert speed.env == "avrgym/FeedingJaco-v1"
     assert speed.rate_hz > 0.0
     assert speed.stolen_s >= 0.0
+    assert speed.missed_running is None or 0 <= speed.missed_running <= speed.missed_deadlines
     for spread in (speed.tick_ms, speed.processor_ms, speed.round_trip_ms, *speed.stages_ms.values()):
         assert list(spread.values()) == sorted(spread.values())
         assert all(np.isfinite(list(spread.values())))
+
+
+def test_a_tick_is_late_by_itself_if_it_is_later_than_processors_stood_still() -> None:
+    late = [LateTick(0.0, 0.014, 0), LateTick(0.01, 0.021, 0), LateTick(1.0, 1.015, 0)]
+
+    def by_themselves(*stood_still: Span) -> list[LateTick]:
+        return benchmark._late_running(late, list(stood_still))
+
+    assert by_themselves() == late
+    assert by_themselves((0.002, 0.0061), (1.002, 1.0071)) == []
+    assert by_themselves((0.002, 0.004), (1.002, 1.0071)) == late[:1]
+    assert by_themselves((0.5, 0.9)) == late
+
+
+def test_spans_of_several_processors_are_merged() -> None:
+    spans = merged([(3.0, 4.0), (0.0, 1.0), (0.5, 2.0), (2.0, 2.5)])
+    assert spans == [(0.0, 2.5), (3.0, 4.0)]
+    assert within_s(spans, 1.0, 3.5) == pytest.approx(2.0)
+    assert within_s(spans, 2.6, 2.9) == 0.0
+
+
+def test_a_process_that_holds_every_processor_is_no_standstill_but_one_that_goes_before_the_watch_is() -> (
+    None
+):
+    """The watch goes before all ordinary processes, and a real-time one with a higher priority stops it."""
+    with Standstills() as quiet:
+        hold_the_processor(0.2)
+    if quiet.spans is None:
+        pytest.skip("needs real-time priority: root, or a limit rtprio")
+    assert within_s(quiet.spans, *EVER) < 0.15
+    with Standstills() as stopped:
+        context = multiprocessing.get_context("spawn")
+        process = context.Process(target=go_before_all, args=(0.3,))
+        process.start()
+        process.join()
+    assert stopped.spans is not None
+    assert max(ended_s - began_s for began_s, ended_s in stopped.spans) >= 0.25
+
+
+def hold_the_processor(seconds: float) -> None:
+    until_s = time.monotonic() + seconds
+    while time.monotonic() < until_s:
+        pass
+
+
+def go_before_all(seconds: float) -> None:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
+    hold_the_processor(seconds)
 
 
 def test_an_unknown_environment_is_named() -> None:

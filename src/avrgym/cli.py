@@ -383,7 +383,8 @@ def _brief(row: Row) -> Row:
             ("round_trip_ms", "p99"),
         )
     }
-    return {"env": row["env"], **spreads, "missed": row["missed_deadlines"], "stolen, s": row["stolen_s"]}
+    missed = {"missed": row["missed_deadlines"], "missed running": row["missed_running"]}
+    return {"env": row["env"], **spreads, **missed, "stolen, s": row["stolen_s"]}
 
 
 def _tabulate(

@@ -25,10 +25,11 @@ from avrgym.participants import SimulatedParticipant, draw_traits
 from avrgym.policies import Policy, PolicyMetadata
 from avrgym.tasks import TASKS, find_environment
 from avrgym.vr import messages
-from avrgym.vr.loop import RealTimeLoop
+from avrgym.vr.loop import LateTick, RealTimeLoop
 from avrgym.vr.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.server import LiveServer
 from avrgym.vr.session import Session
+from avrgym.vr.standstill import Span, Standstills, within_s
 from avrgym.vr.world import TICK_S
 
 TRACKING_HZ = 90.0
@@ -48,11 +49,12 @@ class VrSpeed:
     """A trial of one environment, live and recorded.
 
     ``rate_hz`` are ticks per second, ``tick_ms`` what one took, ``processor_ms`` how long its thread was on a
-    processor meanwhile; ``missed_deadlines`` ended after the next one was due. ``round_trip_ms`` is the time from a
-    tracking frame's sending to the first state that follows it, and ``stages_ms`` its parts: from the client to the
-    server, in the queue until the next tick, the tick until its state is sent (every other tick sends one), and the
-    way back. ``stolen_s`` is how much time of all processors other machines on the same host took, from before the
-    client came until the trial was over, where the system knows: what was late then may not be our doing.
+    processor meanwhile. ``missed_deadlines`` ended after the next one was due or were given up; of these
+    ``missed_running`` would also have been late if no processor had stood still, ``None`` where nobody can say (see
+    ``standstill``). ``round_trip_ms`` is the time from a tracking frame's sending to the first state that follows it,
+    and ``stages_ms`` its parts: from the client to the server, in the queue until the next tick, the tick until its
+    state is sent (every other tick sends one), and the way back. ``stolen_s`` is how much time of all processors other
+    machines on the same host took, from before the client came until the trial was over, where the system knows.
     """
 
     env: str
@@ -63,6 +65,7 @@ class VrSpeed:
     round_trip_ms: Spread
     stages_ms: dict[str, Spread]
     missed_deadlines: int
+    missed_running: int | None
     stolen_s: float
 
 
@@ -84,8 +87,10 @@ def measure_vr(environment_id: str, seconds: float) -> VrSpeed:
         with LiveServer(make, "127.0.0.1", 0) as server:
             times.watch(server.loop)
             before_s = _stolen_s()
-            trips = _attend(server, seconds)
-            times.stolen_s = _stolen_s() - before_s
+            with Standstills() as standstills:
+                trips = _attend(server, seconds)
+            times.stolen_s, times.stood_still = _stolen_s() - before_s, standstills.spans
+            times.late = list(server.loop.late)
     return _sum_up(environment_id, times, trips)
 
 
@@ -130,13 +135,13 @@ class _Times:
         self.began: list[float] = []
         self.took: list[float] = []
         self.computed: list[float] = []
-        self.missed: list[int] = []
+        self.late: list[LateTick] = []
+        self.stood_still: list[Span] | None = None
         self.stolen_s = 0.0
-        self._loop: RealTimeLoop | None = None
 
     def watch(self, loop: RealTimeLoop) -> None:
-        """Note when frames reach a loop's inbox, and from now on what deadlines it misses."""
-        self._loop, post = loop, loop.post
+        """Note when frames reach a loop's inbox."""
+        post = loop.post
 
         def note(message) -> None:
             if isinstance(message, messages.Tracking):
@@ -146,12 +151,10 @@ class _Times:
         loop.post = note
 
     def note_tick(self, began_s: float, computed_s: float) -> None:
-        """Note a tick that ends now and its processor time, and how many deadlines have been missed before its own."""
+        """Note a tick that ends now and its processor time."""
         self.began.append(began_s)
         self.took.append(time.monotonic() - began_s)
         self.computed.append(computed_s)
-        if self._loop is not None:
-            self.missed.append(self._loop.late_ticks + self._loop.missed_ticks)
 
 
 class _TimedSession(Session):
@@ -273,6 +276,7 @@ def _sum_up(environment_id: str, times: _Times, trips: Trips) -> VrSpeed:
         "return": came - answered,
     }
     lasted_s = times.began[-1] - times.began[0] + TICK_S
+    late = [tick for tick in times.late if times.began[0] < tick.ended_s and tick.due_s <= times.began[-1]]
     return VrSpeed(
         env=environment_id,
         seconds=lasted_s,
@@ -281,9 +285,26 @@ def _sum_up(environment_id: str, times: _Times, trips: Trips) -> VrSpeed:
         processor_ms=_spread(np.array(times.computed)),
         round_trip_ms=_spread(came - sent),
         stages_ms={name: _spread(stage) for name, stage in stages.items()},
-        missed_deadlines=times.missed[-1] - times.missed[0],
+        missed_deadlines=_missed(late),
+        missed_running=None if times.stood_still is None else _missed(_late_running(late, times.stood_still)),
         stolen_s=times.stolen_s,
     )
+
+
+def _missed(late: list[LateTick]) -> int:
+    return sum(1 + tick.lost for tick in late)
+
+
+def _late_running(late: list[LateTick], stood_still: list[Span]) -> list[LateTick]:
+    """Those ticks that were later than processors stood still since the first of them that follow one another."""
+    running, began_s, next_s = [], -np.inf, -np.inf
+    for tick in late:
+        if tick.due_s > next_s + 0.5 * TICK_S:
+            began_s = tick.due_s
+        next_s = tick.due_s + (1 + tick.lost) * TICK_S
+        if tick.ended_s - tick.due_s - TICK_S > within_s(stood_still, began_s, tick.ended_s):
+            running.append(tick)
+    return running
 
 
 def _spread(seconds: NDArray[np.float64]) -> Spread:

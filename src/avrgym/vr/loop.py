@@ -22,6 +22,7 @@ TIDY_EVERY_S = 10.0
 """How often garbage is collected, where it pauses nothing that moves: the collector itself would choose any tick."""
 CATCH_UP_TICKS = 5
 """How far the loop may run behind before it gives up the lost ticks instead of hurrying after them."""
+LATE_TICKS_KEPT = 10_000
 PRIORITY = 10
 """That of the loop's thread among the system's real-time ones, 1 to 99."""
 INBOX_MESSAGES = 1000
@@ -30,6 +31,15 @@ INBOX_MESSAGES = 1000
 
 Send = Callable[[messages.ServerMessage], None]
 Received = messages.ClientMessage | messages.ExperimenterMessage | Disconnected
+
+
+@dataclass(frozen=True)
+class LateTick:
+    """A tick that ended after the next one was due, on the system's monotonic clock; ``lost`` more were given up."""
+
+    due_s: float
+    ended_s: float
+    lost: int
 
 
 @dataclass(frozen=True)
@@ -76,13 +86,14 @@ S = TypeVar("S", bound=Runnable)
 class RealTimeLoop(Generic[S]):
     """Owns a session while it runs: after ``start`` only its thread touches it.
 
-    ``late_ticks`` counts the ticks that ended after the next one was due, ``missed_ticks`` those given up.
+    ``late`` are the latest ticks that ended after the next one was due, ``missed_ticks`` counts those given up.
     """
 
     def __init__(self, session: S, send: Send = lambda message: None) -> None:
         """``send`` takes, once a second, what the ticks took."""
         self.session = session
-        self.missed_ticks = self.late_ticks = 0
+        self.missed_ticks = 0
+        self.late: deque[LateTick] = deque(maxlen=LATE_TICKS_KEPT)
         self.error: BaseException | None = None
         self._send = send
         self._took_s: list[float] = []
@@ -157,12 +168,10 @@ class RealTimeLoop(Generic[S]):
         if late < 0.0:
             time.sleep(-late)
             return due
-        self.late_ticks += 1
-        if late > CATCH_UP_TICKS * TICK_S:
-            lost = int(late / TICK_S)
-            self.missed_ticks += lost
-            return due + lost * TICK_S
-        return due
+        lost = int(late / TICK_S) if late > CATCH_UP_TICKS * TICK_S else 0
+        self.late.append(LateTick(due - TICK_S, due + late, lost))
+        self.missed_ticks += lost
+        return due + lost * TICK_S
 
 
 def _take_precedence() -> None:
