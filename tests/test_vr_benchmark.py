@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -11,8 +12,6 @@ from avrgym.vr import benchmark
 from avrgym.vr.benchmark import PERCENTILES, measure_vr
 from avrgym.vr.loop import LateTick
 from avrgym.vr.standstill import PRIORITY, Span, Standstills, merged, within_s
-
-EVER = (-np.inf, np.inf)
 
 
 def test_percentiles_rise_and_are_milliseconds() -> None:
@@ -72,33 +71,23 @@ def test_spans_of_several_processors_are_merged() -> None:
     assert within_s(spans, 2.6, 2.9) == 0.0
 
 
-def test_a_process_that_holds_every_processor_is_no_standstill_but_one_that_goes_before_the_watch_is() -> (
-    None
-):
-    """The watch goes before all ordinary processes, and a real-time one with a higher priority stops it."""
-    with Standstills() as quiet:
-        hold_the_processor(0.2)
-    if quiet.spans is None:
-        pytest.skip("needs real-time priority: root, or a limit rtprio")
-    assert within_s(quiet.spans, *EVER) < 0.15
-    with Standstills() as stopped:
+def test_a_process_that_goes_before_the_watch_stops_a_processor() -> None:
+    with Standstills() as watch:
         context = multiprocessing.get_context("spawn")
         process = context.Process(target=go_before_all, args=(0.3,))
         process.start()
         process.join()
-    assert stopped.spans is not None
-    assert max(ended_s - began_s for began_s, ended_s in stopped.spans) >= 0.25
-
-
-def hold_the_processor(seconds: float) -> None:
-    until_s = time.monotonic() + seconds
-    while time.monotonic() < until_s:
-        pass
+    if watch.spans is None:
+        pytest.skip("needs real-time priority: root, or a limit rtprio")
+    assert max(ended_s - began_s for began_s, ended_s in watch.spans) >= 0.25
 
 
 def go_before_all(seconds: float) -> None:
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
-    hold_the_processor(seconds)
+    with suppress(OSError):  # where that is not allowed there is no watch either
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
+    until_s = time.monotonic() + seconds
+    while time.monotonic() < until_s:
+        pass
 
 
 def test_an_unknown_environment_is_named() -> None:
