@@ -1,7 +1,5 @@
 """The way around a limb and of the hand, told by their laws and by paths of many short pieces."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -9,6 +7,7 @@ from numpy.testing import assert_allclose
 from avrgym import transforms
 from avrgym.oracles.scratch_itch import ROD
 from avrgym.shaping import HAND_M, around_arm_m, around_limb_m
+from avrgym.simulation import State
 from avrgym.tasks.scratch_itch import ScratchItchMemory
 from avrgym.teachers.scratching import turn_rad
 from worlds import still_world
@@ -23,16 +22,15 @@ def detour_m(tool: np.ndarray, itch: np.ndarray) -> np.ndarray:
     return around_limb_m(*seen_with(tool, itch))
 
 
-def seen_with(tool: np.ndarray, itch: np.ndarray, tool_q_w: np.ndarray | None = None):
-    """A state with tools (N, 3) and rotations (N, 4), world frame, and a memory of itches (N, 3)."""
+def seen_with(tool: np.ndarray, itch: np.ndarray, **changes: np.ndarray) -> tuple[State, ScratchItchMemory]:
+    """What is seen of tools (N, 3) and itches (N, 3) in the frame of the limb, with other changes of the state."""
     count = len(tool)
     seen = still_world(
         tool_pos_w=LIMB_POS_W + transforms.rotate(LIMB_Q_W, tool),
         right_arm_pos_w=np.tile(LIMB_POS_W, (count, 3, 1)),
         right_arm_q_w=np.tile(LIMB_Q_W, (count, 3, 1)),
+        **changes,
     )
-    if tool_q_w is not None:
-        seen = replace(seen, tool_q_w=tool_q_w)
     zeros = np.zeros(count, dtype=np.intp)
     return seen, ScratchItchMemory(zeros, itch, np.zeros_like(itch), zeros)
 
@@ -106,10 +104,10 @@ def test_the_hand_has_a_way_to_go_until_it_is_where_it_has_room(places, rng):
     tool_q_w = transforms.normalize(rng.normal(size=(500, 4)))
     out_w = transforms.rotate(LIMB_Q_W, itch * [1.0, 1.0, 0.0] / RADIUS_M)
     turn = turn_rad(transforms.rotate(tool_q_w, ROD), out_w)
-    hand_m = around_arm_m(*seen_with(tool, itch, tool_q_w)) - detour_m(tool, itch)
+    hand_m = around_arm_m(*seen_with(tool, itch, tool_q_w=tool_q_w)) - detour_m(tool, itch)
     assert_allclose(hand_m, HAND_M * np.linalg.norm(turn, axis=-1))
     there_q_w = transforms.multiply(transforms.from_rotation_vector(turn), tool_q_w)
-    assert_allclose(around_arm_m(*seen_with(tool, itch, there_q_w)), detour_m(tool, itch), atol=1e-8)
+    assert_allclose(around_arm_m(*seen_with(tool, itch, tool_q_w=there_q_w)), detour_m(tool, itch), atol=1e-8)
 
 
 def _angle(place: np.ndarray) -> np.ndarray:

@@ -64,8 +64,12 @@ class Reactive:
 
 def funnel_m(offset: Array, axis: Array, free_m: float, most_m: float) -> Array:
     """How far before its goal a tool should stay, (N,), that is beside the goal's axis by more than ``free_m``."""
-    beside = norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis)
-    return np.clip(FUNNEL * (beside - free_m), 0.0, most_m)
+    return before_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, most_m)
+
+
+def before_m(beside_m: Array, free_m: float, most_m: float) -> Array:
+    """How far before its goal a tool should stay, (N,), that is beside it by (N,), more than ``free_m``."""
+    return np.clip(FUNNEL * (beside_m - free_m), 0.0, most_m)
 
 
 def speed_m_s(offset: Array, slowest_m_s: float) -> Array:

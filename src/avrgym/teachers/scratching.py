@@ -8,7 +8,7 @@ from avrgym.oracles.bed_bathing import FOREARM
 from avrgym.oracles.guide import Guide
 from avrgym.simulation import State
 from avrgym.tasks.scratch_itch import ScratchItchMemory, itch_pos_w, limb_frame
-from avrgym.teachers.reactive import FUNNEL, Aim, Array, speed_m_s
+from avrgym.teachers.reactive import Aim, Array, before_m, speed_m_s
 from avrgym.transforms import norm
 
 SLANT_RAD, ASKEW_RAD = 1.2, 0.2
@@ -70,7 +70,7 @@ def around(tool: Array, memory: ScratchItchMemory) -> Array:
     shorter = (there - now + np.pi) % (2.0 * np.pi) - np.pi
     way = np.where(memory.limb == FOREARM, shorter, there - now)
     beside = np.hypot(radius * way, memory.itch[:, 2] - tool[:, 2])
-    above = np.clip(FUNNEL * (beside - BESIDE_M), 0.0, scratch_itch.AWAY_M)
+    above = before_m(beside, BESIDE_M, scratch_itch.AWAY_M)
     height = radius + np.where(above > 0.0, above, -scratch_itch.SEEK_DEPTH_M)
     angle = now + np.clip(way, -AHEAD_RAD, AHEAD_RAD)
     return np.stack([-height * np.cos(angle), height * np.sin(angle), memory.itch[:, 2]], axis=-1)
