@@ -15,6 +15,7 @@ from typing import Generic, Protocol, TypeVar
 from avrgym.models.human import Person
 from avrgym.vr import messages
 from avrgym.vr.session import Disconnected
+from avrgym.vr.wakefulness import Wakefulness
 from avrgym.vr.world import TICK_S
 
 TIMING_EVERY_TICKS = 100
@@ -126,6 +127,7 @@ class RealTimeLoop(Generic[S]):
 
     def _run(self) -> None:
         _take_precedence()
+        wakefulness = Wakefulness()
         began = time.monotonic()
         due = began
         try:
@@ -135,11 +137,13 @@ class RealTimeLoop(Generic[S]):
                 self.session.tick(now)
                 self._tell_timing(time.monotonic() - began - now)
                 self._tidy(now)
+                wakefulness.keep(not self.session.at_rest)
                 due = self._wait(due + TICK_S)
         except BaseException as error:
             self.error = error
             raise
         finally:
+            wakefulness.keep(False)
             self.session.close(time.monotonic() - began)
 
     def _take_messages(self, now_s: float) -> None:
