@@ -111,9 +111,11 @@ TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
         "learning_rate": 1e-4,
     },
     "ScratchItch": {
-        "imitation_rounds": 60,
-        "log_std": (-1.7, -2.4),
-        "learning_rate": 2e-4,
+        "worlds": 128,
+        "minibatch": 1280,
+        "imitation_rounds": 15,
+        "log_std": (-1.9, -2.5),
+        "force_weight_per_n": 0.05,
         "detour_weight_per_m": 5.0,
     },
     "BedBathing": {

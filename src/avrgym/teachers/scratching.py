@@ -11,9 +11,9 @@ from avrgym.tasks.scratch_itch import ScratchItchMemory, itch_pos_w, limb_frame
 from avrgym.teachers.reactive import Aim, Array, before_m, speed_m_s
 from avrgym.transforms import norm
 
-SLANT_RAD, ASKEW_RAD = 1.2, 0.2
+SLANT_RAD, ASKEW_RAD = 1.2, 0.4
 """How far from straight out of the skin the hand may be drawn, and how far the rod may point beside it."""
-FORWARDS, UPWARDS, SWERVE = 0.4, 0.6, 0.5
+FORWARDS, UPWARDS, SWERVE = -0.2, 0.2, 0.5
 """Where the hand has room, for each metre to the person's right; and how much more so by how the skin lies there."""
 LEVEL, SOFT = -0.35, 0.17
 """The height of the skin's normal at which the hand changes from above the arm to below it, and how gradually."""
@@ -53,8 +53,8 @@ def turn_rad(rod_w: Array, out_w: Array) -> Array:
 def hand(out_w: Array) -> Array:
     """In which direction (N, 3) from an itch the hand should be, world frame, by where its skin faces (N, 3).
 
-    Straight out of the skin, but drawn to where there is room: on the person's right, in front and above; below and
-    behind where the skin faces down.
+    Straight out of the skin, but drawn to where there is room: on the person's right, in front and above where the skin
+    faces up, behind and below where it faces down.
     """
     above = np.tanh((out_w[:, 2] - LEVEL) / SOFT)
     right, forwards = np.ones(len(out_w)), FORWARDS + SWERVE * (above - out_w[:, 1])
