@@ -242,6 +242,22 @@ def test_damage_to_any_byte_ends_the_reading(tmp_path, small_chunks):
             assert messages == written[topic][: len(messages)]
 
 
+def test_a_message_outside_of_a_chunk_ends_the_reading(tmp_path, small_chunks):
+    path = tmp_path / "trial.mcap"
+    written = write_trial(path, steps=20)
+    content = bytearray(path.read_bytes())
+    records = records_of_the_data_section(bytes(content))
+    index = next(position for opcode, position in records if opcode == Opcode.MESSAGE_INDEX)
+    content[index] = Opcode.MESSAGE
+    content[index + 11 : index + 15] = bytes(4)  # of a message: its number, and 0 is none
+    path.write_bytes(content)
+    read = read_recording(path)
+    assert not read.complete
+    assert 0 < sum(map(len, read.topics.values())) < sum(map(len, written.values()))
+    for topic, messages in read.topics.items():
+        assert messages == written[topic][: len(messages)]
+
+
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a recording at all" * 9])
 def test_a_foreign_file_is_refused(tmp_path, content):
     path = tmp_path / "foreign.mcap"

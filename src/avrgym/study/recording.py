@@ -14,7 +14,7 @@ from typing import IO, Any, cast
 
 import msgspec
 from mcap import records as mcap_records
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
 from avrgym.study.records import TOPICS, Record, decode, encode, json_schema
@@ -235,12 +235,23 @@ def read_recording(path: str | os.PathLike) -> Recording:
 
 
 def _intact_records(path: str | os.PathLike) -> tuple[list[mcap_records.McapRecord], bool]:
-    records = []
+    """The records before the first damage, and whether there was none.
+
+    Messages lie in chunks, each of which has a checksum: a message outside of them is damage to another record's kind.
+    """
+    records: list[mcap_records.McapRecord] = []
     with open(path, "rb") as file:
-        reader = StreamReader(file, validate_crcs=True, record_size_limit=os.path.getsize(path))
+        reader = StreamReader(
+            file, emit_chunks=True, validate_crcs=True, record_size_limit=os.path.getsize(path)
+        )
         try:
             for record in reader.records:
-                records.append(record)
+                if isinstance(record, mcap_records.Chunk):
+                    records += breakup_chunk(record, validate_crc=True)
+                elif isinstance(record, mcap_records.Message):
+                    return records, False
+                else:
+                    records.append(record)
         except OSError:
             raise
         except Exception:  # the reader raises whatever the bytes of a cut or damaged record lead to
