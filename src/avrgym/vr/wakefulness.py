@@ -38,7 +38,7 @@ def _asked() -> BinaryIO | None:
     """The open file that keeps processors awake, or ``None`` for users who may not."""
     try:
         file = LATENCY_FILE.open("wb", buffering=0)
+        file.write(AT_ONCE)
     except OSError:
         return None
-    file.write(AT_ONCE)
     return file
