@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from mcap.writer import MCAP0_MAGIC
 
 from avrgym.study import recording
-from avrgym.study.recording import RecordingError, RecordingWriter, read_recording
+from avrgym.study.recording import Recording, RecordingError, RecordingWriter, read_recording
 from avrgym.study.records import (
     TOPICS,
     Answer,
@@ -202,10 +202,15 @@ def test_a_file_cut_anywhere_gives_a_prefix(tmp_path, small_chunks):
             continue
         assert not read.complete
         assert read.metadata == METADATA
-        for topic, messages in read.topics.items():
-            assert messages == written[topic][: len(messages)]
+        assert_begins(read, written)
         lengths.add(len(read.topics["/physics"]))
     assert len(lengths) > 3
+
+
+def assert_begins(read: Recording, written) -> None:
+    """What was read of each topic is what was written first."""
+    for topic, messages in read.topics.items():
+        assert messages == written[topic][: len(messages)]
 
 
 def records_of_the_data_section(content: bytes) -> list[tuple[int, int]]:
@@ -238,8 +243,7 @@ def test_damage_to_any_byte_ends_the_reading(tmp_path, small_chunks):
             assert position < chunks[0]
             continue
         assert not read.complete
-        for topic, messages in read.topics.items():
-            assert messages == written[topic][: len(messages)]
+        assert_begins(read, written)
 
 
 def test_a_message_outside_of_a_chunk_ends_the_reading(tmp_path, small_chunks):
@@ -254,8 +258,7 @@ def test_a_message_outside_of_a_chunk_ends_the_reading(tmp_path, small_chunks):
     read = read_recording(path)
     assert not read.complete
     assert 0 < sum(map(len, read.topics.values())) < sum(map(len, written.values()))
-    for topic, messages in read.topics.items():
-        assert messages == written[topic][: len(messages)]
+    assert_begins(read, written)
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a recording at all" * 9])
