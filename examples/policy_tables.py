@@ -68,15 +68,16 @@ def settings_table() -> Iterator[str]:
 
     yield (
         "| task | worlds | minibatch | rounds of imitation | log standard deviation | learning rate "
-        "| last weight of force, 1/N | weight of detours, 1/m |"
+        "| last weight of force, 1/N | weight of detours, 1/m | hard episodes |"
     )
-    yield "|---|---|---|---|---|---|---|---|"
+    yield "|---|---|---|---|---|---|---|---|---|"
     for task in TASKS:
         how = configuration_for(f"avrgym/{task}Jaco-v1", "original", 1, 0)
         first, last = how.log_std
         yield (
             f"| {task} | {how.worlds} | {how.minibatch} | {how.imitation_rounds} | {first:g} to {last:g} "
-            f"| {how.learning_rate:g} | {how.force_weight_per_n:g} | {how.detour_weight_per_m:g} |"
+            f"| {how.learning_rate:g} | {how.force_weight_per_n:g} | {how.detour_weight_per_m:g} "
+            f"| {100.0 * how.hard_share:g} % |"
         )
 
 

@@ -30,6 +30,7 @@ TINY = TrainingConfiguration(
     FEEDING, people="revised", steps=3200, seed=4, worlds=8, epochs=2, threads=1, imitation_rounds=0
 )
 LONG = replace(TINY, steps=5 * 8 * 200, imitation_rounds=3, imitation_share=0.7)
+HARD = replace(TINY, steps=3 * 8 * 200, hard_share=0.5)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -191,20 +192,41 @@ class Killed(Exception):
     """Something ended the training."""
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> tuple[Path, list[Progress]]:
-    """An uninterrupted training of three rounds of imitation and two updates, and what it told of."""
-    out = tmp_path_factory.mktemp("runs") / "whole"
+Whole = tuple[Path, list[Progress]]
+"""The folder of a training that nothing interrupted, and what it told of."""
+
+
+def train_whole(configuration: TrainingConfiguration, out: Path) -> Whole:
     heard: list[Progress] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "MEASURED_EPISODES", 2)
-        train(LONG, out, heard.append)
+        train(configuration, out, heard.append)
+    return out, heard
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Whole:
+    """Three rounds of imitation and two updates."""
+    out, heard = train_whole(LONG, tmp_path_factory.mktemp("runs") / "whole")
     assert [progress.steps for progress in heard] == [3200, 4800, 6400, 8000]
     return out, heard
 
 
 @pytest.mark.parametrize("told", [2, 3], ids=["in its imitation", "in PPO"])
 def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(told, whole, tmp_path, monkeypatch):
+    assert_goes_on(LONG, told, whole, tmp_path, monkeypatch)
+
+
+def test_a_training_with_hard_episodes_that_was_cut_off_goes_on_with_the_same(tmp_path, monkeypatch):
+    uncut = train_whole(HARD, tmp_path / "whole")
+    assert_goes_on(HARD, 2, uncut, tmp_path, monkeypatch)
+    assert json.loads(torch.load(uncut[0] / "checkpoint.pt", weights_only=True)["notes"])["hard"]
+
+
+def assert_goes_on(
+    configuration: TrainingConfiguration, told: int, whole: Whole, tmp_path: Path, monkeypatch
+) -> None:
+    """Assert that a training that is killed when it has told so often goes on as the whole one did."""
     monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
     heard: list[Progress] = []
 
@@ -214,7 +236,7 @@ def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(told, whole, tm
             raise Killed
 
     with pytest.raises(Killed):
-        train(LONG, tmp_path / "cut", kill)
+        train(configuration, tmp_path / "cut", kill)
     resume(tmp_path / "cut", heard.append)
     uncut, expected = whole
     assert heard == [*expected[:told], *expected[told - 1 :]]
@@ -225,6 +247,7 @@ def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(told, whole, tm
         for name, value in first[part].items():
             assert_array_equal(np.asarray(value), np.asarray(second[part][name]), err_msg=name)
     assert first["episodes"] == second["episodes"]
+    assert json.loads(first["notes"])["hard"] == json.loads(second["notes"])["hard"]
     assert sorted(path.name for path in (tmp_path / "cut").iterdir()) == sorted(
         path.name for path in uncut.iterdir()
     )

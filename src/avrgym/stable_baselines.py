@@ -9,6 +9,7 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv
 
 from avrgym.envs import ACTIONS, AssistiveVectorEnv
+from avrgym.episodes import EPISODE_STEPS
 from avrgym.shaping import DETOURS
 from avrgym.tasks.base import Task
 
@@ -21,7 +22,8 @@ FROM_GOAL_SCALE_M = 0.05
 class SB3VectorEnv(VecEnv):
     """The native vector environment as Stable-Baselines3 wants it.
 
-    The infos of a finished episode hold ``success`` and ``episode_return``, the sum of the task's own rewards.
+    The infos of a finished episode hold ``success``, ``episode_return``, the sum of the task's own rewards, and
+    ``episode_force_n``, the mean force on the person.
     Beyond that each newton on the person takes ``force_weight_per_n`` off a step's reward, and each metre of a detour
     that the tool has to make to its goal ``detour_weight_per_m``, but for an episode's last step.
     """
@@ -30,6 +32,7 @@ class SB3VectorEnv(VecEnv):
         self.env = env  # the base class asks it for its render mode
         self.force_weight_per_n = self.detour_weight_per_m = 0.0
         self._returns: Array = np.zeros(env.num_envs)
+        self._forces_n: Array = np.zeros(env.num_envs)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self._actions: Array = np.zeros((env.num_envs, ACTIONS))
         self._seed: int | None = None
@@ -39,9 +42,14 @@ class SB3VectorEnv(VecEnv):
         return [None if seed is None else seed + i for i in range(self.num_envs)]
 
     def reset(self) -> Array:
-        observation, _ = self.env.reset(seed=self._seed)
+        observation = self.begin(self._seed)
         self._seed = None
-        self._returns[:] = 0.0
+        return observation
+
+    def begin(self, seed: int | list[int | None] | None) -> Array:
+        """Begin episodes in all worlds, drawn from one seed, or from one for each; their observations (N, O)."""
+        observation, _ = self.env.reset(seed=seed)
+        self._returns[:], self._forces_n[:] = 0.0, 0.0
         return observation
 
     def step_async(self, actions: Array) -> None:
@@ -50,6 +58,7 @@ class SB3VectorEnv(VecEnv):
     def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
         observation, reward, _, truncated, info = self.env.step(self._actions)
         self._returns += reward
+        self._forces_n += info["force_on_person"] / EPISODE_STEPS
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.nonzero(truncated)[0]:
             infos[i] = {
@@ -57,8 +66,9 @@ class SB3VectorEnv(VecEnv):
                 "TimeLimit.truncated": True,
                 "success": bool(info["success"][i]),
                 "episode_return": float(self._returns[i]),
+                "episode_force_n": float(self._forces_n[i]),
             }
-            self._returns[i] = 0.0
+        self._returns[truncated], self._forces_n[truncated] = 0.0, 0.0
         cost = self.force_weight_per_n * info["force_on_person"]
         cost = cost + self.detour_weight_per_m * np.where(truncated, 0.0, self._detour_m())
         return observation, reward - cost, truncated, infos

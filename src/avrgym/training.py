@@ -24,6 +24,7 @@ from avrgym.envs import AssistiveVectorEnv
 from avrgym.episodes import EPISODE_STEPS, Episodes
 from avrgym.evaluation import evaluate
 from avrgym.files import write_whole
+from avrgym.hard_episodes import HardEpisodes
 from avrgym.imitation import imitate
 from avrgym.people import DISTRIBUTIONS, people_name
 from avrgym.policies import Policy, PolicyMetadata
@@ -51,6 +52,8 @@ class TrainingConfiguration:
     ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
     the task's own reward does; it grows over the second third: first the policy learns to help, then to be gentle.
     ``detour_weight_per_m`` is what each metre takes off that the way of tool and hand is longer than straight on.
+    ``hard_share`` of the worlds, at most, begin an update of PPO with episodes that went badly before; of how training
+    stands they tell nothing.
     """
 
     environment: str
@@ -71,6 +74,7 @@ class TrainingConfiguration:
     critic_updates: int = 5
     force_weight_per_n: float = 0.03
     detour_weight_per_m: float = 0.0
+    hard_share: float = 0.0
     threads: int = 0
 
     @property
@@ -117,6 +121,7 @@ TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
         "log_std": (-1.9, -2.5),
         "force_weight_per_n": 0.05,
         "detour_weight_per_m": 5.0,
+        "hard_share": 0.5,
     },
     "BedBathing": {
         "imitation_rounds": 100,
@@ -164,6 +169,7 @@ class _Watch(BaseCallback):
         self._configuration, self._out, self._env, self._tell = configuration, out, env, tell
         self._finished: list[tuple[float, bool]] = []
         self._curve: list[Progress] = []
+        self._hard = HardEpisodes(configuration.worlds, configuration.hard_share, configuration.seed)
         self._seconds_before, self._began = 0.0, time.monotonic()
 
     @property
@@ -175,6 +181,7 @@ class _Watch(BaseCallback):
         """Go on from the notes of a checkpoint."""
         self._finished = [(reward, success) for reward, success in notes["finished"]]
         self._curve = [Progress(*point) for point in notes["curve"]]
+        self._hard.kept = notes["hard"]
         self._seconds_before = notes["seconds"]
 
     def hear(self, steps: int, finished: list[tuple[float, bool]]) -> Progress:
@@ -193,12 +200,22 @@ class _Watch(BaseCallback):
         self.save_checkpoint()
 
     def _on_rollout_start(self) -> None:
-        self.save_checkpoint()
         configuration = self._configuration
+        if configuration.hard_share > 0.0:
+            self._begin_episodes()
+        self.save_checkpoint()
         assert isinstance(self.model, PPO)
         with torch.no_grad():
             self.model.policy.log_std.fill_(configuration.log_std_at(self.num_timesteps))
         self._env.force_weight_per_n = configuration.force_weight_at(self.num_timesteps)
+
+    def _begin_episodes(self) -> None:
+        """Begin new episodes and hard ones instead of those that the worlds would go on with."""
+        assert isinstance(self.model, PPO)
+        observation = self._env.begin([*self._hard.choose(self.num_timesteps)])
+        normaliser = self.model.get_env()
+        assert isinstance(normaliser, VecNormalize)
+        self.model._last_obs = normaliser.normalize_obs(observation)  # type: ignore[assignment]
 
     def save_checkpoint(self) -> None:
         """Save where the training is, between two updates."""
@@ -206,6 +223,7 @@ class _Watch(BaseCallback):
         notes = {
             "finished": self._finished,
             "curve": [(now.steps, now.reward_mean, now.success_rate) for now in self._curve],
+            "hard": self._hard.kept,
             "seconds": self._seconds,
         }
         checkpoint.save(self._out / CHECKPOINT_FILE, self.model, self._env.env, notes)
@@ -221,7 +239,10 @@ class _Watch(BaseCallback):
 
     def _on_rollout_end(self) -> None:
         assert isinstance(self.model, PPO)
-        now = self.hear(self.num_timesteps, finished_episodes(self.locals["infos"]))
+        infos = self.locals["infos"]
+        if self._configuration.hard_share > 0.0:
+            self._hard.judge(*([info[name] for info in infos] for name in ("success", "episode_force_n")))
+        now = self.hear(self.num_timesteps, finished_episodes(infos[self._hard.again :]))
         self.logger.record("rollout/reward_mean", now.reward_mean)
         self.logger.record("rollout/success_rate", now.success_rate)
         self._free_actor(self.model)

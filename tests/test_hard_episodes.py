@@ -1,0 +1,73 @@
+"""Episodes that training begins again."""
+
+import numpy as np
+
+from avrgym.hard_episodes import HARD_FORCE_N, KEPT, HardEpisodes
+
+WORLDS = 8
+
+
+def run(hard: HardEpisodes, steps: int, good) -> list[int]:
+    """Choose, and judge with nothing on the person: those go well that are ``good``; what was chosen."""
+    seeds = hard.choose(steps)
+    hard.judge([good(seed) for seed in seeds], [0.0] * len(seeds))
+    return seeds
+
+
+def always(seed: int) -> bool:
+    return True
+
+
+def never(seed: int) -> bool:
+    return False
+
+
+def test_where_all_goes_well_every_episode_is_new():
+    hard = HardEpisodes(WORLDS, 0.5, 0)
+    seeds = [seed for update in range(20) for seed in run(hard, update, always)]
+    assert len(set(seeds)) == 20 * WORLDS
+    assert hard.kept == []
+
+
+def test_what_went_badly_comes_again_until_it_goes_well():
+    hard = HardEpisodes(WORLDS, 0.5, 0)
+    bad = run(hard, 0, never)
+    assert hard.kept == bad
+    came: list[int] = []
+    for update in range(1, 4):
+        chosen = run(hard, update, always)
+        came += chosen[: hard.again]
+        assert set(chosen[hard.again :]).isdisjoint(bad)
+    assert sorted(came) == sorted(bad)
+    assert hard.kept == []
+
+
+def test_strong_forces_are_bad_even_where_the_robot_succeeds():
+    hard = HardEpisodes(2, 0.5, 0)
+    seeds = hard.choose(0)
+    hard.judge([True, True], [HARD_FORCE_N, HARD_FORCE_N + 0.1])
+    assert hard.kept == seeds[1:]
+
+
+def test_at_most_its_share_comes_again_and_at_most_so_many_are_kept():
+    hard = HardEpisodes(WORLDS, 0.25, 0)
+    for update in range(100):
+        seeds = run(hard, update, never)
+        assert hard.again == (2 if update else 0)
+        assert len(seeds) == len(set(seeds)) == WORLDS
+        assert hard.kept[-WORLDS:] == seeds
+        assert len(hard.kept) == len(set(hard.kept)) <= KEPT
+    assert len(hard.kept) == KEPT
+
+
+def test_the_same_choice_when_asked_again_and_another_with_another_seed():
+    first, second, other = (
+        HardEpisodes(WORLDS, 0.5, 1),
+        HardEpisodes(WORLDS, 0.5, 1),
+        HardEpisodes(WORLDS, 0.5, 2),
+    )
+    for hard in (first, second):
+        run(hard, 0, never)
+    second.choose(1600)
+    assert first.choose(1600) == second.choose(1600)
+    assert not np.isin(first.choose(0), other.choose(0)).any()
