@@ -181,7 +181,7 @@ class _Watch(BaseCallback):
         """Go on from the notes of a checkpoint."""
         self._finished = [(reward, success) for reward, success in notes["finished"]]
         self._curve = [Progress(*point) for point in notes["curve"]]
-        self._hard.kept = notes["hard"]
+        self._hard.kept = notes.get("hard", [])  # checkpoints of earlier versions know of none
         self._seconds_before = notes["seconds"]
 
     def hear(self, steps: int, finished: list[tuple[float, bool]]) -> Progress:
