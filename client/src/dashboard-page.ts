@@ -83,7 +83,7 @@ export class Dashboard {
       form.reset();
       await this.refresh();
       this.say("done", `${pseudonym}: ${NOUNS[action]} ${outcome}.`);
-      if (form.hidden) element("participant-heading").focus();
+      if (form.hidden && hasFocusOrNoneHas(form)) element("participant-heading").focus();
     });
   }
 
@@ -177,6 +177,12 @@ const NOUNS: Record<Action, string> = {
   identity: "name and contact",
   withdrawal: "the withdrawal",
 };
+
+/** Whether moving the focus takes it from nobody: a form that is hidden loses it, and who went on typing keeps it. */
+function hasFocusOrNoneHas(form: HTMLFormElement): boolean {
+  const focused = document.activeElement;
+  return focused === null || focused === document.body || form.contains(focused);
+}
 
 function line(text: string): HTMLLIElement {
   const item = document.createElement("li");
