@@ -286,10 +286,10 @@ def test_a_participant_is_taken_in_by_keyboard_alone(server: LiveServer, store: 
         answer = "yes" if question.required else "no"
         page.get_by_role("group", name=question.text).get_by_label(answer).press("Space")
     page.get_by_role("button", name="Record answers").press("Enter")
+    page.locator("body").press("n")
     expect(page.get_by_role("row", name=pseudonym)).to_contain_text("0 of 5")
     assert store.participant(pseudonym).state == "allocated"
 
-    page.locator("body").press("n")
     expect(page.get_by_label("New note")).to_be_focused()
     page.keyboard.insert_text(HOSTILE)
     page.get_by_role("button", name="Add note").press("Enter")
