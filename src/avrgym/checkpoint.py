@@ -13,10 +13,10 @@ import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
-from stable_baselines3.common.vec_env import VecNormalize
 
 from avrgym.envs import AssistiveVectorEnv
 from avrgym.files import write_whole
+from avrgym.stable_baselines import go_on_from, normaliser_of
 
 
 def save(path: Path, model: PPO, native: AssistiveVectorEnv, notes: dict[str, Any]) -> None:
@@ -28,7 +28,7 @@ def save(path: Path, model: PPO, native: AssistiveVectorEnv, notes: dict[str, An
         native: the environment below.
         notes: plain values that ``restore`` gives back.
     """
-    normaliser = _normaliser(model)
+    normaliser = normaliser_of(model)
     state = {
         "steps": model.num_timesteps,
         "updates": model._n_updates,
@@ -59,21 +59,14 @@ def restore(path: Path, model: PPO, native: AssistiveVectorEnv) -> dict[str, Any
     except Exception as error:  # torch raises many kinds
         raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
     model.num_timesteps, model._n_updates = state["steps"], state["updates"]
-    normaliser = _normaliser(model)
+    normaliser = normaliser_of(model)
     _set_moments(normaliser.obs_rms, state["observations"])
     _set_moments(normaliser.ret_rms, state["returns"])
     observation = native.begin_again_from(json.loads(state["episodes"]))
-    model._last_obs = normaliser.normalize_obs(observation)  # type: ignore[assignment]
-    model._last_episode_starts = np.ones(native.num_envs, dtype=bool)
+    go_on_from(model, observation)
     torch.set_rng_state(state["torch_random"])
     np.random.set_state(_numpy_state(json.loads(state["minibatches"])))  # noqa: NPY002
     return json.loads(state["notes"])
-
-
-def _normaliser(model: PPO) -> VecNormalize:
-    normaliser = model.get_env()
-    assert isinstance(normaliser, VecNormalize)
-    return normaliser
 
 
 def _moments(statistics: Any) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from torch import Tensor
 
 from avrgym.episodes import EPISODE_STEPS, Episodes
-from avrgym.stable_baselines import finished_episodes
+from avrgym.stable_baselines import finished_episodes, go_on_from, normaliser_of
 from avrgym.teachers import TEACHERS
 
 Array = NDArray[np.float64]
@@ -50,8 +50,7 @@ def imitate(model: PPO, episodes: Episodes, rounds: int, seed: int, shown: Path,
     Raises:
         ValueError: for a file that is missing or damaged.
     """
-    normaliser = model.get_env()
-    assert isinstance(normaliser, VecNormalize)
+    normaliser = normaliser_of(model)
     worlds = episodes.simulation.num_worlds
     done = model.num_timesteps // (worlds * EPISODE_STEPS)
     shown.mkdir(exist_ok=True)
@@ -68,8 +67,7 @@ def imitate(model: PPO, episodes: Episodes, rounds: int, seed: int, shown: Path,
         _fit(model, gathered, random, last=number == rounds - 1)
         model.num_timesteps += len(round_shown.observations)
         hear(finished)
-    model._last_obs = normaliser.normalize_obs(episodes.observe())  # type: ignore[assignment]
-    model._last_episode_starts = np.ones(worlds, dtype=bool)
+    go_on_from(model, episodes.observe())
 
 
 @dataclass(frozen=True)
@@ -108,8 +106,7 @@ def _gather(
 
 def _fit(model: PPO, gathered: list[Shown], random: np.random.Generator, *, last: bool) -> None:
     """Least squares over all that was gathered, at a rate that falls; in the last round longer."""
-    normaliser = model.get_env()
-    assert isinstance(normaliser, VecNormalize)
+    normaliser = normaliser_of(model)
     seen = np.concatenate([shown.observations for shown in gathered])
     observations = torch.as_tensor(np.asarray(normaliser.normalize_obs(seen)), dtype=torch.float32)
     actions = torch.as_tensor(np.concatenate([shown.actions for shown in gathered]))

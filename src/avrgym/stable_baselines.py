@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from avrgym.envs import ACTIONS, AssistiveVectorEnv
 from avrgym.episodes import EPISODE_STEPS
@@ -100,6 +101,19 @@ class SB3VectorEnv(VecEnv):
 def finished_episodes(infos: Sequence[dict[str, Any]]) -> list[tuple[float, bool]]:
     """Return and success of episodes that ended, from the infos of their last step."""
     return [(info["episode_return"], info["success"]) for info in infos]
+
+
+def normaliser_of(model: PPO) -> VecNormalize:
+    """The normaliser that a model learns over."""
+    normaliser = model.get_env()
+    assert isinstance(normaliser, VecNormalize)
+    return normaliser
+
+
+def go_on_from(model: PPO, observation: Array) -> None:
+    """Let a model's next update begin with observations (N, O) of episodes that all worlds have just begun."""
+    model._last_obs = normaliser_of(model).normalize_obs(observation)  # type: ignore[assignment]
+    model._last_episode_starts = np.ones(len(observation), dtype=bool)
 
 
 class ObservationScale(RunningMeanStd):

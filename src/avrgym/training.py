@@ -28,7 +28,13 @@ from avrgym.hard_episodes import HardEpisodes
 from avrgym.imitation import imitate
 from avrgym.people import DISTRIBUTIONS, people_name
 from avrgym.policies import Policy, PolicyMetadata
-from avrgym.stable_baselines import ObservationScale, SB3VectorEnv, finished_episodes
+from avrgym.stable_baselines import (
+    ObservationScale,
+    SB3VectorEnv,
+    finished_episodes,
+    go_on_from,
+    normaliser_of,
+)
 from avrgym.tasks import find_environment
 
 POLICY_FILE, CONFIGURATION_FILE, CHECKPOINT_FILE = "policy.safetensors", "configuration.json", "checkpoint.pt"
@@ -212,10 +218,7 @@ class _Watch(BaseCallback):
     def _begin_episodes(self) -> None:
         """Begin new episodes and hard ones instead of those that the worlds would go on with."""
         assert isinstance(self.model, PPO)
-        observation = self._env.begin([*self._hard.choose(self.num_timesteps)])
-        normaliser = self.model.get_env()
-        assert isinstance(normaliser, VecNormalize)
-        self.model._last_obs = normaliser.normalize_obs(observation)  # type: ignore[assignment]
+        go_on_from(self.model, self._env.begin([*self._hard.choose(self.num_timesteps)]))
 
     def save_checkpoint(self) -> None:
         """Save where the training is, between two updates."""
@@ -401,8 +404,7 @@ def export_policy(
 
     ``seconds`` it was trained for; of the ``curve`` a hundred points are kept.
     """
-    normaliser = model.get_env()
-    assert isinstance(normaliser, VecNormalize)
+    normaliser = normaliser_of(model)
     actor = model.policy
     layers = [layer for layer in actor.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
     layers.append(actor.action_net)  # type: ignore[arg-type]
