@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym import transforms
-from avrgym.capsules import segment_box_closest, segment_distance
+from avrgym.capsules import segment_box_distance, segment_distance
 from avrgym.models import human
 from avrgym.models.furniture import FURNITURE
 from avrgym.models.human import GEOMS, RIGHT_ARM, SEATED, People, Posture, Z
@@ -94,5 +94,5 @@ def clearance(segments_w: Array, radii_m: Array, furniture: Boxes | None = None)
 
 def _furniture_gap(segments_w: Array, radii_m: Array, boxes: Boxes) -> Array:
     begin, end = segments_w[:, :, None, 0], segments_w[:, :, None, 1]
-    closest = segment_box_closest(boxes.pos_w, boxes.q_w, boxes.half_size_m, begin, end)
-    return (closest.distance_m - radii_m[..., None]).min(axis=(1, 2))
+    to_axis = segment_box_distance(boxes.pos_w, boxes.q_w, boxes.half_size_m, begin, end)
+    return (to_axis - radii_m[..., None]).min(axis=(1, 2))

@@ -1,11 +1,9 @@
-"""Closest points of segments with segments and with boxes, for any number of pairs at once.
+"""Distances of segments from segments, points and boxes, for any number of pairs at once.
 
 A capsule is all that lies within a radius of a segment: the distance between two capsules is that between their
 segments less both radii. Every function broadcasts over the leading axes and works element by element, so that
 a pair's result does not depend on the others. Inside, vectors have their axis first, which is faster.
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +11,6 @@ from numpy.typing import NDArray
 from avrgym import transforms
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Closest:
-    """Closest points of a box and a segment: distance (...) in metres, both points (..., 3), world frame."""
-
-    distance_m: Array
-    box_point_w: Array
-    segment_point_w: Array
 
 
 def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
@@ -48,10 +37,10 @@ def point_distance(point: Array, s0: Array, s1: Array) -> Array:
     return _length(offset - _share(_dot(offset, along), _dot(along, along)) * along)
 
 
-def segment_box_closest(
+def segment_box_distance(
     box_pos_w: Array, box_q_w: Array, half_size_m: Array, s0_w: Array, s1_w: Array
-) -> Closest:
-    """The closest points of oriented boxes and segments.
+) -> Array:
+    """The distance (...) in metres of segments from oriented boxes; 0 where they intersect.
 
     Args:
         box_pos_w: the boxes' centres (..., 3).
@@ -59,24 +48,13 @@ def segment_box_closest(
         half_size_m: half their edges (..., 3).
         s0_w: where the segments begin (..., 3).
         s1_w: where they end (..., 3).
-
-    Where they intersect the distance is 0 and both points are one. Where many pairs are equally close, as with
-    a segment parallel to a face, they are from the middle of the stretch.
     """
-    rows = np.moveaxis(transforms.to_matrix(box_q_w), -2, 0)
-    centre_w, half, s0_w, s1_w, *rows = _axis_first(box_pos_w, half_size_m, s0_w, s1_w, *rows)
-    to_world = np.array(rows)
-    reach_w = s1_w - s0_w
-    start, along = _dot(to_world, s0_w - centre_w), _dot(to_world, reach_w)
-    share = _closest_share(start, along, half)
-    segment_point = start + share * along
-    box_point = _clamp(segment_point, -half, half)
-    box_offset_w = np.stack([_dot(row, box_point) for row in to_world])
-    return Closest(
-        _length(segment_point - box_point),
-        np.moveaxis(centre_w + box_offset_w, 0, -1),
-        np.moveaxis(s0_w + share * reach_w, 0, -1),
-    )
+    entries = transforms.to_matrix(box_q_w).reshape(*np.shape(box_q_w)[:-1], 9)
+    centre_w, entries, half, s0_w, s1_w = _axis_first(box_pos_w, entries, half_size_m, s0_w, s1_w)
+    to_world = entries.reshape(3, 3, *entries.shape[1:])
+    start, along = _dot(to_world, s0_w - centre_w), _dot(to_world, s1_w - s0_w)
+    nearest = start + _closest_share(start, along, half) * along
+    return _length(nearest - _clamp(nearest, -half, half))
 
 
 def _closest_share(start: Array, along: Array, half: Array) -> Array:
@@ -90,9 +68,7 @@ def _closest_share(start: Array, along: Array, half: Array) -> Array:
     middle, reach = -start / moving, half / np.abs(moving)
     enter, leave, weight = middle - reach, middle + reach, along * along
     shares = _clamp(np.concatenate([enter, leave]), 0.0, 1.0)
-    slope = np.zeros_like(shares)
-    for axis in range(3):
-        slope += weight[axis] * (shares - _clamp(shares, enter[axis], leave[axis]))
+    slope = _dot(weight[:, None], shares - _clamp(shares, enter[:, None], leave[:, None]))
     last_falling = np.where(slope <= 0.0, shares, 0.0).max(axis=0)
     first_rising = np.where(slope >= 0.0, shares, 1.0).min(axis=0)
     between = 0.5 * (last_falling + first_rising)

@@ -81,12 +81,16 @@ def to_rotation_vector(q: ArrayLike) -> Array:
 def to_matrix(q: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     w, x, y, z = _components(q)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    x2, y2, z2 = x + x, y + y, z + z
+    xx, yy, zz = x * x2, y * y2, z * z2
+    xy, yz, zx = x * y2, y * z2, z * x2
+    wx, wy, wz = w * x2, w * y2, w * z2
+    entries = _joined(
+        *(1.0 - (yy + zz), xy - wz, zx + wy),
+        *(xy + wz, 1.0 - (xx + zz), yz - wx),
+        *(zx - wy, yz + wx, 1.0 - (xx + yy)),
+    )
+    return entries.reshape(*entries.shape[:-1], 3, 3)
 
 
 def from_matrix(matrix: ArrayLike) -> Array:

@@ -93,8 +93,8 @@ class Clearance:
         to_person = capsules.segment_distance(start, end, person[..., 0, :], person[..., 1, :])
         to_person = (to_person - state.person_radius_m[:, None, None]).min(axis=-1)
         boxes = self._boxes
-        closest = capsules.segment_box_closest(boxes.pos_w, boxes.q_w, boxes.half_size_m, start, end)
-        to_axis = np.minimum(to_person, closest.distance_m.min(axis=-1))
+        to_boxes = capsules.segment_box_distance(boxes.pos_w, boxes.q_w, boxes.half_size_m, start, end)
+        to_axis = np.minimum(to_person, to_boxes.min(axis=-1))
         return (to_axis - self._shape.radius_m[counts]).min(axis=-1)
 
     def _ends_w(self, angles_rad: Array) -> Array:

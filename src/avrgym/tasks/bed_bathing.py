@@ -185,22 +185,13 @@ def is_washed(memory: BedBathingMemory) -> Bools:
 
 
 def cloth_distance(state: State) -> Array:
-    """From the cloth to the person's body (N,), metres; 0 where they touch.
-
-    The cloth is nearer to a part than its centre is, by half its diagonal at most: parts that are farther from
-    the centre than the nearest one and that need no look.
-    """
+    """From the cloth to the person's body (N,), metres; 0 where they touch."""
     centre_w = state.tool_pos_w + transforms.rotate(state.tool_q_w, PAD_CENTRE_M)
-    half_size_m = PAD_HALF_SIZE_M - NAP_M
     begin_w, end_w = state.person_segment_w[:, :, 0], state.person_segment_w[:, :, 1]
-    from_centre = capsules.point_distance(centre_w[:, None], begin_w, end_w) - state.person_radius_m
-    world, part = np.nonzero(from_centre <= from_centre.min(axis=-1, keepdims=True) + norm(half_size_m))
-    closest = capsules.segment_box_closest(
-        centre_w[world], state.tool_q_w[world], half_size_m, begin_w[world, part], end_w[world, part]
+    to_axis = capsules.segment_box_distance(
+        centre_w[:, None], state.tool_q_w[:, None], PAD_HALF_SIZE_M - NAP_M, begin_w, end_w
     )
-    gap = np.full_like(from_centre, np.inf)
-    gap[world, part] = closest.distance_m - state.person_radius_m[world, part]
-    return np.maximum(gap.min(axis=-1) - NAP_M, 0.0)
+    return np.maximum((to_axis - state.person_radius_m).min(axis=-1) - NAP_M, 0.0)
 
 
 def _contacts_of_limbs(state: State) -> tuple[Array, Bools]:

@@ -21,6 +21,7 @@ class Reporter:
     def __init__(self, send: Callable[[messages.ServerMessage], None]) -> None:
         self._send = send
         self._ticks = 0
+        self._state_due = STATE_EVERY_TICKS
         self._felt = NOTHING_FELT
         self._touched = False, False
         self._world: LiveWorld | None = None
@@ -31,16 +32,20 @@ class Reporter:
         return self._ticks % STATUS_EVERY_TICKS == 0
 
     def tick(self, world: LiveWorld, followed: int, step: ControlStep | None) -> None:
-        """Tell of the world after a tick, in which the body followed a tracking frame of this number."""
+        """Tell of the world after a tick, in which the body followed a tracking frame of this number.
+
+        A tick that ends a control step has judged it, which takes long enough: a state that is due then goes out with
+        the next tick, and from there on they take turns.
+        """
         self._ticks += 1
         if world is not self._world:
             self._world, self._touch = world, ArmTouch(world.simulation)
         if self._ticks % SUBSTEPS == 0:
             self._touched = self._touch.sides()
         self._tell_feedback(step)
-        if self._ticks % STATE_EVERY_TICKS == 0:
-            state = messages.State(self._ticks, self._ticks * TICK_S, followed, world.body_poses())
-            self._send(state)
+        if step is None and self._ticks >= self._state_due:
+            self._state_due = self._ticks + STATE_EVERY_TICKS
+            self._send(messages.State(self._ticks, self._ticks * TICK_S, followed, world.body_poses()))
 
     def _tell_feedback(self, step: ControlStep | None) -> None:
         """Touches that begin or end, and successes."""
