@@ -1,4 +1,4 @@
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym import transforms
-from avrgym.capsules import Closest, segment_box_closest, segment_distance
+from avrgym.capsules import segment_box_distance, segment_distance
 
 SHARES = np.linspace(0.0, 1.0, 201)
 
@@ -37,8 +37,8 @@ class Boxes:
     s0: np.ndarray
     s1: np.ndarray
 
-    def closest(self, rows: slice = slice(None)) -> Closest:
-        return segment_box_closest(
+    def distance(self, rows: slice = slice(None)) -> np.ndarray:
+        return segment_box_distance(
             self.pos[rows], self.q[rows], self.half[rows], self.s0[rows], self.s1[rows]
         )
 
@@ -110,69 +110,50 @@ def test_no_sampled_point_of_a_segment_is_closer_to_its_box(boxes):
     beyond = np.maximum(np.abs(inside) - boxes.half[:, None], 0.0)
     sampled = np.linalg.norm(beyond, axis=-1).min(axis=1)
     spacing = 0.5 * np.linalg.norm(boxes.s1 - boxes.s0, axis=-1) / (len(SHARES) - 1)
-    distance = boxes.closest().distance_m
+    distance = boxes.distance()
     assert (distance <= sampled + 1e-12).all()
     assert (distance >= sampled - spacing - 1e-12).all()
     assert 0.2 < (distance == 0.0).mean() < 0.8
 
 
-def test_the_closest_points_lie_on_both_and_are_that_far_apart(boxes):
-    closest = boxes.closest()
-    apart = np.linalg.norm(closest.segment_point_w - closest.box_point_w, axis=-1)
-    assert_allclose(apart, closest.distance_m, atol=1e-12)
-    point = closest.segment_point_w
-    assert_allclose(segment_distance(boxes.s0, boxes.s1, point, point), 0.0, atol=1e-12)
-    inside = transforms.rotate(transforms.conjugate(boxes.q), closest.box_point_w - boxes.pos)
-    assert (np.abs(inside) <= boxes.half + 1e-12).all()
+def test_a_segment_is_as_far_from_a_box_from_either_end(boxes):
+    turned = segment_box_distance(boxes.pos, boxes.q, boxes.half, boxes.s1, boxes.s0)
+    assert_allclose(turned, boxes.distance(), atol=1e-12)
 
 
-def test_turning_a_segment_round_keeps_the_closest_points(boxes):
-    closest, turned = boxes.closest(), replace(boxes, s0=boxes.s1, s1=boxes.s0).closest()
-    assert_allclose(turned.distance_m, closest.distance_m, atol=1e-12)
-    assert_allclose(turned.box_point_w, closest.box_point_w, atol=1e-9)
-
-
-def test_moving_everything_moves_the_closest_points(rng, boxes):
+def test_moving_everything_keeps_the_distance_of_segments_and_boxes(rng, boxes):
     q, offset = random_rotations(rng, 600), rng.uniform(-1.0, 1.0, (600, 3))
     pos, s0, s1 = (offset + transforms.rotate(q, v) for v in (boxes.pos, boxes.s0, boxes.s1))
-    moved = segment_box_closest(pos, transforms.multiply(q, boxes.q), boxes.half, s0, s1)
-    closest = boxes.closest()
-    assert_allclose(moved.distance_m, closest.distance_m, atol=1e-12)
-    apart = closest.distance_m > 0.0
-    expected = offset + transforms.rotate(q, closest.segment_point_w)
-    general = apart & (np.arange(600) < 100)
-    assert_allclose(moved.segment_point_w[general], expected[general], atol=1e-9)
+    moved = segment_box_distance(pos, transforms.multiply(q, boxes.q), boxes.half, s0, s1)
+    assert_allclose(moved, boxes.distance(), atol=1e-12)
 
 
-def test_a_segment_along_a_face_is_closest_in_the_middle_of_the_face():
-    closest = segment_box_closest(
-        np.array([1.0, 0.0, 0.0]),
-        transforms.IDENTITY_QUATERNION,
-        np.array([0.5, 0.2, 0.1]),
-        np.array([-3.0, 0.0, 0.4]),
-        np.array([4.0, 0.0, 0.4]),
-    )
-    assert closest.distance_m == pytest.approx(0.3)
-    assert_allclose(closest.segment_point_w, [1.0, 0.0, 0.4])
-    assert_allclose(closest.box_point_w, [1.0, 0.0, 0.1])
+@pytest.mark.parametrize(
+    ("s0", "s1", "expected"),
+    [
+        ([-3.0, 0.0, 0.4], [4.0, 0.0, 0.4], 0.3),
+        ([4.5, 0.0, 0.0], [4.5, 9.0, 0.0], 3.0),
+        ([1.5, 0.5, 0.5], [1.5, 2.0, 3.0], 0.5),
+        ([0.8, 0.1, 0.0], [5.0, 5.0, 5.0], 0.0),
+    ],
+)
+def test_the_distance_of_a_box_from_segments(s0, s1, expected):
+    box = np.array([1.0, 0.0, 0.0]), transforms.IDENTITY_QUATERNION, np.array([0.5, 0.2, 0.1])
+    assert segment_box_distance(*box, np.array(s0), np.array(s1)) == pytest.approx(expected, abs=1e-15)
 
 
 def test_a_pair_does_not_depend_on_others(segments, boxes):
     assert_array_equal(segment_distance(*(end[77] for end in segments)), segment_distance(*segments)[77])
-    alone, among = boxes.closest(slice(77, 78)), boxes.closest()
-    assert_array_equal(alone.distance_m[0], among.distance_m[77])
-    assert_array_equal(alone.box_point_w[0], among.box_point_w[77])
-    assert_array_equal(alone.segment_point_w[0], among.segment_point_w[77])
+    assert_array_equal(boxes.distance(slice(77, 78))[0], boxes.distance()[77])
 
 
 def test_each_box_meets_each_segment(boxes):
-    many = segment_box_closest(
+    many = segment_box_distance(
         boxes.pos[:5, None], boxes.q[:5, None], boxes.half[0], boxes.s0[None, :7], boxes.s1[None, :7]
     )
-    one = segment_box_closest(boxes.pos[3], boxes.q[3], boxes.half[0], boxes.s0[6], boxes.s1[6])
-    assert many.distance_m.shape == (5, 7)
-    assert many.box_point_w.shape == many.segment_point_w.shape == (5, 7, 3)
-    assert_array_equal(many.segment_point_w[3, 6], one.segment_point_w)
+    assert many.shape == (5, 7)
+    one = segment_box_distance(boxes.pos[3], boxes.q[3], boxes.half[0], boxes.s0[6], boxes.s1[6])
+    assert_array_equal(many[3, 6], one)
 
 
 # MuJoCo says the same
@@ -207,7 +188,7 @@ def test_capsules_are_as_far_apart_as_in_mujoco(segments):
 
 
 def test_capsules_are_as_far_from_boxes_as_in_mujoco(boxes):
-    distance = boxes.closest().distance_m[:250] - RADIUS
+    distance = boxes.distance()[:250] - RADIUS
     geoms = [
         geom
         for i in range(250)
