@@ -11,7 +11,7 @@ import pytest
 from avrgym.vr import benchmark
 from avrgym.vr.benchmark import PERCENTILES, measure_vr
 from avrgym.vr.loop import LateTick
-from avrgym.vr.standstill import PRIORITY, Span, Standstills, merged, within_s
+from avrgym.vr.standstill import PRIORITY, Span, Standstills, merged, outside, within_s
 
 
 def test_percentiles_rise_and_are_milliseconds() -> None:
@@ -30,7 +30,7 @@ def test_stages_add_up_to_the_round_trip() -> None:
     times.began, times.took = [0.0, 0.01, 0.02], [0.002, 0.003, 0.004]
     times.computed = [0.001, 0.001, 0.002]
     times.late = [LateTick(-0.5, -0.45, 3), LateTick(0.0, 0.012, 0), LateTick(0.01, 0.023, 1)]
-    times.stood_still = [(0.004, 0.0065)]
+    times.stood_still = [(0.004, 0.0065), (0.0235, 0.0236)]
     trips[99] = (1.0, 2.0)
     speed = benchmark._sum_up("avrgym/FeedingJaco-v1", times, trips)
     assert speed.round_trip_ms == pytest.approx(dict.fromkeys(PERCENTILES, 7.0))
@@ -39,6 +39,9 @@ def test_stages_add_up_to_the_round_trip() -> None:
     assert (speed.rate_hz, speed.seconds, speed.missed_deadlines) == pytest.approx((100.0, 0.03, 3))
     assert speed.missed_running == 2
     assert (speed.tick_ms["max"], speed.processor_ms["max"]) == pytest.approx((4.0, 2.0))
+    assert speed.undisturbed_tick_ms is not None
+    assert speed.undisturbed_tick_ms["p50"] == pytest.approx(2.5)
+    assert speed.undisturbed_round_trip_ms == pytest.approx(speed.round_trip_ms)
 
 
 def test_a_live_session_is_measured() -> None:
@@ -47,7 +50,12 @@ def test_a_live_session_is_measured() -> None:
     assert speed.rate_hz > 0.0
     assert speed.stolen_s >= 0.0
     assert speed.missed_running is None or 0 <= speed.missed_running <= speed.missed_deadlines
-    for spread in (speed.tick_ms, speed.processor_ms, speed.round_trip_ms, *speed.stages_ms.values()):
+    undisturbed = speed.undisturbed_tick_ms or speed.tick_ms
+    assert undisturbed["max"] <= speed.tick_ms["max"]
+    for spread in (
+        *(speed.tick_ms, undisturbed, speed.processor_ms, speed.round_trip_ms),
+        *speed.stages_ms.values(),
+    ):
         assert list(spread.values()) == sorted(spread.values())
         assert all(np.isfinite(list(spread.values())))
 
@@ -69,6 +77,13 @@ def test_spans_of_several_processors_are_merged() -> None:
     assert spans == [(0.0, 2.5), (3.0, 4.0)]
     assert within_s(spans, 1.0, 3.5) == pytest.approx(2.0)
     assert within_s(spans, 2.6, 2.9) == 0.0
+
+
+def test_what_touches_no_span_is_outside() -> None:
+    spans = [(1.0, 2.0), (3.0, 4.0)]
+    began_s, ended_s = np.array([[0.0, 0.9], [0.5, 1.5], [1.2, 1.3], [2.1, 2.9], [2.1, 4.5], [4.1, 5.0]]).T
+    assert outside(spans, began_s, ended_s).tolist() == [True, False, False, True, False, True]
+    assert outside([], began_s, ended_s).all()
 
 
 def test_a_process_that_goes_before_the_watch_stops_a_processor() -> None:

@@ -29,7 +29,7 @@ from avrgym.vr.loop import LateTick, RealTimeLoop
 from avrgym.vr.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.server import LiveServer
 from avrgym.vr.session import Session
-from avrgym.vr.standstill import Span, Standstills, within_s
+from avrgym.vr.standstill import Span, Standstills, outside, within_s
 from avrgym.vr.world import TICK_S
 
 TRACKING_HZ = 90.0
@@ -53,8 +53,10 @@ class VrSpeed:
     ``missed_running`` would also have been late if no processor had stood still, ``None`` where nobody can say (see
     ``standstill``). ``round_trip_ms`` is the time from a tracking frame's sending to the first state that follows it,
     and ``stages_ms`` its parts: from the client to the server, in the queue until the next tick, the tick until its
-    state is sent (every other tick sends one), and the way back. ``stolen_s`` is how much time of all processors other
-    machines on the same host took, from before the client came until the trial was over, where the system knows.
+    state is sent (every other tick sends one), and the way back. The ``undisturbed`` are those ticks and round trips
+    during which no processor stood still, ``None`` where there are none or nobody can say. ``stolen_s`` is how much
+    time of all processors other machines on the same host took, from before the client came until the trial was over,
+    where the system knows.
     """
 
     env: str
@@ -63,6 +65,8 @@ class VrSpeed:
     tick_ms: Spread
     processor_ms: Spread
     round_trip_ms: Spread
+    undisturbed_tick_ms: Spread | None
+    undisturbed_round_trip_ms: Spread | None
     stages_ms: dict[str, Spread]
     missed_deadlines: int
     missed_running: int | None
@@ -275,15 +279,18 @@ def _sum_up(environment_id: str, times: _Times, trips: Trips) -> VrSpeed:
         "tick": answered - taken,
         "return": came - answered,
     }
+    began, took = np.array(times.began), np.array(times.took)
     lasted_s = times.began[-1] - times.began[0] + TICK_S
     late = [tick for tick in times.late if times.began[0] < tick.ended_s and tick.due_s <= times.began[-1]]
     return VrSpeed(
         env=environment_id,
         seconds=lasted_s,
         rate_hz=len(times.began) / lasted_s,
-        tick_ms=_spread(np.array(times.took)),
+        tick_ms=_spread(took),
         processor_ms=_spread(np.array(times.computed)),
         round_trip_ms=_spread(came - sent),
+        undisturbed_tick_ms=_undisturbed(times.stood_still, began, took),
+        undisturbed_round_trip_ms=_undisturbed(times.stood_still, sent, came - sent),
         stages_ms={name: _spread(stage) for name, stage in stages.items()},
         missed_deadlines=_missed(late),
         missed_running=None if times.stood_still is None else _missed(_late_running(late, times.stood_still)),
@@ -309,3 +316,13 @@ def _late_running(late: list[LateTick], stood_still: list[Span]) -> list[LateTic
 
 def _spread(seconds: NDArray[np.float64]) -> Spread:
     return {name: float(1000.0 * np.percentile(seconds, share)) for name, share in PERCENTILES.items()}
+
+
+def _undisturbed(
+    stood_still: list[Span] | None, began_s: NDArray[np.float64], took_s: NDArray[np.float64]
+) -> Spread | None:
+    """The spread of what took place while no processor stood still."""
+    if stood_still is None:
+        return None
+    alone = outside(stood_still, began_s, began_s + took_s)
+    return _spread(took_s[alone]) if alone.any() else None

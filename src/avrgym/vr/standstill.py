@@ -12,6 +12,9 @@ from contextlib import ExitStack
 from multiprocessing.connection import Connection
 from types import TracebackType
 
+import numpy as np
+from numpy.typing import NDArray
+
 SLEEP_S = 0.001
 LEAST_S = 0.001
 """What sleeps may last longer than asked for, for reasons that are the system's own."""
@@ -102,3 +105,11 @@ def merged(spans: list[Span]) -> list[Span]:
 def within_s(spans: list[Span], began_s: float, ended_s: float) -> float:
     """How much of the time from one moment to another lies in spans that are apart."""
     return sum(max(0.0, min(end_s, ended_s) - max(begin_s, began_s)) for begin_s, end_s in spans)
+
+
+def outside(
+    spans: list[Span], began_s: NDArray[np.float64], ended_s: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Which of n stretches of time, by their beginnings and ends (n,), no span touches; spans in order and apart."""
+    begins_s, ends_s = np.array([*spans, (np.inf, np.inf)]).T
+    return ended_s < begins_s[np.searchsorted(ends_s, began_s)]
