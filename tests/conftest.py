@@ -15,6 +15,23 @@ if TYPE_CHECKING:
     from avrgym.models.scene import Stage
 
 
+LONG = (
+    "test_browser_sessions.py",
+    "test_every_environment.py",
+    "test_study_journey.py",
+    "test_training.py",
+    "test_browser.py",
+    "test_study_simulate.py",
+    "test_envs.py",
+)
+"""Files that take a minute or more come first, so that no process is left alone with one at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put long files first, browsers and computations in turn."""
+    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     """A random stream of the test's own."""

@@ -87,8 +87,9 @@ def test_a_session_with_interruptions(journey: Callable[[SessionPlan], Journey])
     browser = headset.page.context.browser
     assert browser is not None
     second = browser.new_page()
+    second.set_default_timeout(1000 * PATIENCE_S)
     second.goto(visit.server.url)
-    second.get_by_text("one at a time").first.wait_for(timeout=1000 * PATIENCE_S)
+    second.get_by_text("one at a time").first.wait_for()
     assert session.phase == "trial"
     second.close()
 

@@ -91,25 +91,26 @@ def test_only_who_has_the_token_reads_a_replay(server: ReplayServer) -> None:
 
 
 def test_the_page_plays_seeks_and_changes_its_view(server: ReplayServer) -> None:
-    patience_ms = 1000 * PATIENCE_S
+    expect.set_options(timeout=1000 * PATIENCE_S)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
         page = browser.new_page(viewport={"width": 480, "height": 320})
+        page.set_default_timeout(1000 * PATIENCE_S)
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto(server.url.replace("/replay#", "/replay?detail=light#"))
-        expect(page.locator("#title")).to_contain_text("ScratchItchJaco-v1, drive", timeout=patience_ms)
+        expect(page.locator("#title")).to_contain_text("ScratchItchJaco-v1, drive")
         expect(page.locator("#simulated")).to_be_visible()
         page.keyboard.press("End")
-        expect(page.locator("#phase-name")).to_have_text("questionnaire", timeout=patience_ms)
+        expect(page.locator("#phase-name")).to_have_text("questionnaire")
         expect(page.locator("#step")).to_have_text(f"{STEPS} of {STEPS}")
         page.keyboard.press("Home")
-        expect(page.locator("#phase-name")).to_have_text("free before", timeout=patience_ms)
+        expect(page.locator("#phase-name")).to_have_text("free before")
         page.keyboard.press("v")
         expect(page.locator("#from-inside")).to_be_checked()
         page.keyboard.press(" ")
-        expect(page.locator("#happenings [aria-current]")).to_contain_text("L4: 4", timeout=patience_ms)
-        expect(page.locator("#play")).to_have_text("Play", timeout=patience_ms)
+        expect(page.locator("#happenings [aria-current]")).to_contain_text("L4: 4")
+        expect(page.locator("#play")).to_have_text("Play")
         browser.close()
     assert errors == []
 

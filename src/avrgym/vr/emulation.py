@@ -67,8 +67,9 @@ class EmulatedHeadset:
                 "no Chromium is installed, and Playwright has none of its own"
             ) from error
         self.page = self._browser.new_page(viewport={"width": width, "height": height})
+        self.page.set_default_timeout(1000 * PATIENCE_S)
         self.page.goto(url.replace("/#", "/?emulate=1#"))
-        self.page.wait_for_function("() => window.avrgymEmulator !== undefined", timeout=1000 * PATIENCE_S)
+        self.page.wait_for_function("() => window.avrgymEmulator !== undefined")
 
     def __enter__(self) -> "EmulatedHeadset":
         return self
@@ -85,8 +86,8 @@ class EmulatedHeadset:
 
     def enter_vr(self) -> None:
         """Click Enter VR and wait until the page presents."""
-        self.page.get_by_role("button", name="Enter VR").click(timeout=1000 * PATIENCE_S)
-        self.page.wait_for_function("() => window.avrgymEmulator.presenting()", timeout=1000 * PATIENCE_S)
+        self.page.get_by_role("button", name="Enter VR").click()
+        self.page.wait_for_function("() => window.avrgymEmulator.presenting()")
 
     def set_poses(self, frame: Tracking, *, right: bool = True) -> None:
         """Put headset and controllers where a tracking frame has them; optionally all but the right controller."""
@@ -109,9 +110,7 @@ class EmulatedHeadset:
         """Wait until the page has drawn some more XR frames."""
         sent = self.call("trackingSent")
         self.page.wait_for_function(
-            "([sent]) => window.avrgymEmulator.trackingSent() >= sent",
-            arg=[sent + count],
-            timeout=1000 * PATIENCE_S,
+            "([sent]) => window.avrgymEmulator.trackingSent() >= sent", arg=[sent + count]
         )
 
     def answer(self, value: int) -> None:
