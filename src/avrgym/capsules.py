@@ -93,7 +93,7 @@ def _clamp(x: Array, low: Array | float, high: Array | float) -> Array:
 
 
 def _axis_first(*vectors: Array) -> list[Array]:
-    """Vectors (..., 3), as many leading axes as they have, as (3, ...) with equally many axes."""
+    """Vectors (..., n), as many leading axes as they have, as (n, ...) with equally many axes."""
     axes = max(v.ndim for v in vectors)
     order = (axes - 1, *range(axes - 1))
     return [v.reshape((1,) * (axes - v.ndim) + v.shape).transpose(order).copy() for v in vectors]
