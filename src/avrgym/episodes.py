@@ -16,8 +16,9 @@ from avrgym.models.human import People, Person
 from avrgym.models.robots import find_robot
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation import Ids, Simulation
-from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks import find_environment, find_task
 from avrgym.tasks.base import merge
+from avrgym.world_version import WORLD_VERSION, check_world_version
 
 Array = NDArray[np.float64]
 
@@ -49,6 +50,7 @@ class Episodes:
         impairment: str = "none",
         moving: bool = False,
         num_threads: int = 0,
+        world_version: int = WORLD_VERSION,
     ) -> None:
         """Compile the scene.
 
@@ -60,13 +62,15 @@ class Episodes:
             impairment: a name in ``impairments.IMPAIRMENTS``.
             moving: whether the people's joints are driven from outside, with ``command_person``.
             num_threads: threads for the physics; 0 takes one per core.
+            world_version: an earlier one to step recordings again that were made with it.
 
         Raises:
-            ValueError: for an unknown environment, distribution or impairment, naming what there is.
+            ValueError: for an unknown environment, distribution, impairment or version, naming what there is.
         """
+        check_world_version(world_version)
         task, robot = find_environment(environment_id)
         self.environment_id = environment_id
-        self.task = TASKS[task]
+        self.task = find_task(task, world_version)
         self.person = person
         self._distribution = people.find_distribution(distribution)
         self._impairment: Impairment = impairments.find_impairment(impairment)

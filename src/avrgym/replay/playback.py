@@ -14,6 +14,7 @@ from avrgym.study.recording import Recording
 from avrgym.study.records import Control, Event, Physics
 from avrgym.vr.attempt import control_record
 from avrgym.vr.world import ControlStep, ControlSteps
+from avrgym.world_version import WORLD_VERSIONS
 
 Array = NDArray[np.float64]
 
@@ -141,7 +142,14 @@ def made_with(recording: Recording) -> str:
 def _episodes(metadata: dict[str, Any]) -> Episodes:
     try:
         person = Person(**metadata["person"], joint_angles_rad=np.array(metadata["start_rad"], float))
-        episodes = Episodes(metadata["environment"], 1, person=person, moving=True, num_threads=1)
+        episodes = Episodes(
+            metadata["environment"],
+            1,
+            person=person,
+            moving=True,
+            num_threads=1,
+            world_version=metadata.get("world_version", WORLD_VERSIONS[0]),
+        )
         episodes.begin(np.array([0]), [np.random.default_rng(metadata["seed"])])
     except KeyError as error:
         raise ReplayError(

@@ -28,3 +28,8 @@ def find_environment(environment_id: str) -> tuple[str, str]:
             f"unknown environment {environment_id!r}; the environments are {', '.join(ENVIRONMENTS)}"
         )
     return ENVIRONMENTS[environment_id]
+
+
+def find_task(name: str, world_version: int) -> Task:
+    """The task of that name as it was in a version of the world."""
+    return TASKS[name]

@@ -17,6 +17,7 @@ from avrgym.vr.messages import XRPose
 from avrgym.vr.plan import SessionPlan
 from avrgym.vr.tracking import Frame
 from avrgym.vr.world import ControlStep, LiveWorld
+from avrgym.world_version import WORLD_VERSION
 
 Array = NDArray[np.float64]
 Configuration = Callable[[int], Mapping[str, Any]]
@@ -235,6 +236,7 @@ def configuration(
             {"id": item.id, "text": item.text, "points": item.points} for item in plan.items_after(trial)
         ],
         "versions": versions(),
+        "world_version": WORLD_VERSION,
     }
 
 
