@@ -3,12 +3,10 @@
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from avrgym.analysis.commands import analyze
 from avrgym.models.human import SEXES, Sex
@@ -17,7 +15,7 @@ from avrgym.policies import packaged_policies
 from avrgym.replay.commands import replay
 from avrgym.study.commands import app as study_commands
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
-from avrgym.terminal import JsonFile, check_folder, console, plain_errors, print_table, say, write_json
+from avrgym.terminal import JsonFile, check_folder, plain_errors, print_table, progress_bar, say, write_json
 
 if TYPE_CHECKING:
     from avrgym.vr.certificate import Certificate
@@ -269,14 +267,11 @@ def train(
             if stored.environment != env:
                 raise ValueError(f"{folder} holds a training of {stored.environment}, not of {env}")
             steps = stored.steps
-        with Progress(
-            "{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=console
-        ) as progress:
-            bar = progress.add_task(env, total=steps)
+        with progress_bar(env, steps) as bar:
 
             def tell(now: "training.Progress") -> None:
                 words = f"{env}  reward {now.reward_mean:.1f}  success {now.success_rate:.1%}"
-                progress.update(bar, completed=now.steps, description=words)
+                bar.show(now.steps, words=words)
 
             if resume:
                 training.resume(folder, tell)
@@ -294,9 +289,8 @@ def fit_people(
     from avrgym.fitting import fit_people, write_people
 
     with plain_errors():
-        with Progress(console=console, transient=True) as progress:
-            bar = progress.add_task("recordings", total=None)
-            fit = fit_people(study, lambda done, count: progress.update(bar, completed=done, total=count))
+        with progress_bar("recordings") as bar:
+            fit = fit_people(study, bar.show)
         write_people(fit, out)
     for recording in fit.left_out:
         say(f"left out  {recording}")
@@ -323,10 +317,8 @@ def evaluate(
     from avrgym.evaluation import evaluate as measure
 
     def row(environment: str) -> Row:
-        with Progress(console=console, transient=True) as progress:
-            bar = progress.add_task(environment, total=episodes * EPISODE_STEPS)
-            steps = partial(progress.advance, bar)
-            return asdict(measure(environment, policy, people, episodes, seed, steps))
+        with progress_bar(environment, episodes * EPISODE_STEPS) as bar:
+            return asdict(measure(environment, policy, people, episodes, seed, bar.advance))
 
     with plain_errors():
         _tabulate(env, all_environments, row, json_file)
@@ -344,9 +336,8 @@ def bench_sim(
     from avrgym.benchmark import RUNS, measure_simulation
 
     def row(environment: str) -> Row:
-        with Progress(console=console, transient=True) as progress:
-            bar = progress.add_task(environment, total=RUNS)
-            return asdict(measure_simulation(environment, num_envs, lambda: progress.advance(bar)))
+        with progress_bar(environment, RUNS) as bar:
+            return asdict(measure_simulation(environment, num_envs, bar.advance))
 
     with plain_errors():
         _tabulate(env, not env, row, json_file)
@@ -364,7 +355,7 @@ def bench_vr(
     from avrgym.vr.benchmark import measure_vr
 
     def row(environment: str) -> Row:
-        with console.status(environment):
+        with progress_bar(environment):
             return asdict(measure_vr(environment, seconds))
 
     with plain_errors():

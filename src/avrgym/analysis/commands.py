@@ -4,10 +4,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.progress import Progress
 
 from avrgym.analysis.manifest import FOLDER
-from avrgym.terminal import JsonFile, check_folder, console, plain_errors, say, write_json
+from avrgym.terminal import JsonFile, check_folder, plain_errors, progress_bar, say, write_json
 
 
 def analyze(
@@ -26,9 +25,8 @@ def analyze(
     with plain_errors(), Store(folder) as store:
         check_folder(json_file)
         check_out(place)
-        with Progress(console=console, transient=True) as progress:
-            bar = progress.add_task("recordings", total=None)
-            analysis = analyse(store, lambda done, all_: progress.update(bar, completed=done, total=all_))
+        with progress_bar("recordings") as bar:
+            analysis = analyse(store, bar.show)
         report = write_analysis(analysis, folder, place)
         write_json(json_file, analysis.results())
     say(f"report    {report}")

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import Progress
 
-from avrgym.terminal import JsonFile, check_folder, console, plain_errors, print_table, say, write_json
+from avrgym.terminal import JsonFile, check_folder, plain_errors, print_table, progress_bar, say, write_json
 
 if TYPE_CHECKING:
     from avrgym.replay.verification import Verification
@@ -86,9 +85,8 @@ def _read(file: Path) -> "Recording":
 @contextmanager
 def _progress(recording: "Recording", words: str) -> Iterator[Callable[[], None]]:
     """A bar that each recorded state moves on."""
-    with Progress(console=console, transient=True) as progress:
-        bar = progress.add_task(words, total=len(recording.topics["/physics"]))
-        yield lambda: progress.advance(bar)
+    with progress_bar(words, len(recording.topics["/physics"])) as bar:
+        yield bar.advance
 
 
 def _verify(recording: "Recording", json_file: Path | None) -> None:

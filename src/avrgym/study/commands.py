@@ -5,10 +5,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
 
 from avrgym.models.human import SEXES
-from avrgym.terminal import JsonFile, check_folder, console, plain_errors, print_table, say, write_json
+from avrgym.terminal import (
+    JsonFile,
+    check_folder,
+    confirm,
+    plain_errors,
+    print_table,
+    progress_bar,
+    say,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from avrgym.study.store import Store
@@ -86,7 +94,7 @@ def _ask_for_consent(store: "Store", participant: str) -> None:
     person, text = store.participant(participant), store.design.consent
     check_transition("participant", participant, person.state, "consented")
     say(f"Consent, version {text.version}\n\n{text.text.strip()}\n")
-    if not typer.confirm("Do you agree?"):
+    if not confirm("Do you agree?"):
         raise RuntimeError(f"{participant} does not agree; nothing was stored")
     record_consent(store, participant)
 
@@ -94,7 +102,7 @@ def _ask_for_consent(store: "Store", participant: str) -> None:
 def _ask_for_inclusion(store: "Store", participant: str) -> None:
     from avrgym.study.participants import record_inclusion
 
-    answers = {question.id: typer.confirm(question.text) for question in store.design.inclusion}
+    answers = {question.id: confirm(question.text) for question in store.design.inclusion}
     fits = record_inclusion(store, participant, answers)
     say(f"{participant} takes part" if fits else f"{participant} cannot take part")
 
@@ -130,13 +138,8 @@ def simulate(
 
     with plain_errors():
         check_folder(json_file)
-        with Progress(
-            "{task.description}", BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
-        ) as bar:
-            trials = bar.add_task("trials", total=None)
-            simulate_study(
-                folder, participants, seed, lambda done, all_: bar.update(trials, completed=done, total=all_)
-            )
+        with progress_bar("trials") as bar:
+            simulate_study(folder, participants, seed, bar.show)
         with Store(folder) as store:
             summary = summarise_study(store)
         write_json(json_file, asdict(summary))
