@@ -181,7 +181,7 @@ def test_a_policy_that_is_still_missing_is_noted(tmp_path: Path, monkeypatch: py
     folder = make_study(tmp_path, tasks='["Feeding"]', policies='["mine", "revised"]', robots='["Jaco"]')
     with Store(folder) as store:
         (finding,) = check_study(store)
-        assert (finding.where, finding.wrong) == ("policy mine", False)
+        assert (finding.where, finding.wrong) == ("policy mine", True)
         assert "no policy 'mine' for avrgym/FeedingJaco-v1; allowed: original, revised" in finding.what
         own = folder / "mine" / "FeedingJaco.safetensors"
         own.parent.mkdir()

@@ -3,13 +3,12 @@
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Any
 
-from avrgym.policies import PolicyError, find_policy
 from avrgym.study import keyfile
 from avrgym.study.attempts import sha256_of
+from avrgym.study.preflight import policy_faults
 from avrgym.study.recording import Recording, RecordingError, read_recording
 from avrgym.study.rows import RECORDINGS, GivenAnswer, Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.states import StudyError
@@ -28,7 +27,7 @@ class Finding:
 def check_study(store: Store) -> list[Finding]:
     """All that is to be said about a study; nothing is changed."""
     findings = [Finding("database", fault) for fault in store.database.faults()]
-    findings += _check_policies(store)
+    findings += [Finding(f"policy {name}", fault) for name, fault in policy_faults(store)]
     findings += _check_private(store)
     expected: set[str] = set()
     for participant in store.participants():
@@ -53,17 +52,6 @@ def _is_completed(path: Path) -> bool:
     except (OSError, RecordingError):
         return False
     return outcome is not None and outcome.get("result") == "completed"
-
-
-def _check_policies(store: Store) -> Iterator[Finding]:
-    design = store.design
-    wanted = {*design.policies, design.practice_policy} - {""}
-    for task, robot, policy in product(design.tasks, design.robots, sorted(wanted)):
-        environment = f"avrgym/{task}{robot}-v1"
-        try:
-            find_policy(store.policy_source(environment, policy), environment)
-        except PolicyError as error:
-            yield Finding(f"policy {policy}", str(error), wrong=False)
 
 
 def _check_private(store: Store) -> Iterator[Finding]:

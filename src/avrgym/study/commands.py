@@ -150,7 +150,7 @@ def simulate(
 
 @app.command()
 def check(folder: Folder, json_file: JsonFile = None) -> None:
-    """Check that every recording is there, loads and is unchanged, and that every completed trial has its answers."""
+    """Check that the study can run with its policies, and that whatever it stored is there, whole and unchanged."""
     from avrgym.study.checking import check_study
     from avrgym.study.store import Store
 

@@ -10,6 +10,7 @@ from avrgym.models.human import Person
 from avrgym.study.answers import record_answer, record_session_answer
 from avrgym.study.attempts import begin_attempt, complete_attempt, end_attempt
 from avrgym.study.participants import withdraw
+from avrgym.study.preflight import load_study_policy
 from avrgym.study.questionnaire import Item
 from avrgym.study.rows import StudySession, Trial, TrialAttempt, pseudonym_of
 from avrgym.study.sessions import close_session, open_session, skip_trial, tell
@@ -18,7 +19,7 @@ from avrgym.study.store import Store
 from avrgym.study.watch import Watch
 from avrgym.vr import transitions
 from avrgym.vr.messages import Command
-from avrgym.vr.plan import Policies, SessionPlan, TrialPlan, load_policy_for
+from avrgym.vr.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.session import Send, Session
 from avrgym.vr.transitions import Transition
 
@@ -157,8 +158,7 @@ def _policies(store: Store, pseudonym: str) -> Policies:
         (each.environment, each.policy) for each in store.trials(pseudonym) if each.state != "completed"
     }
     return {
-        (environment, policy): load_policy_for(environment, store.policy_source(environment, policy))
-        for environment, policy in wanted
+        (environment, policy): load_study_policy(store, environment, policy) for environment, policy in wanted
     }
 
 

@@ -10,7 +10,6 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +18,11 @@ from avrgym.models.human import SEXES
 from avrgym.participants import SimulatedParticipant, Traits, draw_traits
 from avrgym.study.live import StudyVisit
 from avrgym.study.participants import add_note, enrol, record_consent, record_inclusion
+from avrgym.study.preflight import load_study_policy, policies_needed
 from avrgym.study.rows import Participant
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 from avrgym.vr.attendance import ANSWER_AFTER_S, InProcessAttendance
-from avrgym.vr.plan import load_policy_for
 
 AGES_YEARS = (19, 24)
 """Of the paper's participants."""
@@ -50,7 +49,8 @@ def simulate_study(
         PolicyError: when a policy of the design is missing; nothing is stored then.
     """
     with Store(folder) as store:
-        _check_policies(store)
+        for environment, policy in policies_needed(store):
+            load_study_policy(store, environment, policy)
         pseudonyms = [simulated_participant(store, index, seed) for index in range(participants)]
         unfinished = [name for name in pseudonyms if store.participant(name).state == "allocated"]
         _run_all(store, unfinished, seed, lambda: progress(*_trials(store, pseudonyms)))
@@ -88,14 +88,6 @@ def _run_trial(visit: StudyVisit, seed: int) -> None:
     attendance = InProcessAttendance(participant, lambda text: None)
     session = visit.session(replace(plan, trials=plan.trials[:number]), attendance.hear)
     attendance.run(session)
-
-
-def _check_policies(store: Store) -> None:
-    design = store.design
-    policies = sorted({*design.policies, design.practice_policy} - {""})
-    for task, robot, policy in product(design.tasks, design.robots, policies):
-        environment = f"avrgym/{task}{robot}-v1"
-        load_policy_for(environment, store.policy_source(environment, policy))
 
 
 def simulated_participant(store: Store, index: int, seed: int) -> str:

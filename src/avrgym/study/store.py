@@ -9,6 +9,7 @@ from typing import Any, Self, TypeVar
 
 import sqlalchemy as sa
 
+from avrgym.policies import PolicyError, packaged_policies
 from avrgym.study import schema
 from avrgym.study.database import FILE as DATABASE_FILE
 from avrgym.study.database import Database, database_url
@@ -102,10 +103,22 @@ class Store:
         return path
 
     def policy_source(self, environment: str, policy: str) -> str:
-        """What to load a policy of the design from: a file in the study's folder, else the packaged one's name."""
+        """What to load a policy of the design from: a file in the study's folder, else the packaged one's name.
+
+        Raises:
+            PolicyError: when it is neither.
+        """
         task, robot = find_environment(environment)
-        own = self.folder / policy / f"{task}{robot}.safetensors"
-        return str(own) if own.is_file() else policy
+        name = f"{policy}/{task}{robot}.safetensors"
+        if (self.folder / name).is_file():
+            return str(self.folder / name)
+        packaged = packaged_policies(environment)
+        if policy not in packaged:
+            raise PolicyError(
+                f"no policy {policy!r} for {environment}; allowed: {', '.join([*packaged, ''])}"
+                f"or the study's own as {name} in its folder"
+            )
+        return policy
 
     def participants(self) -> list[Participant]:
         """Everyone who takes or took part, in the order of their numbers."""

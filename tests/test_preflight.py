@@ -1,0 +1,116 @@
+"""``avrgym study check`` tells before the first participant comes whether the study can run."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli import app
+from avrgym.policies import packaged_policies
+from avrgym.study import database
+from avrgym.study.live import StudyVisit
+from avrgym.study.preflight import policies_needed, policy_faults
+from avrgym.study.store import Store
+from studies import make_study, take_in
+
+JACO = "avrgym/FeedingJaco-v1"
+
+
+@pytest.fixture(autouse=True)
+def _at_home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.chdir(tmp_path)
+
+
+def with_own_policies(folder: Path, *scenes: str) -> Path:
+    """A study of feeding whose policies are of its own, copies of the packaged ones of these scenes."""
+    make_study(
+        folder,
+        tasks='["Feeding"]',
+        robots='["PR2", "Jaco"]',
+        policies='["mine"]',
+        practice_policy='"mine"',
+    )
+    (folder / "mine").mkdir()
+    for robot, scene in zip(("PR2", "Jaco"), scenes, strict=True):
+        source = packaged_policies(f"avrgym/{scene}-v1")["revised"]
+        shutil.copy(source, folder / "mine" / f"Feeding{robot}.safetensors")
+    return folder
+
+
+def check(folder: Path) -> tuple[int, list[str]]:
+    """Exit code and lines of ``avrgym study check``."""
+    result = CliRunner().invoke(app, ["study", "check", str(folder)])
+    return result.exit_code, (result.stdout + result.stderr).splitlines()
+
+
+def test_every_policy_is_loaded_in_every_environment(tmp_path: Path) -> None:
+    with Store(make_study(tmp_path / "study")) as store:
+        needed = policies_needed(store)
+        assert len(needed) == len(set(needed)) == 4 * 2 * 2
+        assert list(policy_faults(store)) == []
+    assert check(tmp_path / "study") == (0, ["nothing is wrong"])
+
+
+def test_own_policies_that_fit_are_fine(tmp_path: Path) -> None:
+    assert check(with_own_policies(tmp_path / "study", "FeedingPR2", "FeedingJaco"))[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "where", "words"),
+    [
+        ({"policies": '["original", "revisd"]'}, "policy revisd", "allowed: original, revised, or the study's own"),
+        ({"practice_policy": '"revisd"'}, "policy revisd", "revisd/FeedingJaco.safetensors in its folder"),
+        ({"policies": '["mine"]'}, "policy mine", "no policy 'mine' for avrgym/FeedingJaco-v1"),
+        ({"tasks": '["Feding"]'}, "study.toml:14", "unknown name 'Feding'; allowed: Feeding, Drinking"),
+        ({"robots": '["Jako"]'}, "study.toml:15", "unknown name 'Jako'; allowed: "),
+    ],
+)  # fmt: skip
+def test_what_is_missing_or_mistyped_is_an_error(
+    tmp_path: Path, changes: dict[str, str], where: str, words: str
+) -> None:
+    code, lines = check(make_study(tmp_path / "study", **({"tasks": '["Feeding"]'} | changes)))
+    assert code == 1
+    assert any(where in line and words in line for line in lines), lines
+
+
+def test_a_file_that_lies_where_the_program_runs_is_no_policy_of_the_study(tmp_path: Path) -> None:
+    shutil.copy(packaged_policies(JACO)["revised"], tmp_path / "revisd")
+    code, _ = check(make_study(tmp_path / "study", tasks='["Feeding"]', policies='["revisd"]'))
+    assert code == 1
+
+
+def test_check_says_what_serve_says(tmp_path: Path) -> None:
+    """Of a policy for another task, and of a file that is damaged."""
+    folder = with_own_policies(tmp_path / "study", "FeedingPR2", "ScratchItchJaco")
+    for _ in range(2):
+        code, lines = check(folder)
+        with (
+            Store(folder) as store,
+            pytest.raises(ValueError, match=r"mine/FeedingJaco\.safetensors") as refused,
+        ):
+            StudyVisit(store, take_in(store))
+        assert code == 1
+        assert any(str(refused.value) in line for line in lines), lines
+        (folder / "mine" / "FeedingJaco.safetensors").write_bytes(b"\x00" * 100)
+
+
+def test_damage_anywhere_in_a_policy_is_no_traceback(tmp_path: Path) -> None:
+    """What is loaded runs; what is not is named."""
+    folder = with_own_policies(tmp_path / "study", "FeedingPR2", "FeedingJaco")
+    path = folder / "mine" / "FeedingJaco.safetensors"
+    whole = path.read_bytes()
+    rng = np.random.default_rng(22)
+    cut = rng.integers(0, len(whole), 40)
+    with Store(folder) as store:
+        for size in cut:
+            path.write_bytes(whole[:size])
+            ((name, fault),) = policy_faults(store)
+            assert (name, str(path) in fault) == ("mine", True)
+        for place in [*range(0, 1000, 5), *rng.integers(0, len(whole), 100)]:
+            damaged = bytearray(whole)
+            damaged[place] ^= 1 << int(rng.integers(8))
+            path.write_bytes(bytes(damaged))
+            assert all(str(path) in fault for _, fault in policy_faults(store))
