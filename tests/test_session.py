@@ -75,6 +75,8 @@ class Replica:
             qpos=[self.model.joint(name).qposadr[0] for name in arm],
             act=[self.model.actuator(name).actadr[0] for name in arm],
             ctrl=[self.model.actuator(name).id for name in arm],
+            dof=[self.model.joint(name).dofadr[0] for name in arm],
+            brake_n_m=episodes.stage.arm.torque_limit_n_m,
         )
         self._person = [self.model.actuator(human.PREFIX + name).id for name in human.JOINTS]
         assert episodes.stage.tool.particles is not None
@@ -87,9 +89,11 @@ class Replica:
     def step(self, state: PhysicsState, after: PhysicsState) -> Array:
         """The state one physics step later, with the controls of ``after``.
 
-        A new command to the arm bounds how far its targets lead; the command to halt puts them on the joints.
+        A new command to the arm bounds how far its targets lead; the command to halt puts them on the joints and the
+        brakes on.
         """
         ctrl, (data, arm) = self.ctrl(after), (self.put(state), self._arm)
+        self.model.dof_frictionloss[arm.dof] = 0.0 if ctrl[arm.ctrl].any() else arm.brake_n_m
         if not np.array_equal(data.ctrl[arm.ctrl], ctrl[arm.ctrl]):
             lead = MAX_LEAD_RAD if ctrl[arm.ctrl].any() else 0.0
             angles = data.qpos[arm.qpos]
@@ -130,6 +134,8 @@ class Arm:
     qpos: list[int]
     act: list[int]
     ctrl: list[int]
+    dof: list[int]
+    brake_n_m: Array
 
 
 def records(recording: Recording, topic: str) -> list:
@@ -325,7 +331,7 @@ def test_a_robot_at_full_speed_stands_still_100_ms_after_a_stop(visit: Callable[
     assert away_m.max() < 0.015
     assert speed_m_s[:3].max() > 0.05
     assert speed_m_s[5:].max() < 0.05
-    assert away_m[-1] < 0.005
+    assert away_m.max() - away_m[-1] < 0.005
 
 
 def newest_pos_w(visit: Visit, body: str) -> Array:

@@ -80,7 +80,11 @@ class Episodes:
         self.stage = self.task.stage(find_robot(robot))
         self._furniture = furniture_boxes(self.stage.furniture)
         self.simulation = Simulation(
-            self.stage, num_worlds, moving=moving or self._moved_by_themselves, num_threads=num_threads
+            self.stage,
+            num_worlds,
+            moving=moving or self._moved_by_themselves,
+            num_threads=num_threads,
+            braked=world_version > 1,
         )
         self.people = people.repeat(person or Person(), num_worlds)
         self.memory = self.task.remember(self.people, np.zeros((num_worlds, self.task.uniforms)))

@@ -10,6 +10,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from avrgym import transforms
+from avrgym.brakes import Brakes
 from avrgym.models import human, robots
 from avrgym.models.human import People, Person
 from avrgym.models.scene import (
@@ -92,7 +93,15 @@ class Start:
 class Simulation:
     """N worlds of a scene, each with a person of its own who is set at every reset."""
 
-    def __init__(self, stage: Stage, num_worlds: int, *, moving: bool = False, num_threads: int = 0) -> None:
+    def __init__(
+        self,
+        stage: Stage,
+        num_worlds: int,
+        *,
+        moving: bool = False,
+        num_threads: int = 0,
+        braked: bool = True,
+    ) -> None:
         """Compile the scene.
 
         Args:
@@ -100,6 +109,7 @@ class Simulation:
             num_worlds: N.
             moving: whether the people's joints move; else people are static.
             num_threads: threads for the physics; 0 takes one per core.
+            braked: whether the arm's joints have brakes.
         """
         self.stage = stage
         self.num_worlds = num_worlds
@@ -118,6 +128,7 @@ class Simulation:
         self._segment_w = np.zeros((num_worlds, len(human.GEOMS), 2, 3))
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
         self._speed_limit = stage.arm.speed_limit_rad_s
+        self._brakes = Brakes(self.batch, stage.arm) if braked else None
 
     def reset(self, ids: Ids, start: Start) -> None:
         """Put worlds ``ids`` (n,) into their start: at rest, particles on the tool, the arm where it aims."""
@@ -150,12 +161,16 @@ class Simulation:
     def command_robot(self, action: Array) -> None:
         """Set the arm's speed for the coming steps: action (N, 7) in −1..1 of each joint's speed limit."""
         names = self._names
+        if self._brakes is not None:
+            self._brakes.release()
         self._act[:, names.arm_act] = self.arm_targets_rad()
         self._ctrl[:, names.arm_ctrl] = np.clip(action, -1.0, 1.0) * self._speed_limit
 
     def halt_robot(self) -> None:
-        """Aim every joint of the arms at where it is now: they stop at once, and hold there."""
+        """Brake the arms: they stop at once and hold where they came to rest. Each servo aims at where its joint is."""
         names = self._names
+        if self._brakes is not None:
+            self._brakes.put_on()
         self._act[:, names.arm_act] = self._qpos[:, names.arm_qpos]
         self._ctrl[:, names.arm_ctrl] = 0.0
 

@@ -107,6 +107,7 @@ class Playback:
             raise ReplayError(
                 f"its states have {len(state)} numbers, this simulator's have {size}: {made_with(self.recording)}"
             )
+        self.episodes.simulation.halt_robot()
         self.episodes.simulation.restore(state)
         self._begun = True
 

@@ -1,0 +1,19 @@
+"""Stops, locked databases, floods and signals at length: `make soak`."""
+
+import pytest
+
+from avrgym.tasks import ENVIRONMENTS
+from stops import MOST_BACK_M, SLOW_M_S, stop_at_random
+
+STOPS, MOMENTS = 25, 8
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_a_stopped_arm_is_slow_after_100_ms_and_never_comes_back(environment: str) -> None:
+    """200 in each environment, at eight moments."""
+    for seed in range(MOMENTS):
+        stops = stop_at_random(environment, STOPS, seed)
+        print(f"\n{environment}: {stops}", end="")
+        assert stops.slow_m_s.max() < SLOW_M_S
+        assert stops.back_m.max() < MOST_BACK_M
+        assert stops.drift_m.max() < MOST_BACK_M

@@ -1,0 +1,35 @@
+"""A stop is quick and final, whatever the arm was doing."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from avrgym.episodes import Episodes
+from avrgym.tasks import ENVIRONMENTS
+from stops import MOST_BACK_M, SLOW_M_S, stop_at_random
+
+STOPS = 8
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_a_stopped_arm_is_slow_after_100_ms_and_never_comes_back(environment: str) -> None:
+    stops = stop_at_random(environment, STOPS, seed=7)
+    assert stops.slow_m_s.max() < SLOW_M_S, stops
+    assert stops.back_m.max() < MOST_BACK_M, stops
+    assert stops.drift_m.max() < MOST_BACK_M, stops
+
+
+@pytest.mark.parametrize("environment", ["avrgym/FeedingPR2-v1", "avrgym/DrinkingJaco-v1"])
+def test_brakes_that_are_released_leave_no_trace(environment: str) -> None:
+    """An arm that stood braked goes on as one that never was."""
+    rng, states = np.random.default_rng(1), []
+    actions = rng.uniform(-1.0, 1.0, (5, 2, 7))
+    for braked in (True, False):
+        episodes = Episodes(environment, 2, moving=True)
+        episodes.begin(np.arange(2), [np.random.default_rng(world) for world in range(2)])
+        if braked:
+            episodes.simulation.halt_robot()
+        for action in actions:
+            episodes.step(action)
+        states.append([episodes.simulation.integration_state(world) for world in range(2)])
+    assert_array_equal(*states)
