@@ -121,6 +121,17 @@ def test_the_last_bit_of_a_state_is_found(whole: Recording, number: int) -> None
     assert (difference.quantity, difference.times) == ("qpos", 1)
     assert difference.first_time_s == time_ns / 1e9
     assert difference.largest == np.spacing(abs(physics.state[3]))
+    assert found.agrees
+
+
+@pytest.mark.parametrize("by", [1e-8, -1e-6, 0.01])
+def test_more_than_rounding_is_no_agreement(whole: Recording, by: float) -> None:
+    """Wherever it stands: in a state, or in what a control step gave."""
+    bent = changed(whole, "/physics", 30, with_number("state", 3, by))
+    told = changed(whole, "/control", 2, with_number("observation", 2, by))
+    for found in (verify(bent), verify(told)):
+        assert not found.identical
+        assert not found.agrees
 
 
 @pytest.mark.parametrize(
@@ -149,6 +160,7 @@ def test_the_last_bit_of_a_state_is_found(whole: Recording, number: int) -> None
 def test_whatever_a_control_step_holds_is_compared(whole: Recording, quantity: str, change: Change) -> None:
     found = verify(changed(whole, "/control", 1, change))
     assert [difference.quantity for difference in found.differences] == [quantity]
+    assert found.agrees == (quantity in ("observation", "action"))  # by one bit
     assert (found.identical_steps, found.identical_states) == (STEPS - 1, found.states)
 
 
@@ -164,6 +176,7 @@ def test_other_commands_and_other_movements_lead_elsewhere(
 ) -> None:
     found = verify(changed(whole, topic, 1, change))
     assert found.identical_states < found.states
+    assert not found.agrees
     assert {difference.quantity for difference in found.differences} >= {"ctrl", "qpos", "qvel"}
 
 
@@ -280,3 +293,16 @@ def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Pa
         assert words in shown.stderr
         assert len(shown.stderr.splitlines()) == 1
     assert old.read_text() == "mine"
+
+
+def test_a_recording_made_where_rounding_is_another_agrees_within_it(
+    tmp_path: Path, whole: Recording
+) -> None:
+    """A bit is an error where nothing may differ, and none where another C library made the recording."""
+    bent = changed(whole, "/physics", 10, with_number("state", 3))
+    elsewhere = replace(bent, metadata=bent.metadata | {"c_library": "elsewhere"})
+    good = avrgym(written(elsewhere, tmp_path / "elsewhere.mcap"), "--verify")
+    assert good.exit_code == 0, good.output
+    assert "It agrees" in good.stdout
+    far = changed(elsewhere, "/physics", 20, with_number("state", 3, 1e-6))
+    assert avrgym(written(far, tmp_path / "far.mcap"), "--verify").exit_code == 1

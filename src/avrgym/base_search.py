@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from avrgym import kinematics, transforms
+from avrgym import elementary, kinematics, transforms
 from avrgym.kinematics import METRES_PER_RADIAN, Chain, Solution
 from avrgym.models.scene import BaseRange
 from avrgym.transforms import norm
@@ -141,7 +141,7 @@ def _evenly_spread(count: int, dimensions: int) -> Array:
     x = 2.0
     for _ in range(50):
         x = (1.0 + x) ** (1.0 / (dimensions + 1))
-    steps = x ** -np.arange(1.0, dimensions + 1.0)
+    steps = elementary.power(x, -np.arange(1.0, dimensions + 1.0))
     return 2.0 * np.mod(np.arange(1.0, count + 1.0)[:, None] * steps, 1.0) - 1.0
 
 

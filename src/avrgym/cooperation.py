@@ -12,7 +12,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
@@ -131,11 +131,10 @@ def wait(mind: Mind) -> Mind:
 def sway_rad(mind: Mind) -> Array:
     """What sway adds to the joints' targets (N, 20): the waist rocks to and fro and to the sides."""
     angle = 2.0 * np.pi * mind.sway_hz * mind.time_s
+    phase = mind.phase_rad[:, :2].T
+    swung = elementary.sin(np.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
     wave = np.zeros_like(mind.targets_rad)
-    wave[:, _WAIST[0]] = mind.sway_rad * (np.sin(angle + mind.phase_rad[:, 0]) - np.sin(mind.phase_rad[:, 0]))
-    wave[:, _WAIST[1]] = mind.sway_rad * (
-        np.sin(0.7 * angle + mind.phase_rad[:, 1]) - np.sin(mind.phase_rad[:, 1])
-    )
+    wave[:, _WAIST[:2]] = (mind.sway_rad * swung).T
     return wave
 
 
@@ -147,8 +146,8 @@ def _bring_mouth(mind: Mind, sight: Sight, tool_w: Array, posture: Posture) -> A
     ahead = transforms.rotate(transforms.conjugate(torso_q_w), offset)
     distance = transforms.norm(ahead)
     facing = np.zeros((len(seen), 3))
-    facing[:, 0] = np.arctan2(-ahead[:, 2], -ahead[:, 1])
-    facing[:, 2] = np.arcsin(np.clip(ahead[:, 0] / np.maximum(distance, 1e-9), -1.0, 1.0))
+    facing[:, 0] = elementary.arctan2(-ahead[:, 2], -ahead[:, 1])
+    facing[:, 2] = elementary.arcsin(np.clip(ahead[:, 0] / np.maximum(distance, 1e-9), -1.0, 1.0))
     turn = np.clip(mind.facing[:, None] * facing, -HEAD_TURN_RAD, HEAD_TURN_RAD)
     near = seen & (distance < NEAR_MOUTH_M) & (ahead[:, 1] < 0.0)
     wanted = mind.targets_rad.copy()

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.small_matrices import (
     TINY,
     combined,
@@ -58,7 +58,7 @@ class Chain:
         offsets, rotations = [*self.pos, self.tip_pos], transforms.to_matrix([*self.q, self.tip_q])
         ends = [*turned[1:], np.eye(3)]
         return tuple(
-            (_snapped(before.T @ offset), _snapped((before.T @ rotation @ after).T))
+            (_snapped(_product(before.T, offset)), _snapped(_product(_product(before.T, rotation), after).T))
             for before, offset, rotation, after in zip(turned, offsets, rotations, ends, strict=True)
         )
 
@@ -66,8 +66,13 @@ class Chain:
 def _frame_with_z(axis: Array) -> Array:
     """A rotation (3, 3) whose third column is the unit vector ``axis``; a permutation where that can be."""
     helper = np.eye(3)[np.argmin(np.abs(axis))]
-    x = transforms.normalize(helper - axis * (axis @ helper))
+    x = transforms.normalize(helper - axis * (axis * helper).sum())
     return np.stack([x, np.cross(axis, x), axis], axis=-1)
+
+
+def _product(a: Array, b: Array) -> Array:
+    """The product of matrices (3, 3), or of a matrix and a vector (3,), summed in the order of the columns."""
+    return reduce(np.add, (np.multiply.outer(column, row) for column, row in zip(a.T, b, strict=True)))
 
 
 def _snapped(values: Array) -> list:
@@ -137,7 +142,7 @@ def jacobian(chain: Chain, angles_rad: Array) -> tuple[Array, Array, Array]:
 
 def reach_m(chain: Chain) -> float:
     """No pose has its tip farther than this from the first hinge."""
-    return float(sum(np.linalg.norm(offset) for offset, _ in chain.links[1:]))
+    return float(sum(transforms.norm(offset) for offset, _ in chain.links[1:]))
 
 
 def wrapped(chain: Chain, angles_rad: Array) -> Array:
@@ -163,7 +168,7 @@ def limit_weights(chain: Chain, angles_rad: Array) -> Array:
     half = 0.5 * (upper - lower)
     margins = (half - np.abs(half - angles_rad + lower)) / (LIMIT_MARGIN * half)
     bounded = np.maximum(margins, -1.0)  # the floor holds from there on; powers of less would overflow
-    return np.where(limited, np.maximum(1.0 - 0.5 ** (bounded + 1.0), WEIGHT_FLOOR), 1.0)
+    return np.where(limited, np.maximum(1.0 - elementary.power(0.5, bounded + 1.0), WEIGHT_FLOOR), 1.0)
 
 
 def isotropy(chain: Chain, angles_rad: Array) -> Array:
@@ -178,7 +183,7 @@ def isotropy(chain: Chain, angles_rad: Array) -> Array:
     trace = reduce(np.add, diagonal(square))
     eliminate(square)
     determinant = reduce(np.multiply, np.maximum(diagonal(square), 0.0))
-    return 6.0 * determinant ** (1.0 / 6.0) / trace
+    return 6.0 * elementary.power(determinant, 1.0 / 6.0) / trace
 
 
 @dataclass(frozen=True)
@@ -300,7 +305,7 @@ class _Poses:
 
 
 def _poses(chain: Chain, angles: Array) -> _Poses:
-    sine, cosine = np.sin(angles), np.cos(angles)
+    sine, cosine = elementary.sine_and_cosine(angles)
     pos = np.zeros((3, angles.shape[-1]), angles.dtype)
     columns: Sequence[Array] | Array = np.repeat(
         np.eye(3, dtype=angles.dtype)[..., None], angles.shape[-1], axis=-1

@@ -16,6 +16,7 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
+from avrgym import elementary
 from avrgym.files import write_whole
 
 FORMAT_VERSION = 2
@@ -115,16 +116,17 @@ class Policy:
     def mean(self, observations: np.ndarray) -> np.ndarray:
         """The means (N, action) about which actions are drawn before they are clipped.
 
-        Every row is one product of fixed shape, so that the size of the batch never changes its bits.
+        Sums go from the first input to the last, so that neither the size of the batch nor the processor changes the
+        bits of a row.
         """
         if observations.ndim != 2 or observations.shape[1] != self.observation_size:
             raise PolicyError(
                 f"observations of shape {observations.shape}; this policy takes (N, {self.observation_size})"
             )
-        rows = self._normalise(np.array(observations, np.float64, order="C"))[:, None, :]
+        rows = self._normalise(np.array(observations, np.float64, order="C"))
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            rows = np.tanh(rows @ weight + bias)
-        return (rows @ self.weights[-1] + self.biases[-1])[:, 0]
+            rows = elementary.tanh(_product(rows, weight) + bias)
+        return _product(rows, self.weights[-1]) + self.biases[-1]
 
     def _normalise(self, observations: np.ndarray) -> np.ndarray:
         deviation = np.sqrt(self.observation_variance + self.observation_epsilon)
@@ -186,6 +188,11 @@ def load_policy(
             f"actions; {environment_id} has {observation_size} and {action_size}"
         )
     return policy
+
+
+def _product(rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """The rows (N, inputs) times (inputs, outputs); a library for matrices would sum in an order of its own."""
+    return (rows[:, :, None] * weight).sum(axis=1)
 
 
 def _frozen(array: Any) -> np.ndarray:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.oracles.scratch_itch import ROD, surface
 from avrgym.simulation import State
 from avrgym.tasks.base import Memory
@@ -37,8 +37,8 @@ def around_limb_m(state: State, memory: ScratchItchMemory) -> Array:
     radius, from_axis = norm(itch), norm(tool)
     away = np.maximum(from_axis, radius + SMALLEST_M)
     cosine = (tool * itch).sum(axis=-1) / np.maximum(from_axis * radius, SMALLEST_M**2)
-    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-    hidden = np.maximum(0.0, angle - np.arccos(radius / away))
+    angle = elementary.arccos(np.clip(cosine, -1.0, 1.0))
+    hidden = np.maximum(0.0, angle - elementary.arccos(radius / away))
     straight = norm(tool - itch)
     around = np.where(hidden > 0.0, np.sqrt(away**2 - radius**2) + radius * hidden, straight)
     return np.hypot(around, along) - np.hypot(straight, along)

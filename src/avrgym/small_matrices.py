@@ -10,7 +10,7 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def rotation_between(columns: Array, target: Array) -> Array:
     sine = 0.5 * reduce(np.add, cross(columns, target))
     cosine = 0.5 * (reduce(np.add, reduce(np.add, columns * target)) - 1.0)
     length = norm(sine)
-    turn = sine * (np.arctan2(length, cosine) / np.maximum(length, TINY))
+    turn = sine * (elementary.arctan2(length, cosine) / np.maximum(length, TINY))
     opposite = np.nonzero(cosine < -0.999)[0]  # where the sine says little about the axis
     if len(opposite):
         turn[:, opposite] = _rotation_by_quaternions(columns[..., opposite], target[..., opposite])

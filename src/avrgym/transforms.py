@@ -7,6 +7,8 @@ Quaternions are (..., 4) in the order w, x, y, z and of unit length; positions a
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from avrgym import elementary
+
 Array = NDArray[np.float64]
 
 IDENTITY_QUATERNION = np.array([1.0, 0.0, 0.0, 0.0])
@@ -65,7 +67,9 @@ def from_rotation_vector(v: ArrayLike) -> Array:
     """The exponential map: rotation vectors (..., 3) in radians to quaternions (..., 4)."""
     v = np.asarray(v, float)
     angle = np.sqrt((v * v).sum(axis=-1, keepdims=True))
-    return np.concatenate([np.cos(0.5 * angle), 0.5 * v * np.sinc(0.5 * angle / np.pi)], axis=-1)
+    half = np.pi * np.where(angle == 0.0, 1e-20, 0.5 * angle / np.pi)
+    sine, cosine = elementary.sine_and_cosine(half)
+    return np.concatenate([cosine, 0.5 * v * (sine / half)], axis=-1)
 
 
 def to_rotation_vector(q: ArrayLike) -> Array:
@@ -73,7 +77,7 @@ def to_rotation_vector(q: ArrayLike) -> Array:
     q = np.asarray(q, float)
     q = np.where(q[..., :1] < 0.0, -q, q)
     sine = np.sqrt((q[..., 1:] ** 2).sum(axis=-1, keepdims=True))
-    angle = 2.0 * np.arctan2(sine, q[..., :1])
+    angle = 2.0 * elementary.arctan2(sine, q[..., :1])
     scale = np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 2.0)
     return scale * q[..., 1:]
 
@@ -137,12 +141,14 @@ def euler_xyz(q: ArrayLike) -> Array:
     b lies in −π/2..π/2; at its ends only a ± c is determined and c is chosen as 0.
     """
     m = to_matrix(q)
-    b = np.arctan2(m[..., 0, 2], np.hypot(m[..., 1, 2], m[..., 2, 2]))
+    b = elementary.arctan2(m[..., 0, 2], np.hypot(m[..., 1, 2], m[..., 2, 2]))
     locked = np.hypot(m[..., 1, 2], m[..., 2, 2]) < 1e-9
-    a = np.where(locked, np.arctan2(m[..., 2, 1], m[..., 1, 1]), np.arctan2(-m[..., 1, 2], m[..., 2, 2]))
+    above = np.where(locked, m[..., 2, 1], -m[..., 1, 2])
+    a = elementary.arctan2(above, np.where(locked, m[..., 1, 1], m[..., 2, 2]))
     # Rx(−a) q = Ry(b) Rz(c), whose second row is (sin c, cos c, 0): precise however close to the lock.
-    row = np.cos(a)[..., None] * m[..., 1, :] + np.sin(a)[..., None] * m[..., 2, :]
-    return np.stack([a, b, np.where(locked, 0.0, np.arctan2(row[..., 0], row[..., 1]))], axis=-1)
+    sine, cosine = elementary.sine_and_cosine(a)
+    row = cosine[..., None] * m[..., 1, :] + sine[..., None] * m[..., 2, :]
+    return np.stack([a, b, np.where(locked, 0.0, elementary.arctan2(row[..., 0], row[..., 1]))], axis=-1)
 
 
 def _components(v: ArrayLike) -> tuple[Array, ...]:

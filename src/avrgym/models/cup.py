@@ -1,5 +1,7 @@
 """The cup, and the water in it."""
 
+import math
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +18,12 @@ AXIS_X_M = -RIM_RADIUS_M
 """The cup's axis in the tool's frame, whose origin is the edge of the rim that water pours over."""
 
 _WALLS, _WALL_M, _FLOOR_M = 8, 0.004, 0.006
-_TAPER_RAD = np.arctan2(RIM_RADIUS_M - FOOT_RADIUS_M, HEIGHT_M)
+_TAPER_RAD = math.atan2(RIM_RADIUS_M - FOOT_RADIUS_M, HEIGHT_M)
 
 
 def inner_radius_m(z: float) -> float:
     """How far the walls are from the cup's axis at height ``z`` of the tool's frame; the rim is at zero."""
-    return RIM_RADIUS_M + z * np.tan(_TAPER_RAD) - _WALL_M / np.cos(_TAPER_RAD)
+    return RIM_RADIUS_M + z * math.tan(_TAPER_RAD) - _WALL_M / math.cos(_TAPER_RAD)
 
 
 def _packed(count: int, radius_m: float) -> NDArray[np.float64]:
@@ -71,8 +73,8 @@ def _add_wall(body: mujoco.MjsBody, name: str, angle_rad: float) -> None:
     around = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(angle_rad))
     lean = transforms.from_axis_angle([0.0, 1.0, 0.0], _TAPER_RAD)
     outward = transforms.rotate(around, [1.0, 0.0, 0.0])
-    distance = inner_radius_m(-0.5 * HEIGHT_M) + 0.5 * _WALL_M / np.cos(_TAPER_RAD)
-    size = [0.5 * _WALL_M, RIM_RADIUS_M * np.tan(np.pi / _WALLS), 0.5 * HEIGHT_M / np.cos(_TAPER_RAD)]
+    distance = inner_radius_m(-0.5 * HEIGHT_M) + 0.5 * _WALL_M / math.cos(_TAPER_RAD)
+    size = [0.5 * _WALL_M, RIM_RADIUS_M * math.tan(np.pi / _WALLS), 0.5 * HEIGHT_M / math.cos(_TAPER_RAD)]
     add_collision(
         body, name, BOX, contacts.TOOL,
         pos=[AXIS_X_M, 0.0, -0.5 * HEIGHT_M] + distance * outward,

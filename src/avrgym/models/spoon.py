@@ -1,5 +1,7 @@
 """The spoon, and the food that lies on it."""
 
+import math
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +60,7 @@ def _add_bowl_walls(body: mujoco.MjsBody) -> None:
     for name, axis, sign in (("left", 1, 1.0), ("right", 1, -1.0), ("front", 0, 1.0), ("back", 0, -1.0)):
         lean = _LEAN[axis]
         out = np.eye(3)[axis] * sign
-        turn = transforms.from_axis_angle(np.cross([0.0, 0.0, 1.0], out), np.arctan2(lean, height))
+        turn = transforms.from_axis_angle(np.cross([0.0, 0.0, 1.0], out), math.atan2(lean, height))
         normal = transforms.rotate(turn, out)
         centre = out * (_FLOOR[axis] + 0.5 * lean) + [0, 0, _FLOOR_Z + 0.5 * height] + normal * half_wall
         along = _FLOOR[1 - axis] + _LEAN[1 - axis]

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.episodes import Episodes
 from avrgym.oracles.guide import Guide
 from avrgym.simulation import State
@@ -109,7 +109,9 @@ def cloth_pose(
         above_m: how far the face is from the skin, (N,).
     """
     at = limb_frame(state, limb)
-    normal = np.cos(angle_rad)[:, None] * at.top_w + np.sin(angle_rad)[:, None] * at.outwards_w
+    normal = (
+        elementary.cos(angle_rad)[:, None] * at.top_w + elementary.sin(angle_rad)[:, None] * at.outwards_w
+    )
     far_m = FROM_ENDS_M + share * (at.length_m - 2.0 * FROM_ENDS_M)
     pos_w = at.start_w + far_m[:, None] * at.along_w + (at.radius_m + above_m)[:, None] * normal
     axes = [-normal, -at.along_w, transforms.cross(normal, at.along_w)]

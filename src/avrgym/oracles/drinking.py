@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.episodes import Episodes
 from avrgym.models.cup import AXIS_X_M, RIM_RADIUS_M
 from avrgym.models.scene import CONTROL_STEP_S
@@ -38,7 +38,12 @@ TILTS_RAD = np.linspace(TIPPED_RAD, EMPTY_RAD, 5)
 FORWARD, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _AROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
 RIM = np.stack(
-    [AXIS_X_M + RIM_RADIUS_M * np.cos(_AROUND), RIM_RADIUS_M * np.sin(_AROUND), 0.0 * _AROUND], axis=-1
+    [
+        AXIS_X_M + RIM_RADIUS_M * elementary.cos(_AROUND),
+        RIM_RADIUS_M * elementary.sin(_AROUND),
+        0.0 * _AROUND,
+    ],
+    axis=-1,
 )
 """Points (P, 3) of the rim in the tool's frame."""
 
@@ -111,7 +116,7 @@ class DrinkingOracle:
 def yaw_q_w(state: State, way: Way) -> Array:
     """The rotation (N, 4) of an upright cup whose x axis is the way's heading."""
     into = heading(state)
-    return transforms.from_axis_angle(UP, np.arctan2(into[:, 1], into[:, 0]) + way.aside_rad)
+    return transforms.from_axis_angle(UP, elementary.arctan2(into[:, 1], into[:, 0]) + way.aside_rad)
 
 
 def at_mouth(state: State, way: Way, tilt_rad: Array) -> tuple[Array, Array]:
@@ -129,5 +134,8 @@ def at_mouth(state: State, way: Way, tilt_rad: Array) -> tuple[Array, Array]:
 
 def _edge_w(pos_w: Array, q_w: Array, way: Way) -> Array:
     """The point (N, 3) of the rim over which a cup with this pose pours."""
-    edge = [RIM_RADIUS_M * np.cos(way.roll_rad) + AXIS_X_M, -RIM_RADIUS_M * np.sin(way.roll_rad)]
+    edge = [
+        RIM_RADIUS_M * elementary.cos(way.roll_rad) + AXIS_X_M,
+        -RIM_RADIUS_M * elementary.sin(way.roll_rad),
+    ]
     return pos_w + transforms.rotate(q_w, np.stack([*edge, np.zeros_like(way.roll_rad)], axis=-1))

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.episodes import Episodes
 from avrgym.models.spoon import FOOD, OUTLINE
 from avrgym.oracles.guide import Guide
@@ -78,7 +78,7 @@ class FeedingOracle:
 def _spoon_q_w(state: State) -> Array:
     """The spoon's rotation in every way, (N, K, 4)."""
     into = heading(state)
-    yaw = np.arctan2(into[:, 1], into[:, 0])[:, None]
+    yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None]
     turn = transforms.from_axis_angle([0.0, 0.0, 1.0], yaw + np.radians(TURNS_DEG))
     pitch = transforms.from_axis_angle([0.0, -1.0, 0.0], np.radians(PITCHES_DEG))
     roll = transforms.from_axis_angle([1.0, 0.0, 0.0], np.radians(ROLLS_DEG))

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import kinematics, transforms
+from avrgym import elementary, kinematics, transforms
 from avrgym.episodes import Episodes
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.oracles.clearance import Clearance
@@ -135,7 +135,7 @@ class Guide:
         z_w = transforms.rotate(
             self._base_w[1][:, None], transforms.rotate(q, UP).reshape(*angles_rad.shape[:2], 3)
         )
-        return np.arccos(np.clip(z_w[..., 2], -1.0, 1.0))
+        return elementary.arccos(np.clip(z_w[..., 2], -1.0, 1.0))
 
     def angles_at(self, pos_w: Array, q_w: Array, near_rad: Array) -> Array:
         """Angles (N, 7) for a tool pose not far from that of other angles."""
@@ -182,6 +182,6 @@ def _upright(q_w: Array, tilt_rad: float) -> Array:
     z_w = transforms.rotate(q_w, UP)
     axis = transforms.cross(z_w, UP)
     sine = transforms.norm(axis)
-    excess = np.maximum(0.0, np.arctan2(sine, z_w[:, 2]) - tilt_rad)
+    excess = np.maximum(0.0, elementary.arctan2(sine, z_w[:, 2]) - tilt_rad)
     back = axis * (excess / np.maximum(sine, 1e-9))[:, None]
     return transforms.multiply(transforms.from_rotation_vector(back), q_w)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.episodes import Episodes
 from avrgym.models.scratcher import RADIUS_M
 from avrgym.oracles.guide import Guide
@@ -135,8 +135,8 @@ def rub(state: State, memory: ScratchItchMemory, pos_w: Array, rod_w: Array) -> 
     axes = np.stack([along, transforms.cross(out, along)], axis=1)
     middle_w = tip(itch_pos_w(state, memory), out, rod_w)
     offset = ((state.tool_pos_w - middle_w)[:, None] * axes).sum(axis=-1) / LOOP_M
-    angle = np.arctan2(offset[:, 1], offset[:, 0]) + AHEAD_RAD
-    ahead = LOOP_M * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    angle = elementary.arctan2(offset[:, 1], offset[:, 0]) + AHEAD_RAD
+    ahead = LOOP_M * np.stack([elementary.cos(angle), elementary.sin(angle)], axis=-1)
     next_w = middle_w + (ahead[..., None] * axes).sum(axis=1)
     deeper = np.clip(M_PER_N * (PRESS_N - state.tool_force_n), SOFTER_M, FIRMER_M)
     deeper = np.where(state.tool_force_n > 0.0, deeper, LOST_M)
@@ -154,8 +154,8 @@ def _ways(out: Array, along: Array) -> tuple[Array, Array]:
     """Where the rod may point, (N, K, 3) unit vectors, and how tilted each way is, (K,) radians."""
     across = transforms.cross(out, along)
     sides = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
-    aslant = [np.cos(side) * along + np.sin(side) * across for side in sides]
-    tilted = [np.sin(tilt) * way - np.cos(tilt) * out for tilt in TILTS_RAD for way in aslant]
+    aslant = [elementary.cos(side) * along + elementary.sin(side) * across for side in sides]
+    tilted = [elementary.sin(tilt) * way - elementary.cos(tilt) * out for tilt in TILTS_RAD for way in aslant]
     return np.stack([-out, *tilted], axis=1), np.concatenate([[0.0], np.repeat(TILTS_RAD, SIDES)])
 
 

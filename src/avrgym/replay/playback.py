@@ -1,12 +1,14 @@
 """A recorded trial lived through again: the same world, told the same at the same ticks, stepped anew."""
 
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym import elementary
 from avrgym.episodes import Episodes
 from avrgym.models.human import JOINTS, Person
 from avrgym.replay.trial import ReplayError
@@ -58,7 +60,9 @@ class Playback:
         if not recording.topics["/physics"]:
             raise ReplayError("it breaks off before its first state")
         self.recording = recording
-        self.episodes = _episodes(recording.metadata)
+        self._version = recording.metadata.get("world_version", WORLD_VERSIONS[0])
+        with _functions_of(self._version):
+            self.episodes = _episodes(recording.metadata, self._version)
         _check_names(recording.metadata, self.episodes)
         self._control = ControlSteps(self.episodes)
         self._action: Array | None = None
@@ -98,7 +102,8 @@ class Playback:
         if not self._begun:
             self._begin(recorded)
         elif not self._held:
-            self._step = self._control.tick(self._act if self.phase == "trial" else None)
+            with _functions_of(self._version):
+                self._step = self._control.tick(self._act if self.phase == "trial" else None)
         return StateAgain(time_s, recorded, simulation.integration_state())
 
     def _begin(self, state: Array) -> None:
@@ -140,7 +145,12 @@ def made_with(recording: Recording) -> str:
     return f"it was recorded with {named or 'versions that it does not name'}"
 
 
-def _episodes(metadata: dict[str, Any]) -> Episodes:
+def _functions_of(world_version: int) -> AbstractContextManager[None]:
+    """Version 1 took sines and the like from NumPy."""
+    return elementary.by_numpy() if world_version == 1 else nullcontext()
+
+
+def _episodes(metadata: dict[str, Any], world_version: int) -> Episodes:
     try:
         person = Person(**metadata["person"], joint_angles_rad=np.array(metadata["start_rad"], float))
         episodes = Episodes(
@@ -149,7 +159,7 @@ def _episodes(metadata: dict[str, Any]) -> Episodes:
             person=person,
             moving=True,
             num_threads=1,
-            world_version=metadata.get("world_version", WORLD_VERSIONS[0]),
+            world_version=world_version,
         )
         episodes.begin(np.array([0]), [np.random.default_rng(metadata["seed"])])
     except KeyError as error:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import capsules, transforms
+from avrgym import capsules, elementary, transforms
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
 from avrgym.models.robots import Robot
@@ -126,7 +126,8 @@ def remember(people: People, uniforms: Array) -> BedBathingMemory:
     ring, spot = np.divmod(np.arange(MARKERS), AROUND)
     along = 0.5 * length + (ring - 0.5 * (rings - 1.0)) * MARKER_SPACING_M
     angle = 2.0 * np.pi * spot / around
-    pos = np.stack([radius * np.cos(angle), radius * np.sin(angle), -along], axis=-1)
+    sine, cosine = elementary.sine_and_cosine(angle)
+    pos = np.stack([radius * cosine, radius * sine, -along], axis=-1)
     exists = (ring < rings) & (spot < around)
     return BedBathingMemory(pos, exists, np.zeros_like(exists))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.models.cup import AXIS_X_M, CUP, HEIGHT_M, RIM_RADIUS_M, WATER
 from avrgym.models.human import People
 from avrgym.models.robots import Robot
@@ -124,7 +124,7 @@ def _fallen(state: State) -> Bools:
 def _tilt_rad(state: State) -> Array:
     """The angle (N,) between the cup's axis and the vertical."""
     up = transforms.rotate(state.tool_q_w, [0.0, 0.0, 1.0])[:, 2]
-    return np.arccos(np.clip(up, -1.0, 1.0))
+    return elementary.arccos(np.clip(up, -1.0, 1.0))
 
 
 DRINKING = Task(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, TABLE_HEIGHT_M
 from avrgym.models.human import People
 from avrgym.models.robots import Robot
@@ -72,7 +72,7 @@ def _goals(people: People) -> tuple[Array, Array]:
     """Where (n, 2, 3) and how (n, 2, 4) the spoon may come to the mouths: level, tip first or with its left side."""
     mouth, head_q = places.mouth(people)
     into = transforms.rotate(head_q, [0.0, 1.0, 0.0])
-    yaw = np.arctan2(into[:, 1], into[:, 0])[:, None] + [0.0, -0.5 * np.pi]
+    yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None] + [0.0, -0.5 * np.pi]
     return np.stack([mouth, mouth], axis=1), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw)
 
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import base_search, kinematics, transforms
+from avrgym import base_search, elementary, kinematics, transforms
 from avrgym.base_search import BasePoses
 from avrgym.models import human
 from avrgym.models.furniture import JACO_MOUNT_M, NIGHTSTAND_BODY, NIGHTSTAND_TOP_M
@@ -124,7 +124,8 @@ def start(
 
 def _clear_of_furniture(stage: Stage, candidates: BasePoses) -> BasePoses:
     """The candidates, moved away from the person where a corner of the base would stand in the furniture."""
-    turned = np.abs(np.cos(candidates.yaw_rad)) + np.abs(np.sin(candidates.yaw_rad))
+    sine, cosine = elementary.sine_and_cosine(candidates.yaw_rad)
+    turned = np.abs(cosine) + np.abs(sine)
     nearest = FURNITURE_EDGE_M[stage.posture] - stage.robot.half_width_m * turned
     pos_w = candidates.pos_w.copy()
     pos_w[..., 0] = np.minimum(pos_w[..., 0], nearest)

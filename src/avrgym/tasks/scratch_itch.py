@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.models import human
 from avrgym.models.human import People
 from avrgym.models.robots import Robot
@@ -101,7 +101,8 @@ def remember(people: People, uniforms: Array) -> ScratchItchMemory:
     radius, length = sizes[:, 0], 2.0 * sizes[:, 1]
     along = length * (ALONG[0] + (ALONG[1] - ALONG[0]) * uniforms[:, 4])
     around = np.array(AROUND_RAD)[limb] * (2.0 * uniforms[:, 5] - 1.0)
-    itch = np.stack([-radius * np.cos(around), radius * np.sin(around), -along], axis=-1)
+    sine, cosine = elementary.sine_and_cosine(around)
+    itch = np.stack([-radius * cosine, radius * sine, -along], axis=-1)
     return ScratchItchMemory(limb, itch, np.zeros_like(itch), np.zeros_like(limb))
 
 

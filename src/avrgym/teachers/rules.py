@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.oracles import drinking, feeding
 from avrgym.oracles.guide import Guide
@@ -19,7 +19,7 @@ TILT_RAD_S = 0.12
 def feed(state: State, memory: Memory, guide: Guide) -> Aim:
     """The level spoon, tip first, through a funnel before the face into the mouth."""
     into = heading(state)
-    q_w = transforms.from_axis_angle(drinking.UP, np.arctan2(into[:, 1], into[:, 0]))
+    q_w = transforms.from_axis_angle(drinking.UP, elementary.arctan2(into[:, 1], into[:, 0]))
     clearance_m = np.full(len(into), feeding.CLEARANCE_M)
     goal_w = feeding.at_mouth(state, q_w, 0.0, clearance_m)
     back_m = funnel_m(goal_w - guide.pos_w, into, 0.005, feeding.AWAY_M)
@@ -31,7 +31,7 @@ def give_drink(state: State, memory: Memory, guide: Guide) -> Aim:
     """The cup to the lips, straight on; where it is there, tilted on from how it is tilted."""
     way = drinking.Way(*np.zeros((2, len(guide.pos_w))))
     z_w = transforms.rotate(guide.q_w, drinking.UP)[:, 2]
-    tilt = np.maximum(np.arccos(np.clip(z_w, -1.0, 1.0)), drinking.TIPPED_RAD)
+    tilt = np.maximum(elementary.arccos(np.clip(z_w, -1.0, 1.0)), drinking.TIPPED_RAD)
     into = transforms.rotate(drinking.yaw_q_w(state, way), drinking.FORWARD)
     offset = drinking.at_mouth(state, way, tilt)[0] - guide.pos_w
     near = norm(offset) < drinking.NEAR_M

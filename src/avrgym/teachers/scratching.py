@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.oracles import scratch_itch
 from avrgym.oracles.bed_bathing import FOREARM
 from avrgym.oracles.guide import Guide
@@ -56,7 +56,7 @@ def hand(out_w: Array) -> Array:
     Straight out of the skin, but drawn to where there is room: on the person's right, in front and above where the skin
     faces up, behind and below where it faces down.
     """
-    above = np.tanh((out_w[:, 2] - LEVEL) / SOFT)
+    above = elementary.tanh((out_w[:, 2] - LEVEL) / SOFT)
     right, forwards = np.ones(len(out_w)), FORWARDS + SWERVE * (above - out_w[:, 1])
     room_w = np.stack([-right, -forwards, UPWARDS + SWERVE * above], axis=-1)
     axis, angle = _turn(out_w, transforms.normalize(room_w))
@@ -66,18 +66,20 @@ def hand(out_w: Array) -> Array:
 def around(tool: Array, memory: ScratchItchMemory) -> Array:
     """Where a tip (N, 3) goes next (N, 3), limb's frame: around it, above the skin until it is at the itch."""
     radius = norm(memory.itch[:, :2])
-    now, there = (np.arctan2(place[:, 1], -place[:, 0]) for place in (tool, memory.itch))
+    now, there = (elementary.arctan2(place[:, 1], -place[:, 0]) for place in (tool, memory.itch))
     shorter = (there - now + np.pi) % (2.0 * np.pi) - np.pi
     way = np.where(memory.limb == FOREARM, shorter, there - now)
     beside = np.hypot(radius * way, memory.itch[:, 2] - tool[:, 2])
     above = before_m(beside, BESIDE_M, scratch_itch.AWAY_M)
     height = radius + np.where(above > 0.0, above, -scratch_itch.SEEK_DEPTH_M)
     angle = now + np.clip(way, -AHEAD_RAD, AHEAD_RAD)
-    return np.stack([-height * np.cos(angle), height * np.sin(angle), memory.itch[:, 2]], axis=-1)
+    return np.stack(
+        [-height * elementary.cos(angle), height * elementary.sin(angle), memory.itch[:, 2]], axis=-1
+    )
 
 
 def _turn(a: Array, b: Array) -> tuple[Array, Array]:
     """The axis (N, 3) about which unit vectors a turn to unit vectors b, (N, 3), and by how much (N,)."""
     axis = transforms.cross(a, b)
     sine = norm(axis)
-    return axis / np.maximum(sine, 1e-9)[:, None], np.arctan2(sine, (a * b).sum(axis=-1))
+    return axis / np.maximum(sine, 1e-9)[:, None], elementary.arctan2(sine, (a * b).sum(axis=-1))

@@ -6,7 +6,7 @@ counted along both limbs: 0 to 1 on the upper arm, 1 to 2 across the elbow, 2 to
 
 import numpy as np
 
-from avrgym import transforms
+from avrgym import elementary, transforms
 from avrgym.oracles import bed_bathing
 from avrgym.oracles.bed_bathing import (
     CARRY_M_S,
@@ -45,7 +45,7 @@ def wipe(state: State, memory: Memory, guide: Guide) -> Aim:
     """The cloth from the shoulder to the wrist on top of the arm, and back on its outer side."""
     along, angle, above_m = _on_arm(state)
     away = above_m > AWAY_M
-    elbow = np.sin(np.pi * np.clip(along - 1.0, 0.0, 1.0))
+    elbow = elementary.sin(np.pi * np.clip(along - 1.0, 0.0, 1.0))
     border = BORDER_RAD + (ELBOW_BORDER_RAD - BORDER_RAD) * np.sqrt(elbow)
     back = _gradual((angle - border) / SOFT_RAD)
     side = np.maximum(back, _gradual((along - HAND_END) / SOFT_END))
@@ -67,7 +67,7 @@ def wipe(state: State, memory: Memory, guide: Guide) -> Aim:
 
 def _gradual(offset: Array) -> Array:
     """From 0 to 1, half at 0."""
-    return 0.5 + 0.5 * np.tanh(offset)
+    return 0.5 + 0.5 * elementary.tanh(offset)
 
 
 def _on_arm(state: State) -> tuple[Array, Array, Array]:
@@ -79,7 +79,7 @@ def _on_arm(state: State) -> tuple[Array, Array, Array]:
     at = limb_frame(state, limb)
     offset, length = state.tool_pos_w - at.start_w, at.length_m
     far = (offset * at.along_w).sum(axis=-1)
-    angle = np.arctan2((offset * at.outwards_w).sum(axis=-1), (offset * at.top_w).sum(axis=-1))
+    angle = elementary.arctan2((offset * at.outwards_w).sum(axis=-1), (offset * at.top_w).sum(axis=-1))
     share = np.clip((far - FROM_ENDS_M) / (length - 2.0 * FROM_ENDS_M), 0.0, 1.0)
     to_elbow = np.where(limb == 0, length - far, far)
     past_end = np.clip(1.0 - to_elbow / FROM_ENDS_M, 0.0, 1.0)

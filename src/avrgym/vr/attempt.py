@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.elementary import fingerprint_of_c_library
 from avrgym.models import human
 from avrgym.study import records
 from avrgym.study.recording import RecordingError, RecordingWriter
@@ -237,6 +238,7 @@ def configuration(
         ],
         "versions": versions(),
         "world_version": WORLD_VERSION,
+        "c_library": fingerprint_of_c_library(),
     }
 
 
