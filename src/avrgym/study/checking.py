@@ -78,6 +78,9 @@ def _check_participant(
     by_id = {trial.id: trial for trial in trials}
     answers = store.answers(pseudonym)
     for attempt in attempts:
+        if attempt.trial not in by_id:
+            yield Finding(str(attempt), f"belongs to no trial of {pseudonym}")
+            continue
         own = [answer for answer in answers if answer.attempt == attempt.id]
         yield from _check_attempt(
             store, participant, sessions[attempt.session], by_id[attempt.trial], attempt, own

@@ -172,13 +172,24 @@ def export(
     folder: Folder,
     out: Annotated[Path, typer.Option(help="A folder for the export; it must not hold anything yet.")],
     data_format: Annotated[str, typer.Option("--format", help="csv, bids, hdf5 or lerobot.")],
+    skip_damaged: Annotated[
+        bool,
+        typer.Option(
+            "--skip-damaged", help="Leave out damaged and missing recordings; left_out.csv lists them."
+        ),
+    ] = False,
 ) -> None:
     """Export a study, pseudonymised: movements of head and hands may still identify a person."""
     from avrgym.study.export import export_study
     from avrgym.study.store import Store
 
-    with plain_errors(), Store(folder) as store:
-        files = export_study(store, data_format, out)
+    left_out: list[str] = []
+    with plain_errors(), Store(folder) as store, progress_bar("verifying recordings") as bar:
+        files = export_study(
+            store, data_format, out, skip_damaged=skip_damaged, progress=bar.show, tell=left_out.append
+        )
+    for why in left_out:
+        say(f"left out  {why}")
     say(f"{files} files in {out}. They are pseudonymised, not anonymous.")
 
 

@@ -280,7 +280,7 @@ def _messages(
         elif isinstance(record, mcap_records.Message):
             if record.sequence not in (0, len(messages) + 1):
                 return messages, False
-            topic = names[record.channel_id]
+            topic = names.get(record.channel_id, f"channel {record.channel_id}")
             try:
                 messages.append((topic, record.log_time, decode(topic, record.data)))
             except (KeyError, msgspec.DecodeError) as error:

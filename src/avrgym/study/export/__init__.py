@@ -2,10 +2,11 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 
+from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attempts, verified
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 
@@ -16,6 +17,10 @@ FORMATS: Mapping[str, str] = {
     "lerobot": "lerobot",
 }
 """Format to the module that writes it."""
+LEFT_OUT = "left_out.csv"
+"""What of the study an export lacks, and why."""
+Write = Callable[[Store, Sequence[ExportedAttempt], Path], None]
+"""Writes a study with the attempts whose recordings are whole into a folder."""
 
 NOTICE = (
     "This export of an AVR Gym study is pseudonymised, not anonymous: movements of head and hands may identify a "
@@ -23,25 +28,69 @@ NOTICE = (
 )
 
 
-def export_study(store: Store, data_format: str, out: Path) -> int:
+def export_study(
+    store: Store,
+    data_format: str,
+    out: Path,
+    *,
+    skip_damaged: bool = False,
+    progress: Callable[[int, int], None] = lambda done, all_: None,
+    tell: Callable[[str], None] = lambda text: None,
+) -> int:
     """Export a study into a new or empty folder, which appears whole or not at all.
+
+    Before anything is written every completed trial's recording is read and compared with its checksum.
+
+    Args:
+        store: the study.
+        data_format: one of ``FORMATS``.
+        out: the folder.
+        skip_damaged: leave damaged and missing recordings out, and list them in ``left_out.csv``.
+        progress: told after each recording how many of how many were verified.
+        tell: told of each recording that is left out, and why.
 
     Returns:
         The number of files.
 
     Raises:
-        StudyError: for an unknown format, a folder that holds something, or when the extra ``export`` is missing.
+        StudyError: for an unknown format, a folder that holds something, a damaged or missing recording, or when
+            the extra ``export`` is missing.
     """
     if data_format not in FORMATS:
         raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(FORMATS)}")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise StudyError(f"{out} holds something already; choose another folder")
     write = _writer(data_format)
+    sound, left_out = verified(list(completed_attempts(store)), progress)
+    if left_out and not skip_damaged:
+        raise StudyError(_refusal(left_out))
+    for each in left_out:
+        tell(each.why)
+    return _write_whole(out, lambda folder: _write(store, write, sound, left_out, folder))
+
+
+def _refusal(left_out: Sequence[LeftOut]) -> str:
+    faults = "; ".join(each.why for each in left_out)
+    return f"nothing was exported: {faults}; --skip-damaged leaves out what is damaged or missing"
+
+
+def _write(
+    store: Store, write: Write, sound: Sequence[ExportedAttempt], left_out: Sequence[LeftOut], folder: Path
+) -> None:
+    from avrgym.study.export.tables import write_csv
+
+    write(store, sound, folder)
+    if left_out:
+        write_csv(folder / LEFT_OUT, [each.exported.labels() | {"why": each.why} for each in left_out])
+
+
+def _write_whole(out: Path, write: Callable[[Path], None]) -> int:
+    """Write a folder that appears whole or not at all; the number of its files."""
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as temporary:
         folder = Path(temporary) / "export"
         folder.mkdir()
-        write(store, folder)
+        write(folder)
         files = sum(path.is_file() for path in folder.rglob("*"))
         if out.exists():
             out.rmdir()
@@ -49,7 +98,7 @@ def export_study(store: Store, data_format: str, out: Path) -> int:
     return files
 
 
-def _writer(data_format: str) -> Callable[[Store, Path], None]:
+def _writer(data_format: str) -> Write:
     try:
         return import_module(f"{__name__}.{FORMATS[data_format]}").write
     except ModuleNotFoundError as error:

@@ -10,9 +10,9 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from avrgym.study.export import NOTICE
+from avrgym.study.export import LEFT_OUT, NOTICE
 from avrgym.study.export.tables import neutral
-from avrgym.study.export.trials import ExportedAttempt, completed_attempts
+from avrgym.study.export.trials import ExportedAttempt
 from avrgym.study.questionnaire import Item
 from avrgym.study.records import Event, Pose, TrackingFrame
 from avrgym.study.store import Store
@@ -35,15 +35,15 @@ CONDITION = {
 }
 
 
-def write(store: Store, folder: Path) -> None:
-    """Write the data set into a folder."""
+def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
+    """Write the data set of completed attempts into a folder."""
     _write_json(folder / "dataset_description.json", _description(store))
     (folder / "README").write_text(f"{store.design.title}\n\n{NOTICE}\n", encoding="utf-8")
-    attempts = list(completed_attempts(store))
-    _write_participants(store, attempts, folder)
-    for _, session in groupby(attempts, key=lambda exported: exported.session.id):
+    (folder / ".bidsignore").write_text(f"{LEFT_OUT}\n", encoding="utf-8")
+    _write_participants(store, completed, folder)
+    for _, session in groupby(completed, key=lambda exported: exported.session.id):
         _write_session(list(session), folder)
-    _write_answers(store, attempts, folder / "phenotype")
+    _write_answers(store, completed, folder / "phenotype")
 
 
 def _description(store: Store) -> dict[str, Any]:
@@ -114,7 +114,7 @@ def _run_name(exported: ExportedAttempt) -> str:
 
 def _write_run(exported: ExportedAttempt, folder: Path) -> None:
     name = _run_name(exported)
-    topics = exported.read().topics
+    topics = exported.read_whole().topics
     frames = [frame for _, frame in topics["/tracking"]]
     channels = list(_channels())
     _write_rows(folder / f"{name}_motion.tsv", [_row(frame, frames[0]) for frame in frames])

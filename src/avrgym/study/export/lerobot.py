@@ -24,10 +24,10 @@ PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 Columns = Mapping[str, NDArray[Any]]
 
 
-def write(store: Store, folder: Path) -> None:
-    """Write the datasets into a folder."""
+def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
+    """Write the datasets of completed attempts into a folder."""
     (folder / "README.md").write_text(NOTICE + "\n", encoding="utf-8")
-    for scene, attempts in scenes(store).items():
+    for scene, attempts in scenes(completed).items():
         _write_dataset(attempts, folder / scene)
 
 

@@ -20,10 +20,10 @@ GYM_TYPE = 2
 OBSERVATION = "observation"
 
 
-def write(store: Store, folder: Path) -> None:
-    """Write the files into a folder."""
+def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
+    """Write the files of completed attempts into a folder."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
-    for scene, attempts in scenes(store).items():
+    for scene, attempts in scenes(completed).items():
         with h5py.File(folder / f"{scene}.hdf5", "x") as file:
             _write_file(file, attempts)
 

@@ -1,13 +1,13 @@
 """A study as tables of comma-separated values, one row per thing."""
 
 import csv
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from avrgym.envs import ACTIONS
 from avrgym.study.export import NOTICE
-from avrgym.study.export.trials import ExportedAttempt, all_attempts, completed_attempts
+from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 from avrgym.tasks import TASKS
@@ -16,15 +16,15 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 """How text begins that a spreadsheet would take for a formula."""
 
 
-def write(store: Store, folder: Path) -> None:
-    """Write all tables into a folder."""
+def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
+    """Write all tables into a folder, with the control steps of completed attempts."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     attempts = list(all_attempts(store))
     write_csv(folder / "participants.csv", _participants(store))
     write_csv(folder / "trials.csv", _trials(store, attempts))
     write_csv(folder / "attempts.csv", (_attempt(exported) for exported in attempts))
     write_csv(folder / "answers.csv", _answers(store, attempts))
-    write_csv(folder / "control_steps.csv", _control_steps(store))
+    write_csv(folder / "control_steps.csv", _control_steps(store, completed))
 
 
 def write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
@@ -120,9 +120,9 @@ def _answers(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str
             }
 
 
-def _control_steps(store: Store) -> Iterator[dict[str, Any]]:
+def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterator[dict[str, Any]]:
     terms = sorted({term for task in store.design.tasks for term in TASKS[task].weights})
-    for exported in completed_attempts(store):
+    for exported in completed:
         labels = exported.labels()
         for time_s, control in exported.control_steps():
             unknown = set(control.reward_terms) - set(terms)

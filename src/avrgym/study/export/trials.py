@@ -1,12 +1,14 @@
-"""What all exports go through: every completed trial with whom, where and what it was."""
+"""What all exports go through: every completed trial with whom, where and what it was, and whether it is whole."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from avrgym.study.recording import Recording, read_recording
+from avrgym.study.attempts import sha256_of
+from avrgym.study.recording import Recording, RecordingError, read_recording
 from avrgym.study.records import Control
 from avrgym.study.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
+from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 from avrgym.tasks import find_environment
 
@@ -36,12 +38,36 @@ class ExportedAttempt:
         return self.task + self.robot
 
     def read(self) -> Recording:
-        """Read the recording; it is large, and nothing keeps it."""
+        """Read the recording as far as it goes; it is large, and nothing keeps it."""
         return read_recording(self.store.path(self.attempt.recording))
 
+    def read_whole(self) -> Recording:
+        """Read the recording as it was when its trial was completed.
+
+        Raises:
+            StudyError: when it is missing, damaged or another; the message begins with its name.
+        """
+        name = self.attempt.recording
+        if not self.store.path(name).is_file():
+            raise StudyError(f"{name} {self._absence}")
+        if sha256_of(self.store, name) != self.attempt.sha256:
+            raise StudyError(f"{name} was changed: its checksum is another")
+        try:
+            recording = self.read()
+        except (OSError, RecordingError) as error:
+            raise StudyError(f"{name} does not load: {error}") from error
+        if not recording.complete:
+            raise StudyError(f"{name} is not complete")
+        return recording
+
+    @property
+    def _absence(self) -> str:
+        here = self.session.station == self.store.station
+        return "is missing" if here else f"is not here; it was recorded at {self.session.station}"
+
     def control_steps(self) -> list[tuple[float, Control]]:
-        """The control steps with their times in seconds."""
-        return [(time_ns / 1e9, control) for time_ns, control in self.read().topics["/control"]]
+        """The control steps with their times in seconds; raises what ``read_whole`` does."""
+        return [(time_ns / 1e9, control) for time_ns, control in self.read_whole().topics["/control"]]
 
     def labels(self) -> dict[str, Any]:
         """What tells this attempt from all others, for the rows of tables."""
@@ -66,6 +92,10 @@ def all_attempts(store: Store) -> Iterator[ExportedAttempt]:
         answers = store.answers(participant.pseudonym)
         for attempt in store.attempts(participant.pseudonym):
             own = tuple(answer for answer in answers if answer.attempt == attempt.id)
+            if attempt.trial not in trials:
+                raise StudyError(
+                    f"{attempt} belongs to no trial of {participant}; `avrgym study check` says more"
+                )
             session, trial = sessions[attempt.session], trials[attempt.trial]
             yield ExportedAttempt(store, participant, session, trial, attempt, own)
 
@@ -75,9 +105,32 @@ def completed_attempts(store: Store) -> Iterator[ExportedAttempt]:
     return (exported for exported in all_attempts(store) if exported.attempt.state == "completed")
 
 
-def scenes(store: Store) -> dict[str, list[ExportedAttempt]]:
-    """The completed attempts by task and robot, for formats that need equal observations."""
+@dataclass(frozen=True)
+class LeftOut:
+    """A completed attempt whose recording cannot be exported, and why: a clause that begins with its name."""
+
+    exported: ExportedAttempt
+    why: str
+
+
+def verified(
+    attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None] = lambda done, all_: None
+) -> tuple[list[ExportedAttempt], list[LeftOut]]:
+    """Those whose recordings are whole and unchanged, and the others; ``progress`` is told how many were read."""
+    sound, left_out = [], []
+    for number, exported in enumerate(attempts, start=1):
+        try:
+            exported.read_whole()
+            sound.append(exported)
+        except StudyError as error:
+            left_out.append(LeftOut(exported, str(error)))
+        progress(number, len(attempts))
+    return sound, left_out
+
+
+def scenes(attempts: Iterable[ExportedAttempt]) -> dict[str, list[ExportedAttempt]]:
+    """Attempts by task and robot, for formats that need equal observations."""
     found: dict[str, list[ExportedAttempt]] = {}
-    for exported in completed_attempts(store):
+    for exported in attempts:
         found.setdefault(exported.scene, []).append(exported)
     return found
