@@ -4,14 +4,17 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_array_equal
 
 import avrgym
 from avrgym.envs import AssistiveEnv, AssistiveVectorEnv
+from avrgym.episodes import Episodes
 from avrgym.models.human import Person
 from avrgym.tasks import ENVIRONMENTS, TASKS
+from vector_laws import unusable
 
 FEEDING = "avrgym/FeedingJaco-v1"
 EPISODE_STEPS = 200
@@ -56,34 +59,118 @@ def test_importing_the_package_registers_the_environments():
     assert isinstance(gym.make_vec("avrgym:avrgym/FeedingJaco-v1", num_envs=2).unwrapped, AssistiveVectorEnv)
 
 
-def test_info_says_success_terms_and_force():
-    env = gym.make(FEEDING)
-    env.reset(seed=0)
-    info = env.step(np.zeros(7, np.float32))[-1]
-    assert info["success"] is False
-    assert info["force_on_person"] == 0.0
-    assert set(info["reward_terms"]) == set(TASKS["Feeding"].weights)
-    assert all(isinstance(value, float) for value in info["reward_terms"].values())
+@pytest.mark.parametrize("environment_id", ENVIRONMENTS)
+def test_info_says_success_terms_and_force(environment_id):
+    """At the start as later, and of the start what is true there."""
+    env = gym.make(environment_id, people="revised")
+    assert isinstance(env.unwrapped, AssistiveEnv)
+    _, first = env.reset(seed=0)
+    state = env.unwrapped.episodes.simulation.state()
+    later = env.step(np.zeros(7, np.float32))[-1]
+    for info in (first, later):
+        assert set(info) == {"success", "reward_terms", "force_on_person"}
+        assert info["success"] is False
+        assert isinstance(info["force_on_person"], float)
+        assert set(info["reward_terms"]) == set(env.unwrapped.episodes.task.weights)
+        assert all(isinstance(value, float) for value in info["reward_terms"].values())
+    assert first["reward_terms"]["distance_m"] == pytest.approx(later["reward_terms"]["distance_m"], abs=0.01)
+    assert first["reward_terms"]["distance_m"] > 0.1
+    assert first["reward_terms"]["effector_speed_m_s"] == pytest.approx(0.0, abs=1e-9)
+    assert first["force_on_person"] == state.robot_force_n[0]
 
 
-def test_an_episode_is_cut_after_20_seconds():
-    env = gym.make(FEEDING)
+@pytest.mark.parametrize("make", [gym.make, AssistiveEnv])
+def test_an_episode_is_cut_after_20_seconds_and_has_no_201st_step(make):
+    assert gym.spec(FEEDING).max_episode_steps == EPISODE_STEPS
+    env = make(FEEDING)
+    still = np.zeros(7, np.float32)
+    with pytest.raises(ResetNeeded):
+        env.step(still)
     env.reset(seed=0)
-    ends = [env.step(np.zeros(7, np.float32))[2:4] for _ in range(EPISODE_STEPS)]
+    ends = [env.step(still)[2:4] for _ in range(EPISODE_STEPS)]
     assert ends == [(False, False)] * (EPISODE_STEPS - 1) + [(False, True)]
+    before = env.unwrapped.episodes.simulation.integration_state()
+    with pytest.raises(ResetNeeded, match=r"reset\(\) begins one, of 200 steps"):
+        env.step(still)
+    assert_array_equal(env.unwrapped.episodes.simulation.integration_state(), before)
+    env.reset()
+    assert env.step(still)[2:4] == (False, False)
+
+
+def test_an_episode_may_be_made_shorter():
+    env = gym.make(FEEDING, max_episode_steps=3)
+    env.reset(seed=0)
+    assert [env.step(np.zeros(7, np.float32))[3] for _ in range(3)] == [False, False, True]
+
+
+# Actions
+
+
+@pytest.mark.parametrize("action", unusable((7,)))
+def test_an_action_that_is_none_is_refused_before_anything_moves(action, rng):
+    """The step after it is the one that would have been, had nobody asked."""
+    asked, alone = (gym.make(FEEDING, people="participants") for _ in range(2))
+    for env in (asked, alone):
+        env.reset(seed=1)
+    with pytest.raises(ValueError, match=r"allowed: finite numbers of shape \(7,\), -1 to 1"):
+        asked.step(action)
+    for useful in rng.uniform(-1, 1, (3, 7)).astype(np.float32):
+        both = [env.step(useful) for env in (asked, alone)]
+        assert_array_equal(both[0][0], both[1][0])
+        assert both[0][1:] == both[1][1:]
+
+
+@pytest.mark.parametrize("environment_id", ENVIRONMENTS)
+def test_an_action_is_clipped_before_it_moves_or_costs_anything(environment_id, rng):
+    beyond, within = (AssistiveEnv(environment_id, people="revised") for _ in range(2))
+    for env in (beyond, within):
+        env.reset(seed=3)
+    for action in rng.uniform(-50, 50, (5, 7)):
+        both = beyond.step(action), within.step(np.clip(action, -1, 1))
+        assert_array_equal(both[0][0], both[1][0])
+        assert both[0][1:] == both[1][1:]
+        assert both[0][-1]["reward_terms"]["action_squared"] <= 7.0
+
+
+def test_what_version_1_recorded_is_judged_as_it_was(rng):
+    """It did not clip actions before they were judged."""
+    actions = rng.uniform(-3, 3, (1, 7))
+    squared = {}
+    for version in (1, 2):
+        episodes = Episodes(FEEDING, 1, num_threads=1, world_version=version)
+        episodes.begin(np.array([0]), [np.random.default_rng(0)])
+        squared[version] = episodes.step(actions).reward_terms["action_squared"]
+    assert_array_equal(squared[1], (actions**2).sum(axis=-1))
+    assert_array_equal(squared[2], (np.clip(actions, -1, 1) ** 2).sum(axis=-1))
+
+
+def test_mujoco_s_warnings_go_to_logging_and_into_no_file(tmp_path, monkeypatch, caplog):
+    monkeypatch.chdir(tmp_path)
+    vector = AssistiveVectorEnv(FEEDING, 4, num_threads=2)
+    vector.reset(seed=0)
+    vector.episodes.simulation._qvel[:] = np.nan
+    vector.episodes.simulation.step()
+    assert {record.name for record in caplog.records} == {"avrgym.mujoco"}
+    assert "simulation is unstable" in caplog.text
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
     ("how", "message"),
     [
         ({"people": "martians"}, "the distributions are original, revised"),
-        ({"render_mode": "human"}, "the modes are None, rgb_array"),
+        ({"render_mode": "human"}, "the modes are None, rgb_array; `avrgym view avrgym/FeedingJaco-v1`"),
     ],
 )
 def test_unknown_names_are_told_what_there_is(how, message):
-    for make in (AssistiveEnv, AssistiveVectorEnv):
+    for make in (AssistiveEnv, AssistiveVectorEnv, gym.make, gym.make_vec):
         with pytest.raises(ValueError, match=message):
             make(FEEDING, **how)
+
+
+def test_a_seed_may_be_numpy_s():
+    one, other = (AssistiveEnv(FEEDING, people="revised") for _ in range(2))
+    assert_array_equal(one.reset(seed=np.int64(3))[0], other.reset(seed=3)[0])
 
 
 def test_a_person_can_be_fixed():
@@ -153,8 +240,9 @@ def test_a_finished_world_begins_again_within_the_step():
     observation, _, terminated, truncated, info = vector.step(still)
     assert truncated.all()
     assert not terminated.any()
-    assert info["final_obs"].shape == observation.shape
-    assert not np.array_equal(info["final_obs"], observation)
+    final = np.stack(info["final_obs"])
+    assert final.shape == observation.shape
+    assert not np.array_equal(final, observation)
     assert set(info["final_info"]) >= {"success", "reward_terms", "force_on_person"}
     assert not vector.step(still)[3].any()
 

@@ -9,8 +9,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from avrgym.envs import ACTIONS
-from avrgym.episodes import EPISODE_STEPS, Episodes
+from avrgym.episodes import ACTIONS, EPISODE_STEPS, Episodes
 from avrgym.models.scene import SUBSTEPS
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from avrgym import arm_limits, cooperation, impairments, people
 from avrgym.arm_clearance import furniture_boxes
@@ -15,14 +15,18 @@ from avrgym.impairments import Impairment
 from avrgym.models.human import People, Person
 from avrgym.models.robots import find_robot
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.simulation import Ids, Simulation
+from avrgym.simulation import Ids, Simulation, State
 from avrgym.tasks import find_environment, find_task
-from avrgym.tasks.base import merge
+from avrgym.tasks.base import Outcome, merge
 from avrgym.world_version import WORLD_VERSION, check_world_version
 
 Array = NDArray[np.float64]
 
 EPISODE_STEPS = 200
+ACTIONS = 7
+"""How many numbers an action has, one for each joint of the arm."""
+JUDGED_ACTION_LIMIT: Mapping[int, float] = {1: np.inf, 2: 1.0}
+"""By world version, what either way an action's numbers are clipped to before they are judged; arms never do more."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,33 @@ class Step:
     success: NDArray[np.bool_]
     distance_m: Array
     force_on_person_n: Array
+
+
+def checked_actions(
+    actions: ArrayLike, shape: tuple[int, ...], ignored: NDArray[np.bool_] | None = None
+) -> Array:
+    """Actions as numbers; rows that are ``ignored`` (N,) may be anything and become zero.
+
+    Raises:
+        ValueError: for another shape, or numbers that are not finite.
+    """
+    try:
+        found = np.array(actions, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"{type(actions).__name__} is no array of numbers; {_allowed_actions(shape)}"
+        ) from None
+    if found.shape != shape:
+        raise ValueError(f"actions of shape {found.shape}; {_allowed_actions(shape)}")
+    if ignored is not None:
+        found[ignored] = 0.0
+    for place in np.argwhere(~np.isfinite(found))[:1].tolist():
+        raise ValueError(f"actions{place} is {found[tuple(place)]}; {_allowed_actions(shape)}")
+    return found
+
+
+def _allowed_actions(shape: tuple[int, ...]) -> str:
+    return f"allowed: finite numbers of shape {shape}, -1 to 1 (what lies beyond is clipped)"
 
 
 class Episodes:
@@ -70,6 +101,7 @@ class Episodes:
         check_world_version(world_version)
         task, robot = find_environment(environment_id)
         self.environment_id = environment_id
+        self._judged_limit = JUDGED_ACTION_LIMIT[world_version]
         self.task = find_task(task, world_version)
         self.person = person
         self._distribution = people.find_distribution(distribution)
@@ -103,13 +135,22 @@ class Episodes:
         return self.observe()[ids]
 
     def step(self, action: Array) -> Step:
-        """One control step of 0.1 s with actions (N, 7)."""
+        """One control step of 0.1 s with actions (N, 7).
+
+        Raises:
+            ValueError: for actions that ``checked_actions`` refuses; nothing has moved then.
+        """
         self.command(action)
         self.simulation.step()
         return self.judge(action)
 
     def command(self, action: Array) -> None:
-        """Give the robots their actions (N, 7), and people who move by themselves their targets."""
+        """Give the robots their actions (N, 7), and people who move by themselves their targets.
+
+        Raises:
+            ValueError: for actions that ``checked_actions`` refuses.
+        """
+        action = checked_actions(action, (self.simulation.num_worlds, ACTIONS))
         self.simulation.command_robot(action)
         if self._moved_by_themselves:
             self._command_people()
@@ -117,10 +158,20 @@ class Episodes:
     def judge(self, action: Array) -> Step:
         """Judge the control step that ends now, and take out of play what has left the task."""
         state = self.simulation.state()
-        outcome = self.task.judge(state, action, self.memory)
+        judged = np.clip(action, -self._judged_limit, self._judged_limit)
+        outcome = self.task.judge(state, judged, self.memory)
         self.memory = outcome.memory
         if outcome.gone.any():
             self.simulation.park(outcome.gone)
+        return self._step(state, outcome)
+
+    def assess(self) -> Step:
+        """Judge the present state as if nothing had been asked of the robots; tasks remember nothing of it."""
+        state = self.simulation.state()
+        rest = np.zeros((self.simulation.num_worlds, ACTIONS))
+        return self._step(state, self.task.judge(state, rest, self.memory))
+
+    def _step(self, state: State, outcome: Outcome) -> Step:
         return Step(
             observation=self.task.observe(state, self.memory),
             reward=self.task.reward(outcome.terms),

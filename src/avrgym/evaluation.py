@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.envs import ACTIONS
-from avrgym.episodes import EPISODE_STEPS, Episodes
+from avrgym.episodes import ACTIONS, EPISODE_STEPS, Episodes
 from avrgym.oracles import ORACLES
 from avrgym.policies import PolicyError, find_policy, load_policy
 

@@ -9,8 +9,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from avrgym.envs import ACTIONS, AssistiveVectorEnv
-from avrgym.episodes import EPISODE_STEPS
+from avrgym.envs import AssistiveVectorEnv
+from avrgym.episodes import ACTIONS, EPISODE_STEPS
 from avrgym.shaping import DETOURS
 from avrgym.tasks.base import Task
 
@@ -58,19 +58,22 @@ class SB3VectorEnv(VecEnv):
 
     def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
         observation, reward, _, truncated, info = self.env.step(self._actions)
+        force_n = info["force_on_person"]
+        if truncated.any():
+            force_n = np.where(truncated, info["final_info"]["force_on_person"], force_n)
         self._returns += reward
-        self._forces_n += info["force_on_person"] / EPISODE_STEPS
+        self._forces_n += force_n / EPISODE_STEPS
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.nonzero(truncated)[0]:
             infos[i] = {
                 "terminal_observation": info["final_obs"][i],
                 "TimeLimit.truncated": True,
-                "success": bool(info["success"][i]),
+                "success": bool(info["final_info"]["success"][i]),
                 "episode_return": float(self._returns[i]),
                 "episode_force_n": float(self._forces_n[i]),
             }
         self._returns[truncated], self._forces_n[truncated] = 0.0, 0.0
-        cost = self.force_weight_per_n * info["force_on_person"]
+        cost = self.force_weight_per_n * force_n
         cost = cost + self.detour_weight_per_m * np.where(truncated, 0.0, self._detour_m())
         return observation, reward - cost, truncated, infos
 

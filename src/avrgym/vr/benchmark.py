@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from websockets.sync.client import ClientConnection, connect
 
-from avrgym.envs import ACTIONS
+from avrgym.episodes import ACTIONS
 from avrgym.participants import SimulatedParticipant, draw_traits
 from avrgym.policies import Policy, PolicyMetadata
 from avrgym.tasks import TASKS, find_environment

@@ -3,8 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from avrgym.envs import ACTIONS
-from avrgym.episodes import EPISODE_STEPS
+from avrgym.episodes import ACTIONS, EPISODE_STEPS
 from avrgym.models.human import Sex
 from avrgym.policies import Policy, load_policy
 from avrgym.study.questionnaire import LIKERT_ITEMS, Item

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym import transforms
-from avrgym.envs import ACTIONS
-from avrgym.episodes import Episodes, Step
+from avrgym.episodes import ACTIONS, Episodes, Step
 from avrgym.models import human
 from avrgym.models.human import Person
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, Stage

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from avrgym.envs import ACTIONS
+from avrgym.episodes import ACTIONS
 from avrgym.study.export import NOTICE
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.states import StudyError

@@ -1,0 +1,25 @@
+"""What takes too long of the environments for every run of the tests: `make soak`."""
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from avrgym.tasks import ENVIRONMENTS
+from vector_laws import WORLDS, compare
+
+STEPS = 600
+
+
+@pytest.mark.parametrize("people", ["revised", "participants"])
+def test_the_vector_environment_is_gymnasium_s_own_in_every_mode(
+    people: str, rng: np.random.Generator
+) -> None:
+    """Every environment, mode and kind of person, with resets at random moments."""
+    ends = sum(
+        compare(environment, mode, STEPS, rng, people)
+        for environment in ENVIRONMENTS
+        for mode in AutoresetMode
+    )
+    steps = len(ENVIRONMENTS) * len(AutoresetMode) * STEPS
+    print(f"\n{people}: {steps} steps of {WORLDS} worlds, {ends} ends of episodes, no bit differs")
+    assert ends > steps * WORLDS // 20

@@ -1,0 +1,95 @@
+"""The law of the vector environment: it gives what Gymnasium's own gives of as many single environments."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
+from numpy.testing import assert_array_equal
+
+WORLDS, EPISODE = 3, 5
+
+
+def assert_same(ours: Any, theirs: Any, where: str) -> None:
+    """The same keys, types, shapes and bits, however deep."""
+    if isinstance(theirs, Mapping):
+        assert isinstance(ours, dict)
+        assert ours.keys() == theirs.keys(), where
+        for key, value in theirs.items():
+            assert_same(ours[key], value, f"{where}[{key!r}]")
+        return
+    assert type(ours) is type(theirs), where
+    assert (ours.dtype, ours.shape) == (theirs.dtype, theirs.shape), where
+    if ours.dtype == object:
+        for i, (our, their) in enumerate(zip(ours, theirs, strict=True)):
+            assert (our is None) == (their is None), f"{where}[{i}]"
+            if their is not None:
+                assert_same(our, their, f"{where}[{i}]")
+        return
+    assert_array_equal(ours, theirs, err_msg=where, strict=True)
+
+
+def make_both(environment: str, mode: AutoresetMode, people: str) -> tuple[VectorEnv, SyncVectorEnv]:
+    """Our own and Gymnasium's, with short episodes."""
+    how: dict[str, Any] = {"num_envs": WORLDS, "max_episode_steps": EPISODE, "people": people}
+    theirs = gym.make_vec(
+        environment, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **how
+    )
+    assert isinstance(theirs, SyncVectorEnv)
+    return gym.make_vec(environment, autoreset_mode=mode, **how), theirs
+
+
+def compare(
+    environment: str, mode: AutoresetMode, steps: int, rng: np.random.Generator, people: str = "revised"
+) -> int:
+    """Let both live through the same; how many episodes ended.
+
+    Some worlds are begun again in the middle, so that their episodes end at different times.
+    """
+    ours, theirs = make_both(environment, mode, people)
+    seed = int(rng.integers(1000))
+    assert_same_pair(ours.reset(seed=seed), theirs.reset(seed=seed), "reset")
+    ends, truncated = 0, np.zeros(WORLDS, dtype=bool)
+    for number in range(steps):
+        actions = rng.uniform(-1.5, 1.5, (WORLDS, 7)).astype(np.float32)
+        mask = truncated if mode is AutoresetMode.DISABLED else np.zeros(WORLDS, dtype=bool)
+        if rng.random() < 0.15:
+            mask = mask | (rng.random(WORLDS) < 0.5)
+        if mask.any():
+            seeds = [None, int(rng.integers(1000)), rng.integers(1000, size=WORLDS).tolist(), [None, 5, None]]
+            seed = seeds[rng.integers(len(seeds))]
+            one, other = (env.reset(seed=seed, options={"reset_mask": mask.copy()}) for env in (ours, theirs))
+            assert_same_pair(one, other, f"reset before step {number}")
+        one, other = (env.step(actions) for env in (ours, theirs))
+        assert_same_pair(one, other, f"step {number}")
+        truncated = other[3]
+        ends += int(truncated.sum())
+    assert_same(np.array(ours.np_random_seed), np.array(theirs.np_random_seed), "np_random_seed")
+    theirs.close()
+    ours.close()
+    return ends
+
+
+def assert_same_pair(ours: tuple[Any, ...], theirs: tuple[Any, ...], where: str) -> None:
+    """What ``reset`` or ``step`` gave is the same."""
+    assert len(ours) == len(theirs)
+    for i, (our, their) in enumerate(zip(ours, theirs, strict=True)):
+        assert_same(our, their, f"{where}, part {i}")
+
+
+def unusable(shape: tuple[int, ...]) -> list[Any]:
+    """Actions that are none for environments that take this shape."""
+    spoilt = [np.zeros(shape) for _ in range(3)]
+    for array, number in zip(spoilt, (np.nan, np.inf, -np.inf), strict=True):
+        array[..., 2] = number
+    return [
+        *spoilt,
+        np.zeros((*shape[:-1], 6)),
+        np.zeros((*shape, 1)),
+        np.zeros(7 * 2),
+        0.5,
+        None,
+        "up",
+        [[1], [2, 3]],
+    ]
