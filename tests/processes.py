@@ -33,9 +33,9 @@ class Served:
 
 
 @contextmanager
-def served(study: Path) -> Iterator[Served]:
+def served(study: Path, *options: str) -> Iterator[Served]:
     """`avrgym serve` of a study; killed when the context ends, unless it has ended before."""
-    command = [AVRGYM, "serve", "--port", "0", "--study", study]
+    command = [AVRGYM, "serve", "--port", "0", "--study", study, *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent) as process:
         try:
             assert process.stdout is not None

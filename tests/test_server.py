@@ -81,7 +81,12 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
 
 
 class Client:
-    """A participant's client, without a picture: it shows every scene at once."""
+    """A participant's client, without a picture: it shows every scene at once.
+
+    Where somebody is ``tracked``, their frames go out as often as states come in.
+    """
+
+    tracked: SimulatedParticipant | None = None
 
     def __init__(self, server: LiveServer, host: str = "127.0.0.1", origin: str | None = None) -> None:
         self._server = server
@@ -117,6 +122,8 @@ class Client:
         message = messages.decode_server(data)
         if isinstance(message, Scene):
             self.send(SceneLoaded(url=message.url))
+        if isinstance(message, State) and self.tracked is not None:
+            self.send(self.tracked.frame(0.0, moving=False))
         return message
 
     def await_message(self, kind: type[M], that: Callable[[M], bool] = lambda _: True) -> M:
@@ -158,10 +165,10 @@ def participant(server: LiveServer) -> Iterator[Client]:
 
 def sit_down(client: Client) -> None:
     """Let the client's participant be measured; their trial begins."""
-    person = SimulatedParticipant(draw_traits("woman", 2), 2)
+    client.tracked = SimulatedParticipant(draw_traits("woman", 2), 2)
     client.send(Entered())
     client.await_message(Phase, lambda phase: phase.name == "calibration")
-    client.send(*(person.frame(0.0, moving=False) for _ in range(6)), Ready())
+    client.send(*(client.tracked.frame(0.0, moving=False) for _ in range(6)), Ready())
     client.await_message(Phase, lambda phase: phase.name == "check")
     client.send(Ready())
     client.await_message(Phase, lambda phase: phase.name == "trial")

@@ -52,6 +52,17 @@ def pause(session: "Session", error: Exception, now_s: float) -> None:
     session.observer_failure = None  # whoever cannot keep this pause either is asked again with the trial
 
 
+def break_off(
+    session: "Session", result: transitions.Result, happened: transitions.Transition, why: str, now_s: float
+) -> None:
+    """Hold the robot and end the attempt; the participant's trigger repeats the trial."""
+    session.abandon(result, now_s)
+    session.tell(happened)
+    text = f"{why}: the robot holds still. Press the trigger to repeat the trial."
+    session.enter("paused", text, now_s)
+    session.scenery.prepare(session.trial, session.person)
+
+
 def end_attempt(session: "Session", result: transitions.Result, now_s: float) -> RecordingError | None:
     """End the recording of a running trial; what keeps it from being complete, if anything does."""
     attempt, session.attempt = session.attempt, None

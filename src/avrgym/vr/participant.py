@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from avrgym.study import records
-from avrgym.vr import messages, seating, transitions
+from avrgym.vr import keeping, messages, seating, transitions
 from avrgym.vr.messages import PhaseName
 
 if TYPE_CHECKING:
@@ -42,10 +42,7 @@ def stop(session: "Session", by: transitions.Who, now_s: float) -> None:
     if session.phase not in STOPPABLE:
         session.problem(f"the robot holds still; it can be stopped in the phases {', '.join(STOPPABLE)}")
         return
-    session.abandon("stopped", now_s)
-    session.tell(transitions.Stopped(now_s, by))
-    session.enter("paused", "Stopped: the robot holds still. Press the trigger to repeat the trial.", now_s)
-    session.scenery.prepare(session.trial, session.person)
+    keeping.break_off(session, "stopped", transitions.Stopped(now_s, by), "Stopped", now_s)
 
 
 def recalibrate(session: "Session", _message: messages.Recalibrate, now_s: float) -> None:

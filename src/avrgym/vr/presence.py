@@ -28,12 +28,12 @@ class Followed:
 class Presence:
     """``registration`` is where the participant's floor lies in the world, once that is known.
 
-    ``followed`` is the newest tracking frame that moved the body, -1 before the first.
+    ``lost`` is whether no usable frame has come for a while.
     """
 
     def __init__(self) -> None:
         self.registration: Registration | None = None
-        self.followed = -1
+        self._followed: Frame | None = None
         self.lost = False
         self._feed = TrackingFeed()
         self._pose: BodyPose | None = None
@@ -52,6 +52,11 @@ class Presence:
         """How old the newest usable frame is."""
         newest = self._feed.newest
         return None if newest is None else now_s - newest.received_s
+
+    @property
+    def followed(self) -> int:
+        """The number of the newest tracking frame that moved the body, -1 before the first."""
+        return -1 if self._followed is None else self._followed.tracking.sequence
 
     @property
     def modalities(self) -> tuple[messages.Modality, messages.Modality]:
@@ -93,7 +98,7 @@ class Presence:
 
     def _move(self, world: LiveWorld, registration: Registration, newest: Frame) -> None:
         """Give the body its targets; arms go on towards theirs while no new frame comes."""
-        if newest.tracking.sequence != self.followed or self._pose is None:
-            self.followed = newest.tracking.sequence
+        if newest is not self._followed or self._pose is None:
+            self._followed = newest
             self._pose = body_pose(registration, newest.tracking)
         world.follow(self._pose)

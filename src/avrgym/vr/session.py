@@ -19,7 +19,7 @@ import numpy as np
 from avrgym.models import human
 from avrgym.models.human import Person
 from avrgym.study import records
-from avrgym.vr import experimenter, keeping, loading, messages, participant, seating, transitions
+from avrgym.vr import continuity, experimenter, keeping, loading, messages, participant, seating, transitions
 from avrgym.vr.asking import Asking
 from avrgym.vr.attempt import Attempt, Experience
 from avrgym.vr.messages import PhaseName
@@ -103,6 +103,7 @@ class Session:
         self.attempt: Attempt | None = None
         self.asking = Asking(())
         self._ends_at: float | None = None
+        self._ticked_s: float | None = None
         self._told_scene = self._scene_message()
         self.enter("waiting", "Put on the headset and choose Enter VR.", 0.0)
 
@@ -162,6 +163,7 @@ class Session:
         """Advance the world by 10 ms of simulated time and the session to ``now_s``."""
         if self.phase != "finished" and self._called_off():
             experimenter.end(self, now_s)
+        continuity.watch(self, self._since_last_tick(now_s), now_s)
         self._follow(now_s)
         plan = self.current
         policy = self._policies[plan.environment, plan.policy] if self.phase == "trial" else None
@@ -177,6 +179,10 @@ class Session:
             self._advance(now_s)
         if self.attempt is not None:
             self.attempt.hand_over()
+
+    def _since_last_tick(self, now_s: float) -> float:
+        before_s, self._ticked_s = self._ticked_s, now_s
+        return 0.0 if before_s is None else now_s - before_s
 
     def catch_up(self) -> None:
         """Wait for the disk, where ticks follow each other faster than in real time."""
@@ -209,20 +215,23 @@ class Session:
         """Go on from a phase whose time is over."""
         if self.phase == "free_before":
             self.enter("countdown", "The robot starts in", now_s, self.plan.countdown_s)
-        elif self.phase == "countdown":
+        elif self.phase == "countdown" and not self.presence.lost:
             self.scenery.use_up()
             self.enter("trial", "The robot is helping you. Press a menu button to stop it.", now_s)
         elif self.phase == "free_after":
             self._after_trial(now_s)
 
     def begin_trial(self, now_s: float) -> None:
-        """Begin the next attempt, once its world is made, the participant is in place and nobody pauses."""
+        """Begin the next attempt, once its world is made, the participant is in place, tracked and nobody pauses."""
         if not self.scenery.is_fresh(self.trial, self.person):
             loading.load(self, self.begin_trial, now_s)
         elif self.calibrated_for is not self.world.stage.posture:
             seating.enter_calibration(self, now_s)
         elif self.paused:
             self.enter("paused", "The experimenter has paused the session. The robot holds still.", now_s)
+        elif not continuity.is_tracked(self, now_s):
+            text = "Tracking is lost: look around, then press the trigger to go on."
+            self.enter("paused", text, now_s)
         else:
             self._begin_attempt(now_s)
 

@@ -21,6 +21,44 @@ STEEPEST_GAZE = 0.85
 """The sine of the steepest angle, up or down, at which a headset still says where somebody faces."""
 
 
+LONGEST_GAP_FRAMES = 1000
+"""By how much a frame's number may exceed the one before: ten seconds of a headset's frames."""
+RESTART_FRAMES = 10
+"""So many frames in a row that continue each other, and not those before, count as a stream that began anew."""
+
+
+class Numbering:
+    """Which frames continue a stream, by their numbers.
+
+    A frame that comes again, too late, or from far ahead is not followed, and changes nothing for those that continue
+    the stream. A client that counts anew is followed from its tenth frame on, whatever was sent before.
+    """
+
+    def __init__(self) -> None:
+        self._newest: int | None = None
+        self._stray: int | None = None
+        self._strays = 0
+
+    def follows(self, number: int) -> bool:
+        """Whether the frame of this number counts; call it for every frame that is sound."""
+        if self._newest is None or _continues(number, self._newest):
+            self._go_on(number)
+            return True
+        in_row = self._stray is not None and _continues(number, self._stray)
+        self._stray, self._strays = number, self._strays + 1 if in_row else 1
+        if self._strays == RESTART_FRAMES:
+            self._go_on(number)
+            return True
+        return False
+
+    def _go_on(self, number: int) -> None:
+        self._newest, self._stray, self._strays = number, None, 0
+
+
+def _continues(number: int, before: int) -> bool:
+    return 0 < number - before <= LONGEST_GAP_FRAMES
+
+
 @dataclass(frozen=True)
 class Frame:
     """A tracking frame and when it arrived; ``usable``: it may move the person."""
@@ -35,6 +73,7 @@ class TrackingFeed:
 
     def __init__(self) -> None:
         self.newest: Frame | None = None
+        self._numbering = Numbering()
         self._arrived: list[Frame] = []
         self._recent: deque[Frame] = deque()
 
@@ -87,10 +126,10 @@ class TrackingFeed:
             self._recent.popleft()
 
     def _is_usable(self, frame: Tracking) -> bool:
-        """Whether a frame shows where a head is, is sound in every number, and comes after those before."""
-        replayed = self.newest is not None and frame.sequence <= self.newest.tracking.sequence
+        """Whether a frame shows where a head is, is sound in every number, and continues those before."""
         poses = [pose for pose in (frame.head, frame.left, frame.right) if pose is not None]
-        return frame.head is not None and not replayed and all(is_valid(pose) for pose in poses)
+        sound = frame.head is not None and all(is_valid(pose) for pose in poses)
+        return sound and self._numbering.follows(frame.sequence)
 
 
 def body_pose(registration: Registration, frame: Tracking) -> BodyPose:

@@ -125,6 +125,18 @@ class TrackingFound(Transition):
 
 
 @dataclass(frozen=True)
+class TrackingTimedOut(Transition):
+    """No usable tracking frame has come for so long that the attempt ends."""
+
+
+@dataclass(frozen=True)
+class TimeLost(Transition):
+    """The session stood still for so many seconds during an attempt: its process was frozen, or its machine slept."""
+
+    seconds: float
+
+
+@dataclass(frozen=True)
 class ConnectionLost(Transition):
     """The participant's connection is gone."""
 
