@@ -1,7 +1,8 @@
 import { Matrix4, Quaternion, Vector3 } from "three";
 import { P_SPACE, XRDevice, metaQuest3 } from "iwer";
 import type { App } from "./app";
-import type { Phase, Question } from "./messages";
+import type { Phase, Question, XRPose } from "./messages";
+import { poseOf, type Poses } from "./tracking";
 
 type Hand = "left" | "right";
 type Triple = [x: number, y: number, z: number];
@@ -42,6 +43,7 @@ export interface EmulatorControls {
   } | null;
   presenting(): boolean;
   trackingSent(): number;
+  framesDrawn(): number;
 }
 
 declare global {
@@ -85,7 +87,47 @@ export function exposeEmulator(app: App, device: XRDevice): void {
     lastState: () => plainState(app),
     presenting: () => app.presenting,
     trackingSent: () => app.immersive.tracker.count,
+    framesDrawn: () => app.immersive.frames,
   };
+  trackByTimer(app, device);
+}
+
+/** A real headset tracks however long a page takes to draw; so does the emulated one. */
+function trackByTimer(app: App, device: XRDevice): void {
+  app.immersive.trackedElsewhere = true;
+  const ticker = new Worker(new URL("./ticker.ts", import.meta.url), { type: "module" });
+  ticker.onmessage = () => {
+    if (app.presenting) app.immersive.track(posesOf(device), performance.now());
+  };
+}
+
+function posesOf(device: XRDevice): Poses {
+  const [left, right] = [gripOf(device, "left"), gripOf(device, "right")];
+  return {
+    head: poseOf(device.position, device.quaternion),
+    left,
+    right,
+    left_modality: left ? "controller" : "none",
+    right_modality: right ? "controller" : "none",
+  };
+}
+
+function gripOf(device: XRDevice, hand: Hand): XRPose | null {
+  const { connected, position, quaternion } = controllerOf(device, hand);
+  if (!connected) return null;
+  const ray = new Matrix4().compose(
+    new Vector3(position.x, position.y, position.z),
+    new Quaternion(quaternion.x, quaternion.y, quaternion.z, quaternion.w),
+    new Vector3(1, 1, 1),
+  );
+  const [gripPosition, gripQuaternion] = [new Vector3(), new Quaternion()];
+  ray.multiply(rayFromGrip(hand)).decompose(gripPosition, gripQuaternion, new Vector3());
+  return poseOf(gripPosition, gripQuaternion);
+}
+
+/** A grip is fixed to the target ray of its controller by the device's own matrix. */
+function rayFromGrip(hand: Hand): Matrix4 {
+  return new Matrix4().fromArray(metaQuest3.controllerConfig!.layout[hand]!.gripOffsetMatrix!);
 }
 
 type Movable = Pick<XRDevice, "position" | "quaternion">;
@@ -99,21 +141,18 @@ function move(target: Movable, position: Vector3, orientation: Quaternion): void
   target.quaternion.set(orientation.x, orientation.y, orientation.z, orientation.w);
 }
 
-/** A controller stands where its target ray begins; its grip is fixed to that ray by the device's own matrix. */
+/** A controller stands where its target ray begins. */
 function setGrip(device: XRDevice, hand: Hand, grip: EmulatedPose | null): void {
   const controller = controllerOf(device, hand);
   controller.connected = grip !== null;
   if (!grip) return;
-  const rayFromGrip = new Matrix4()
-    .fromArray(metaQuest3.controllerConfig!.layout[hand]!.gripOffsetMatrix!)
-    .invert();
   const localFromGrip = new Matrix4().compose(
     new Vector3(...grip.position),
     new Quaternion(...grip.orientation).normalize(),
     new Vector3(1, 1, 1),
   );
   const [position, orientation] = [new Vector3(), new Quaternion()];
-  localFromGrip.multiply(rayFromGrip).decompose(position, orientation, new Vector3());
+  localFromGrip.multiply(rayFromGrip(hand).invert()).decompose(position, orientation, new Vector3());
   move(controller, position, orientation);
 }
 

@@ -1,5 +1,6 @@
 import { Euler, PerspectiveCamera, Quaternion, Vector3 } from "three";
-import type { Tracking, XRPose } from "./messages";
+import type { Tracking } from "./messages";
+import { poseOf } from "./tracking";
 
 /** Eyes of somebody who sits in the virtual wheelchair, metres over the floor. */
 const EYE_HEIGHT_M = 1.2;
@@ -59,9 +60,9 @@ export class FlatPlay {
       type: "tracking",
       sequence: ++this.sequence,
       client_time_ms: timeMs,
-      head: pose(this.camera.position, this.camera.quaternion),
-      left: pose(LEFT_HAND, UPRIGHT_GRIP),
-      right: pose(this.hand, UPRIGHT_GRIP),
+      head: poseOf(this.camera.position, this.camera.quaternion),
+      left: poseOf(LEFT_HAND, UPRIGHT_GRIP),
+      right: poseOf(this.hand, UPRIGHT_GRIP),
       left_modality: "mouse",
       right_modality: "mouse",
     };
@@ -82,11 +83,4 @@ export class FlatPlay {
 
 function clamp(value: number, limit: number): number {
   return Math.max(-limit, Math.min(limit, value));
-}
-
-function pose({ x, y, z }: Vector3, turn: Quaternion): XRPose {
-  return [
-    [x, y, z],
-    [turn.x, turn.y, turn.z, turn.w],
-  ];
 }

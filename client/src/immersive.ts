@@ -1,8 +1,9 @@
 import { Quaternion, Vector3 } from "three";
 import type { Connection } from "./connection";
+import type { Tracking } from "./messages";
 import type { Panel } from "./panel";
 import { Pointer } from "./pointer";
-import { BACKLOG_LIMIT_BYTES, Throttle, Tracker, findSource } from "./tracking";
+import { BACKLOG_LIMIT_BYTES, Throttle, Tracker, findSource, type Poses } from "./tracking";
 
 type Hand = "left" | "right";
 
@@ -10,6 +11,10 @@ type Hand = "left" | "right";
 export class Immersive {
   readonly tracker = new Tracker();
   readonly pointers = { left: new Pointer(), right: new Pointer() };
+  /** How many frames have been drawn. */
+  frames = 0;
+  /** Whether poses come from `track` alone, and not with the frames. */
+  trackedElsewhere = false;
   private readonly throttle = new Throttle();
   private readonly head = new Vector3();
   private readonly forward = new Vector3();
@@ -21,7 +26,9 @@ export class Immersive {
   ) {}
 
   frame(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
-    this.track(frame, space, timeMs);
+    this.frames++;
+    if (!this.trackedElsewhere && frame.session.visibilityState !== "hidden")
+      this.send(timeMs, () => this.tracker.read(frame, space, timeMs));
     if (this.panel.visible) this.placePanel(frame.getViewerPose(space));
     if (this.panel.buttons.length > 0) this.point(frame, space);
     else this.stopPointing();
@@ -39,10 +46,14 @@ export class Immersive {
     return this.pointers[source.handedness].aim(pose.transform, this.panel);
   }
 
-  private track(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
-    if (frame.session.visibilityState === "hidden" || !this.connection.connected) return;
-    if (this.connection.backlog > BACKLOG_LIMIT_BYTES || !this.throttle.pass(timeMs)) return;
-    this.connection.send(this.tracker.read(frame, space, timeMs));
+  /** Sends poses that were read elsewhere. */
+  track(poses: Poses, timeMs: number): void {
+    this.send(timeMs, () => this.tracker.take(poses, timeMs));
+  }
+
+  private send(timeMs: number, read: () => Tracking): void {
+    if (!this.connection.connected || this.connection.backlog > BACKLOG_LIMIT_BYTES) return;
+    if (this.throttle.pass(timeMs)) this.connection.send(read());
   }
 
   private placePanel(viewer: XRViewerPose | undefined): void {

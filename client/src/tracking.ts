@@ -19,6 +19,9 @@ export class Throttle {
   }
 }
 
+/** Where head and hands are, and what the hands are tracked with. */
+export type Poses = Omit<Tracking, "type" | "sequence" | "client_time_ms">;
+
 /** Reads headset and controllers into one message that is filled anew for every frame. */
 export class Tracker {
   private readonly head = emptyPose();
@@ -45,14 +48,24 @@ export class Tracker {
     const sources = frame.session.inputSources;
     const left = findSource(sources, "left");
     const right = findSource(sources, "right");
-    message.sequence++;
-    message.client_time_ms = timeMs;
     message.head = fill(this.head, frame.getViewerPose(space));
     message.left = left && fill(this.left, sourcePose(frame, space, left));
     message.right = right && fill(this.right, sourcePose(frame, space, right));
     message.left_modality = modality(left);
     message.right_modality = modality(right);
-    return message;
+    return this.next(timeMs);
+  }
+
+  /** A message of poses that were read elsewhere. */
+  take(poses: Poses, timeMs: number): Tracking {
+    Object.assign(this.message, poses);
+    return this.next(timeMs);
+  }
+
+  private next(timeMs: number): Tracking {
+    this.message.sequence++;
+    this.message.client_time_ms = timeMs;
+    return this.message;
   }
 }
 
@@ -80,6 +93,16 @@ function modality(source: XRInputSource | null): Modality {
 }
 
 type XRPoseOfFrame = { transform: XRRigidTransform; emulatedPosition: boolean } | null | undefined;
+
+type Place = { x: number; y: number; z: number };
+
+/** A pose of plain numbers. */
+export function poseOf({ x, y, z }: Place, turn: Place & { w: number }): XRPose {
+  return [
+    [x, y, z],
+    [turn.x, turn.y, turn.z, turn.w],
+  ];
+}
 
 /** A position that the headset only guesses counts as not tracked. */
 function fill(pose: XRPose, seen: XRPoseOfFrame): XRPose | null {

@@ -108,9 +108,9 @@ class EmulatedHeadset:
 
     def await_frames(self, count: int) -> None:
         """Wait until the page has drawn some more XR frames."""
-        sent = self.call("trackingSent")
+        drawn = self.call("framesDrawn")
         self.page.wait_for_function(
-            "([sent]) => window.avrgymEmulator.trackingSent() >= sent", arg=[sent + count]
+            "([drawn]) => window.avrgymEmulator.framesDrawn() >= drawn", arg=[drawn + count]
         )
 
     def answer(self, value: int) -> None:
