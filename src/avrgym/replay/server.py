@@ -12,6 +12,7 @@ from avrgym.models.human import Person
 from avrgym.replay.timeline import Timeline
 from avrgym.study.recording import Recording
 from avrgym.vr.access import OwnPagesOnly, Tokens
+from avrgym.vr.gate import Gate
 from avrgym.vr.rendering import render_scene
 from avrgym.vr.scenery import resting
 from avrgym.vr.web import LOOPBACK, STATIC, WebThread, check_page, listen
@@ -65,7 +66,8 @@ class ReplayServer:
         listener = listen(LOOPBACK[0], port)
         self.port = int(listener.getsockname()[1])
         self.tokens = Tokens.new()
-        self._web = WebThread(create_replay_app(recording, timeline, poses, self.tokens), listener)
+        app = create_replay_app(recording, timeline, poses, self.tokens)
+        self._web = WebThread(app, Gate(listener, self.tokens))
 
     @property
     def url(self) -> str:

@@ -220,12 +220,12 @@ async def _body(request: Request, kind: type[B]) -> B:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise HTTPException(422, str(error)) from None
+    except RecursionError:
+        raise HTTPException(422, "nested too deeply") from None
 
 
 def _json(value: Any) -> Response:
-    return Response(
-        msgspec.json.encode(value), media_type="application/json", headers={"cache-control": "no-store"}
-    )
+    return Response(msgspec.json.encode(value), media_type="application/json")
 
 
 def _refuse(status: int) -> Callable[[Request, Exception], Response]:

@@ -2,12 +2,10 @@
 
 import secrets
 from dataclasses import dataclass
-from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
-from starlette.websockets import WebSocketClose
 
 from avrgym.vr.messages import Role
 
@@ -43,53 +41,19 @@ class Tokens:
 
 
 class OwnPagesOnly:
-    """Refuses requests and sockets that a page of another origin sends; programs name no origin.
-
-    No answer of the server may be framed either, but for the picture that the dashboard shows. The dashboard itself
-    may load and reach nothing but this server, and makes no markup from texts.
-    """
+    """Refuses requests and sockets that a page of another origin sends; programs name no origin."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request or socket."""
-        if scope["type"] in ("http", "websocket") and not _is_own(Headers(scope=scope)):
-            refusal = (
-                PlainTextResponse(REFUSED_ORIGIN, 403) if scope["type"] == "http" else WebSocketClose(4403)
-            )
-            await refusal(scope, receive, send)
+        if scope["type"] in ("http", "websocket") and not _is_own(Headers(scope=scope), scope["scheme"]):
+            await PlainTextResponse(REFUSED_ORIGIN, 403)(scope, receive, send)
             return
-        await self._app(scope, receive, _restricted(send, scope["path"]))
+        await self._app(scope, receive, send)
 
 
-def _is_own(headers: Headers) -> bool:
-    origin = headers.get("origin")
-    return origin is None or urlsplit(origin).netloc == headers.get("host")
-
-
-def _restricted(send: Send, path: str) -> Send:
-    async def send_restricted(message) -> None:
-        if message["type"] == "http.response.start":
-            policy = b"content-security-policy", _content_policy(path).encode()
-            message["headers"] = [*message["headers"], policy, *_RESTRICTIONS]
-        await send(message)
-
-    return send_restricted
-
-
-def _content_policy(path: str) -> str:
-    if path.startswith("/dashboard"):
-        return _DASHBOARD_POLICY
-    ancestors = "'self'" if path == "/spectator" else "'none'"
-    return f"frame-ancestors {ancestors}; object-src 'none'; base-uri 'none'"
-
-
-_DASHBOARD_POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; frame-src 'self'; "
-    "form-action 'none'; frame-ancestors 'none'; base-uri 'none'; require-trusted-types-for 'script'"
-)
-_RESTRICTIONS = (
-    (b"referrer-policy", b"no-referrer"),
-    (b"x-content-type-options", b"nosniff"),
-)
+def _is_own(headers: Headers, scheme: str) -> bool:
+    page_scheme = {"ws": "http", "wss": "https"}.get(scheme, scheme)
+    return headers.get("origin") in (None, f"{page_scheme}://{headers.get('host')}")

@@ -11,6 +11,7 @@ from fastapi import WebSocket, WebSocketDisconnect
 
 from avrgym.vr import messages
 from avrgym.vr.access import Tokens
+from avrgym.vr.gate import Gate
 from avrgym.vr.hub import Hub, Outbox
 from avrgym.vr.loop import RealTimeLoop
 from avrgym.vr.messages import Hello, Message, Problem, Role
@@ -38,12 +39,15 @@ PARTICIPANT = Channel(("participant",), messages.decode_client, messages.ClientM
 WATCHING = Channel(("experimenter", "spectator"), messages.decode_experimenter, messages.ExperimenterMessage)
 
 
-async def converse(socket: WebSocket, channel: Channel, tokens: Tokens, hub: Hub, loop: RealTimeLoop) -> None:
+async def converse(
+    socket: WebSocket, channel: Channel, tokens: Tokens, gate: Gate, hub: Hub, loop: RealTimeLoop
+) -> None:
     """Serve one connection from its hello to its end."""
     await socket.accept()
     role = await _admit(socket, channel, tokens, hub)
     if role is None:
         return
+    gate.recognise(socket.scope, role)
     with hub.connection(role) as outbox:
         loop.greet(hub.sender(outbox), role)
         await _until_either(_receive(socket, channel, role, loop, outbox), _send(socket, outbox))

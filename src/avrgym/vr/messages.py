@@ -332,3 +332,5 @@ def _decode(decoder: msgspec.msgpack.Decoder[_Any], data: bytes) -> _Any:
         return decoder.decode(data)
     except UnicodeDecodeError as error:
         raise msgspec.DecodeError(f"text that is not UTF-8: {error}") from error
+    except RecursionError as error:
+        raise msgspec.DecodeError("nested too deeply") from error

@@ -13,6 +13,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from avrgym.vr.access import OwnPagesOnly, Tokens
 from avrgym.vr.certificate import Certificate
 from avrgym.vr.conversation import PARTICIPANT, WATCHING, converse
+from avrgym.vr.gate import Gate
 from avrgym.vr.hub import Hub
 from avrgym.vr.loop import RealTimeLoop, S
 from avrgym.vr.messages import Message
@@ -29,6 +30,7 @@ def create_app(
     loop: RealTimeLoop,
     hub: Hub,
     tokens: Tokens,
+    gate: Gate,
     hosts: list[str],
     renderer: SceneRenderer,
     study: FastAPI | None = None,
@@ -39,6 +41,7 @@ def create_app(
         loop: the simulation that runs.
         hub: where its messages go.
         tokens: what clients must present.
+        gate: who lets connections in, and is told whose they are.
         hosts: the host names under which the server may be addressed.
         renderer: renders the scenes.
         study: what the experimenter's dashboard reads and does.
@@ -62,11 +65,11 @@ def create_app(
 
     @app.websocket("/ws")
     async def participant(socket: WebSocket) -> None:
-        await converse(socket, PARTICIPANT, tokens, hub, loop)
+        await converse(socket, PARTICIPANT, tokens, gate, hub, loop)
 
     @app.websocket("/watch")
     async def watch(socket: WebSocket) -> None:
-        await converse(socket, WATCHING, tokens, hub, loop)
+        await converse(socket, WATCHING, tokens, gate, hub, loop)
 
     @app.get("/spectator")
     async def spectator() -> FileResponse:
@@ -124,8 +127,9 @@ class LiveServer(Generic[S]):
         self._renderer = SceneRenderer()
         hosts = [*LOOPBACK, *(certificate.names if certificate else ())]
         pages = study(self.tokens, self.session) if study else None
-        self.app = create_app(self.loop, hub, self.tokens, hosts, self._renderer, pages)
-        self._web = WebThread(self.app, listener, certificate)
+        gate = Gate(listener, self.tokens)
+        self.app = create_app(self.loop, hub, self.tokens, gate, hosts, self._renderer, pages)
+        self._web = WebThread(self.app, gate, certificate)
 
     @property
     def session(self) -> S:

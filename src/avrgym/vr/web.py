@@ -1,21 +1,35 @@
 """A web application on a thread of its own: who may reach it, where it listens, how it ends."""
 
+import asyncio
+import logging
 import socket
 import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, cast
 
 import uvicorn
 from fastapi import FastAPI
+from starlette.types import ASGIApp
 
+from avrgym.vr.answers import Answers
 from avrgym.vr.certificate import Certificate
+from avrgym.vr.gate import Gate
+from avrgym.vr.protocols import Http, Socket
 
 STATIC = Path(__file__).parent / "static"
 LOOPBACK = ("127.0.0.1", "localhost")
 EVERY_ADDRESS = "0.0.0.0"
+PROTOCOL = socket.IPPROTO_TCP
+"""Named, because asyncio sets TCP_NODELAY only on sockets that name it; those accepted name what the listener does."""
+BACKLOG = 1024
+"""How many connections the system holds until they are accepted: a flood makes nobody else wait."""
 MAX_MESSAGE_BYTES = 1 << 16
 PING_INTERVAL_S, PING_TIMEOUT_S = 1.0, 4.0
 """How a connection is found dead that did not say goodbye: a headset that fell asleep or left the network."""
 FAREWELL_S = 5
+
+_log = logging.getLogger(__name__)
 
 
 class ServerError(RuntimeError):
@@ -36,11 +50,11 @@ def listen(host: str, port: int, certificate: Certificate | None = None) -> sock
             "headset reaches over USB, because browsers allow VR only on secure pages; --lan serves the "
             "local network, with a certificate"
         )
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, PROTOCOL)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
-        listener.listen()
+        listener.listen(BACKLOG)
     except OSError as error:
         listener.close()
         raise ServerError(
@@ -50,13 +64,13 @@ def listen(host: str, port: int, certificate: Certificate | None = None) -> sock
 
 
 class WebThread:
-    """Serves an application on a socket that listens, from ``start`` to ``stop``."""
+    """Serves an application behind a gate, from ``start`` to ``stop``."""
 
-    def __init__(self, app: FastAPI, listener: socket.socket, certificate: Certificate | None = None) -> None:
-        """With a certificate the pages are served by TLS. ``stop`` closes the socket."""
-        self._listener = listener
-        self._uvicorn = uvicorn.Server(_configuration(app, certificate))
-        self._thread = threading.Thread(target=self._uvicorn.run, kwargs={"sockets": [listener]}, daemon=True)
+    def __init__(self, app: FastAPI, gate: Gate, certificate: Certificate | None = None) -> None:
+        """With a certificate the pages are served by TLS. ``stop`` closes the gate's socket."""
+        self._gate = gate
+        self._uvicorn = _Server(_configuration(gate.attend(Answers(app)), certificate), gate)
+        self._thread = threading.Thread(target=self._uvicorn.run, daemon=True)
 
     def start(self) -> None:
         """Begin to serve."""
@@ -66,7 +80,7 @@ class WebThread:
         """Say goodbye to who is connected and end."""
         self._uvicorn.should_exit = True
         self._thread.join()
-        self._listener.close()
+        self._gate.listener.close()
 
     @property
     def running(self) -> bool:
@@ -78,10 +92,48 @@ class WebThread:
         self._thread.join(seconds)
 
 
-def _configuration(app: FastAPI, certificate: Certificate | None) -> uvicorn.Config:
+class _Server(uvicorn.Server):
+    """Takes its connections from a gate instead of accepting any number itself."""
+
+    def __init__(self, config: uvicorn.Config, gate: Gate) -> None:
+        super().__init__(config)
+        self._gate = gate
+        self._opened: asyncio.Task[None] | None = None
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Open the gate."""
+        await super().startup(sockets=[])
+        asyncio.get_running_loop().set_exception_handler(_report)
+        self._opened = asyncio.create_task(self._gate.open(self._make_protocol, self.config.ssl))
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Close the gate, then end what is under way."""
+        if self._opened is not None:
+            self._opened.cancel()
+        self._gate.listener.close()
+        await super().shutdown(sockets=[])
+
+    def _make_protocol(self) -> asyncio.Protocol:
+        make = cast(Callable[..., asyncio.Protocol], self.config.http_protocol_class)
+        return make(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)
+
+
+def _report(_events: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """One line on a failure between requests, without words that may repeat what was sent."""
+    error = context.get("exception")
+    _log.error("a connection failed: %s", type(error).__name__ if error else context.get("message"))
+
+
+def _configuration(app: ASGIApp, certificate: Certificate | None) -> uvicorn.Config:
+    """One kind of event loop and protocols, whatever else is installed, and nothing that the client may claim."""
     return uvicorn.Config(
         app,
-        log_level="warning",
+        loop="asyncio",
+        http=Http,
+        ws=Socket,
+        proxy_headers=False,
+        server_header=False,
+        log_level="critical",
         access_log=False,
         ws_max_size=MAX_MESSAGE_BYTES,
         ws_ping_interval=PING_INTERVAL_S,
