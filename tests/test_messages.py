@@ -17,9 +17,15 @@ DECODERS = {
     "ExperimenterMessage": messages.decode_experimenter,
     "ServerMessage": messages.decode_server,
 }
-FROM_BOTH = {type(m) for m in FROM_CLIENT} & {type(m) for m in FROM_EXPERIMENTER}
+
+
+def tag(message: messages.Message) -> str:
+    return str(message.__struct_config__.tag)
+
+
+FROM_BOTH = {tag(m) for m in FROM_CLIENT} & {tag(m) for m in FROM_EXPERIMENTER}
 WRONG_WAY = [(messages.decode_server, m) for m in FROM_CLIENT] + [
-    (messages.decode_client, m) for m in (*FROM_SERVER, *FROM_EXPERIMENTER) if type(m) not in FROM_BOTH
+    (messages.decode_client, m) for m in (*FROM_SERVER, *FROM_EXPERIMENTER) if tag(m) not in FROM_BOTH
 ]
 
 

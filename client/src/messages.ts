@@ -112,7 +112,14 @@ export interface CorrectTorsoHeight {
   torso_height_m: number;
 }
 
-export type ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseBody;
+/** The same, chosen by the experimenter. */
+export interface ChooseTheirBody {
+  type: "choose_body";
+  sex: Sex;
+  skin_tone: string;
+}
+
+export type ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody;
 
 /** The connection is accepted, as whose; whether a touch is felt and a success heard is the plan's choice. */
 export interface Welcome {
@@ -193,10 +200,14 @@ export interface Question {
   count: number;
 }
 
-/** What was wrong with a message or a measurement, and what is allowed. The session goes on. */
+/** What was wrong with a message or a measurement, and what is allowed. The session goes on.
+ *
+ * `role`: whom it concerns. The participant never reads what was wrong with what the experimenter asked for; the
+ * experimenter, who helps them, reads both. */
 export interface Problem {
   type: "problem";
   message: string;
+  role: Role;
 }
 
 /** What the participant feels and hears of one control step.

@@ -94,7 +94,9 @@ async def _receive(
             if frame["type"] == "websocket.disconnect":
                 return
             message = _understand(frame.get("bytes"), channel, outbox.push)
-            if message is not None and role == "spectator":
+            if isinstance(message, Hello):
+                outbox.push(Problem(message="a hello is said once"))
+            elif message is not None and role == "spectator":
                 outbox.push(Problem(message="spectators only watch; the experimenter's address commands"))
             elif message is not None:
                 await _until(lambda: not loop.full)

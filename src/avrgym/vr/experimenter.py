@@ -36,7 +36,7 @@ def pause(session: "Session", now_s: float) -> None:
 def go_on(session: "Session", now_s: float) -> None:
     """Let trials begin again."""
     if not session.paused:
-        session.problem("the session is not paused")
+        session.problem("the session is not paused", "experimenter")
         return
     session.paused = False
     session.tell(transitions.Continued(now_s))
@@ -81,7 +81,7 @@ def correct_torso_height(session: "Session", message: messages.CorrectTorsoHeigh
     try:
         seating.give_torso_height(session, message.torso_height_m)
     except ValueError as error:
-        session.problem(str(error))
+        session.problem(str(error), "experimenter")
         return
     session.tell(transitions.TorsoHeightCorrected(now_s, message.torso_height_m))
     if session.phase in IN_TRIALS:
@@ -102,17 +102,21 @@ COMMANDS: Mapping[CommandName, Callable[["Session", float], None]] = {
 HANDLERS: Mapping[type, Callable[["Session", Any, float], None]] = {
     messages.Command: lambda session, command, now_s: COMMANDS[command.name](session, now_s),
     messages.CorrectTorsoHeight: correct_torso_height,
+    messages.ChooseTheirBody: lambda session, choice, now_s: seating.choose_body(
+        session, choice, now_s, "experimenter"
+    ),
 }
 
 
 def _in_trials(session: "Session") -> bool:
     """Whether the participant is in place; if not, the experimenter is told."""
     if session.phase not in IN_TRIALS:
-        session.problem(f"this is possible in the phases {', '.join(IN_TRIALS)}, not in {session.phase}")
+        words = f"this is possible in the phases {', '.join(IN_TRIALS)}, not in {session.phase}"
+        session.problem(words, "experimenter")
     return session.phase in IN_TRIALS
 
 
 def _over(session: "Session") -> bool:
     if session.phase == "finished":
-        session.problem("the session is finished")
+        session.problem("the session is finished", "experimenter")
     return session.phase == "finished"

@@ -5,11 +5,18 @@ import contextlib
 from collections import deque
 from collections.abc import Callable, Iterator
 
-from avrgym.vr.messages import Message, Role, State, Status, Timing, Welcome
+from avrgym.vr.messages import Message, Problem, Role, State, Status, Timing, Welcome
 
 OUTBOX_MESSAGES = 1000
 """What a connection may still have to send; of more, which only floods lead to, the oldest are dropped."""
 FOR_WATCHERS_ONLY = (Status, Timing)
+
+
+def concerns(message: Message, role: Role) -> bool:
+    """Whether somebody in this role is to get a message."""
+    if isinstance(message, Problem):
+        return role in ("experimenter", message.role)
+    return role != "participant" or not isinstance(message, FOR_WATCHERS_ONLY)
 
 
 class Outbox:
@@ -53,7 +60,7 @@ class Hub:
     def __init__(self) -> None:
         self._events: asyncio.AbstractEventLoop | None = None
         self._participant: Outbox | None = None
-        self._watchers: list[Outbox] = []
+        self._watchers: list[tuple[Role, Outbox]] = []
 
     @property
     def taken(self) -> bool:
@@ -83,18 +90,19 @@ class Hub:
         if role == "participant":
             self._participant = outbox
         else:
-            self._watchers = [*self._watchers, outbox]
+            self._watchers = [*self._watchers, (role, outbox)]
 
     def _leave(self, outbox: Outbox) -> None:
         if outbox is self._participant:
             self._participant = None
-        self._watchers = [other for other in self._watchers if other is not outbox]
+        self._watchers = [each for each in self._watchers if each[1] is not outbox]
 
     def _deliver(self, message: Message) -> None:
-        if self._participant is not None and not isinstance(message, FOR_WATCHERS_ONLY):
+        if self._participant is not None and concerns(message, "participant"):
             self._participant.push(message)
-        for watcher in self._watchers:
-            watcher.push(message)
+        for role, watcher in self._watchers:
+            if concerns(message, role):
+                watcher.push(message)
 
     def _call(self, function: Callable[[Message], None], message: Message) -> None:
         if self._events is not None:

@@ -134,13 +134,17 @@ class Command(Message, frozen=True, tag="command"):
     name: CommandName
 
 
+class ChooseTheirBody(ChooseBody, frozen=True, tag="choose_body"):
+    """The same, chosen by the experimenter."""
+
+
 class CorrectTorsoHeight(Message, frozen=True, tag="correct_torso_height"):
     """The torso height that the experimenter measured; the body is made anew with it."""
 
     torso_height_m: float
 
 
-ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseBody
+ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody
 
 # From the server -------------------------------------------------------------------------------------------
 
@@ -245,9 +249,14 @@ class Question(Message, frozen=True, tag="question"):
 
 
 class Problem(Message, frozen=True, tag="problem"):
-    """What was wrong with a message or a measurement, and what is allowed. The session goes on."""
+    """What was wrong with a message or a measurement, and what is allowed. The session goes on.
+
+    ``role``: whom it concerns. The participant never reads what was wrong with what the experimenter asked for; the
+    experimenter, who helps them, reads both.
+    """
 
     message: str
+    role: Role = "participant"
 
 
 class Feedback(Message, frozen=True, tag="feedback"):

@@ -40,7 +40,7 @@ def disconnected(session: "Session", _message: Any, now_s: float) -> None:
 def stop(session: "Session", by: transitions.Who, now_s: float) -> None:
     """Hold the robot at once; the trial that runs may be repeated."""
     if session.phase not in STOPPABLE:
-        session.problem(f"the robot holds still; it can be stopped in the phases {', '.join(STOPPABLE)}")
+        session.problem(f"the robot holds still; it can be stopped in the phases {', '.join(STOPPABLE)}", by)
         return
     keeping.break_off(session, "stopped", transitions.Stopped(now_s, by), "Stopped", now_s)
 

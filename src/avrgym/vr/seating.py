@@ -78,20 +78,22 @@ def give_torso_height(session: "Session", torso_height_m: float) -> None:
     session.presence.place_again(session.person)
 
 
-def choose_body(session: "Session", choice: messages.ChooseBody, now_s: float) -> None:
+def choose_body(
+    session: "Session", choice: messages.ChooseBody, now_s: float, by: messages.Role = "participant"
+) -> None:
     """Give the participant a body of this sex and tone of skin; of another sex it is measured anew.
 
     The height of the headset says how tall a torso is only above the hips, which sit higher on men.
     """
     if session.phase not in BODY_CHOSEN_IN:
         session.problem(
-            f"the body is chosen in the phases {', '.join(BODY_CHOSEN_IN)}, not in {session.phase}"
+            f"the body is chosen in the phases {', '.join(BODY_CHOSEN_IN)}, not in {session.phase}", by
         )
         return
     try:
         chosen = Person(choice.sex, PROPORTIONS[choice.sex].torso_height, skin_tone=choice.skin_tone)
     except ValueError as error:
-        session.problem(str(error))
+        session.problem(str(error), by)
         return
     if chosen.sex == session.person.sex:
         chosen = replace(chosen, torso_height_m=session.person.torso_height_m)

@@ -335,9 +335,9 @@ class Session:
             standing = self._phase_message, self.attempt, self.world, self.presence, now_s
             self.send(status(*standing, steps=self.plan.trial_steps, paused=self.paused))
 
-    def problem(self, text: str) -> None:
-        """Tell participant and experimenter what is wrong."""
-        self.send(messages.Problem(message=text))
+    def problem(self, text: str, role: messages.Role = "participant") -> None:
+        """Tell what is wrong to whom it concerns; the experimenter is told what the participant is."""
+        self.send(messages.Problem(text, role))
 
     def tell(self, transition: transitions.Transition) -> None:
         """Tell the observer; should it fail, the session pauses at the next tick."""
