@@ -91,7 +91,6 @@ def test_the_dashboard_shows_study_and_picture(browser: Browser, server: LiveSer
         expect(page.locator("#title")).to_have_text("A study", timeout=PATIENCE_MS)
         inside = page.frame_locator("iframe")
         expect(inside.locator("#view canvas")).to_be_visible(timeout=PATIENCE_MS)
-        page.wait_for_load_state("networkidle")
 
 
 def test_the_replay_is_shown(browser: Browser, recording) -> None:  # noqa: F811
