@@ -33,7 +33,7 @@ FAR_AWAY = SHOULDER + 1.0 * UP
 
 
 def state(contacts: dict[tuple[float, float, float], float] | None = None, **changes: np.ndarray) -> State:
-    """One world at rest: a straight arm that lies level, a cloth far above, contacts (place: newtons)."""
+    """One world at rest: a straight arm that lies level, a cloth far above, contacts of its face (place: newtons)."""
     contact_pos, contact_force = np.zeros((1, 6, 3)), np.zeros((1, 6))
     for slot, (place, newtons) in enumerate((contacts or {}).items()):
         contact_pos[0, slot], contact_force[0, slot] = place, newtons
@@ -50,9 +50,10 @@ def state(contacts: dict[tuple[float, float, float], float] | None = None, **cha
         "right_arm_q_w": np.tile(ALONG_Q, (1, 3, 1)),
         "person_segment_w": segments[None],
         "person_radius_m": radii[None],
-        "robot_force_n": contact_force.sum(axis=-1),
         "tool_force_n": contact_force.sum(axis=-1),
+        "total_force_n": contact_force.sum(axis=-1),
         "tool_contact_pos_w": contact_pos,
+        "tool_contact_normal_w": np.tile(-UP, (1, 6, 1)),
         "tool_contact_force_n": contact_force,
     }
     return still_world(**given | changes)
@@ -192,6 +193,39 @@ def test_a_contact_without_force_or_far_from_the_limb_wipes_nothing():
         assert len(wiped) == 0
 
 
+def off_face(seen: State, angle_rad: float, about_rad: float) -> np.ndarray:
+    """A contact's normal (3,), world frame, so far from the face's normal towards one of the pad's sides."""
+    side = [np.cos(angle_rad), *(np.sin(angle_rad) * np.array([np.cos(about_rad), np.sin(about_rad)]))]
+    return transforms.rotate(seen.tool_q_w[0], side)
+
+
+@pytest.mark.parametrize("tool_q_w", [FACING_DOWN_Q, ALONG_Q, transforms.normalize([1.0, -2.0, 0.5, 3.0])])
+def test_only_the_face_wipes(tool_q_w):
+    """Whichever way the cloth is turned: never with a side or its back, always with its face, tilted by 20° or less."""
+    touching = state({on_top_of_upper_arm(0.10): 3.0}, tool_q_w=tool_q_w[None])
+    for about_rad in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):
+        for angle_deg, wipes in ((0.0, True), (20.0, True), (70.0, False), (90.0, False), (180.0, False)):
+            normal_w = off_face(touching, np.radians(angle_deg), about_rad)
+            outcome = judged(replace(touching, tool_contact_normal_w=np.tile(normal_w, (1, 6, 1))))
+            assert (term(outcome, "markers_wiped") > 0) == wipes
+
+
+def test_a_side_that_touches_adds_nothing_to_what_the_face_wipes():
+    seen = state({on_top_of_upper_arm(0.08): 2.0, on_top_of_upper_arm(0.18): 1.0})
+    normals_w = seen.tool_contact_normal_w.copy()
+    normals_w[0, 1] = LEFT
+    alone = judged(state({on_top_of_upper_arm(0.08): 2.0}))
+    both = judged(replace(seen, tool_contact_normal_w=normals_w))
+    assert_array_equal(both.memory.wiped, alone.memory.wiped)
+
+
+def test_the_force_of_a_side_on_the_arm_is_at_the_target_too():
+    seen = state({on_top_of_upper_arm(0.10): 20.0}, tool_contact_normal_w=np.tile(LEFT, (1, 6, 1)))
+    outcome = judged(seen)
+    assert term(outcome, "strong_force_at_arm_n") == 20.0
+    assert term(outcome, "force_elsewhere_n") == 0.0
+
+
 def test_a_marker_counts_once():
     seen = state({on_top_of_upper_arm(0.10): 3.0})
     outcome = judged(seen)
@@ -234,7 +268,7 @@ def test_distance_is_from_the_nearest_part_of_the_cloth():
 
 def test_force_on_the_arm_is_at_the_target_and_any_other_is_not():
     on_arm = on_top_of_upper_arm(0.10)
-    seen = state({on_arm: 4.0, tuple(FAR_AWAY): 3.0}, robot_force_n=np.array([9.0]))
+    seen = state({on_arm: 4.0, tuple(FAR_AWAY): 3.0}, total_force_n=np.array([9.0]))
     outcome = judged(seen)
     assert term(outcome, "force_elsewhere_n") == pytest.approx(5.0)
     assert term(outcome, "strong_force_at_arm_n") == 0.0
@@ -249,10 +283,10 @@ def test_only_strong_force_at_the_target_is_disliked():
 
 
 def test_action_and_speed_terms():
-    seen = state(effector_velocity_w=np.array([[0.3, 0.0, -0.4]]))
+    seen = state(tool_velocity_w=np.array([[0.3, 0.0, -0.4]]))
     outcome = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
     assert term(outcome, "action_squared") == 1.5
-    assert term(outcome, "effector_speed_m_s") == pytest.approx(0.5)
+    assert term(outcome, "tool_speed_m_s") == pytest.approx(0.5)
 
 
 def test_the_weights_are_those_of_the_paper():
@@ -260,7 +294,7 @@ def test_the_weights_are_those_of_the_paper():
         "distance_m": -1.0,
         "action_squared": -0.01,
         "markers_wiped": 5.0,
-        "effector_speed_m_s": -0.25,
+        "tool_speed_m_s": -0.25,
         "force_elsewhere_n": -0.01,
         "strong_force_at_arm_n": -0.05,
     }
@@ -269,8 +303,8 @@ def test_the_weights_are_those_of_the_paper():
 def test_the_reward_is_the_weighted_sum():
     seen = state(
         {on_top_of_upper_arm(0.10): 20.0},
-        effector_velocity_w=np.array([[0.0, 0.2, 0.0]]),
-        robot_force_n=np.array([27.0]),
+        tool_velocity_w=np.array([[0.0, 0.2, 0.0]]),
+        total_force_n=np.array([27.0]),
     )
     outcome = judged(seen, action=np.full((1, 7), 0.5))
     distance, wiped = term(outcome, "distance_m"), term(outcome, "markers_wiped")

@@ -8,6 +8,7 @@ from avrgym import people, transforms
 from avrgym.episodes import Episodes
 from avrgym.models.cup import AXIS_X_M, HEIGHT_M, RIM_RADIUS_M, WATER, inner_radius_m
 from avrgym.models.human import Person
+from avrgym.models.scene import TOOL_CONTACTS
 from avrgym.oracles import ORACLES
 from avrgym.simulation import State
 from avrgym.tasks import TASKS
@@ -175,30 +176,58 @@ def test_distance_is_from_the_pouring_edge_to_the_mouth():
 
 
 @pytest.mark.parametrize("axis", [LEFT, BACK, transforms.normalize([1.0, 2.0, 0.0])])
-def test_tilt_is_the_angle_of_the_cup_from_upright(axis):
+@pytest.mark.parametrize("from_horizontal_rad", [0.0, 0.03, 0.4, 1.5, 0.5 * np.pi])
+def test_a_cup_may_be_as_far_above_horizontal_as_below(axis, from_horizontal_rad):
     turned = transforms.from_axis_angle(UP, 0.7)
-    for tilt_rad in (0.0, 0.4, 1.6, 3.0):
-        q_w = transforms.multiply(transforms.from_axis_angle(axis, tilt_rad), turned)
-        assert term(judged(state(tool_q_w=q_w[None])), "tilt_rad") == pytest.approx(tilt_rad, abs=1e-7)
+    for sign in (-1.0, 1.0):
+        tilt = transforms.from_axis_angle(axis, 0.5 * np.pi + sign * from_horizontal_rad)
+        seen = state(tool_q_w=transforms.multiply(tilt, turned)[None])
+        assert term(judged(seen), "off_horizontal_rad") == pytest.approx(from_horizontal_rad, abs=1e-7)
+
+
+def test_no_tilt_is_rewarded_beyond_a_cup_that_lies(rng):
+    """Of any rotation the term lies between nothing and a quarter turn, and costs."""
+    for q_w in transforms.normalize(rng.normal(size=(200, 4))):
+        assert 0.0 <= term(judged(state(tool_q_w=q_w[None])), "off_horizontal_rad") <= 0.5 * np.pi
+    assert DRINKING.weights["off_horizontal_rad"] < 0.0
 
 
 def test_action_speed_and_force_terms():
-    seen = state(effector_velocity_w=np.array([[0.3, 0.0, -0.4]]), robot_force_n=np.array([12.0]))
+    seen = state(
+        tool_velocity_w=np.array([[0.3, 0.0, -0.4]]),
+        links_force_n=np.array([12.0]),
+        total_force_n=np.array([15.0]),
+    )
     outcome = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
     assert term(outcome, "action_squared") == 1.5
-    assert term(outcome, "effector_speed_m_s") == pytest.approx(0.5)
-    assert term(outcome, "force_on_person_n") == 12.0
+    assert term(outcome, "tool_speed_m_s") == pytest.approx(0.5)
+    assert term(outcome, "links_force_n") == 12.0
+    assert outcome.force_on_person_n[0] == 15.0
+
+
+@pytest.mark.parametrize("places", [1, 3])
+@pytest.mark.parametrize(
+    ("newtons", "strong"), [(0.0, 0.0), (9.9, 0.0), (10.0, 10.0), (25.0, 25.0), (50.0, 50.0)]
+)
+def test_the_tool_presses_strongly_from_ten_newtons_in_all(newtons, strong, places):
+    """Nothing below, the whole force from there on; what the links press with is another term."""
+    forces = np.zeros((1, TOOL_CONTACTS))
+    forces[0, :places] = newtons / places
+    outcome = judged(state(tool_contact_force_n=forces, links_force_n=np.array([30.0])))
+    assert term(outcome, "strong_tool_force_n") == pytest.approx(strong)
+    assert term(outcome, "links_force_n") == 30.0
 
 
 def test_the_weights_are_those_of_the_paper():
     assert DRINKING.weights == {
         "distance_m": -1.0,
         "action_squared": -0.01,
-        "tilt_rad": 0.1,
+        "off_horizontal_rad": -0.1,
         "water_in_mouth": 10.0,
         "water_spilled": -1.0,
-        "effector_speed_m_s": -0.25,
-        "force_on_person_n": -0.01,
+        "tool_speed_m_s": -0.25,
+        "strong_tool_force_n": -0.05,
+        "links_force_n": -0.01,
         "water_on_person": -1.0,
         "water_entry_speed_m_s": -1.0,
     }
@@ -209,13 +238,25 @@ def test_the_reward_is_the_weighted_sum():
         {0: MOUTH, 1: MOUTH, 2: FALLEN, 3: BESIDE_THE_CHEST},
         particle_velocity_w=np.full((1, 64, 3), 0.1),
         tool_q_w=transforms.from_axis_angle(LEFT, 0.1)[None],
-        effector_velocity_w=np.array([[0.0, 0.2, 0.0]]),
-        robot_force_n=np.array([7.0]),
+        tool_velocity_w=np.array([[0.0, 0.2, 0.0]]),
+        links_force_n=np.array([7.0]),
+        tool_contact_force_n=np.array([[9.0, 4.0, 0.0, 0.0, 0.0, 0.0]]),
     )
     outcome = judged(seen, action=np.full((1, 7), 0.5))
     assert counts(outcome) == (2, 1, 1)
     distance, entry = np.linalg.norm(EDGE - MOUTH), 2 * np.linalg.norm([0.1] * 3)
-    expected = -distance - 0.01 * 7 * 0.25 + 0.1 * 0.1 + 2 * 10 - 1 - 0.25 * 0.2 - 0.01 * 7 - 1 - entry
+    expected = (
+        -distance
+        - 0.01 * 7 * 0.25
+        - 0.1 * (0.5 * np.pi - 0.1)
+        + 2 * 10
+        - 1
+        - 0.25 * 0.2
+        - 0.05 * 13
+        - 0.01 * 7
+        - 1
+        - entry
+    )
     assert DRINKING.reward(outcome.terms)[0] == pytest.approx(expected)
     assert set(outcome.terms) == set(DRINKING.weights)
 

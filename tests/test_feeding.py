@@ -8,6 +8,7 @@ from avrgym import people, transforms
 from avrgym.episodes import Episodes
 from avrgym.models.furniture import BOWL_BODY
 from avrgym.models.human import Person
+from avrgym.models.scene import TOOL_CONTACTS
 from avrgym.simulation import State
 from avrgym.tasks import TASKS, find_environment
 from avrgym.tasks.base import Outcome
@@ -149,11 +150,29 @@ def test_distance_is_from_spoon_to_mouth():
 
 
 def test_action_speed_and_force_terms():
-    seen = state(effector_velocity_w=np.array([[0.3, 0.0, -0.4]]), robot_force_n=np.array([12.0]))
+    seen = state(
+        tool_velocity_w=np.array([[0.3, 0.0, -0.4]]),
+        links_force_n=np.array([12.0]),
+        total_force_n=np.array([15.0]),
+    )
     outcome = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
     assert term(outcome, "action_squared") == 1.5
-    assert term(outcome, "effector_speed_m_s") == pytest.approx(0.5)
-    assert term(outcome, "force_on_person_n") == 12.0
+    assert term(outcome, "tool_speed_m_s") == pytest.approx(0.5)
+    assert term(outcome, "links_force_n") == 12.0
+    assert outcome.force_on_person_n[0] == 15.0
+
+
+@pytest.mark.parametrize("places", [1, 3])
+@pytest.mark.parametrize(
+    ("newtons", "strong"), [(0.0, 0.0), (9.9, 0.0), (10.0, 10.0), (25.0, 25.0), (50.0, 50.0)]
+)
+def test_the_tool_presses_strongly_from_ten_newtons_in_all(newtons, strong, places):
+    """Nothing below, the whole force from there on; what the links press with is another term."""
+    forces = np.zeros((1, TOOL_CONTACTS))
+    forces[0, :places] = newtons / places
+    outcome = judged(state(tool_contact_force_n=forces, links_force_n=np.array([30.0])))
+    assert term(outcome, "strong_tool_force_n") == pytest.approx(strong)
+    assert term(outcome, "links_force_n") == 30.0
 
 
 def test_the_weights_are_those_of_the_paper():
@@ -162,8 +181,9 @@ def test_the_weights_are_those_of_the_paper():
         "action_squared": -0.01,
         "food_in_mouth": 20.0,
         "food_dropped": -5.0,
-        "effector_speed_m_s": -0.25,
-        "force_on_person_n": -0.01,
+        "tool_speed_m_s": -0.25,
+        "strong_tool_force_n": -0.05,
+        "links_force_n": -0.01,
         "food_on_person": -1.0,
         "food_entry_speed_m_s": -1.0,
     }
@@ -174,12 +194,13 @@ def test_the_reward_is_the_weighted_sum():
     seen = state(
         {0: MOUTH, 1: MOUTH, 2: ON_TABLE, 3: BESIDE_THE_CHEST},
         particle_velocity_w=velocity,
-        effector_velocity_w=np.array([[0.0, 0.2, 0.0]]),
-        robot_force_n=np.array([7.0]),
+        tool_velocity_w=np.array([[0.0, 0.2, 0.0]]),
+        links_force_n=np.array([7.0]),
+        tool_contact_force_n=np.array([[9.0, 4.0, 0.0, 0.0, 0.0, 0.0]]),
     )
     outcome = judged(seen, action=np.full((1, 7), 0.5))
     distance, entry = np.linalg.norm(SPOON - MOUTH), 2 * np.linalg.norm([0.1] * 3)
-    expected = -distance - 0.01 * 7 * 0.25 + 2 * 20 - 5 - 0.25 * 0.2 - 0.01 * 7 - 1 - entry
+    expected = -distance - 0.01 * 7 * 0.25 + 2 * 20 - 5 - 0.25 * 0.2 - 0.05 * 13 - 0.01 * 7 - 1 - entry
     assert FEEDING.reward(outcome.terms)[0] == pytest.approx(expected)
     assert set(outcome.terms) == set(FEEDING.weights)
 

@@ -40,8 +40,8 @@ def state(touch: dict[tuple[float, float, float], float] | None = None, **change
         "tool_pos_w": ITCH_W[None] - 0.3 * LEFT,
         "right_arm_pos_w": np.array([[SHOULDER, ELBOW, WRIST]]),
         "right_arm_q_w": np.array([[identity, TURNED, TURNED]]),
-        "robot_force_n": force.sum(axis=-1),
         "tool_force_n": force.sum(axis=-1),
+        "total_force_n": force.sum(axis=-1),
         "tool_contact_pos_w": pos,
         "tool_contact_force_n": force,
     }
@@ -135,8 +135,9 @@ def test_distance_is_from_tip_to_itch():
 
 
 def test_force_elsewhere_is_all_force_but_that_at_the_itch():
-    seen = state({(0.0, 0.0, 0.0): 4.0, (0.1, 0.0, 0.0): 3.0}, robot_force_n=np.array([12.0]))
+    seen = state({(0.0, 0.0, 0.0): 4.0, (0.1, 0.0, 0.0): 3.0}, total_force_n=np.array([12.0]))
     outcome = judged(seen)
+    assert outcome.force_on_person_n[0] == 12.0
     assert term(outcome, "force_at_itch_n") == 4.0
     assert term(outcome, "force_elsewhere_n") == 8.0
 
@@ -152,7 +153,7 @@ def test_the_weights_are_those_of_the_paper():
         "action_squared": -0.01,
         "force_at_itch_n": 0.01,
         "scratch_force_n": 2.0,
-        "effector_speed_m_s": -0.25,
+        "tool_speed_m_s": -0.25,
         "force_elsewhere_n": -0.01,
         "strong_force_at_itch_n": -0.05,
     }
@@ -160,7 +161,7 @@ def test_the_weights_are_those_of_the_paper():
 
 def test_the_reward_is_the_weighted_sum():
     seen = state(
-        {(0.0, 0.0, 0.0): 4.0}, robot_force_n=np.array([6.0]), effector_velocity_w=np.array([[0.3, 0.0, 0.4]])
+        {(0.0, 0.0, 0.0): 4.0}, total_force_n=np.array([6.0]), tool_velocity_w=np.array([[0.3, 0.0, 0.4]])
     )
     outcome = judged(seen, action=np.full((1, 7), 0.5))
     expected = -0.3 - 0.01 * 7 * 0.25 + 0.01 * 4 + 2 * 4 - 0.25 * 0.5 - 0.01 * 2

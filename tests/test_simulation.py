@@ -22,8 +22,16 @@ FREE_MARGIN, RELEASE_MARGIN = 1.4, 3.0
 when a blocked arm comes free."""
 
 
-def begun(worlds: int, *, distribution: str = "revised", threads: int = 2, seed: int = 0, **how) -> Episodes:
-    episodes = Episodes(FEEDING, worlds, distribution=distribution, num_threads=threads, **how)
+def begun(
+    worlds: int,
+    environment: str = FEEDING,
+    *,
+    distribution: str = "revised",
+    threads: int = 2,
+    seed: int = 0,
+    **how,
+) -> Episodes:
+    episodes = Episodes(environment, worlds, distribution=distribution, num_threads=threads, **how)
     episodes.begin(np.arange(worlds), [np.random.default_rng(seed + i) for i in range(worlds)])
     return episodes
 
@@ -270,10 +278,44 @@ def test_the_force_sensors_are_the_sums_of_contact_forces(feeding_stage):
     assert_allclose(state.robot_force_n[0], np.linalg.norm(by_robot), rtol=1e-9)
 
 
+def contact_forces(model: mujoco.MjModel, data: mujoco.MjData, by: str) -> list[float]:
+    """The lengths of the forces of contacts between bodies whose names begin with ``by`` and the person."""
+    lengths, force = [], np.zeros(6)
+    for index, contact in enumerate(data.contact):
+        names = {model.body(model.geom_bodyid[geom]).name for geom in (contact.geom1, contact.geom2)}
+        if any(n.startswith(by) for n in names) and any(n.startswith(human.PREFIX) for n in names):
+            mujoco.mj_contactForce(model, data, index, force)
+            lengths.append(float(np.linalg.norm(force[:3])))
+    return lengths
+
+
+def test_forces_on_the_person_add_up_over_contacts_of_links_and_tool():
+    """A robot that flails among people for 4 s; nothing that presses from two sides cancels out."""
+    simulation, by_links = begun(16, "avrgym/ScratchItchJaco-v1").simulation, 0
+    for action in jerky_actions(np.random.default_rng(3), 16, 40):
+        simulation.command_robot(action)
+        simulation.step(9)
+        expected = []
+        for world in range(16):
+            model, data = simulation.batch.get_model(world), simulation.batch.get_data(world)
+            mujoco.mj_forward(model, data)
+            expected.append([sum(contact_forces(model, data, by)) for by in (ROBOT, TOOL)])
+        total, tool = np.array(expected).T
+        simulation.step(1)
+        state = simulation.state()
+        assert_allclose(state.total_force_n, total, rtol=1e-6, atol=1e-9)
+        assert_allclose(state.links_force_n, total - tool, rtol=1e-6, atol=1e-6)
+        assert (state.total_force_n >= state.robot_force_n * (1.0 - 1e-9)).all()
+        by_links += (state.links_force_n > 1.0).sum()
+    assert by_links > 0
+
+
 def test_an_untouched_person_feels_nothing():
     state = begun(8).simulation.state()
     assert_array_equal(state.tool_force_n, 0.0)
     assert_array_equal(state.robot_force_n, 0.0)
+    assert_array_equal(state.total_force_n, 0.0)
+    assert_array_equal(state.links_force_n, 0.0)
 
 
 # Stability

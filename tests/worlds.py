@@ -17,6 +17,7 @@ def still_world(**changes: Any) -> State:
         robot_pos_w=point,
         arm_angles_rad=np.zeros((1, 7)),
         effector_velocity_w=point,
+        tool_velocity_w=point,
         tool_pos_w=point,
         tool_q_w=unturned,
         head_pos_w=point,
@@ -31,7 +32,10 @@ def still_world(**changes: Any) -> State:
         person_radius_m=np.zeros((1, 1)),
         robot_force_n=np.zeros(1),
         tool_force_n=np.zeros(1),
+        total_force_n=np.zeros(1),
+        links_force_n=np.zeros(1),
         tool_contact_pos_w=np.zeros((1, TOOL_CONTACTS, 3)),
+        tool_contact_normal_w=np.zeros((1, TOOL_CONTACTS, 3)),
         tool_contact_force_n=np.zeros((1, TOOL_CONTACTS)),
     )
     return replace(plain, **changes)

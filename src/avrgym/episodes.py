@@ -178,7 +178,7 @@ class Episodes:
             reward_terms=outcome.terms,
             success=outcome.success,
             distance_m=outcome.distance_m,
-            force_on_person_n=state.robot_force_n,
+            force_on_person_n=outcome.force_on_person_n,
         )
 
     def observe(self) -> Array:

@@ -15,12 +15,15 @@ from avrgym.models import human, robots
 from avrgym.models.human import People, Person
 from avrgym.models.scene import (
     EFFECTOR_VELOCITY_SENSOR,
+    ROBOT_CONTACT_SENSOR,
+    ROBOT_CONTACTS,
     ROBOT_FORCE_SENSOR,
     SUBSTEPS,
     TOOL,
     TOOL_CONTACT_SENSOR,
     TOOL_CONTACTS,
     TOOL_FORCE_SENSOR,
+    TOOL_VELOCITY_SENSOR,
     Stage,
     build_spec,
 )
@@ -53,12 +56,18 @@ class State(RightArm):
     ``placed_pos_w`` holds the furniture that every episode places, by body. ``particle_*`` have shape
     (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the axes' ends of the G capsules of the person's body,
     in the order of ``human.GEOMS``, and ``person_radius_m`` (N, G) their radii. ``tool_contact_*``
-    (N, ``TOOL_CONTACTS``, …) are the tool's strongest contacts with the person; force zero where there is none.
+    (N, ``TOOL_CONTACTS``, …) are the tool's strongest contacts with the person; force zero where there is none; normals
+    point from the tool to the person.
+
+    Forces on the person, (N,): ``robot_force_n`` and ``tool_force_n`` are the lengths of the net forces of robot with
+    tool and of the tool, in which what presses from two sides cancels out. ``total_force_n`` and ``links_force_n``
+    add up the lengths of the forces of single contacts, of the robot with its tool and of its links alone.
     """
 
     robot_pos_w: Array
     arm_angles_rad: Array
     effector_velocity_w: Array
+    tool_velocity_w: Array
     tool_pos_w: Array
     tool_q_w: Array
     head_pos_w: Array
@@ -71,7 +80,10 @@ class State(RightArm):
     person_radius_m: Array
     robot_force_n: Array
     tool_force_n: Array
+    total_force_n: Array
+    links_force_n: Array
     tool_contact_pos_w: Array
+    tool_contact_normal_w: Array
     tool_contact_force_n: Array
 
 
@@ -199,11 +211,14 @@ class Simulation:
         """The state of all worlds, in arrays of its own."""
         names = self._names
         sensors = self._sensordata
-        contacts = sensors[:, names.tool_contacts].copy().reshape(self.num_worlds, TOOL_CONTACTS, 6)
+        by_tool = sensors[:, names.tool_contacts].copy().reshape(self.num_worlds, TOOL_CONTACTS, 9)
+        by_robot = sensors[:, names.robot_contacts].reshape(self.num_worlds, ROBOT_CONTACTS, 3)
+        tool_contact_force_n, total_force_n = norm(by_tool[..., :3]), _added_up(norm(by_robot))
         return State(
             robot_pos_w=self._xpos[:, names.robot_torso].copy(),
             arm_angles_rad=self.arm_angles_rad(),
             effector_velocity_w=sensors[:, names.effector_velocity].copy(),
+            tool_velocity_w=sensors[:, names.tool_velocity].copy(),
             tool_pos_w=self._xpos[:, names.tool].copy(),
             tool_q_w=self._xquat[:, names.tool].copy(),
             head_pos_w=self._site_xpos[:, names.head_centre].copy(),
@@ -217,8 +232,11 @@ class Simulation:
             person_radius_m=self._person.geom_size[:, names.person_geoms, 0],
             robot_force_n=norm(sensors[:, names.robot_force]),
             tool_force_n=norm(sensors[:, names.tool_force]),
-            tool_contact_pos_w=contacts[..., 3:],
-            tool_contact_force_n=norm(contacts[..., :3]),
+            total_force_n=total_force_n,
+            links_force_n=np.maximum(total_force_n - _added_up(tool_contact_force_n), 0.0),
+            tool_contact_pos_w=by_tool[..., 3:6],
+            tool_contact_normal_w=by_tool[..., 6:],
+            tool_contact_force_n=tool_contact_force_n,
         )
 
     def right_arm(self) -> RightArm:
@@ -303,8 +321,10 @@ class _Names:
         ).reshape(-1, 3)
         self.robot_force = _sensor(model, ROBOT_FORCE_SENSOR)
         self.tool_force = _sensor(model, TOOL_FORCE_SENSOR)
+        self.robot_contacts = _sensor(model, ROBOT_CONTACT_SENSOR)
         self.tool_contacts = _sensor(model, TOOL_CONTACT_SENSOR)
         self.effector_velocity = _sensor(model, EFFECTOR_VELOCITY_SENSOR)
+        self.tool_velocity = _sensor(model, TOOL_VELOCITY_SENSOR)
 
 
 class _PersonFields:
@@ -371,3 +391,8 @@ def _actuators(model: mujoco.MjModel, names: Sequence[str]) -> Ids:
 def _sensor(model: mujoco.MjModel, name: str) -> slice:
     sensor = model.sensor(name)
     return slice(int(sensor.adr[0]), int(sensor.adr[0] + sensor.dim[0]))
+
+
+def _added_up(strongest_first: Array) -> Array:
+    """The sums (N,) of forces (N, C), one after the other, so that empty slots at the end change no bit."""
+    return strongest_first.cumsum(axis=-1)[:, -1]

@@ -106,33 +106,49 @@ def robot_with_tool(stage: Stage, *, appearance: bool) -> mujoco.MjSpec:
 TOOL = robots.PREFIX + TOOL_BODY
 ROBOT_FORCE_SENSOR = "robot_force_on_person"
 TOOL_FORCE_SENSOR = "tool_force_on_person"
+ROBOT_CONTACT_SENSOR = "robot_contacts_with_person"
+ROBOT_CONTACTS = 16
 TOOL_CONTACT_SENSOR = "tool_contacts_with_person"
 TOOL_CONTACTS = 6
+"""More than the 6 contacts of a robot and the 4 of a tool seen at most in 12 800 steps of packaged policies."""
 EFFECTOR_VELOCITY_SENSOR = "end_effector_velocity"
+TOOL_VELOCITY_SENSOR = "tool_velocity"
 
 
 def _add_sensors(spec: mujoco.MjSpec, stage: Stage) -> None:
-    """Force on the person by robot and tool, the tool's contacts with the person, the end effector's velocity.
+    """What robot and tool do to the person, and the velocities of end effector and tool.
 
-    All in the world's frame; the tool's contacts are its strongest ones, each with force and place.
+    Net forces and velocities are in the world's frame. Contacts are the strongest ones, those of the tool with force
+    (whose length alone has a meaning: it is in the contact's frame), place, and normal from the tool to the person.
     """
-    _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, robots.PREFIX + stage.robot.base, _NET_FORCE, slots=1)
-    _add_contact_sensor(spec, TOOL_FORCE_SENSOR, TOOL, _NET_FORCE, slots=1)
-    _add_contact_sensor(spec, TOOL_CONTACT_SENSOR, TOOL, _STRONGEST, slots=TOOL_CONTACTS)
-    spec.add_sensor(
-        name=EFFECTOR_VELOCITY_SENSOR,
-        type=mujoco.mjtSensor.mjSENS_FRAMELINVEL,
-        objtype=mujoco.mjtObj.mjOBJ_XBODY,
-        objname=robots.PREFIX + stage.arm.end_effector,
-    )
+    robot = robots.PREFIX + stage.robot.base
+    _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, robot, _FORCE, _NET_FORCE, slots=1)
+    _add_contact_sensor(spec, TOOL_FORCE_SENSOR, TOOL, _FORCE, _NET_FORCE, slots=1)
+    _add_contact_sensor(spec, ROBOT_CONTACT_SENSOR, robot, _FORCE, _STRONGEST, slots=ROBOT_CONTACTS)
+    whole = _FORCE | _POS | _NORMAL
+    _add_contact_sensor(spec, TOOL_CONTACT_SENSOR, TOOL, whole, _STRONGEST, slots=TOOL_CONTACTS)
+    _add_velocity_sensor(spec, EFFECTOR_VELOCITY_SENSOR, robots.PREFIX + stage.arm.end_effector)
+    _add_velocity_sensor(spec, TOOL_VELOCITY_SENSOR, TOOL)
 
 
 _FORCE = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
 _POS = 1 << int(mujoco.mjtConDataField.mjCONDATA_POS)
+_NORMAL = 1 << int(mujoco.mjtConDataField.mjCONDATA_NORMAL)
 _STRONGEST, _NET_FORCE = 2, 3
 
 
-def _add_contact_sensor(spec: mujoco.MjSpec, name: str, of: str, reduction: int, slots: int) -> None:
+def _add_velocity_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
+    spec.add_sensor(
+        name=name,
+        type=mujoco.mjtSensor.mjSENS_FRAMELINVEL,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname=body,
+    )
+
+
+def _add_contact_sensor(
+    spec: mujoco.MjSpec, name: str, of: str, fields: int, reduction: int, slots: int
+) -> None:
     spec.add_sensor(
         name=name,
         type=mujoco.mjtSensor.mjSENS_CONTACT,
@@ -140,5 +156,5 @@ def _add_contact_sensor(spec: mujoco.MjSpec, name: str, of: str, reduction: int,
         objname=of,
         reftype=mujoco.mjtObj.mjOBJ_XBODY,
         refname=human.PREFIX + "hips",
-        intprm=[_FORCE if reduction == _NET_FORCE else _FORCE | _POS, reduction, slots],
+        intprm=[fields, reduction, slots],
     )

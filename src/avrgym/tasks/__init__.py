@@ -3,11 +3,13 @@
 from collections.abc import Mapping
 
 from avrgym.models.robots import ROBOTS
+from avrgym.tasks import of_world_1
 from avrgym.tasks.base import Task
 from avrgym.tasks.bed_bathing import BED_BATHING
 from avrgym.tasks.drinking import DRINKING
 from avrgym.tasks.feeding import FEEDING
 from avrgym.tasks.scratch_itch import SCRATCH_ITCH
+from avrgym.world_version import WORLD_VERSIONS
 
 TASKS: Mapping[str, Task] = {task.name: task for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING)}
 
@@ -32,4 +34,12 @@ def find_environment(environment_id: str) -> tuple[str, str]:
 
 def find_task(name: str, world_version: int) -> Task:
     """The task of that name as it was in a version of the world."""
-    return TASKS[name]
+    return _TASKS_OF_WORLD[world_version][name]
+
+
+def terms_ever(name: str) -> set[str]:
+    """The reward terms of that task in all versions of the world: what its recordings may hold."""
+    return {term for version in WORLD_VERSIONS for term in find_task(name, version).weights}
+
+
+_TASKS_OF_WORLD: Mapping[int, Mapping[str, Task]] = {1: of_world_1.TASKS, 2: TASKS}

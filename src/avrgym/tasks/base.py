@@ -22,13 +22,22 @@ Memory = Any
 
 @dataclass(frozen=True)
 class Outcome:
-    """One control step, judged. ``terms``: unweighted, (N,); ``gone`` (N, K): particles to take away."""
+    """One control step, judged. ``terms``: unweighted, (N,); ``gone`` (N, K): particles to take away.
+
+    ``force_on_person_n`` (N,): of robot and tool together.
+    """
 
     memory: Memory
     terms: Mapping[str, Array]
     distance_m: Array
+    force_on_person_n: Array
     success: NDArray[np.bool_]
     gone: NDArray[np.bool_]
+
+
+def when_strong(force_n: Array) -> Array:
+    """Forces (N,) of at least ``STRONG_FORCE_N``, and nothing for gentler ones."""
+    return np.where(force_n >= STRONG_FORCE_N, force_n, 0.0)
 
 
 @dataclass(frozen=True)
@@ -49,7 +58,7 @@ HEAD_TURNED = Pose(
 LIMBS = RIGHT_ARM[:2]
 """What is scratched and washed: upper arm and forearm."""
 STRONG_FORCE_N = 10.0
-"""What is too much where the tool should touch (reference)."""
+"""What is too much where the tool should touch (paper, section V; reference)."""
 ARM_SPREAD_RAD = np.where(people.RIGHT_ARM, np.radians(10.0), 0.0)
 """How far off its rest pose each joint of a right arm is found at most, (20,) (paper, section V)."""
 

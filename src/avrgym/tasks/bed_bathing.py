@@ -1,7 +1,7 @@
 """Bed bathing: wipe the right arm of a person who lies in a hospital bed (paper, section IV).
 
-Markers cover upper arm and forearm, 3 cm apart. A marker is wiped when the cloth touches the person within 2.5 cm
-of it. The physics reports a flat pad's contact with a round limb by the ends of the line along which they touch;
+Markers cover upper arm and forearm, 3 cm apart. A marker is wiped when the cloth's face touches the person within
+2.5 cm of it. The physics reports a flat pad's contact with a round limb by the ends of the line along which they touch;
 the cloth touches all along it: the touched points of a limb are the segment between the first and the last contact,
 counted along the limb, of those that lie within 2.5 cm of the limb's surface (others are too far from any of its
 markers to matter). Both ends lie on the pad's flat face, so the segment between them does.
@@ -25,7 +25,6 @@ from avrgym.tasks import places
 from avrgym.tasks.base import (
     ARM_SPREAD_RAD,
     LIMBS,
-    STRONG_FORCE_N,
     Marks,
     Outcome,
     Task,
@@ -34,6 +33,7 @@ from avrgym.tasks.base import (
     force,
     position,
     quaternion,
+    when_strong,
 )
 from avrgym.transforms import norm
 
@@ -65,7 +65,7 @@ WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
     "action_squared": -0.01,
     "markers_wiped": 5.0,
-    "effector_speed_m_s": -0.25,
+    "tool_speed_m_s": -0.25,
     "force_elsewhere_n": -0.01,
     "strong_force_at_arm_n": -0.05,
 }
@@ -161,23 +161,25 @@ def observe(state: State, memory: BedBathingMemory) -> Array:
 def judge(state: State, action: Array, memory: BedBathingMemory) -> Outcome:
     """One control step.
 
-    The force of the cloth's contacts within 2.5 cm of upper arm or forearm is at the target; what the robot presses
-    the person with beyond that is not.
+    Only the cloth's face wipes. The force of the cloth's contacts within 2.5 cm of upper arm or forearm, on whatever
+    side of it, is at the target; what the robot presses the person with beyond that is not.
     """
     contact_pos, near = _contacts_of_limbs(state)
-    newly_wiped = memory.exists & ~memory.wiped & _touched(contact_pos, near, memory.marker_pos)
+    wiping = near & _on_face(state)[:, None]
+    newly_wiped = memory.exists & ~memory.wiped & _touched(contact_pos, wiping, memory.marker_pos)
     after = replace(memory, wiped=memory.wiped | newly_wiped)
-    wiping_force = np.where(near.any(axis=1), state.tool_contact_force_n, 0.0).sum(axis=-1)
+    force_at_arm = np.where(near.any(axis=1), state.tool_contact_force_n, 0.0).sum(axis=-1)
     distance = cloth_distance(state)
     terms = {
         "distance_m": distance,
         "action_squared": (action * action).sum(axis=-1),
         "markers_wiped": _count(newly_wiped),
-        "effector_speed_m_s": norm(state.effector_velocity_w),
-        "force_elsewhere_n": np.maximum(state.robot_force_n - wiping_force, 0.0),
-        "strong_force_at_arm_n": np.where(wiping_force >= STRONG_FORCE_N, wiping_force, 0.0),
+        "tool_speed_m_s": norm(state.tool_velocity_w),
+        "force_elsewhere_n": np.maximum(state.total_force_n - force_at_arm, 0.0),
+        "strong_force_at_arm_n": when_strong(force_at_arm),
     }
-    return Outcome(after, terms, distance, is_washed(after), np.zeros((len(distance), 0), dtype=bool))
+    nothing = np.zeros((len(distance), 0), dtype=bool)
+    return Outcome(after, terms, distance, state.total_force_n, is_washed(after), nothing)
 
 
 def is_washed(memory: BedBathingMemory) -> Bools:
@@ -214,6 +216,16 @@ def _contacts_of_limbs(state: State) -> tuple[Array, Bools]:
     gap = norm(beside_axis) - state.person_radius_m[rows][:, LIMB_GEOMS, None]
     contact_pos[rows], near[rows] = pos, (gap < WIPE_RADIUS_M) & touching[rows, None]
     return contact_pos, near
+
+
+def _on_face(state: State) -> Bools:
+    """Which of the cloth's contacts (N, C) lie on the face: their normals point less than 45° off the face's.
+
+    On its springs the pad tilts by at most 20° against the tool, so that contacts on its face do, and contacts on its
+    sides and its back do not.
+    """
+    face_w = transforms.rotate(state.tool_q_w, [1.0, 0.0, 0.0])
+    return (state.tool_contact_normal_w * face_w[:, None]).sum(axis=-1) > np.cos(0.25 * np.pi)
 
 
 def _touched(contact_pos: Array, near: Bools, marker_pos: Array) -> Bools:

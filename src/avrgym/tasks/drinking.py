@@ -14,7 +14,7 @@ from avrgym.models.scene import Stage
 from avrgym.simulation import Start, State
 from avrgym.tasks import places
 from avrgym.tasks.base import HEAD_TURNED, Outcome, Task
-from avrgym.tasks.feeding import OBSERVED, observe
+from avrgym.tasks.feeding import OBSERVED, observe, strong_tool_force
 from avrgym.tasks.particles import GROUND_M, count, touching_person
 from avrgym.transforms import norm
 
@@ -31,19 +31,19 @@ CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
     "action_squared": -0.01,
-    "tilt_rad": 0.1,
+    "off_horizontal_rad": -0.1,
     "water_in_mouth": 10.0,
     "water_spilled": -1.0,
-    "effector_speed_m_s": -0.25,
-    "force_on_person_n": -0.01,
+    "tool_speed_m_s": -0.25,
+    "strong_tool_force_n": -0.05,
+    "links_force_n": -0.01,
     "water_on_person": -1.0,
     "water_entry_speed_m_s": -1.0,
 }
 """Task weights, then the preferences of the person (paper, section IV; reference).
 
-The distance is that of the rim's pouring edge to the mouth; the tilt is the angle between the cup's axis and the
-vertical. The reference counts the tilt as how far it is from a quarter turn, which up to there is the same but
-for a constant.
+The distance is that of the rim's pouring edge to the mouth. A cup that lies is tilted enough: what counts is how far
+the angle between its axis and the vertical is from a quarter turn.
 """
 
 
@@ -91,16 +91,17 @@ def judge(state: State, action: Array, memory: DrinkingMemory) -> Outcome:
     terms = {
         "distance_m": distance,
         "action_squared": (action * action).sum(axis=-1),
-        "tilt_rad": _tilt_rad(state),
+        "off_horizontal_rad": np.abs(tilt_rad(state) - 0.5 * np.pi),
         "water_in_mouth": count(drunk),
         "water_spilled": count(spilled),
-        "effector_speed_m_s": norm(state.effector_velocity_w),
-        "force_on_person_n": state.robot_force_n,
+        "tool_speed_m_s": norm(state.tool_velocity_w),
+        "strong_tool_force_n": strong_tool_force(state),
+        "links_force_n": state.links_force_n,
         "water_on_person": count(on_person),
         "water_entry_speed_m_s": np.where(drunk, norm(state.particle_velocity_w), 0.0).sum(axis=-1),
     }
     success = after.drunk.sum(axis=-1) >= SUCCESS_SHARE * len(WATER.start)
-    return Outcome(after, terms, distance, success, gone)
+    return Outcome(after, terms, distance, state.total_force_n, success, gone)
 
 
 def _in_cup(state: State) -> Bools:
@@ -121,7 +122,7 @@ def _fallen(state: State) -> Bools:
     return state.particle_pos_w[..., 2] < np.minimum(cup_low, mouth_low)[:, None]
 
 
-def _tilt_rad(state: State) -> Array:
+def tilt_rad(state: State) -> Array:
     """The angle (N,) between the cup's axis and the vertical."""
     up = transforms.rotate(state.tool_q_w, [0.0, 0.0, 1.0])[:, 2]
     return elementary.arccos(np.clip(up, -1.0, 1.0))

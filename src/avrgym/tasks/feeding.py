@@ -14,7 +14,7 @@ from avrgym.models.scene import Stage
 from avrgym.models.spoon import FOOD, SPOON
 from avrgym.simulation import Start, State
 from avrgym.tasks import places
-from avrgym.tasks.base import HEAD_TURNED, Outcome, Task, angles, force, position, quaternion
+from avrgym.tasks.base import HEAD_TURNED, Outcome, Task, angles, force, position, quaternion, when_strong
 from avrgym.tasks.particles import GROUND_M, count, touching_person
 from avrgym.transforms import norm
 
@@ -37,8 +37,9 @@ WEIGHTS: Mapping[str, float] = {
     "action_squared": -0.01,
     "food_in_mouth": 20.0,
     "food_dropped": -5.0,
-    "effector_speed_m_s": -0.25,
-    "force_on_person_n": -0.01,
+    "tool_speed_m_s": -0.25,
+    "strong_tool_force_n": -0.05,
+    "links_force_n": -0.01,
     "food_on_person": -1.0,
     "food_entry_speed_m_s": -1.0,
 }
@@ -128,14 +129,20 @@ def judge(state: State, action: Array, memory: FeedingMemory) -> Outcome:
         "action_squared": (action * action).sum(axis=-1),
         "food_in_mouth": count(newly_eaten),
         "food_dropped": count(newly_dropped),
-        "effector_speed_m_s": norm(state.effector_velocity_w),
-        "force_on_person_n": state.robot_force_n,
+        "tool_speed_m_s": norm(state.tool_velocity_w),
+        "strong_tool_force_n": strong_tool_force(state),
+        "links_force_n": state.links_force_n,
         "food_on_person": count(newly_on_person),
         "food_entry_speed_m_s": np.where(newly_eaten, speed, 0.0).sum(axis=-1),
     }
     success = after.eaten.sum(axis=-1) >= SUCCESS_SHARE * len(FOOD.start)
     gone = newly_eaten | (after.dropped & (state.particle_pos_w[..., 2] < GROUND_M))
-    return Outcome(after, terms, distance, success, gone)
+    return Outcome(after, terms, distance, state.total_force_n, success, gone)
+
+
+def strong_tool_force(state: State) -> Array:
+    """What the tool presses the person with, wherever, where that is strong, (N,) newtons."""
+    return when_strong(state.tool_contact_force_n.sum(axis=-1))
 
 
 def _is_dropped(state: State) -> Bools:

@@ -27,6 +27,7 @@ from avrgym.tasks.base import (
     force,
     position,
     quaternion,
+    when_strong,
 )
 from avrgym.transforms import norm
 
@@ -57,7 +58,7 @@ WEIGHTS: Mapping[str, float] = {
     "action_squared": -0.01,
     "force_at_itch_n": 0.01,
     "scratch_force_n": 2.0,
-    "effector_speed_m_s": -0.25,
+    "tool_speed_m_s": -0.25,
     "force_elsewhere_n": -0.01,
     "strong_force_at_itch_n": -0.05,
 }
@@ -159,12 +160,13 @@ def judge(state: State, action: Array, memory: ScratchItchMemory) -> Outcome:
         "action_squared": (action * action).sum(axis=-1),
         "force_at_itch_n": force_n,
         "scratch_force_n": np.where(scratch, force_n, 0.0),
-        "effector_speed_m_s": norm(state.effector_velocity_w),
-        "force_elsewhere_n": np.maximum(state.robot_force_n - force_n, 0.0),
-        "strong_force_at_itch_n": np.where(force_n >= STRONG_FORCE_N, force_n, 0.0),
+        "tool_speed_m_s": norm(state.tool_velocity_w),
+        "force_elsewhere_n": np.maximum(state.total_force_n - force_n, 0.0),
+        "strong_force_at_itch_n": when_strong(force_n),
     }
     success = after.scratches >= SUCCESS_SCRATCHES
-    return Outcome(after, terms, distance, success, np.zeros((len(distance), 0), dtype=bool))
+    nothing = np.zeros((len(distance), 0), dtype=bool)
+    return Outcome(after, terms, distance, state.total_force_n, success, nothing)
 
 
 def itch_pos_w(state: State, memory: ScratchItchMemory) -> Array:

@@ -28,7 +28,7 @@ Configuration = Callable[[int], Mapping[str, Any]]
 class Experience:
     """How an attempt has been for its participant so far.
 
-    Whether the robot succeeded; the force on the person and the speed of the robot's end effector over its steps.
+    Whether the robot succeeded; the force on the person and the speed of the robot's tool over its steps.
     """
 
     success: bool = False
@@ -41,7 +41,7 @@ class Experience:
         outcome = step.outcome
         force_n, speed_m_s = (
             float(outcome.force_on_person_n[0]),
-            float(outcome.reward_terms[EFFECTOR_SPEED][0]),
+            float(outcome.reward_terms[TOOL_SPEED][0]),
         )
         return Experience(
             success=bool(outcome.success[0]),
@@ -51,7 +51,7 @@ class Experience:
         )
 
 
-EFFECTOR_SPEED = "effector_speed_m_s"
+TOOL_SPEED = "tool_speed_m_s"
 """The reward term of every task that holds it."""
 
 

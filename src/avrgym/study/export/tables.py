@@ -10,7 +10,7 @@ from avrgym.study.export import NOTICE
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
-from avrgym.tasks import TASKS
+from avrgym.tasks import terms_ever
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 """How text begins that a spreadsheet would take for a formula."""
@@ -121,7 +121,7 @@ def _answers(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str
 
 
 def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterator[dict[str, Any]]:
-    terms = sorted({term for task in store.design.tasks for term in TASKS[task].weights})
+    terms = sorted({term for task in store.design.tasks for term in terms_ever(task)})
     for exported in completed:
         labels = exported.labels()
         for time_s, control in exported.control_steps():
