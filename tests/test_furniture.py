@@ -203,6 +203,36 @@ def test_the_nightstand_clears_the_bed_wherever_the_robot_is_put(dx, dy):
 # Wheelchair
 
 
+def extent(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the greatest coordinates (3,) of all that is seen."""
+    data = placed(model)
+    points = []
+    for geom in range(model.ngeom):
+        mesh = model.geom_dataid[geom]
+        if mesh >= 0:
+            first = model.mesh_vertadr[mesh]
+            local = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+        else:
+            middle, half = np.split(model.geom_aabb[geom], 2)
+            local = middle + half * np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
+        points.append(data.geom_xpos[geom] + local @ data.geom_xmat[geom].reshape(3, 3).T)
+    everything = np.concatenate(points)
+    return everything.min(axis=0), everything.max(axis=0)
+
+
+def test_the_wheelchair_is_as_large_as_it_says():
+    """Near the tables' 660 mm, 1065 mm, 485 mm and 760 mm; the grips of the push handles are 32 mm thick."""
+    model = compiled("wheelchair", appearance=True)
+    data = placed(model)
+    low, high = extent(model)
+    assert_allclose(high - low, [0.658, 1.020, 0.932], atol=0.002)
+    tops = {name: data.geom(f"wheelchair_{name}").xpos[2] + model.geom(f"wheelchair_{name}").size[2]
+            for name in ("seat", "left_armrest", "right_armrest")}  # fmt: skip
+    assert tops == pytest.approx({"seat": 0.485, "left_armrest": 0.760, "right_armrest": 0.760})
+    assert high[2] - 0.016 == pytest.approx(0.915, abs=0.002)
+    assert_allclose(2.0 * model.geom("wheelchair_seat").size[:2], [0.460, 0.410])
+
+
 def test_an_armrest_can_be_taken_off():
     whole, open_right = compiled("wheelchair"), compiled("wheelchair_without_right_armrest")
     names = [{model.geom(i).name for i in range(model.ngeom)} for model in (whole, open_right)]

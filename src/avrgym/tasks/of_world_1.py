@@ -27,7 +27,7 @@ def _judged_as_then(task: Task, weights: Mapping[str, float]) -> Task:
 
     def judge(state: State, action: Array, memory: Memory) -> Outcome:
         outcome = task.judge(_as_it_was_seen(state), action, memory)
-        terms = dict(outcome.terms) | _terms(state)
+        terms = {**outcome.terms, **_terms(state)}
         return replace(
             outcome, terms={name: terms[name] for name in weights}, force_on_person_n=state.robot_force_n
         )

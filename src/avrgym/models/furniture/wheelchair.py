@@ -1,7 +1,8 @@
 """The wheelchair, in the world's frame: the person sits at the origin and faces −y.
 
-Seat height 485 mm, armrests 760 mm, push handles 915 mm, overall width 660 mm, length 1065 mm, seat
-460 × 410 mm (accessibility tables for adult manual wheelchairs).
+Seat height 485 mm, armrests 760 mm, push handles 915 mm to the middle of the grip, seat 460 × 410 mm, as
+accessibility tables have adult manual wheelchairs; overall it is 658 mm wide (tables: 660 mm) and 1020 mm long (tables:
+1065 mm with footrests that reach further forward).
 """
 
 from collections.abc import Collection
