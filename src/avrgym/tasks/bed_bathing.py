@@ -225,7 +225,7 @@ def _on_face(state: State) -> Bools:
     sides and its back do not.
     """
     face_w = transforms.rotate(state.tool_q_w, [1.0, 0.0, 0.0])
-    return (state.tool_contact_normal_w * face_w[:, None]).sum(axis=-1) > np.cos(0.25 * np.pi)
+    return (state.tool_contact_normal_w * face_w[:, None]).sum(axis=-1) > np.sqrt(0.5)
 
 
 def _touched(contact_pos: Array, near: Bools, marker_pos: Array) -> Bools:
