@@ -201,7 +201,7 @@ def test_an_answer_may_lack_where_a_crash_cut_its_recording(store: Store) -> Non
     session = open_session(store, "sub-002")
     trial = store.remaining_trials("sub-002")[0]
     attempt = begin_attempt(store, session.id, trial.position)
-    planned = {"environment": trial.environment, "seed": trial.seed, "practice": trial.practice}
+    planned = {name: getattr(trial, name) for name in ("environment", "policy", "seed", "practice")}
     RecordingWriter(store.path(attempt.recording), {**planned, "simulated": False}).close()
     record_answer(store, attempt.id, "L1", 6, 1.25)
     assert not any(finding.wrong for finding in check_study(store))

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.study import database, deletion, keyfile, schema
+from avrgym.files import exposed
+from avrgym.study import database, deletion, keyfile, schema, sqlite
 from avrgym.study.database import Database
 from avrgym.study.deletion import delete_participant
 from avrgym.study.participants import add_note, enrol, set_identity
@@ -83,7 +84,7 @@ def test_names_are_only_in_the_key_file_which_only_its_owner_may_read(store: Sto
     assert keyfile.read_key(store.folder)["sub-002"] == keyfile.Identity(NAME, CONTACT)
     assert stat.S_IMODE(private.stat().st_mode) == 0o700
     assert stat.S_IMODE((private / "key.json").stat().st_mode) == 0o600
-    assert keyfile.exposed(store.folder) == []
+    assert list(exposed(private)) == []
 
 
 def test_the_key_file_is_private_whatever_the_process_allows(store: Store) -> None:
@@ -172,7 +173,7 @@ def test_nobody_is_deleted_while_their_session_runs(store: Store) -> None:
 def test_whoever_reads_the_study_meanwhile_keeps_traces_from_being_erased(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(database, "WAIT_S", 0.1)
+    monkeypatch.setattr(sqlite, "WAIT_S", 0.1)
     with Store(store.folder) as reader, reader.database.read() as connection:
         connection.execute(schema.PARTICIPANT.select()).all()
         with pytest.raises(StudyError, match="the study is in use: stop what uses it and delete again"):

@@ -16,6 +16,7 @@ import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
+from avrgym.processes import is_running
 from avrgym.study import database, schema
 from avrgym.study.allocation import cell_orders
 from avrgym.study.answers import record_answer, record_session_answer
@@ -25,7 +26,7 @@ from avrgym.study.participants import add_note, enrol, record_consent, record_in
 from avrgym.study.rows import Trial
 from avrgym.study.sessions import close_session, open_session, skip_trial, tell
 from avrgym.study.states import TRANSITIONS, StudyError, check_transition
-from avrgym.study.store import Store, is_running
+from avrgym.study.store import Store
 from processes import die_with_parent
 from studies import (
     FIGURES,
@@ -323,9 +324,9 @@ def test_an_attempt_takes_the_file_that_was_opened_for_it(store: Store, tmp_path
 def test_recordings_do_not_leave_the_study_through_a_link(store: Store, tmp_path: Path) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
+    session = open_session(store, take_in(store))
     (store.folder / "recordings").mkdir()
     (store.folder / "recordings" / "sub-001").symlink_to(elsewhere)
-    session = open_session(store, take_in(store))
     refused(store, lambda: begin_attempt(store, session.id, 1), "leads out of the study's folder")
     assert list(elsewhere.iterdir()) == []
 
@@ -515,7 +516,7 @@ def newer(tmp_path: Path) -> Path:
     folder = tmp_path / "migrations"
     shutil.copytree(database.MIGRATIONS, folder, ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "versions" / "9999_colour.py").write_text(
-        "import sqlalchemy as sa\nfrom alembic import op\nrevision, down_revision = '9999_colour', '0001_first'\n"
+        "import sqlalchemy as sa\nfrom alembic import op\nrevision, down_revision = '9999_colour', '0002_ledger'\n"
         "def upgrade():\n    op.add_column('note', sa.Column('colour', sa.String))\n"
     )
     return folder
@@ -539,7 +540,7 @@ def test_an_older_study_is_brought_up_to_date_after_a_backup(
             columns = sa.inspect(connection).get_columns("note")
         assert "colour" in {column["name"] for column in columns}
     (backup,) = (store.folder / "backups").iterdir()
-    assert backup.name.startswith("0001_first-")
+    assert backup.name.startswith("0002_ledger-")
     if kind == "sqlite":
         copy = store.folder / "copy"
         copy.mkdir()
@@ -563,7 +564,7 @@ def test_a_study_of_a_newer_version_is_refused_and_left_alone(
         later.setattr(database, "MIGRATIONS", newer)
         Store(store.folder).close()
     with pytest.raises(
-        StudyError, match=r"made by a newer AVR Gym \(9999_colour\); this one knows 0001_first"
+        StudyError, match=r"made by a newer AVR Gym \(9999_colour\); this one knows 0001_first, 0002_ledger"
     ):
         Store(store.folder)
     monkeypatch.setattr(database, "MIGRATIONS", newer)

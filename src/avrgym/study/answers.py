@@ -5,11 +5,12 @@ from collections.abc import Mapping
 
 import sqlalchemy as sa
 
-from avrgym.study import schema
+from avrgym.study import ledger, schema
 from avrgym.study.questionnaire import Item, validate_answer
 from avrgym.study.rows import GivenAnswer, Trial, TrialAttempt
+from avrgym.study.schema import now
 from avrgym.study.states import StudyError
-from avrgym.study.store import Store, find, find_all, find_open_session, find_running_attempt, now
+from avrgym.study.store import Store, find, find_all, find_open_session, find_running_attempt
 
 
 def record_answer(store: Store, attempt_id: int, item_id: str, value: int, response_time_s: float) -> None:
@@ -68,4 +69,4 @@ def _insert_answer(
     if not 0 <= response_time_s < math.inf:
         raise StudyError(f"{response_time_s!r} is no response time; allowed: seconds from 0")
     row = {"item": item, "value": value, "response_time_s": response_time_s, "answered_at": now(), **about}
-    connection.execute(sa.insert(schema.ANSWER).values(row))
+    ledger.insert(connection, schema.ANSWER, **row)

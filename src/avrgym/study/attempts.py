@@ -8,10 +8,12 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
-from avrgym.study import schema
+from avrgym.files import make_private_folder
+from avrgym.study import ledger, schema
 from avrgym.study.answers import unanswered
 from avrgym.study.recording import RecordingError, read_recording
 from avrgym.study.rows import Figure, StudySession, Trial, TrialAttempt
+from avrgym.study.schema import now
 from avrgym.study.states import ATTEMPT, StudyError
 from avrgym.study.store import (
     Store,
@@ -23,7 +25,6 @@ from avrgym.study.store import (
     find_running_attempt,
     find_session,
     find_trial,
-    now,
     record_event,
 )
 
@@ -63,11 +64,9 @@ def begin_attempt(
             "figures": {},
             "started_at": now(),
         }
-        inserted = connection.execute(sa.insert(schema.ATTEMPT).values(row)).inserted_primary_key
-        assert inserted is not None
-        event = {**about(session), "attempt": inserted[0]}
-        record_event(connection, "attempt running", row["recording"], event)
-        return find(connection, TrialAttempt, "attempt", id=inserted[0])
+        attempt = ledger.insert(connection, schema.ATTEMPT, **row)
+        record_event(connection, "attempt running", row["recording"], {**about(session), "attempt": attempt})
+        return find(connection, TrialAttempt, "attempt", id=attempt)
 
 
 def complete_attempt(store: Store, attempt_id: int, figures: Mapping[str, Figure]) -> None:
@@ -173,7 +172,7 @@ def _name(store: Store, session: StudySession, recording: Path) -> str:
 
 def _free_name(store: Store, session: StudySession, trial: Trial, number: int) -> str:
     """The first name, from that of the given attempt on, that no file has yet."""
-    store.path(session.folder).mkdir(parents=True, exist_ok=True)
+    make_private_folder(store.path(session.folder))
     while True:
         recording = f"{session.folder}/trial-{trial.position:02}_attempt-{number}.mcap"
         if not os.path.lexists(store.path(recording)):

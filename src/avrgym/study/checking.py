@@ -1,40 +1,46 @@
 """Checking a study: whether everything that was stored is there, whole and unchanged."""
 
 import os
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from avrgym.study import keyfile
 from avrgym.study.attempts import sha256_of
+from avrgym.study.checking_database import check_database, check_private
+from avrgym.study.finding import Finding
 from avrgym.study.preflight import policy_faults
 from avrgym.study.recording import Recording, RecordingError, read_recording
 from avrgym.study.rows import RECORDINGS, GivenAnswer, Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 
-
-@dataclass(frozen=True)
-class Finding:
-    """Something that was found: where, and what. ``wrong``: it must be mended."""
-
-    where: str
-    what: str
-    wrong: bool = True
+FIGURES = ("steps", "reward", "success")
+"""What database and recording tell alike of an attempt."""
 
 
 def check_study(store: Store) -> list[Finding]:
     """All that is to be said about a study; nothing is changed."""
-    findings = [Finding("database", fault) for fault in store.database.faults()]
-    findings += [Finding(f"policy {name}", fault) for name, fault in policy_faults(store)]
-    findings += _check_private(store)
-    expected: set[str] = set()
+    findings: list[Finding] = []
+    for check in CHECKS:
+        try:
+            findings += check(store)
+        except StudyError as error:  # a damaged row keeps a check from going on
+            finding = Finding("database", str(error))
+            findings += [finding] if finding not in findings else []
+    return findings
+
+
+def check_participants(store: Store) -> Iterator[Finding]:
+    """Whether rows and recordings of each participant are there and tell the same."""
     for participant in store.participants():
-        attempts = store.attempts(participant.pseudonym)
-        expected |= {attempt.recording for attempt in attempts}
-        findings += _check_participant(store, participant, attempts)
-    return findings + [_check_stray(store, name) for name in _files(store) if name not in expected]
+        yield from _check_participant(store, participant, store.attempts(participant.pseudonym))
+
+
+def check_strays(store: Store) -> Iterator[Finding]:
+    """Files among the recordings that belong to nothing."""
+    people = [participant.pseudonym for participant in store.participants()]
+    expected = {attempt.recording for person in people for attempt in store.attempts(person)}
+    return (_check_stray(store, name) for name in _files(store) if name not in expected)
 
 
 def _check_stray(store: Store, name: str) -> Finding:
@@ -54,17 +60,9 @@ def _is_completed(path: Path) -> bool:
     return outcome is not None and outcome.get("result") == "completed"
 
 
-def _check_private(store: Store) -> Iterator[Finding]:
-    for path in keyfile.exposed(store.folder):
-        yield Finding(str(path.relative_to(store.folder)), "others than its owner may use it")
-    known = {participant.pseudonym for participant in store.participants()}
-    try:
-        strangers = sorted(set(keyfile.read_key(store.folder)) - known)
-    except StudyError as error:
-        yield Finding(f"{keyfile.FOLDER}/{keyfile.FILE}", str(error))
-        return
-    for pseudonym in strangers:
-        yield Finding(f"{keyfile.FOLDER}/{keyfile.FILE}", f"names {pseudonym}, who is not in this study")
+def check_policies(store: Store) -> Iterator[Finding]:
+    """Policies that are missing or cannot be served."""
+    return (Finding(f"policy {name}", fault) for name, fault in policy_faults(store))
 
 
 def _check_participant(
@@ -124,6 +122,7 @@ def _check_attempt(
     if path.is_file():
         planned = {
             "environment": trial.environment,
+            "policy": trial.policy,
             "seed": trial.seed,
             "practice": trial.practice,
             "simulated": participant.simulated,
@@ -152,8 +151,18 @@ def _check_recording(
         return
     if attempt.state == "completed" and not recording.complete:
         yield Finding(attempt.recording, "is not complete though its trial is")
+    if attempt.state == "completed" and _figures(recording) != {
+        name: attempt.figures.get(name) for name in FIGURES
+    }:
+        yield Finding(attempt.recording, "tells of other figures than the database")
     for name in _differences(recording, planned, answers):
         yield Finding(attempt.recording, f"was recorded with another {name} than was planned or stored")
+
+
+def _figures(recording: Recording) -> dict[str, Any]:
+    """What an attempt gave, as its recording tells."""
+    outcome = recording.outcome or {}
+    return {name: outcome.get(name) for name in FIGURES}
 
 
 def _differences(
@@ -176,3 +185,12 @@ def _files(store: Store) -> list[str]:
         links = [name for name in folders if (Path(folder) / name).is_symlink()]
         found += [str((Path(folder) / name).relative_to(store.folder).as_posix()) for name in files + links]
     return sorted(found)
+
+
+CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
+    check_database,
+    check_policies,
+    check_private,
+    check_participants,
+    check_strays,
+)

@@ -5,12 +5,13 @@ import shutil
 import sqlalchemy as sa
 
 from avrgym.analysis.manifest import FOLDER, remove_analysis
-from avrgym.study import keyfile, schema
+from avrgym.study import keyfile, ledger, schema
 from avrgym.study.database import BACKUPS
 from avrgym.study.rows import RECORDINGS, StudySession, Tombstone, participant_number
+from avrgym.study.schema import now
 from avrgym.study.sessions import may_run
 from avrgym.study.states import StudyError
-from avrgym.study.store import Store, find_all, find_participant, now
+from avrgym.study.store import Store, find_all, find_participant
 
 
 def delete_participant(store: Store, pseudonym: str) -> None:
@@ -50,9 +51,9 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> Non
         (schema.SESSION, own),
         (schema.PARTICIPANT, schema.PARTICIPANT.c.number == number),
     ):
-        connection.execute(sa.delete(table).where(condition))
+        ledger.delete(connection, table, condition)
     tombstone = {"number": number, "simulated": participant.simulated, "deleted_at": now()}
-    connection.execute(sa.insert(schema.TOMBSTONE).values(tombstone))
+    ledger.insert(connection, schema.TOMBSTONE, **tombstone)
 
 
 def _remove(store: Store, name: str) -> None:

@@ -3,12 +3,11 @@
 ``private/key.json`` in a folder that only its owner may open. Writers hold the study's database as lock.
 """
 
-import os
 from pathlib import Path
 
 import msgspec
 
-from avrgym.files import write_whole
+from avrgym.files import PRIVATE_FILE, PRIVATE_FOLDER, make_private_folder, write_whole
 from avrgym.study.states import StudyError
 
 FOLDER = "private"
@@ -39,7 +38,8 @@ def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
 
 
 def remove_entry(folder: Path, pseudonym: str) -> None:
-    """Remove an entry, if there is one."""
+    """Remove an entry, if there is one, and what a broken-off write left of it."""
+    remove_unfinished(folder)
     entries = read_key(folder)
     if entries.pop(pseudonym, None) is not None:
         _write(folder, entries)
@@ -47,13 +47,22 @@ def remove_entry(folder: Path, pseudonym: str) -> None:
 
 def _write(folder: Path, entries: dict[str, Identity]) -> None:
     private = folder / FOLDER
-    private.mkdir(mode=0o700, exist_ok=True)
-    private.chmod(0o700)
-    write_whole(private / FILE, msgspec.json.format(msgspec.json.encode(entries)), mode=0o600)
+    make_private_folder(private)
+    private.chmod(PRIVATE_FOLDER)
+    remove_unfinished(folder)
+    data = msgspec.json.format(msgspec.json.encode(entries))
+    write_whole(private / FILE, data, mode=PRIVATE_FILE)
 
 
-def exposed(folder: Path) -> list[Path]:
-    """The private files and folders that others than their owner may use."""
-    private = folder / FOLDER
-    paths = [private, *private.glob("*")] if private.exists() else []
-    return [path for path in paths if os.name == "posix" and path.stat().st_mode & 0o077]
+def unfinished(folder: Path) -> list[Path]:
+    """What was left of the key file, with names, where a process was killed that wrote it.
+
+    Only one process writes it at a time, so while the database is locked there is nothing else.
+    """
+    return sorted((folder / FOLDER).glob(f".{FILE}.*.part"))
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what was left of the key file where a process was killed that wrote it."""
+    for path in unfinished(folder):
+        path.unlink(missing_ok=True)

@@ -7,13 +7,15 @@ from dataclasses import asdict
 import sqlalchemy as sa
 
 from avrgym.models.human import SEXES, Sex
-from avrgym.study import keyfile, schema
+from avrgym.study import keyfile, ledger, schema
 from avrgym.study.allocation import cell_orders, least_filled_cell, plan_trials
 from avrgym.study.design import Design
+from avrgym.study.remains import known_numbers
 from avrgym.study.rows import Participant, StudySession, pseudonym_of
+from avrgym.study.schema import now
 from avrgym.study.sessions import end_open_sessions
 from avrgym.study.states import TAKES_PART, StudyError
-from avrgym.study.store import Store, change_state, find_all, find_participant, now, record_event
+from avrgym.study.store import Store, change_state, find_all, find_participant, record_event
 
 
 def enrol(
@@ -37,8 +39,10 @@ def enrol(
     if simulated and (name or contact):
         raise StudyError("a simulated participant has neither name nor contact")
     with store.database.write() as connection:
-        number = _next_number(connection)
-        row = schema.PARTICIPANT.insert().values(
+        number = _next_number(store, connection)
+        ledger.insert(
+            connection,
+            schema.PARTICIPANT,
             number=number,
             state="enrolled",
             simulated=simulated,
@@ -46,7 +50,6 @@ def enrol(
             age_years=age_years,
             enrolled_at=now(),
         )
-        connection.execute(row)
         record_event(connection, "participant enrolled", "", {"participant": number})
     pseudonym = pseudonym_of(number)
     if name or contact:
@@ -118,16 +121,15 @@ def add_note(store: Store, pseudonym: str, text: str, session: int | None = None
         if session is not None and session not in {visit.id for visit in own}:
             raise StudyError(f"session {session} is not one of {participant}")
         note = {"at": now(), "participant": participant.number, "session": session, "text": text}
-        connection.execute(sa.insert(schema.NOTE).values(note))
+        ledger.insert(connection, schema.NOTE, **note)
 
 
-def _next_number(connection: sa.Connection) -> int:
-    """The first number that nobody has or had."""
-    highest = [
-        connection.execute(sa.select(sa.func.max(table.c.number))).scalar() or 0
-        for table in (schema.PARTICIPANT, schema.TOMBSTONE)
-    ]
-    return max(highest) + 1
+def _next_number(store: Store, connection: sa.Connection) -> int:
+    """The first number that nobody has or had, also by key file and recordings."""
+    taken = known_numbers(store.folder)
+    for table in (schema.PARTICIPANT, schema.TOMBSTONE):
+        taken.add(connection.execute(sa.select(sa.func.max(table.c.number))).scalar() or 0)
+    return max(taken) + 1
 
 
 def _free_cell(connection: sa.Connection, design: Design, simulated: bool) -> int:
@@ -142,5 +144,5 @@ def _free_cell(connection: sa.Connection, design: Design, simulated: bool) -> in
 
 def _plan(connection: sa.Connection, design: Design, cell: int, number: int) -> None:
     planned = plan_trials(design, cell, number)
-    rows = [{**asdict(trial), "participant": number, "state": "planned"} for trial in planned]
-    connection.execute(sa.insert(schema.TRIAL), rows)
+    for trial in planned:
+        ledger.insert(connection, schema.TRIAL, **asdict(trial), participant=number, state="planned")

@@ -17,6 +17,7 @@ from mcap import records as mcap_records
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
+from avrgym.files import private_opener
 from avrgym.study.records import TOPICS, Record, decode, encode, json_schema
 
 FLUSH_INTERVAL_S = 0.1
@@ -169,7 +170,7 @@ class _Disk:
     """A new file without a buffer: what fails to reach it is never tried again behind the writer's back."""
 
     def __init__(self, path: Path):
-        self._file = FileIO(path, "x")
+        self._file = FileIO(path, "x", opener=private_opener)
 
     @property
     def closed(self) -> bool:

@@ -1,5 +1,8 @@
 """The tables of a study. Times are ISO 8601 in UTC; migrations lead here from every earlier version."""
 
+from datetime import UTC, datetime
+from secrets import token_hex
+
 from sqlalchemy import (
     JSON,
     BigInteger,
@@ -22,12 +25,28 @@ METADATA = MetaData(
     }
 )
 
+
+def now() -> str:
+    """The time as it is stored."""
+    return datetime.now(UTC).isoformat(timespec="microseconds")
+
+
+def new_salt() -> str:
+    """What makes the checksum of a row tell nothing about it once the row is deleted."""
+    return token_hex(16)
+
+
+def _salt() -> Column[str]:
+    return Column("salt", String, default=new_salt)
+
+
 STUDY = Table(
     "study",
     METADATA,
     Column("id", Integer, primary_key=True),
     Column("created_at", String, nullable=False),
     Column("protocol", JSON, nullable=False),
+    _salt(),
 )
 """One row: the fields of the design that may not change."""
 
@@ -45,6 +64,7 @@ PARTICIPANT = Table(
     Column("consent_version", String),
     Column("consent_sha256", String),
     Column("inclusion", JSON),
+    _salt(),
 )
 
 SESSION = Table(
@@ -58,6 +78,7 @@ SESSION = Table(
     Column("process", Integer, nullable=False),
     Column("opened_at", String, nullable=False),
     Column("closed_at", String),
+    _salt(),
     UniqueConstraint("participant", "number"),
 )
 
@@ -72,6 +93,7 @@ TRIAL = Table(
     Column("seed", BigInteger, nullable=False),
     Column("practice", Boolean, nullable=False),
     Column("state", String, nullable=False),
+    _salt(),
     UniqueConstraint("participant", "position"),
 )
 
@@ -88,6 +110,7 @@ ATTEMPT = Table(
     Column("figures", JSON, nullable=False),
     Column("started_at", String, nullable=False),
     Column("ended_at", String),
+    _salt(),
     UniqueConstraint("trial", "number"),
 )
 """``recording`` is relative to the study's folder, with ``/``."""
@@ -102,6 +125,7 @@ ANSWER = Table(
     Column("value", Integer, nullable=False),
     Column("response_time_s", Float, nullable=False),
     Column("answered_at", String, nullable=False),
+    _salt(),
     UniqueConstraint("attempt", "item"),
 )
 """Without an attempt: an answer about the whole session."""
@@ -116,6 +140,7 @@ EVENT = Table(
     Column("attempt", ForeignKey("attempt.id")),
     Column("name", String, nullable=False),
     Column("detail", String, nullable=False),
+    _salt(),
 )
 
 NOTE = Table(
@@ -126,6 +151,7 @@ NOTE = Table(
     Column("participant", ForeignKey("participant.number"), nullable=False),
     Column("session", ForeignKey("session.id")),
     Column("text", String, nullable=False),
+    _salt(),
 )
 
 TOMBSTONE = Table(
@@ -134,5 +160,17 @@ TOMBSTONE = Table(
     Column("number", Integer, primary_key=True, autoincrement=False),
     Column("simulated", Boolean, nullable=False),
     Column("deleted_at", String, nullable=False),
+    _salt(),
 )
 """A participant whose data were deleted; their number is never given again."""
+
+LEDGER = Table(
+    "ledger",
+    METADATA,
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("table", String, nullable=False),
+    Column("key", Integer, nullable=False),
+    Column("content", String),
+    Column("digest", String, nullable=False),
+)
+"""The chain of all that was ever written: ``content`` is the checksum of a row, or none once it is deleted."""

@@ -4,9 +4,11 @@ import os
 
 import sqlalchemy as sa
 
-from avrgym.study import schema
+from avrgym.processes import is_running
+from avrgym.study import ledger, schema
 from avrgym.study.attempts import finish_attempt, whole_figures
 from avrgym.study.rows import Participant, StudySession, Trial, TrialAttempt
+from avrgym.study.schema import now
 from avrgym.study.states import StudyError
 from avrgym.study.store import (
     Store,
@@ -18,8 +20,6 @@ from avrgym.study.store import (
     find_participant,
     find_session,
     find_trial,
-    is_running,
-    now,
     record_event,
 )
 
@@ -111,9 +111,7 @@ def _insert_session(
         "process": os.getpid(),
         "opened_at": now(),
     }
-    inserted = connection.execute(sa.insert(schema.SESSION).values(row)).inserted_primary_key
-    assert inserted is not None
-    session = find(connection, StudySession, "session", id=inserted[0])
+    session = find_session(connection, ledger.insert(connection, schema.SESSION, **row))
     record_event(connection, "session open", session.name, about(session))
     return session
 

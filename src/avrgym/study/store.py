@@ -3,14 +3,15 @@
 import os
 import socket
 from collections.abc import Mapping
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Self, TypeVar, get_type_hints
 
+import msgspec
 import sqlalchemy as sa
 
+from avrgym.files import make_private_folder, private_opener
 from avrgym.policies import PolicyError, packaged_policies
-from avrgym.study import schema
+from avrgym.study import keyfile, ledger, schema
 from avrgym.study.database import FILE as DATABASE_FILE
 from avrgym.study.database import Database, database_url
 from avrgym.study.design import FILE, Design, default_text, read_design
@@ -26,10 +27,10 @@ from avrgym.study.rows import (
     TrialAttempt,
     participant_number,
 )
-from avrgym.study.states import StudyError, check_transition
+from avrgym.study.schema import now
+from avrgym.study.states import TRANSITIONS, StudyError, check_transition
 from avrgym.tasks import find_environment
 
-PRIVATE = "private"
 Row = TypeVar("Row")
 TABLES: Mapping[type, sa.Table] = {
     Participant: schema.PARTICIPANT,
@@ -50,12 +51,12 @@ def create_study(folder: Path) -> Path:
         StudyError: when the folder holds a study already; nothing in it is changed.
         OSError: when it cannot be written.
     """
-    held = [name for name in (FILE, DATABASE_FILE, RECORDINGS, PRIVATE) if (folder / name).exists()]
+    held = [name for name in (FILE, DATABASE_FILE, RECORDINGS, keyfile.FOLDER) if (folder / name).exists()]
     if held:
         raise StudyError(f"{folder} holds {held[0]} already; choose another folder")
-    folder.mkdir(parents=True, exist_ok=True)
+    make_private_folder(folder)
     path = folder / FILE
-    with open(path, "x", encoding="utf-8") as file:
+    with open(path, "x", encoding="utf-8", opener=private_opener) as file:
         file.write(default_text())
     return path
 
@@ -63,24 +64,33 @@ def create_study(folder: Path) -> Path:
 class Store:
     """An open study. What takes part in it changes through ``participants`` and ``sessions``; here one reads.
 
-    ``folder`` is the study's, ``station`` this machine's name. Methods may be called from any thread.
+    ``folder`` is the study's, ``station`` this machine's name. Where the folder cannot be written, as on a read-only
+    medium, the study can be read and nothing else. Methods may be called from any thread.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, anew: bool = False) -> None:
         """Open the study in a folder.
+
+        Args:
+            folder: the study's.
+            anew: make a new database also where others were lost.
 
         Raises:
             DesignError: when ``study.toml`` says what cannot be.
-            StudyError: when there is no study, or its database does not fit.
+            StudyError: when there is no study, or its database does not fit or was lost.
         """
         if not (folder / FILE).is_file():
             raise StudyError(f"{folder} holds no {FILE}; `avrgym study new {folder}` writes one")
         self.folder = folder.resolve()
         self.station = socket.gethostname()
         self.design: Design = read_design(folder / FILE)
-        self.database = Database(self.folder, database_url(self.design.database.url))
+        url = database_url(self.design.database.url)
+        self.database = Database(self.folder, url, read_only=not _can_write(self.folder), anew=anew)
         try:
             self._check_protocol()
+            if keyfile.unfinished(self.folder) and not self.database.read_only:
+                with self.database.write():  # one writer at a time, for the key file as well
+                    keyfile.remove_unfinished(self.folder)
         except BaseException:
             self.close()
             raise
@@ -170,25 +180,31 @@ class Store:
 
     def _check_protocol(self) -> None:
         """Store what orders follow from, and refuse another once someone has an order."""
-        with self.database.write() as connection:
-            protocol = self.design.protocol()
+        protocol = self.design.protocol()
+        with self.database.read() as connection:
             stored = connection.execute(sa.select(schema.STUDY.c.protocol)).scalar()
-            if stored == protocol:
-                return
-            changed = [name for name, value in protocol.items() if (stored or {}).get(name) != value]
-            taken = sa.select(schema.PARTICIPANT.c.number).where(schema.PARTICIPANT.c.cell.is_not(None))
-            if stored and connection.execute(taken.limit(1)).first():
-                raise StudyError(
-                    f"{self.folder / FILE}: {', '.join(changed)} changed after the first participant; "
-                    f"it was {stored[changed[0]]!r} and must stay so"
-                )
-            connection.execute(sa.delete(schema.STUDY))
-            connection.execute(sa.insert(schema.STUDY).values(created_at=now(), protocol=protocol))
+        if stored != protocol and not (stored is None and self.database.read_only):
+            with self.database.write() as connection:
+                self._change_protocol(connection, protocol)
+
+    def _change_protocol(self, connection: sa.Connection, protocol: dict[str, Any]) -> None:
+        stored = connection.execute(sa.select(schema.STUDY.c.protocol)).scalar()
+        if stored == protocol:
+            return
+        changed = [name for name, value in protocol.items() if (stored or {}).get(name) != value]
+        taken = sa.select(schema.PARTICIPANT.c.number).where(schema.PARTICIPANT.c.cell.is_not(None))
+        if stored and connection.execute(taken.limit(1)).first():
+            raise StudyError(
+                f"{self.folder / FILE}: {', '.join(changed)} changed after the first participant; "
+                f"it was {stored[changed[0]]!r} and must stay so"
+            )
+        ledger.delete(connection, schema.STUDY)
+        ledger.insert(connection, schema.STUDY, created_at=now(), protocol=protocol)
 
 
-def now() -> str:
-    """The time as it is stored."""
-    return datetime.now(UTC).isoformat(timespec="microseconds")
+def _can_write(folder: Path) -> bool:
+    database = folder / DATABASE_FILE
+    return os.access(folder, os.W_OK) and (not database.exists() or os.access(database, os.W_OK))
 
 
 def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> Row:
@@ -234,8 +250,14 @@ def find_trial(connection: sa.Connection, session: StudySession, position: int) 
 def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row]:
     """All rows with these values, in the order they were made."""
     table = TABLES[kind]
-    query = sa.select(table).where(*(table.c[name] == value for name, value in key.items()))
-    return [_as(kind, row) for row in connection.execute(query.order_by(*table.primary_key.columns))]
+    names = list(get_type_hints(kind))
+    query = sa.select(*(table.c[name] for name in names))
+    query = query.where(*(table.c[name] == value for name, value in key.items()))
+    try:
+        rows = connection.execute(query.order_by(ledger.key_of(table))).all()
+        return [_as(kind, dict(zip(names, row, strict=True))) for row in rows]
+    except ValueError as error:
+        raise StudyError(f"the study's database: a row of {table.name} is damaged: {error}") from error
 
 
 def change_state(
@@ -247,11 +269,11 @@ def change_state(
         StudyError: when its present state does not allow that.
     """
     table = TABLES[type(row)]
-    (key,) = table.primary_key.columns
-    own = key == getattr(row, key.name)
+    key = getattr(row, ledger.key_of(table).name)
+    own = ledger.key_of(table) == key
     before = connection.execute(sa.select(table.c.state).where(own)).scalar_one()
     check_transition(table.name, str(row), before, after)
-    connection.execute(sa.update(table).where(own).values(state=after, **values))
+    ledger.update(connection, table, key, state=after, **values)
     record_event(connection, f"{table.name} {after}", detail, about)
 
 
@@ -262,28 +284,12 @@ def about(session: StudySession) -> dict[str, int]:
 
 def record_event(connection: sa.Connection, name: str, detail: str, about: Mapping[str, int]) -> None:
     """Store that something happened; ``about`` names participant, session and attempt."""
-    connection.execute(sa.insert(schema.EVENT).values(at=now(), name=name, detail=detail, **about))
+    ledger.insert(connection, schema.EVENT, at=now(), name=name, detail=detail, **about)
 
 
-def _as(kind: type[Row], row: sa.Row) -> Row:
-    return kind(**row._mapping)
-
-
-def is_running(process: int) -> bool:
-    """Whether a process of this machine runs; where that cannot be known, it does.
-
-    One that has ended but that its parent has not asked about is still there, as a zombie where Linux shows it.
-    """
-    if os.name != "posix":
-        return True
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    try:
-        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return True
-    return state not in ("Z", "X")
+def _as(kind: type[Row], row: Mapping[str, Any]) -> Row:
+    """A row as plain values; ``ValueError`` for a type or state that no row has."""
+    state, known = row.get("state"), TRANSITIONS.get(TABLES[kind].name, {})
+    if state is not None and state not in known:
+        raise ValueError(f"unknown state {state!r}; allowed: {', '.join(known)}")
+    return msgspec.convert(row, kind)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.elementary import fingerprint_of_c_library
+from avrgym.files import make_private_folder
 from avrgym.models import human
 from avrgym.study import records
 from avrgym.study.recording import RecordingError, RecordingWriter
@@ -244,7 +245,7 @@ def configuration(
 
 def _open(folder: Path, trial: int, configuration: Configuration, number: int) -> tuple[int, RecordingWriter]:
     """The first attempt from ``number`` on that there is no file of, and its new recording."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_private_folder(folder)
     while True:
         path = folder / f"trial-{trial:02}_attempt-{number}.mcap"
         try:

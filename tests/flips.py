@@ -1,0 +1,29 @@
+"""Studies with a single bit that is another."""
+
+import random
+import shutil
+from pathlib import Path
+
+from avrgym.study.checking import check_study
+from avrgym.study.states import StudyError
+from avrgym.study.store import Store
+
+
+def flip_bit(study: Path, copy: Path, chance: random.Random, name: str) -> int:
+    """Copy a study anew with one bit of one of its files flipped; which one."""
+    shutil.rmtree(copy, ignore_errors=True)
+    shutil.copytree(study, copy)
+    data = bytearray((copy / name).read_bytes())
+    bit = chance.randrange(8 * len(data))
+    data[bit // 8] ^= 1 << bit % 8
+    (copy / name).write_bytes(data)
+    return bit
+
+
+def noticed(study: Path) -> bool:
+    """Whether a study does not open, or its check finds something wrong."""
+    try:
+        with Store(study) as store:
+            return any(finding.wrong for finding in check_study(store))
+    except StudyError:
+        return True
