@@ -529,10 +529,15 @@ def test_the_simulated_body_goes_where_the_participant_is(visit: Callable[..., V
     random = np.random.default_rng(11)
     visitor = visit(random_person(sex, 3), sex=sex, free_movement_s=100.0)
     visitor.go_to("free_before")
+    begins_rad = visitor.participant._joint_angles(visitor.now_s, True)
     for _ in range(5):
         degrees = {name: random.uniform(*limits) for name, limits in COMFORTABLE_DEG.items()}
-        visitor.pose_rad = human.joint_angles(**degrees)
-        visitor.tick(80)
+        ends_rad = human.joint_angles(**degrees)
+        for share in np.linspace(0.05, 1.0, 20):
+            visitor.pose_rad = begins_rad + share * (ends_rad - begins_rad)
+            visitor.tick(4)
+        begins_rad = ends_rad
+        visitor.tick(60)
         head_m, *hands_m = tracking_errors(visitor)
         assert head_m < 0.02
         assert max(hands_m) < 0.03

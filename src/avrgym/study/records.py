@@ -37,6 +37,7 @@ class TrackingFrame(Record, frozen=True):
 
     ``applied``: the frame moved the person; one that a newer frame overtook did not.
     ``held``: the frame was stale or invalid, and the person kept the last pose.
+    ``held_parts``: which of ``head``, ``left`` and ``right`` it did not move, because their poses had jumped.
     ``left_modality``, ``right_modality``: what a hand was tracked with: a ``controller``, the bare ``hand``, whose
     pose is the wrist's, a ``mouse`` in place of a headset, or ``none``.
     """
@@ -51,6 +52,7 @@ class TrackingFrame(Record, frozen=True):
     right: Pose | None = None
     left_modality: str = "none"
     right_modality: str = "none"
+    held_parts: list[str] = []
 
 
 class BodyTargets(Record, frozen=True):

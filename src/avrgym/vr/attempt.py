@@ -151,8 +151,10 @@ class Attempt:
         self.experience = self.experience.after(step, self.steps)
         self.record("/control", control_record(self.steps, step), now_s)
 
-    def record_frames(self, frames: Sequence[Frame], followed: Frame | None, *, stale: bool) -> None:
-        """Record tracking frames in the order they came; the person moves to ``followed``."""
+    def record_frames(
+        self, frames: Sequence[Frame], followed: Frame | None, *, stale: bool, held: Sequence[str] = ()
+    ) -> None:
+        """Record tracking frames in the order they came; the person moves to ``followed`` but for what is ``held``."""
         for frame in frames:
             tracking = frame.tracking
             record = records.TrackingFrame(
@@ -161,6 +163,7 @@ class Attempt:
                 received_time_s=frame.received_s - self.began_s,
                 applied=frame is followed,
                 held=stale or not frame.usable,
+                held_parts=list(held) if frame is followed else [],
                 left_modality=tracking.left_modality,
                 right_modality=tracking.right_modality,
                 head=_recorded(tracking.head),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from avrgym.models.human import SEATED, Person, Posture
 from avrgym.vr import messages
 from avrgym.vr.body import BodyPose, resting_head_centre
+from avrgym.vr.jumps import Limbs, Part
 from avrgym.vr.messages import XRPose
 from avrgym.vr.tracking import Frame, TrackingFeed, body_pose
 from avrgym.vr.webxr import Registration, register
@@ -16,13 +17,16 @@ from avrgym.vr.world import LiveWorld
 class Followed:
     """One tick of following: the frames that came, the one that counts, and what changed.
 
-    ``newest`` is ``None`` while the tracking is lost; ``turned``: the tracking was lost or found just now.
+    ``newest`` is ``None`` while the tracking is lost; ``turned``: the tracking was lost or found just now. ``held`` are
+    the parts of the body that jumped and are not where they are tracked, ``held_before`` those of the tick before.
     """
 
     arrived: Sequence[Frame]
     newest: Frame | None
     lost: bool
     turned: bool
+    held: tuple[Part, ...]
+    held_before: tuple[Part, ...]
 
 
 class Presence:
@@ -34,6 +38,7 @@ class Presence:
     def __init__(self) -> None:
         self.registration: Registration | None = None
         self._followed: Frame | None = None
+        self._limbs = Limbs()
         self.lost = False
         self._feed = TrackingFeed()
         self._pose: BodyPose | None = None
@@ -91,14 +96,17 @@ class Presence:
         """Move the world's person to the newest frame, or hold them when it is stale."""
         newest, stale = self._feed.newest, self._feed.is_stale(now_s)
         turned, self.lost = stale != self.lost, stale
-        arrived = self._feed.take_arrived()
+        arrived, held_before = self._feed.take_arrived(), self._limbs.held
         if newest is not None and not stale and self.registration is not None:
-            self._move(world, self.registration, newest)
-        return Followed(arrived, None if stale else newest, stale, turned)
+            self._move(world, self.registration, newest, now_s)
+        return Followed(arrived, None if stale else newest, stale, turned, self._limbs.held, held_before)
 
-    def _move(self, world: LiveWorld, registration: Registration, newest: Frame) -> None:
+    def _move(self, world: LiveWorld, registration: Registration, newest: Frame, now_s: float) -> None:
         """Give the body its targets; arms go on towards theirs while no new frame comes."""
-        if newest is not self._followed or self._pose is None:
+        if newest is not self._followed:
             self._followed = newest
-            self._pose = body_pose(registration, newest.tracking)
+            self._limbs.see(newest.tracking, newest.captured_s, now_s)
+            self._pose = None
+        if self._pose is None or self._limbs.held:
+            self._pose = body_pose(registration, self._limbs.follow(newest.tracking, now_s))
         world.follow(self._pose)

@@ -22,6 +22,7 @@ from avrgym.study import records
 from avrgym.vr import continuity, experimenter, keeping, loading, messages, participant, seating, transitions
 from avrgym.vr.asking import Asking
 from avrgym.vr.attempt import Attempt, Experience
+from avrgym.vr.jumps import PARTS
 from avrgym.vr.messages import PhaseName
 from avrgym.vr.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.preparation import AtOnce
@@ -313,7 +314,10 @@ class Session:
             self.tell(kind(now_s))
         if self.attempt is None:
             return
-        self.attempt.record_frames(followed.arrived, followed.newest, stale=followed.lost)
+        for part in PARTS:
+            if (part in followed.held) != (part in followed.held_before):
+                self.record_event("pose_held" if part in followed.held else "pose_followed", part, now_s)
+        self.attempt.record_frames(followed.arrived, followed.newest, stale=followed.lost, held=followed.held)
         self.attempt.record_targets(self.world.joint_targets_rad, now_s)
 
     # What goes out -----------------------------------------------------------------------------------------------

@@ -61,10 +61,15 @@ def _continues(number: int, before: int) -> bool:
 
 @dataclass(frozen=True)
 class Frame:
-    """A tracking frame and when it arrived; ``usable``: it may move the person."""
+    """A tracking frame and when it arrived; ``usable``: it may move the person.
+
+    ``captured_s`` is when it was captured by the client's own clock, which neither runs ahead of its arrival nor lags
+    far behind: frames that waited in the network and come together lie apart as they did in the headset.
+    """
 
     tracking: Tracking
     received_s: float
+    captured_s: float
     usable: bool
 
 
@@ -79,7 +84,7 @@ class TrackingFeed:
 
     def add(self, tracking: Tracking, now_s: float) -> Frame:
         """Take a frame that arrives now."""
-        frame = Frame(tracking, now_s, self._is_usable(tracking))
+        frame = Frame(tracking, now_s, self._captured_s(tracking, now_s), self._is_usable(tracking))
         self._arrived.append(frame)
         if frame.usable:
             self.newest = frame
@@ -120,6 +125,14 @@ class TrackingFeed:
                 "you look up or down too steeply to tell which way you face; look straight ahead"
             )
         return head
+
+    def _captured_s(self, tracking: Tracking, now_s: float) -> float:
+        """No later than now, whatever time the client tells."""
+        if self.newest is None:
+            return now_s
+        passed_s = (tracking.client_time_ms - self.newest.tracking.client_time_ms) / 1000.0
+        at_least_s = max(self.newest.captured_s, now_s - STALE_S)
+        return min(now_s, max(at_least_s, self.newest.captured_s + passed_s))
 
     def _forget(self, until_s: float) -> None:
         while self._recent and self._recent[0].received_s <= until_s:

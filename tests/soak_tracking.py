@@ -1,0 +1,26 @@
+"""What takes too long for every run of the tests: `make soak`."""
+
+from pathlib import Path
+
+from avrgym.tasks import ENVIRONMENTS
+from hostility import ATTACKS, IMPACT_N, peak_force_n
+
+SEEDS = 5
+
+
+def test_teleporting_poses_press_no_harder_than_a_person_at_rest_and_a_slow_impact(tmp_path: Path) -> None:
+    """In all environments, six seconds a trial."""
+    strongest_n, excess_n = 0.0, 0.0
+    for environment in ENVIRONMENTS:
+        for seed in range(SEEDS):
+            place = tmp_path / f"{environment.replace('/', '-')}-{seed}"
+            at_rest_n = peak_force_n(place / "rest", environment, seed, "rest", steps=60)
+            for attack in ATTACKS:
+                attacked_n = peak_force_n(place / attack, environment, seed, attack, steps=60)
+                strongest_n, excess_n = max(strongest_n, attacked_n), max(excess_n, attacked_n - at_rest_n)
+                assert attacked_n < at_rest_n + IMPACT_N, (environment, seed, attack)
+    trials = len(ENVIRONMENTS) * SEEDS * len(ATTACKS)
+    print(
+        f"\n{trials} trials with teleporting heads and hands: at most {strongest_n:.0f} N on the person in any tick, "
+        f"at most {excess_n:.0f} N more than at rest; allowed are {IMPACT_N:.0f} N more"
+    )

@@ -1,0 +1,165 @@
+"""Poses that jump are not followed: laws of single limbs, then of sessions with hostile tracking."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from avrgym.study.recording import Recording
+from avrgym.study.records import TrackingFrame
+from avrgym.vr.jumps import PARTS, RETURN_SHARE, SETTLED_S, Limb, least_s
+from avrgym.vr.messages import Tracking, XRPose
+from avrgym.vr.tracking import TrackingFeed
+from avrgym.vr.webxr import is_valid
+from avrgym.vr.world import TICK_S
+from hostility import ATTACKS, IMPACT_N, peak_force_n, somewhere
+from visit import Visit, plan
+
+REST = XRPose((0.0, 1.2, 0.0), (0.0, 0.0, 0.0, 1.0))
+FASTEST_FRAME_S = 1.0 / 120.0
+
+
+def towards(pose: XRPose, seconds: float, chance: np.random.Generator) -> XRPose:
+    """A pose as far away as the fastest gets in so many seconds, or less far."""
+    goal = somewhere(pose, chance, 1.0)
+    share = min(1.0, chance.uniform(0.0, 0.999) * seconds / least_s(pose, goal))
+    turn = np.array(pose.orientation) * (1 - share) + share * np.array(goal.orientation) * np.sign(
+        np.dot(pose.orientation, goal.orientation)
+    )
+    position = np.array(pose.position) * (1 - share) + share * np.array(goal.position)
+    x, y, z = np.clip(position, -9.0, 9.0).tolist()
+    nearer = XRPose((x, y, z), tuple((turn / np.linalg.norm(turn)).tolist()))
+    return nearer if least_s(pose, nearer) < seconds else pose
+
+
+def test_what_a_person_can_do_is_followed_exactly() -> None:
+    chance, limb, pose, now_s = np.random.default_rng(1), Limb(), REST, 0.0
+    for _ in range(5000):
+        passed_s = float(chance.uniform(FASTEST_FRAME_S, 0.05))
+        pose, now_s = towards(pose, passed_s, chance), now_s + passed_s
+        limb.see(pose, now_s, now_s)
+        assert limb.follow(now_s) == pose
+        assert not limb.held
+
+
+def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
+    limb, away = Limb(), XRPose((0.3, 1.2, 0.0), REST.orientation)
+    followed = []
+    for tick in range(300):
+        now_s = tick * TICK_S
+        limb.see(REST if tick < 10 else away, now_s, now_s)
+        followed.append(limb.follow(now_s))
+    steps_s = [least_s(one, other) for one, other in pairwise(followed)]
+    moved = [tick for tick, step_s in enumerate(steps_s) if step_s > 0.0]
+    assert moved[0] == pytest.approx(10 + SETTLED_S / TICK_S, abs=2)
+    assert max(steps_s) == pytest.approx(RETURN_SHARE * TICK_S)
+    assert len(moved) == pytest.approx(least_s(REST, away) / (RETURN_SHARE * TICK_S), abs=2)
+    assert followed[-1] == away
+    assert not limb.held
+
+
+def test_who_teleports_at_90_hz_moves_nothing() -> None:
+    """Only a pose that happens to lie where the limb can have got is believed."""
+    chance, limb = np.random.default_rng(3), Limb()
+    limb.see(REST, 0.0, 0.0)
+    assert limb.follow(0.0) == REST
+    for frame in range(1, 9000):
+        now_s = frame / 90.0
+        limb.see(somewhere(REST, chance, 1.0), now_s, now_s)
+        assert limb.follow(now_s) == REST
+
+
+def test_no_sequence_of_poses_makes_a_limb_faster_than_the_fastest() -> None:
+    """Random mixtures of jumps, gaps, rests and movement."""
+    chance = np.random.default_rng(4)
+    for _ in range(200):
+        limb, pose, followed, followed_s = Limb(), REST, REST, 0.0
+        limb.see(REST, 0.0, 0.0)
+        limb.follow(0.0)
+        for tick in range(1, 150):
+            now_s = tick * TICK_S
+            kind = chance.choice(["jump", "gap", "rest", "move"], p=[0.05, 0.2, 0.5, 0.25])
+            if kind == "jump":
+                pose = somewhere(REST, chance, 1.0)
+            elif kind == "move":
+                pose = towards(pose, TICK_S, chance)
+            if kind != "gap":
+                limb.see(pose, now_s, now_s)
+            here = limb.follow(now_s)
+            assert is_valid(here)
+            if here != followed:
+                assert least_s(followed, here) <= now_s - followed_s + 1e-6
+            if kind != "gap":
+                followed, followed_s = here, now_s
+
+
+def frame(number: int, client_s: float, x_m: float) -> Tracking:
+    head = XRPose((x_m, 1.2, 0.0), REST.orientation)
+    return Tracking(number, 1000.0 * client_s, head, None, None, "none", "none")
+
+
+def test_frames_that_the_network_held_up_lie_as_far_apart_as_they_were_captured() -> None:
+    feed = TrackingFeed()
+    arrivals_s = [0.0, *[0.2] * 9, *[0.21] * 9]
+    captured_s = [
+        feed.add(frame(number, 5.0 + number / 90.0, 0.0), now_s).captured_s
+        for number, now_s in enumerate(arrivals_s)
+    ]
+    assert np.diff(captured_s[1:]) == pytest.approx(1.0 / 90.0)
+
+
+@pytest.mark.parametrize("step_s", [0.0, 0.1, 1e9, -1e9, float("nan"), float("inf"), -float("inf")])
+def test_no_clock_of_a_client_runs_ahead_of_the_present_or_stands_still(step_s: float) -> None:
+    feed, before_s = TrackingFeed(), -np.inf
+    for number in range(200):
+        now_s = number / 90.0
+        captured_s = feed.add(frame(number, number * step_s, 0.0), now_s).captured_s
+        assert max(before_s, now_s - 0.2) <= captured_s <= now_s
+        before_s = captured_s
+
+
+# Sessions ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def visit(tmp_path: Path) -> Iterator[Visit]:
+    visit = Visit(tmp_path, plan(free_movement_s=3.0))
+    yield visit
+    visit.leave()
+
+
+def frames(recording: Recording) -> list[TrackingFrame]:
+    return [record for _, record in recording.topics["/tracking"]]
+
+
+def test_a_hand_that_jumps_is_held_and_the_recording_says_so(visit: Visit) -> None:
+    visit.go_to("free_before")
+    visit.tracking = False
+    visit.tick(2)
+    for _ in range(20):
+        tracking = visit.frame()
+        assert tracking.left is not None
+        x, y, z = tracking.left.position
+        visit.tell(msgspec.structs.replace(tracking, left=XRPose((x, y + 0.5, z), tracking.left.orientation)))
+        visit.tick()
+    visit.leave()
+    (recording,) = visit.recordings()
+    events = [(event.name, event.detail) for _, event in recording.topics["/events"]]
+    assert ("pose_held", "left") in events
+    assert not {("pose_held", part) for part in PARTS if part != "left"} & set(events)
+    assert all(each.applied and each.held_parts == ["left"] for each in frames(recording)[-20:])
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_teleporting_poses_press_no_harder_than_a_person_at_rest_and_a_slow_impact(
+    tmp_path: Path, attack: str
+) -> None:
+    environment = "avrgym/FeedingJaco-v1"
+    at_rest_n, attacked_n = (
+        peak_force_n(tmp_path / name, environment, 1, name, steps=20) for name in ("rest", attack)
+    )
+    print(f"\n{attack}: {attacked_n:.0f} N, at rest {at_rest_n:.0f} N, a slow impact {IMPACT_N:.0f} N")
+    assert attacked_n < at_rest_n + IMPACT_N
