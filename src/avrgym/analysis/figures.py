@@ -1,7 +1,8 @@
 """What a study's figures show: answers, objective measures, torso heights and head positions of one group."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
+from textwrap import wrap
 from typing import Any
 
 import matplotlib
@@ -12,20 +13,26 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from avrgym.analysis.biomechanics import Measures, heights
+from avrgym.analysis.comparisons import TRIAL
 from avrgym.analysis.drawing import INK, LINES, RULE, STYLE, WARNING, Drawing
 from avrgym.analysis.rows import LikertRow, ObjectiveRow, PersonRow, TestedRow
+from avrgym.analysis.session_answers import WORDS, about_sessions, sessions_family
 from avrgym.analysis.study import Analysis
-from avrgym.analysis.subjective import middle, rated_items
+from avrgym.analysis.subjective import AFTER_TRIAL, asked_at, middle, policies_family, scale_of
 from avrgym.analysis.trained_people import HEIGHTS_OF, head_of
 from avrgym.models.human import SEXES
 from avrgym.study.design import Design
-from avrgym.study.questionnaire import Item
+from avrgym.study.questionnaire import SESSION_MOMENTS, Item, Questionnaire
 
 WIDTH_IN = 5.0
 GROUP_WIDTH = 0.8
 SHOWN_PEOPLE = 150
 """How many of the people drawn for each distribution and posture a figure shows."""
 BIN_M = 0.01
+LETTERS = 66
+"""How many fit a line above the bars of an item."""
+LINE = 0.55
+"""The height of such a line as a share of a bar's."""
 
 
 def group_name(simulated: bool) -> str:
@@ -42,7 +49,10 @@ def draw_study(analysis: Analysis) -> list[Drawing]:
             reward_figure(analysis.design, simulated, analysis.objective),
         ]
     for simulated in sorted({row.simulated for row in analysis.likert}):
-        drawings.append(likert_figure(analysis.design, simulated, analysis.likert, analysis.tests))
+        own = [row for row in analysis.likert if row.simulated is simulated]
+        tests = [row for row in analysis.tests if row.simulated is simulated]
+        drawings += trial_answers_figures(analysis.design, simulated, own, tests)
+        drawings += session_answers_figures(analysis.design, simulated, own, tests)
     for group in analysis.groups:
         drawings.append(height_figure(group, analysis.people))
         drawings.append(head_figure(group, analysis.people))
@@ -60,38 +70,97 @@ def _draw(simulated: bool, kind: str, caption: str, figure: Figure) -> Drawing:
 # Answers
 
 
-def likert_figure(
+def trial_answers_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[TestedRow]
+) -> Iterator[Drawing]:
+    """The paper's figure for each questionnaire: its items with each policy, and which policies differ."""
+    for questionnaire in asked_at(design, AFTER_TRIAL):
+        own = [row for row in likert if (row.questionnaire, row.moment) == (questionnaire.name, AFTER_TRIAL)]
+        groups = {policy: [row for row in own if row.policy == policy] for policy in design.policies}
+        family = policies_family(design, questionnaire, TRIAL)
+        differ = [row for row in tests if row.family == family]
+        if own:
+            yield _likert_figure(
+                simulated, trial_figure_name(design, questionnaire), questionnaire, groups, differ, "trials"
+            )
+
+
+def session_answers_figures(
+    design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[TestedRow]
+) -> Iterator[Drawing]:
+    """For each questionnaire about sessions its items before and after, and which changed."""
+    for questionnaire in about_sessions(design):
+        own = [row for row in likert if row.questionnaire == questionnaire.name]
+        groups = {
+            WORDS[moment]: [row for row in own if row.moment == moment]
+            for moment in SESSION_MOMENTS
+            if moment in questionnaire.moments
+        }
+        differ = [row for row in tests if row.family == sessions_family(questionnaire)]
+        if any(groups.values()):
+            name = session_figure_name(questionnaire)
+            yield _likert_figure(simulated, name, questionnaire, groups, differ, "participants")
+
+
+def trial_figure_name(design: Design, questionnaire: Questionnaire) -> str:
+    """The figure of answers after trials, named where there are several questionnaires."""
+    return "likert" if len(asked_at(design, AFTER_TRIAL)) == 1 else f"likert-{questionnaire.name}"
+
+
+def session_figure_name(questionnaire: Questionnaire) -> str:
+    """The figure of answers about sessions."""
+    return f"sessions-{questionnaire.name}"
+
+
+def _likert_figure(
+    simulated: bool,
+    name: str,
+    questionnaire: Questionnaire,
+    groups: Mapping[str, Sequence[LikertRow]],
+    tests: Sequence[TestedRow],
+    unit: str,
 ) -> Drawing:
-    """The paper's figure: how each item was answered with each policy, and which policies differ."""
-    items, policies = rated_items(design), design.policies
-    apart = len(policies) + 1.2
-    own = [row for row in likert if row.simulated is simulated]
-    differ = [row for row in tests if row.simulated is simulated and row.family == "policies, by trial"]
+    """How each item of a questionnaire was answered in each group, in its own words, and which groups differ."""
+    heads = [_head(item) for item in questionnaire.items]
+    spaces = [LINE * head.count("\n") + LINE + 0.9 for head in heads]
+    tops = [sum(spaces[: index + 1]) + len(groups) * index for index in range(len(heads))]
+    bottom = tops[-1] + len(groups)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.5 + 0.25 * apart * len(items)), layout="constrained")
+        figure = Figure(figsize=(WIDTH_IN, 0.3 + 0.25 * bottom), layout="constrained")
         axes = figure.add_subplot()
-        for index, item in enumerate(items):
-            _item(axes, apart * index, item, policies, [row for row in own if row.item == item.id])
-            _brackets(axes, apart * index, policies, [row for row in differ if row.quantity == item.id])
-        places = [apart * index + place for index in range(len(items)) for place in range(len(policies))]
-        axes.set_yticks(places, list(policies) * len(items))
-        axes.set(xlim=(-1.0, 1.4), ylim=(apart * len(items) - 0.8, -1.3), xticks=[])
+        for item, head, top in zip(questionnaire.items, heads, tops, strict=True):
+            axes.text(-1.0, top - 0.62, head, fontsize=8, va="bottom", linespacing=1.2, parse_math=False)
+            _bars(axes, top, item, groups)
+            _brackets(axes, top, list(groups), [row for row in tests if row.quantity == item.id])
+        places = [top + place for top in tops for place in range(len(groups))]
+        axes.set_yticks(places, list(groups) * len(tops))
+        axes.set(xlim=(-1.0, 1.4), ylim=(bottom - 0.4, 0.0), xticks=[])
         axes.spines[["left", "bottom"]].set_visible(False)
         axes.tick_params(length=0)
         axes.axvline(0.0, color=RULE, linewidth=0.8, zorder=0)
-    caption = (
-        f"Answers from 1 ({items[0].low}) to {items[0].points} ({items[0].high}), centred on the middle, numbers of "
-        "trials; p by Wilcoxon's signed-rank test over trials, corrected by Holm; * < 0.05, ** < 0.01, *** < 0.001"
+    return _draw(simulated, name, _caption(questionnaire, unit, bool(tests)), figure)
+
+
+def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
+    scales = dict.fromkeys(scale_of(item) for item in questionnaire.items)
+    scale = next(iter(scales)) if len(scales) == 1 else "each item on its own scale"
+    tests = (
+        f"; p by Wilcoxon's signed-rank test over {unit}, corrected by Holm; * < 0.05, ** < 0.01, *** < 0.001"
+        if tested
+        else ""
     )
-    return _draw(simulated, "likert", caption, figure)
+    return f"{questionnaire.name}: answers {scale}, centred on the middle, numbers of {unit}{tests}"
 
 
-def _item(axes: Axes, top: float, item: Item, policies: Sequence[str], rows: Sequence[LikertRow]) -> None:
-    """An item's text above a bar for each policy."""
-    axes.text(-1.0, top - 0.62, f"{item.id}  {item.text}", fontsize=8, va="bottom")
-    for place, policy in enumerate(policies):
-        own = [row for row in rows if row.policy == policy]
+def _head(item: Item) -> str:
+    """An item's words and scale in lines that fit the figure."""
+    return "\n".join([*wrap(f"{item.id}  {item.text}", LETTERS), *wrap(scale_of(item), LETTERS)])
+
+
+def _bars(axes: Axes, top: float, item: Item, groups: Mapping[str, Sequence[LikertRow]]) -> None:
+    """A bar for each group."""
+    for place, rows in enumerate(groups.values()):
+        own = sorted((row for row in rows if row.item == item.id), key=lambda row: row.value)
         _stack(axes, top + place, [row.share for row in own], [row.count for row in own], middle(item))
 
 
@@ -110,10 +179,10 @@ def _stack(axes: Axes, y: float, shares: Sequence[float], counts: Sequence[int],
         left += share
 
 
-def _brackets(axes: Axes, top: float, policies: Sequence[str], tests: Sequence[TestedRow]) -> None:
-    """Which policies differ in an item, beside its bars."""
+def _brackets(axes: Axes, top: float, groups: Sequence[str], tests: Sequence[TestedRow]) -> None:
+    """Which groups differ in an item, beside its bars."""
     for index, row in enumerate(tests):
-        first, second = (top + policies.index(policy) for policy in (row.group_b, row.group_a))
+        first, second = (top + groups.index(group) for group in (row.group_b, row.group_a))
         x = 1.02 + 0.2 * index
         axes.plot([x, x + 0.02, x + 0.02, x], [first, first, second, second], color=INK, linewidth=0.8)
         axes.text(x + 0.04, (first + second) / 2, _p_text(row), fontsize=7, va="center")

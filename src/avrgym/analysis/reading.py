@@ -1,6 +1,6 @@
 """Reading a study for its analysis: every participant, trial, attempt and answer, each completed recording once."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import fmean, median
 from typing import Any
@@ -10,9 +10,11 @@ import numpy as np
 from avrgym.analysis.measures import Body, Measured, measure, other_versions
 from avrgym.analysis.rows import AnswerRow, AttemptRow, ParticipantRow, ProblemRow, TermRow, TrialRow
 from avrgym.models.robots import find_robot
+from avrgym.study.answers import answer_moments
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
+from avrgym.study.questionnaire import SESSION_MOMENTS
 from avrgym.study.recording import Recording, RecordingError
-from avrgym.study.rows import Participant, Trial
+from avrgym.study.rows import GivenAnswer, Participant, Trial
 from avrgym.study.states import TAKES_PART, StudyError
 from avrgym.study.store import Store
 from avrgym.tasks import TASKS, find_environment
@@ -56,7 +58,7 @@ def observe(store: Store, progress: Callable[[int, int], None] = lambda done, al
     found.attempts.extend(_attempt(each) for each in attempts)
     counted = {(row.participant, row.position) for row in found.trials if row.counted}
     for participant in store.participants():
-        found.answers.extend(_answers(store, participant, attempts, counted))
+        found.answers.extend(_answers(store, participant, attempts, counted, found))
         found.participants.append(_participant(store, participant, found))
     return found
 
@@ -203,20 +205,36 @@ def _attempt(exported: ExportedAttempt) -> AttemptRow:
 
 
 def _answers(
-    store: Store, participant: Participant, attempts: Sequence[ExportedAttempt], counted: set[TrialKey]
+    store: Store,
+    participant: Participant,
+    attempts: Sequence[ExportedAttempt],
+    counted: set[TrialKey],
+    found: Observations,
 ) -> list[AnswerRow]:
     by_id = {each.attempt.id: each for each in attempts}
+    answers = store.answers(participant.pseudonym)
+    moments = answer_moments(store.design, answers, store.events())
+    numbers = {session.id: session.number for session in store.sessions(participant.pseudonym)}
+    compared = _compared(answers, moments) if participant.state in TAKES_PART else set()
+    found.problems.extend(_asked_again(participant, answers, moments, numbers, compared))
     rows = []
-    for answer in store.answers(participant.pseudonym):
+    for answer in answers:
         about = by_id.get(answer.attempt or 0)
+        questionnaire = store.design.questionnaire_of(answer.item)
         item = store.design.items.get(answer.item)
+        of_trial = (
+            about is not None
+            and about.attempt.state == "completed"
+            and (participant.pseudonym, about.trial.position) in counted
+        )
         rows.append(
             AnswerRow(
                 participant=participant.pseudonym,
                 simulated=participant.simulated,
-                counted=about is not None
-                and about.attempt.state == "completed"
-                and (participant.pseudonym, about.trial.position) in counted,
+                counted=of_trial or answer.id in compared,
+                session=numbers[answer.session],
+                moment=moments[answer.id],
+                questionnaire=questionnaire.name if questionnaire else None,
                 position=about.trial.position if about else None,
                 task=about.task if about else None,
                 robot=about.robot if about else None,
@@ -229,6 +247,41 @@ def _answers(
             )
         )
     return rows
+
+
+def _compared(answers: Sequence[GivenAnswer], moments: Mapping[int, str]) -> set[int]:
+    """The ids of the answers about sessions that count: of each item the latest after one, the latest before that."""
+    before, after = SESSION_MOMENTS
+    ids = set()
+    for item in {answer.item for answer in answers}:
+        own = [answer.id for answer in answers if answer.item == item]
+        last = max((each for each in own if moments[each] == after), default=None)
+        first = [each for each in own if moments[each] == before and (last is None or each < last)]
+        ids |= {each for each in (last, max(first, default=None)) if each is not None}
+    return ids
+
+
+def _asked_again(
+    participant: Participant,
+    answers: Sequence[GivenAnswer],
+    moments: Mapping[int, str],
+    numbers: Mapping[int, int],
+    compared: set[int],
+) -> Iterator[ProblemRow]:
+    """Which items about sessions were answered more than once."""
+    for moment in SESSION_MOMENTS:
+        given = [answer for answer in answers if moments[answer.id] == moment]
+        passed_over = [answer for answer in given if answer.id not in compared]
+        again = [each for each in passed_over if participant.state in TAKES_PART]
+        if again:
+            items = ", ".join(dict.fromkeys(answer.item for answer in again))
+            sessions = " and ".join(str(n) for n in sorted({numbers[each.session] for each in given}))
+            yield ProblemRow(
+                simulated=participant.simulated,
+                where=participant.pseudonym,
+                what=f"answered {items} {moment.replace('_', ' ')} more than once, in sessions {sessions}",
+                consequence="of each item the latest after sessions counts, and the latest before that",
+            )
 
 
 def _participant(store: Store, participant: Participant, found: Observations) -> ParticipantRow:

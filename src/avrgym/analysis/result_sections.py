@@ -3,12 +3,16 @@
 from collections.abc import Mapping, Sequence
 from itertools import product
 
+from avrgym.analysis.comparisons import PARTICIPANT, TRIAL
 from avrgym.analysis.drawing import Drawing
+from avrgym.analysis.figures import session_figure_name, trial_figure_name
 from avrgym.analysis.objective import ALL
 from avrgym.analysis.page import Markup, brief, figure, listing, quantity, table, tag
-from avrgym.analysis.rows import ObjectiveRow, RangeRow, SubjectiveRow, TestedRow
+from avrgym.analysis.rows import ObjectiveRow, RangeRow, SessionAnswerRow, SubjectiveRow, TestedRow
+from avrgym.analysis.session_answers import WORDS, about_sessions, sessions_family
 from avrgym.analysis.study import Analysis
-from avrgym.analysis.subjective import rated_items
+from avrgym.analysis.subjective import AFTER_TRIAL, asked_at, policies_family, scale_of
+from avrgym.study.questionnaire import SESSION_MOMENTS, Questionnaire
 
 Drawings = Mapping[str, Drawing]
 
@@ -98,35 +102,102 @@ def _percent(rate: float | None, low: float | None, high: float | None) -> str:
 
 
 def answers(analysis: Analysis, simulated: bool, drawings: Drawings) -> Markup:
-    """How participants answered, with the paper's tests."""
-    rows = [row for row in analysis.subjective if row.simulated is simulated]
-    if not rows:
+    """How participants answered each questionnaire after trials, with the paper's tests, then about sessions."""
+    rated = [
+        _after_trials(analysis, simulated, drawings, questionnaire)
+        for questionnaire in asked_at(analysis.design, AFTER_TRIAL)
+    ]
+    about = [
+        _about_sessions(analysis, simulated, drawings, questionnaire)
+        for questionnaire in about_sessions(analysis.design)
+    ]
+    shown = [part for part in (*rated, *about) if part]
+    if not shown:
         return _nothing("Answers", "No statement was rated yet.")
+    return tag("section", tag("h3", "Answers"), *shown)
+
+
+def _after_trials(
+    analysis: Analysis, simulated: bool, drawings: Drawings, questionnaire: Questionnaire
+) -> Markup:
+    items = [item.id for item in questionnaire.items]
+    rows = [row for row in analysis.subjective if row.simulated is simulated and row.item in items]
+    if not rows:
+        return Markup()
     whole = [row for row in rows if (row.task, row.robot) == (ALL, ALL)]
     parts = [row for row in rows if (row.task, row.robot) != (ALL, ALL)]
-    first = rated_items(analysis.design)[0].id
+    families = {policies_family(analysis.design, questionnaire, unit) for unit in (TRIAL, PARTICIPANT)}
     tests = [row for row in analysis.tests if row.simulated is simulated]
-    own = [row for row in tests if row.family.startswith((f"{first} against", "policies,"))]
+    own = [
+        row
+        for row in tests
+        if row.family in families or row.family.startswith(tuple(f"{item} against" for item in items))
+    ]
+    name = questionnaire.name
     return tag(
         "section",
-        tag("h3", "Answers"),
-        _figures(drawings, "likert"),
-        _summaries("Answers by policy, over all tasks and robots", whole, simulated),
-        _details("By task and robot", _summaries("Answers by policy, task and robot", parts, simulated)),
-        tag("h4", "Tests"),
-        _tests("Tests of answers", own, simulated),
+        tag("h4", f"{name}, asked after each trial"),
+        _statements(questionnaire),
+        _figures(drawings, trial_figure_name(analysis.design, questionnaire)),
+        _summaries(f"{name}: answers by policy, over all tasks and robots", whole, simulated),
+        _details(
+            "By task and robot", _summaries(f"{name}: answers by policy, task and robot", parts, simulated)
+        ),
+        _tests(f"{name}: tests of answers", own, simulated),
     )
+
+
+def _about_sessions(
+    analysis: Analysis, simulated: bool, drawings: Drawings, questionnaire: Questionnaire
+) -> Markup:
+    rows = [
+        row
+        for row in analysis.session_answers
+        if (row.simulated, row.questionnaire) == (simulated, questionnaire.name)
+    ]
+    if not rows:
+        return Markup()
+    family = sessions_family(questionnaire)
+    tests = [row for row in analysis.tests if (row.simulated, row.family) == (simulated, family)]
+    name, when = questionnaire.name, " and ".join(WORDS[each] for each in _moments(questionnaire))
+    heads = ("Item", "When", "n", "Median", "Quartiles", "Mean", "Range")
+    body = [(row.item, WORDS[row.moment], *_quartiles(row)) for row in rows]
+    caption = _about(f"{name}: answers {when} sessions, one for each participant", simulated)
+    return tag(
+        "section",
+        tag("h4", f"{name}, asked {when} sessions"),
+        _statements(questionnaire),
+        _figures(drawings, session_figure_name(questionnaire)),
+        table(caption, heads, body, numbers=(2, 3, 4, 5, 6)),
+        _tests(f"{name}: after sessions against before", tests, simulated) if tests else Markup(),
+    )
+
+
+def _moments(questionnaire: Questionnaire) -> list[str]:
+    return [moment for moment in SESSION_MOMENTS if moment in questionnaire.moments]
+
+
+def _statements(questionnaire: Questionnaire) -> Markup:
+    """The items in their own words."""
+    return listing([f"{item.id}: {item.text} ({scale_of(item)})" for item in questionnaire.items])
+
+
+def _quartiles(row: SubjectiveRow | SessionAnswerRow) -> tuple[int, str, str, str, str]:
+    """Number, median, quartiles, mean and range of answers, or of their changes."""
+    return (
+        row.n, _brief_number(row.median), f"{_brief_number(row.lower_quartile)} to {_brief_number(row.upper_quartile)}",
+        quantity(row.mean), f"{_brief_number(row.least)} to {_brief_number(row.most)}",
+    )  # fmt: skip
+
+
+def _brief_number(value: float) -> str:
+    """A number without needless digits."""
+    return f"{value:g}".replace("-", "−")
 
 
 def _summaries(caption: str, rows: Sequence[SubjectiveRow], simulated: bool) -> Markup:
     heads = ("Item", "Policy", "Task", "Robot", "n", "Median", "Quartiles", "Mean", "Range")
-    body = [
-        (
-            row.item, row.policy, row.task, row.robot, row.n, f"{row.median:g}",
-            f"{row.lower_quartile:g} to {row.upper_quartile:g}", f"{row.mean:.2f}", f"{row.least} to {row.most}",
-        )
-        for row in rows
-    ]  # fmt: skip
+    body = [(row.item, row.policy, row.task, row.robot, *_quartiles(row)) for row in rows]
     return table(_about(caption, simulated), heads, body, numbers=(4, 5, 6, 7, 8))
 
 

@@ -97,11 +97,18 @@ class AttemptRow:
 
 @dataclass(frozen=True, kw_only=True)
 class AnswerRow:
-    """An answer; one about a whole session has no trial. ``counted`` as for its trial, for completed attempts."""
+    """An answer; one about a whole session has no trial. ``moment`` is when it was asked.
+
+    ``counted`` as for its trial, for completed attempts; about sessions for the answers that are compared, one for each
+    participant, item and moment: the latest after a session, and the latest before that.
+    """
 
     participant: str
     simulated: bool
     counted: bool
+    session: int
+    moment: str
+    questionnaire: str | None
     position: int | None
     task: str | None
     robot: str | None
@@ -196,12 +203,34 @@ class SubjectiveRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LikertRow:
-    """How often a value was answered to an item with a policy, over all tasks and robots."""
+class SessionAnswerRow:
+    """Counted answers to one item before or after sessions, one for each participant; or their ``change``.
+
+    The change is that of the participants who answered both times, after less before.
+    """
 
     simulated: bool
+    questionnaire: str
     item: str
-    policy: str
+    moment: str
+    n: int
+    mean: float
+    least: int
+    lower_quartile: float
+    median: float
+    upper_quartile: float
+    most: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class LikertRow:
+    """How often a value was answered to an item: with a policy, over all tasks and robots, or about sessions."""
+
+    simulated: bool
+    questionnaire: str
+    moment: str
+    item: str
+    policy: str | None
     value: int
     count: int
     share: float

@@ -4,12 +4,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
+
 from avrgym.analysis import rows
 from avrgym.analysis.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
 from avrgym.analysis.biomechanics_tests import biomechanics_tests
 from avrgym.analysis.manifest import FORMAT_NAME
 from avrgym.analysis.objective import objective_rows
 from avrgym.analysis.reading import Observations, observe
+from avrgym.analysis.session_answers import session_answer_rows, session_likert_rows, session_tests
 from avrgym.analysis.statistics import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
 from avrgym.analysis.subjective import answer_tests, likert_rows, subjective_rows
 from avrgym.analysis.tables import Table, control_steps
@@ -33,6 +36,7 @@ class Analysis:
     people: list[rows.PersonRow]
     objective: list[rows.ObjectiveRow]
     subjective: list[rows.SubjectiveRow]
+    session_answers: list[rows.SessionAnswerRow]
     likert: list[rows.LikertRow]
     tests: list[rows.TestedRow]
     biomechanics: list[rows.BiomechanicsRow]
@@ -49,6 +53,7 @@ class Analysis:
         yield Table.of("problems", rows.ProblemRow, seen.problems)
         yield Table.of("objective", rows.ObjectiveRow, self.objective)
         yield Table.of("subjective", rows.SubjectiveRow, self.subjective)
+        yield Table.of("session_answers", rows.SessionAnswerRow, self.session_answers)
         yield Table.of("likert", rows.LikertRow, self.likert)
         yield Table.of("tests", rows.TestedRow, self.tests)
         yield Table.of("biomechanics", rows.BiomechanicsRow, self.biomechanics)
@@ -62,6 +67,7 @@ class Analysis:
             "format": FORMAT,
             "title": self.design.title,
             "versions": versions(),
+            "questionnaires": msgspec.to_builtins(self.design.questionnaires),
             "settings": {
                 "people_per_task": PEOPLE_PER_TASK,
                 "seed": SEED,
@@ -78,16 +84,17 @@ def analyse(store: Store, progress: Callable[[int, int], None] = lambda done, al
     observed = observe(store, progress)
     people = draw_people(store.design)
     groups = measured_groups(observed.trials)
-    answers = answer_tests(store.design, observed.answers)
+    given = store.design, observed.answers
     return Analysis(
         design=store.design,
         observed=observed,
         groups=groups,
         people=people,
         objective=objective_rows(store, observed.trials),
-        subjective=subjective_rows(store.design, observed.answers),
-        likert=likert_rows(store.design, observed.answers),
-        tests=answers + biomechanics_tests(groups, people),
+        subjective=subjective_rows(*given),
+        session_answers=session_answer_rows(*given),
+        likert=likert_rows(*given) + session_likert_rows(*given),
+        tests=answer_tests(*given) + session_tests(*given) + biomechanics_tests(groups, people),
         biomechanics=biomechanics_rows(groups, people),
         ranges=range_rows(groups),
     )

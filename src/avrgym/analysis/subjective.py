@@ -11,8 +11,9 @@ from avrgym.analysis.objective import ALL
 from avrgym.analysis.rows import AnswerRow, LikertRow, SubjectiveRow, TestedRow
 from avrgym.analysis.statistics import signed_rank
 from avrgym.study.design import Design
-from avrgym.study.questionnaire import Item
+from avrgym.study.questionnaire import Item, Questionnaire
 
+AFTER_TRIAL = "after_trial"
 DIGITS = 9
 """Means over a participant's trials are rounded to so many decimals, so that equal means are equal."""
 Key = tuple[str, ...]
@@ -35,43 +36,75 @@ def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Subjec
 
 
 def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
-    """How often each value was answered to each item with each policy."""
+    """How often each value was answered to each item after trials, with each policy."""
     rows = []
-    for simulated, item, policy in product(_groups(answers), rated_items(design), design.policies):
-        values = [row.value for row in _of(answers, simulated, item.id, policy)]
-        for value in range(1, item.points + 1):
-            count = values.count(value)
-            share = count / len(values) if values else 0.0
-            rows.append(
-                LikertRow(
-                    simulated=simulated, item=item.id, policy=policy, value=value, count=count, share=share
-                )
-            )
+    for simulated, questionnaire in product(_groups(answers), asked_at(design, AFTER_TRIAL)):
+        for item, policy in product(questionnaire.items, design.policies):
+            values = [row.value for row in _of(answers, simulated, item.id, policy)]
+            rows += counts(simulated, questionnaire.name, AFTER_TRIAL, item, policy, values)
     return rows
+
+
+def counts(
+    simulated: bool,
+    questionnaire: str,
+    moment: str,
+    item: Item,
+    policy: str | None,
+    values: Sequence[int],
+) -> list[LikertRow]:
+    """How often each value of an item's scale is among values."""
+    return [
+        LikertRow(
+            simulated=simulated,
+            questionnaire=questionnaire,
+            moment=moment,
+            item=item.id,
+            policy=policy,
+            value=value,
+            count=values.count(value),
+            share=values.count(value) / len(values) if values else 0.0,
+        )
+        for value in range(1, item.points + 1)
+    ]
 
 
 def answer_tests(design: Design, answers: Sequence[AnswerRow]) -> list[TestedRow]:
     """The paper's tests, once over trials as in the paper and once over participants.
 
     The first item asked after a trial (L1: success) against the middle of its scale, for each policy; each item
-    with one policy against another, paired within participant × task × robot. Trials of one participant are not
-    independent, so that p over trials is too small where participants differ in general; over participants each
-    gives one value, the mean of their trials.
+    with one policy against another, paired within participant × task × robot, each questionnaire a family. Trials of
+    one participant are not independent, so that p over trials is too small where participants differ in general; over
+    participants each gives one value, the mean of their trials.
     """
     rows = []
     for simulated in _groups(answers):
         for unit in (TRIAL, PARTICIPANT):
             rows += _against_middle(design, answers, simulated, unit)
-        for unit in (TRIAL, PARTICIPANT):
-            rows += _between_policies(design, answers, simulated, unit)
+        for questionnaire, unit in product(asked_at(design, AFTER_TRIAL), (TRIAL, PARTICIPANT)):
+            rows += _between_policies(design, questionnaire, answers, simulated, unit)
     return corrected(rows)
+
+
+def asked_at(design: Design, moment: str) -> list[Questionnaire]:
+    """The questionnaires of a moment, in the design's order."""
+    return [questionnaire for questionnaire in design.questionnaires if moment in questionnaire.moments]
 
 
 def rated_items(design: Design) -> tuple[Item, ...]:
     """The items that are asked after each trial, in the design's order."""
-    return tuple(
-        item for asked in design.questionnaires if asked.when == "after_trial" for item in asked.items
-    )
+    return tuple(item for questionnaire in asked_at(design, AFTER_TRIAL) for item in questionnaire.items)
+
+
+def policies_family(design: Design, questionnaire: Questionnaire, unit: str) -> str:
+    """The family of the tests between policies of a questionnaire's items, named where there are several."""
+    several = len(asked_at(design, AFTER_TRIAL)) > 1
+    return f"policies, {questionnaire.name}, by {unit}" if several else f"policies, by {unit}"
+
+
+def scale_of(item: Item) -> str:
+    """An item's scale in its own words."""
+    return f"from 1 ({item.low}) to {item.points} ({item.high})"
 
 
 def middle(item: Item) -> float:
@@ -101,10 +134,10 @@ def _against_middle(
 
 
 def _between_policies(
-    design: Design, answers: Sequence[AnswerRow], simulated: bool, unit: str
+    design: Design, questionnaire: Questionnaire, answers: Sequence[AnswerRow], simulated: bool, unit: str
 ) -> list[TestedRow]:
     rows = []
-    for (first, second), item in product(combinations(design.policies, 2), rated_items(design)):
+    for (first, second), item in product(combinations(design.policies, 2), questionnaire.items):
         a = {_key(row): row.value for row in _of(answers, simulated, item.id, first)}
         b = {_key(row): row.value for row in _of(answers, simulated, item.id, second)}
         pairs = [key for key in a if key in b]
@@ -113,7 +146,7 @@ def _between_policies(
         rows.append(
             tested(
                 simulated,
-                f"policies, by {unit}",
+                policies_family(design, questionnaire, unit),
                 item.id,
                 unit,
                 (second, after),

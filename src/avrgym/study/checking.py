@@ -5,12 +5,22 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from avrgym.study.answers import answered_in_visit
 from avrgym.study.attempts import sha256_of
 from avrgym.study.checking_database import check_database, check_private
 from avrgym.study.finding import Finding
 from avrgym.study.preflight import policy_faults
+from avrgym.study.questionnaire import SESSION_MOMENTS
 from avrgym.study.recording import Recording, RecordingError, read_recording
-from avrgym.study.rows import RECORDINGS, GivenAnswer, Participant, StudySession, Trial, TrialAttempt
+from avrgym.study.rows import (
+    RECORDINGS,
+    GivenAnswer,
+    Participant,
+    StudySession,
+    Trial,
+    TrialAttempt,
+    pseudonym_of,
+)
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 
@@ -84,19 +94,27 @@ def _check_participant(
             store, participant, sessions[attempt.session], by_id[attempt.trial], attempt, own
         )
     for session in sessions.values():
-        yield from _check_session(store, session, answers)
+        yield from _check_session(store, session)
     for trial in trials:
         completed = [a for a in attempts if a.trial == trial.id and a.state == "completed"]
         if len(completed) != (trial.state == "completed"):
             yield Finding(str(trial), f"is {trial.state} with {len(completed)} completed attempts")
 
 
-def _check_session(store: Store, session: StudySession, answers: list[GivenAnswer]) -> Iterator[Finding]:
-    """What was asked about an ended session and not answered: whoever was asked may have left."""
-    asked = (*store.design.items_at("before_session"), *store.design.items_at("after_session"))
-    given = {answer.item for answer in answers if answer.session == session.id and answer.attempt is None}
-    missing = [item.id for item in asked if item.id not in given]
-    if missing and session.state != "open":
+def _check_session(store: Store, session: StudySession) -> Iterator[Finding]:
+    """What was asked about an ended session and not answered: whoever was asked may have left.
+
+    After a crash the rest is asked in the next session.
+    """
+    answered = answered_in_visit(store, session)
+    missing = [
+        item.id
+        for when in SESSION_MOMENTS
+        for item in store.design.items_at(when)
+        if (when, item.id) not in answered
+    ]
+    last = session.id == store.sessions(pseudonym_of(session.participant))[-1].id
+    if missing and (session.state == "closed" or (session.state == "interrupted" and last)):
         yield Finding(str(session), f"has no answer to {', '.join(missing)}", wrong=False)
 
 

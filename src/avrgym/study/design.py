@@ -82,6 +82,10 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         """Every item of every questionnaire by its id."""
         return {item.id: item for questionnaire in self.questionnaires for item in questionnaire.items}
 
+    def questionnaire_of(self, item: str) -> Questionnaire | None:
+        """The questionnaire that an item stands in; ``None`` for one that the design no longer asks."""
+        return next((each for each in self.questionnaires for own in each.items if own.id == item), None)
+
     def items_at(self, when: str, seed: int = 0) -> tuple[Item, ...]:
         """The items to ask at a moment, in order; ``seed`` is that of the trial."""
         return items_to_ask(self.questionnaires, when, seed)
@@ -201,7 +205,9 @@ def _check_questionnaires(design: Design) -> None:
     known: set[str] = set()
     for index, questionnaire in enumerate(design.questionnaires):
         place = ("questionnaires", index)
-        _check_choice((*place, "when"), questionnaire.when, MOMENTS)
+        for moment in questionnaire.moments:
+            _check_choice((*place, "when"), moment, MOMENTS)
+        _check_unique((*place, "when"), questionnaire.moments)
         _check_choice((*place, "order"), questionnaire.order, ITEM_ORDERS)
         for number, item in enumerate(questionnaire.items):
             _check_id((*place, "items", number, "id"), item.id, known)

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Self
 
 from avrgym.models.human import Person
-from avrgym.study.answers import record_answer, record_session_answer
+from avrgym.study.answers import answered_in_visit, record_answer, record_session_answer
 from avrgym.study.attempts import begin_attempt, complete_attempt, end_attempt
 from avrgym.study.participants import withdraw
 from avrgym.study.preflight import load_study_policy
@@ -86,12 +86,17 @@ class StudyVisit:
         )
 
     def items(self, when: str) -> tuple[Item, ...]:
-        """What is asked ``before_session`` or ``after_session``, in this participant's order."""
-        return self.store.design.items_at(when, seed=self.stored.participant)
+        """What is still to be asked ``before_session`` or ``after_session``, in this participant's order.
 
-    def record(self, item: str, value: int, response_time_s: float) -> None:
+        What was answered before a crash is not asked again.
+        """
+        asked = self.store.design.items_at(when, seed=self.stored.participant)
+        answered = answered_in_visit(self.store, self.stored) if asked else set()
+        return tuple(item for item in asked if (when, item.id) not in answered)
+
+    def record(self, item: str, value: int, response_time_s: float, when: str) -> None:
         """Store an answer about the session; ``StudyError`` for what is none or was given already."""
-        record_session_answer(self.store, self.stored.id, item, value, response_time_s)
+        record_session_answer(self.store, self.stored.id, item, value, response_time_s, when)
 
     def tell(self, name: str, detail: str) -> None:
         """Store that something happened."""

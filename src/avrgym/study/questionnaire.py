@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 
 MOMENTS = ("before_session", "after_trial", "after_session")
+SESSION_MOMENTS = ("before_session", "after_session")
 ITEM_ORDERS = ("fixed", "random")
 MOST_POINTS = 101
 
@@ -22,12 +23,17 @@ class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Items that are asked together: when (``MOMENTS``), and in which order (``ITEM_ORDERS``)."""
+    """Items that are asked together: when (one or several of ``MOMENTS``), and in which order (``ITEM_ORDERS``)."""
 
     name: str
-    when: str
+    when: str | Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
     items: Annotated[tuple[Item, ...], msgspec.Meta(min_length=1)]
     order: str = "fixed"
+
+    @property
+    def moments(self) -> tuple[str, ...]:
+        """When it is asked."""
+        return (self.when,) if isinstance(self.when, str) else self.when
 
 
 def _likert(id: str, text: str) -> Item:
@@ -47,7 +53,7 @@ def items_to_ask(questionnaires: Iterable[Questionnaire], when: str, seed: int) 
     rng = np.random.default_rng(seed)
     asked: list[Item] = []
     for questionnaire in questionnaires:
-        if questionnaire.when == when:
+        if when in questionnaire.moments:
             count = len(questionnaire.items)
             indices = rng.permutation(count) if questionnaire.order == "random" else range(count)
             asked += [questionnaire.items[index] for index in indices]

@@ -70,7 +70,7 @@ class SessionQuestions:
         asked = self._asking.question().item
         if answer.item != asked:
             raise StudyError(f"{answer.item!r} is not asked now; {asked} is")
-        self._visit.record(answer.item, answer.value, answer.response_time_s)
+        self._visit.record(answer.item, answer.value, answer.response_time_s, self.when)
         self._asking.take(answer)
         if not self._asking.done:
             self._send(self._asking.question())

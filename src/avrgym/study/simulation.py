@@ -74,9 +74,12 @@ def traits_of(participant: Participant, seed: int) -> Traits:
 
 
 def _answer(visit: StudyVisit, when: str, chance: np.random.Generator) -> None:
-    """Answer what is asked about the session; these answers are chance."""
-    for item in visit.items(when):
-        visit.record(item.id, int(chance.integers(1, item.points + 1)), ANSWER_AFTER_S)
+    """Answer what is asked about the session; these answers are chance, also those that a crash left nothing to ask."""
+    asked = visit.items(when)
+    for item in visit.store.design.items_at(when, seed=visit.stored.participant):
+        value = int(chance.integers(1, item.points + 1))
+        if item in asked:
+            visit.record(item.id, value, ANSWER_AFTER_S, when)
 
 
 def _run_trial(visit: StudyVisit, seed: int) -> None:

@@ -10,6 +10,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from avrgym.study.answers import answer_moments
 from avrgym.study.export import LEFT_OUT, NOTICE
 from avrgym.study.export.tables import neutral
 from avrgym.study.export.trials import ExportedAttempt
@@ -200,12 +201,12 @@ def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Pa
     folder.mkdir()
     for questionnaire in store.design.questionnaires:
         items = {item.id: item for item in questionnaire.items}
-        rows = _rows_of_answers(store, attempts, set(items))
-        if not any(len(row) > 2 for row in rows):
+        rows, asked = _rows_of_answers(store, attempts, set(items))
+        if not asked:
             continue
-        columns = list(dict.fromkeys(name for row in rows for name in row))
+        columns = ["participant_id", "simulated", *asked]
         _write_table(folder / f"{questionnaire.name}.tsv", [{c: row.get(c) for c in columns} for row in rows])
-        described = {name: _describe(items[name.rpartition("_")[2]]) for name in columns[2:]}
+        described = {name: _describe(items[item]) for name, item in asked.items()}
         described["simulated"] = {"Description": CONDITION["simulated"]}
         _write_json(folder / f"{questionnaire.name}.json", described)
     if not any(folder.iterdir()):
@@ -219,20 +220,28 @@ def _describe(item: Item) -> dict[str, Any]:
 
 def _rows_of_answers(
     store: Store, attempts: Sequence[ExportedAttempt], items: set[str]
-) -> list[dict[str, Any]]:
-    """A row for each participant with answers to these items, a column for each condition or session and item."""
-    rows = []
+) -> tuple[list[dict[str, Any]], dict[str, str]]:
+    """A row for each participant with answers to these items, a column for each condition or session and item.
+
+    With them comes what item each column holds.
+    """
+    rows, asked = [], {}
+    people = {person.number: person for person in store.participants()}
     for number, own in groupby(attempts, key=lambda exported: exported.participant.number):
-        conditions = {e.attempt.id: f"{e.task}_{e.robot}_{e.trial.policy}" for e in own}
-        participant = next(p for p in store.participants() if p.number == number)
+        about = {e.attempt.id: f"{e.task}_{e.robot}_{e.trial.policy}" for e in own}
+        participant = people[number]
         sessions = {session.id: session.name for session in store.sessions(participant.pseudonym)}
         row: dict[str, Any] = {"participant_id": participant.pseudonym, "simulated": participant.simulated}
-        for answer in store.answers(participant.pseudonym):
-            about = sessions[answer.session] if answer.attempt is None else conditions.get(answer.attempt)
-            if about is not None and answer.item in items:
-                row[f"{about}_{answer.item}"] = answer.value
+        answers = store.answers(participant.pseudonym)
+        moments = answer_moments(store.design, answers, store.events())
+        for answer in answers:
+            if answer.item not in items or (answer.attempt is not None and answer.attempt not in about):
+                continue
+            session = f"{sessions[answer.session]}_{moments[answer.id]}"
+            column = f"{session if answer.attempt is None else about[answer.attempt]}_{answer.item}"
+            row[column], asked[column] = answer.value, answer.item
         rows.append(row)
-    return rows
+    return rows, asked
 
 
 def _write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from avrgym.episodes import ACTIONS
+from avrgym.study.answers import answer_moments
 from avrgym.study.export import NOTICE
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.states import StudyError
@@ -100,7 +101,10 @@ def _answers(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str
     by_id = {exported.attempt.id: exported.labels() for exported in attempts}
     for participant in store.participants():
         numbers = {session.id: session.number for session in store.sessions(participant.pseudonym)}
-        for answer in store.answers(participant.pseudonym):
+        answers = store.answers(participant.pseudonym)
+        moments = answer_moments(store.design, answers, store.events())
+        for answer in answers:
+            questionnaire = store.design.questionnaire_of(answer.item)
             labels = by_id.get(answer.attempt or 0, {})
             whose = {"participant": participant.pseudonym, "simulated": participant.simulated}
             yield {
@@ -110,6 +114,8 @@ def _answers(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str
                     name: labels.get(name)
                     for name in ("position", "practice", "task", "robot", "policy", "attempt")
                 },
+                "moment": moments[answer.id],
+                "questionnaire": questionnaire.name if questionnaire else None,
                 "item": answer.item,
                 "value": answer.value,
                 "points": store.design.items[answer.item].points

@@ -1,0 +1,105 @@
+"""What participants answered before and after sessions, and how that changed."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from statistics import fmean
+
+import numpy as np
+
+from avrgym.analysis.comparisons import PARTICIPANT, corrected, tested
+from avrgym.analysis.rows import AnswerRow, LikertRow, SessionAnswerRow, TestedRow
+from avrgym.analysis.statistics import signed_rank
+from avrgym.analysis.subjective import counts
+from avrgym.study.design import Design
+from avrgym.study.questionnaire import SESSION_MOMENTS, Questionnaire
+
+BEFORE, AFTER = SESSION_MOMENTS
+CHANGE = "change"
+WORDS = {BEFORE: "before", AFTER: "after", CHANGE: "change"}
+"""What the moments are called in tests, tables and figures."""
+Given = Mapping[tuple[str, str], Mapping[str, int]]
+"""By moment and item the value of each participant."""
+
+
+def about_sessions(design: Design) -> list[Questionnaire]:
+    """The questionnaires that are asked before or after sessions, in the design's order."""
+    return [each for each in design.questionnaires if set(SESSION_MOMENTS) & set(each.moments)]
+
+
+def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerRow]:
+    """How each item was answered before and after sessions, and how answers changed."""
+    rows = []
+    for simulated, questionnaire, given in _asked(design, answers):
+        for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
+            before, after = given.get((BEFORE, item.id), {}), given.get((AFTER, item.id), {})
+            changes = [after[who] - before[who] for who in after if who in before]
+            values = changes if moment == CHANGE else list(given.get((moment, item.id), {}).values())
+            if values:
+                rows.append(_summary(simulated, questionnaire.name, item.id, moment, values))
+    return rows
+
+
+def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
+    """How often each value was answered to each item before and after sessions."""
+    return [
+        row
+        for simulated, questionnaire, given in _asked(design, answers)
+        for item, moment in product(questionnaire.items, SESSION_MOMENTS)
+        if moment in questionnaire.moments
+        for row in counts(
+            simulated, questionnaire.name, moment, item, None, list(given.get((moment, item.id), {}).values())
+        )
+    ]
+
+
+def session_tests(design: Design, answers: Sequence[AnswerRow]) -> list[TestedRow]:
+    """Whether answers changed over sessions: Wilcoxon's signed-rank test of each item, each questionnaire a family."""
+    rows = []
+    for simulated, questionnaire, given in _asked(design, answers):
+        if not set(SESSION_MOMENTS) <= set(questionnaire.moments):
+            continue
+        for item in questionnaire.items:
+            before, after = given.get((BEFORE, item.id), {}), given.get((AFTER, item.id), {})
+            both = [who for who in before if who in after]
+            a, b = [after[who] for who in both], [before[who] for who in both]
+            found = signed_rank(np.subtract(a, b))
+            family = sessions_family(questionnaire)
+            groups = (WORDS[AFTER], a), (WORDS[BEFORE], b)
+            rows.append(tested(simulated, family, item.id, PARTICIPANT, *groups, found))
+    return corrected(rows)
+
+
+def sessions_family(questionnaire: Questionnaire) -> str:
+    """The family of the tests of a questionnaire after sessions against before them."""
+    return f"before and after sessions, {questionnaire.name}, by {PARTICIPANT}"
+
+
+def _asked(design: Design, answers: Sequence[AnswerRow]) -> Iterator[tuple[bool, Questionnaire, Given]]:
+    """For people and simulated participants each questionnaire about sessions, and what was answered that counts."""
+    counted = [row for row in answers if row.counted and row.moment in SESSION_MOMENTS]
+    for simulated in sorted({row.simulated for row in counted}):
+        given: dict[tuple[str, str], dict[str, int]] = {}
+        for row in counted:
+            if row.simulated is simulated:
+                given.setdefault((row.moment, row.item), {})[row.participant] = row.value
+        for questionnaire in about_sessions(design):
+            yield simulated, questionnaire, given
+
+
+def _summary(
+    simulated: bool, questionnaire: str, item: str, moment: str, values: Sequence[int]
+) -> SessionAnswerRow:
+    lower, median, upper = np.percentile(values, [25, 50, 75])
+    return SessionAnswerRow(
+        simulated=simulated,
+        questionnaire=questionnaire,
+        item=item,
+        moment=moment,
+        n=len(values),
+        mean=fmean(values),
+        least=min(values),
+        lower_quartile=float(lower),
+        median=float(median),
+        upper_quartile=float(upper),
+        most=max(values),
+    )
