@@ -1,4 +1,4 @@
-"""Questionnaires of a study's own: each in its own words, family and figure; before and after sessions, and the change."""
+"""A study's own questionnaires: each in its own words, family and figure; before and after sessions, and the change."""
 
 import json
 import re

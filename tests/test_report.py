@@ -114,6 +114,14 @@ def test_the_report_says_what_happened(tmp_path, picture):
     assert [tag for tag, _ in page.tags].count("svg") == 3
 
 
+def test_answers_stand_in_the_words_that_they_were_asked_in(tmp_path):
+    item = {"id": "L1", "text": "How demanding?", "points": 21, "low": "very low", "high": "very high"}
+    path = record(tmp_path / "a.mcap", METADATA | {"items": [item]})
+    words = " ".join(Page(write_report(tmp_path, [path], [], "One trial")).text.split())
+    assert "How demanding? 1 (very low) to 21 (very high) 3 of 21" in words
+    assert "1 (strongly disagree) to 7 (strongly agree) 4 of 7" in words
+
+
 def test_the_page_is_one_file_with_unique_ids_and_working_references(tmp_path, picture):
     trials = [record(tmp_path / f"{number}.mcap") for number in range(3)]
     page = Page(write_report(tmp_path, trials, [picture, picture], "Three trials"))

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
+import msgspec
+
 from avrgym.analysis.charts import trial_charts
 from avrgym.analysis.page import (
     Markup,
@@ -24,7 +26,7 @@ from avrgym.analysis.page import (
 )
 from avrgym.study.questionnaire import LIKERT_ITEMS
 from avrgym.study.recording import Recording, RecordingError, read_recording
-from avrgym.study.records import TrackingFrame
+from avrgym.study.records import Answer, TrackingFrame
 
 PICTURE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
 
@@ -230,16 +232,25 @@ def _term_row(name: str, total: float, weight: float | None) -> tuple[str, str, 
 
 
 def _answers(recording: Recording) -> Markup:
-    items = {item.id: item for item in LIKERT_ITEMS}
-    rows = []
-    for _, answer in recording.topics["/answers"]:
-        item = items.get(answer.item)
-        value = f"{answer.value} of {item.points}" if item else answer.value
-        rows.append((answer.item, item.text if item else "", value, quantity(answer.response_time_s, "s")))
+    rows = [
+        (answer.item, *_asked(recording, answer), quantity(answer.response_time_s, "s"))
+        for _, answer in recording.topics["/answers"]
+    ]
     if not rows:
         return tag("p", "No answers were recorded.", class_="faint")
-    caption = f"Answers, from 1 ({LIKERT_ITEMS[0].low}) to {LIKERT_ITEMS[0].points} ({LIKERT_ITEMS[0].high})"
-    return table(caption, ("Item", "Statement", "Answer", "Time"), rows, numbers=(2, 3))
+    return table("Answers", ("Item", "Statement", "Scale", "Answer", "Time"), rows, numbers=(3, 4))
+
+
+def _asked(recording: Recording, answer: Answer) -> tuple[str, str, str]:
+    """Statement, scale and value of an answer, in the words of its recording as far as it has them."""
+    items = {item.id: msgspec.structs.asdict(item) for item in LIKERT_ITEMS}
+    items |= {item["id"]: item for item in recording.metadata.get("items") or ()}
+    item = items.get(answer.item)
+    if item is None:
+        return "", "", str(answer.value)
+    points, ends = item["points"], (item.get("low"), item.get("high"))
+    low, high = (f" ({end})" if end else "" for end in ends)
+    return item["text"], f"1{low} to {points}{high}", f"{answer.value} of {points}"
 
 
 def _events(recording: Recording) -> Markup:

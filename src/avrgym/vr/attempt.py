@@ -6,6 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -237,9 +238,7 @@ def configuration(
         "bodies": list(world.bodies),
         "xr_from_world": {"position": xr_from_world.position, "orientation": xr_from_world.orientation},
         "reward_weights": dict(world.task.weights),
-        "items": [
-            {"id": item.id, "text": item.text, "points": item.points} for item in plan.items_after(trial)
-        ],
+        "items": [msgspec.structs.asdict(item) for item in plan.items_after(trial)],
         "versions": versions(),
         "world_version": WORLD_VERSION,
         "c_library": fingerprint_of_c_library(),
