@@ -24,12 +24,13 @@ from avrgym.study.participants import (
 )
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
+from avrgym.study.texts import MOST_IN_LINE, MOST_IN_NOTE
 from avrgym.vr.access import Tokens
 
 MAX_BODY_BYTES = 1 << 16
 
-Line = Annotated[str, msgspec.Meta(max_length=200)]
-Text = Annotated[str, msgspec.Meta(min_length=1, max_length=10_000)]
+Line = Annotated[str, msgspec.Meta(max_length=MOST_IN_LINE)]
+Text = Annotated[str, msgspec.Meta(min_length=1, max_length=MOST_IN_NOTE)]
 
 
 class LiveSessions(Protocol):

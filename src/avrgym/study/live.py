@@ -16,6 +16,7 @@ from avrgym.study.rows import StudySession, Trial, TrialAttempt, pseudonym_of
 from avrgym.study.sessions import close_session, open_session, skip_trial, tell
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
+from avrgym.study.texts import check_line
 from avrgym.study.watch import Watch
 from avrgym.vr import transitions
 from avrgym.vr.messages import Command
@@ -103,7 +104,11 @@ class StudyVisit:
         tell(self.store, self.stored.id, name, detail)
 
     def withdraw(self, session: Session | None, now_s: float, reason: str = "") -> None:
-        """Stop robot and recording, end the session in VR if there is one, then store that the participant withdrew."""
+        """Stop robot and recording, end the session in VR if there is one, then store that the participant withdrew.
+
+        ``StudyError`` for a reason that is too long; nothing is stopped then.
+        """
+        check_line("the reason", reason)
         if session is not None and session.phase != "finished":
             session.receive(Command(name="end"), now_s)
         withdraw(self.store, self.pseudonym, reason)

@@ -16,6 +16,7 @@ from avrgym.study.schema import now
 from avrgym.study.sessions import end_open_sessions
 from avrgym.study.states import TAKES_PART, StudyError
 from avrgym.study.store import Store, change_state, find_all, find_participant, record_event
+from avrgym.study.texts import check_line, check_note
 
 
 def enrol(
@@ -30,7 +31,8 @@ def enrol(
     """Take someone in and return their pseudonym; name and contact go into the key file and nowhere else.
 
     Raises:
-        StudyError: for an unknown body model, an impossible age, or a simulated participant with a name.
+        StudyError: for an unknown body model, an impossible age, a simulated participant with a name, or a name
+            or contact that cannot be one.
     """
     if sex not in SEXES:
         raise StudyError(f"unknown body model {sex!r}; allowed: {', '.join(SEXES)}")
@@ -38,6 +40,7 @@ def enrol(
         raise StudyError(f"nobody is {age_years} years old; allowed: 0 to 130")
     if simulated and (name or contact):
         raise StudyError("a simulated participant has neither name nor contact")
+    _check_identity(name, contact)
     with store.database.write() as connection:
         number = _next_number(store, connection)
         ledger.insert(
@@ -58,7 +61,8 @@ def enrol(
 
 
 def set_identity(store: Store, pseudonym: str, name: str, contact: str) -> None:
-    """Store who a participant is, in the key file only."""
+    """Store who a participant is, in the key file only; ``StudyError`` for what cannot be a name or contact."""
+    _check_identity(name, contact)
     with store.database.write() as connection:  # one writer at a time, for the key file as well
         find_participant(connection, pseudonym)
         keyfile.write_entry(store.folder, pseudonym, keyfile.Identity(name, contact))
@@ -106,7 +110,11 @@ def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) 
 
 
 def withdraw(store: Store, pseudonym: str, reason: str = "") -> None:
-    """Store that a participant takes part no longer; a trial that runs is stopped, their sessions end."""
+    """Store that a participant takes part no longer; a trial that runs is stopped, their sessions end.
+
+    ``StudyError`` for a reason that is too long, or when they do not take part.
+    """
+    check_line("the reason", reason)
     with store.database.write() as connection:
         participant = find_participant(connection, pseudonym)
         change_state(connection, participant, "withdrawn", {"participant": participant.number}, reason)
@@ -114,7 +122,11 @@ def withdraw(store: Store, pseudonym: str, reason: str = "") -> None:
 
 
 def add_note(store: Store, pseudonym: str, text: str, session: int | None = None) -> None:
-    """Store a note of the experimenter on a participant, or on one of their sessions by its id."""
+    """Store a note of the experimenter on a participant, or on one of their sessions by its id.
+
+    ``StudyError`` for an empty note or one that is too long, and for somebody else's session.
+    """
+    check_note(text)
     with store.database.write() as connection:
         participant = find_participant(connection, pseudonym)
         own = find_all(connection, StudySession, participant=participant.number)
@@ -122,6 +134,11 @@ def add_note(store: Store, pseudonym: str, text: str, session: int | None = None
             raise StudyError(f"session {session} is not one of {participant}")
         note = {"at": now(), "participant": participant.number, "session": session, "text": text}
         ledger.insert(connection, schema.NOTE, **note)
+
+
+def _check_identity(name: str, contact: str) -> None:
+    check_line("the name", name)
+    check_line("the contact", contact)
 
 
 def _next_number(store: Store, connection: sa.Connection) -> int:

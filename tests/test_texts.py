@@ -1,0 +1,65 @@
+"""What people may write into a study, at every entrance."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli import app
+from avrgym.study.participants import add_note, enrol, set_identity, withdraw
+from avrgym.study.states import StudyError
+from avrgym.study.store import Store
+from avrgym.study.texts import MOST_IN_LINE, MOST_IN_NOTE
+from studies import make_study
+
+ENTRANCES: dict[str, tuple[int, Callable[[Store, str], object]]] = {
+    "name": (MOST_IN_LINE, lambda store, text: enrol(store, "man", name=text)),
+    "contact": (MOST_IN_LINE, lambda store, text: enrol(store, "man", contact=text)),
+    "corrected name": (MOST_IN_LINE, lambda store, text: set_identity(store, "sub-001", text, "")),
+    "corrected contact": (MOST_IN_LINE, lambda store, text: set_identity(store, "sub-001", "", text)),
+    "note": (MOST_IN_NOTE, lambda store, text: add_note(store, "sub-001", text)),
+    "reason": (MOST_IN_LINE, lambda store, text: withdraw(store, "sub-001", text)),
+}
+NO_TEXT = ("\x00", "a\x00b", "\x1b[2J", "\x7f", "\x9b", "\ud800", "\udcff")
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    with Store(make_study(tmp_path, tasks='["Feeding"]')) as store:
+        enrol(store, "woman")
+        yield store
+
+
+def contents(store: Store) -> tuple[object, ...]:
+    key = store.folder / "private" / "key.json"
+    return store.participants(), store.events(), key.read_bytes() if key.exists() else b""
+
+
+@pytest.mark.parametrize("entrance", ENTRANCES)
+def test_what_is_too_long_or_no_text_is_refused_and_changes_nothing(store: Store, entrance: str) -> None:
+    most, enter = ENTRANCES[entrance]
+    before = contents(store)
+    for wrong in ("n" * (most + 1), *NO_TEXT):
+        with pytest.raises(StudyError, match="allowed") as refused:
+            enter(store, wrong)
+        assert wrong not in str(refused.value)
+    assert contents(store) == before
+    enter(store, "Ünal–Ōé 姓名 👩‍🔬 " + "n" * (most - 20))
+
+
+def test_a_note_may_have_lines_but_must_say_something(store: Store) -> None:
+    add_note(store, "sub-001", "looked left,\n\tthen right")
+    with pytest.raises(StudyError, match="empty"):
+        add_note(store, "sub-001", "")
+    with pytest.raises(StudyError, match="allowed"):
+        enrol(store, "man", name="two\nlines")
+
+
+@pytest.mark.parametrize("option", ["--name", "--contact"])
+def test_the_command_line_refuses_as_the_store_does(store: Store, option: str) -> None:
+    said = CliRunner().invoke(app, ["study", "enrol", str(store.folder), "--body", "man", option, "n" * 201])
+    assert said.exit_code != 0
+    assert "201 characters" in said.output
+    assert "Traceback" not in said.output
+    assert len(store.participants()) == 1
