@@ -112,7 +112,8 @@ def _completed(given: list[tuple[bytes, bytes]], path: str, status: int) -> list
 
 def _describe(error: Exception) -> str:
     """Kind and place of a failure, without its words, which may repeat a token or a name."""
-    frames = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]
+    walked = list(traceback.walk_tb(error.__traceback__))[1:]  # the first place is where it was caught
+    frames = [(frame.f_code.co_filename, line) for frame, line in walked]
     own = [place for place in frames if place[0].startswith(PACKAGE)]
     file, line = (own or frames)[-1]
     return f"{type(error).__name__} in {Path(file).name}, line {line}"

@@ -1,0 +1,398 @@
+"""What the server stands, in full counts: `make soak`. Each test prints what it measured."""
+
+import os
+import random
+import resource
+import socket
+import ssl
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import httpx
+import msgspec
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from avrgym.participants import SimulatedParticipant, draw_traits
+from avrgym.study.recording import read_recording
+from avrgym.vr import messages
+from avrgym.vr.certificate import certificate_for
+from avrgym.vr.messages import (
+    Entered,
+    Hello,
+    Message,
+    Phase,
+    Problem,
+    Ready,
+    Scene,
+    SceneLoaded,
+    State,
+    Timing,
+    Welcome,
+)
+from avrgym.vr.server import LiveServer
+from avrgym.vr.session import Session
+from hostile import PATIENCE_S, ask, is_closed, request, status
+from processes import die_with_parent
+from visit import driving, plan
+
+CONNECTIONS, HANDSHAKES, MESSAGES = 2_000, 300, 200_000
+FILE_HANDLES = 1_024
+TRIAL_STEPS = 400
+FLOOD = """
+import resource, socket, sys, time
+resource.setrlimit(resource.RLIMIT_NOFILE, (4096, 4096))
+port, count = int(sys.argv[1]), int(sys.argv[2])
+held = []
+for number in range(count):
+    held.append(socket.create_connection(("127.0.0.1", port), 30))
+    if number % 100 == 99:
+        time.sleep(0.05)
+print("open", flush=True)
+time.sleep(1000)
+"""
+
+
+@pytest.fixture
+def few_handles() -> Iterator[None]:
+    """As many file handles as a process has by default."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (FILE_HANDLES, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@contextmanager
+def flooded(port: int, count: int) -> Iterator[None]:
+    """Another process holds this many connections open and says nothing."""
+    command = [sys.executable, "-c", FLOOD, str(port), str(count)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, preexec_fn=die_with_parent) as flood:
+        try:
+            assert flood.stdout is not None
+            assert flood.stdout.readline() == b"open\n"
+            yield
+        finally:
+            flood.kill()
+
+
+class Attendant:
+    """A simulated participant at a real socket: sits down, is tracked at 50 Hz through a trial, answers."""
+
+    def __init__(self, server: LiveServer[Session]) -> None:
+        self.person = SimulatedParticipant(draw_traits("woman", 2), 2)
+        self.heard: Counter[type] = Counter()
+        self.phase, self.finite, self.ended = "", True, False
+        self._socket = let_in(server, "/ws", server.tokens.participant)
+        self._sending = threading.Lock()
+        self._threads = [threading.Thread(target=run, daemon=True) for run in (self._listen, self._move)]
+        self.send(Entered())
+        for thread in self._threads:
+            thread.start()
+
+    def send(self, message: Message | bytes) -> None:
+        """Send a message, or bytes as they are."""
+        with self._sending:
+            self._socket.send(message if isinstance(message, bytes) else messages.encode(message))
+
+    def close(self) -> None:
+        """Leave."""
+        self.ended = True
+        self._socket.close()
+
+    def _listen(self) -> None:
+        try:
+            for data in self._socket:
+                assert isinstance(data, bytes)
+                self._take(messages.decode_server(data))
+        except ConnectionClosed:
+            self.ended = True
+
+    def _take(self, message: Message) -> None:
+        self.heard[type(message)] += 1
+        if isinstance(message, Scene):
+            self.send(SceneLoaded(url=message.url))
+        elif isinstance(message, Phase):
+            self.phase = message.name
+        elif isinstance(message, State):
+            self.finite &= bool(np.isfinite(np.frombuffer(message.poses, "<f4")).all())
+        elif isinstance(message, messages.Question):
+            self.send(messages.Answer(message.item, 4, 1.0))
+
+    def _move(self) -> None:
+        began, pressed = time.monotonic(), 0.0
+        while not self.ended:
+            now_s = time.monotonic() - began
+            try:
+                self.send(self.person.frame(now_s, moving=self.phase not in ("", "waiting", "calibration")))
+                if self.phase in ("calibration", "check", "paused") and now_s > pressed + 1.5:
+                    pressed = now_s
+                    self.send(Ready())
+            except ConnectionClosed:
+                return
+            time.sleep(0.02)
+
+
+def let_in(server: LiveServer[Session], path: str, token: str) -> ClientConnection:
+    """A socket that has said hello and been welcomed."""
+    socket_ = connect(f"ws://127.0.0.1:{server.port}{path}", max_size=None, max_queue=None)
+    socket_.send(messages.encode(Hello(messages.PROTOCOL, token, "soak", emulated=True)))
+    data = socket_.recv(PATIENCE_S)
+    assert isinstance(data, bytes)
+    assert isinstance(messages.decode_server(data), Welcome)
+    return socket_
+
+
+class Watcher:
+    """Reads what a watcher is sent."""
+
+    def __init__(self, connection: ClientConnection) -> None:
+        self.heard: Counter[type] = Counter()
+        self.missed: list[int] = []
+        self.states_s: list[float] = []
+        self.closed = False
+        self._connection = connection
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        try:
+            for data in self._connection:
+                assert isinstance(data, bytes)
+                message = messages.decode_server(data)
+                self.heard[type(message)] += 1
+                if isinstance(message, State):
+                    self.states_s.append(time.monotonic())
+                elif isinstance(message, Timing):
+                    self.missed.append(message.missed_ticks)
+        except ConnectionClosed:
+            self.closed = True
+
+
+def await_that(condition: Callable[[], bool], patience_s: float = 180.0) -> None:
+    give_up = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < give_up
+        time.sleep(0.02)
+
+
+def make_server(folder: Path, **options) -> LiveServer[Session]:
+    trial = plan(free_movement_s=0.5, trial_steps=TRIAL_STEPS)
+    return LiveServer(
+        lambda send: Session(trial, driving(trial), folder, send, "soak"), "127.0.0.1", 0, **options
+    )
+
+
+def memory_bytes() -> int:
+    pages = Path("/proc/self/statm").read_text().split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+
+def test_states_come_one_by_one_and_answers_at_once(tmp_path: Path) -> None:
+    """How far apart a watcher gets states, and how long a request on a kept connection takes."""
+    with make_server(tmp_path) as server:
+        watcher = Watcher(let_in(server, "/watch", server.tokens.spectator))
+        with httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=PATIENCE_S) as client:
+            took_ms = []
+            for _ in range(100):
+                began = time.perf_counter()
+                assert client.get("/favicon.svg").status_code == 200
+                took_ms.append(1000.0 * (time.perf_counter() - began))
+        await_that(lambda: len(watcher.states_s) > 400)
+    apart_ms = [1000.0 * (after - before) for before, after in pairwise(watcher.states_s)]
+    print(
+        f"\na GET on a kept connection: {percentiles(took_ms)} ms; states: {percentiles(apart_ms)} ms apart"
+    )
+
+
+def percentiles(values: list[float]) -> str:
+    return " / ".join(f"{value:.1f}" for value in np.percentile(values, [5, 50, 95]))
+
+
+def test_2000_connections_while_a_trial_runs(tmp_path: Path, few_handles: None) -> None:
+    """Nothing is refused to the three parties, and no more ticks are given up than without them."""
+    with make_server(tmp_path) as server, ExitStack() as opened:
+        watching = {
+            role: Watcher(let_in(server, "/watch", getattr(server.tokens, role)))
+            for role in ("experimenter", "spectator")
+        }
+        attendant = Attendant(server)
+        opened.callback(attendant.close)
+        await_that(lambda: attendant.phase == "trial")
+        time.sleep(3.0)
+        missed_before = server.loop.missed_ticks
+        began = time.monotonic()
+        with flooded(server.port, CONNECTIONS):
+            flooded_s = time.monotonic() - began
+            missed = server.loop.missed_ticks - missed_before
+            served = Counter[int]()
+            for role in ("participant", "experimenter", "spectator"):
+                token = {"authorization": f"Bearer {getattr(server.tokens, role)}"}
+                for path in ("/", "/spectator", "/favicon.svg", "/scenes/0.glb"):
+                    url = f"http://127.0.0.1:{server.port}{path}"
+                    served[httpx.get(url, headers=token, timeout=PATIENCE_S).status_code] += 1
+            held = len(os.listdir("/proc/self/fd"))
+            let_in(server, "/watch", server.tokens.experimenter).close()
+            await_that(lambda: attendant.phase == "finished")
+        assert not attendant.ended
+        assert not any(watcher.closed for watcher in watching.values())
+        outcome = read_recording(server.session.recordings[-1]).outcome
+    print(
+        f"\n{CONNECTIONS} connections in {flooded_s:.1f} s: {missed} ticks given up meanwhile, requests of the three "
+        f"parties {dict(served)}, {held} file handles of {FILE_HANDLES} held, the trial {outcome and outcome['result']}"
+    )
+    assert missed == 0
+    assert set(served) == {200}
+    assert outcome is not None
+    assert outcome["result"] == "completed"
+
+
+def test_300_silent_handshakes_are_closed(tmp_path: Path, few_handles: None) -> None:
+    certificate = certificate_for(("lab",), tmp_path / "certificate")
+    trusted = ssl.create_default_context(cafile=str(certificate.certificate_file))
+    with make_server(tmp_path, certificate=certificate) as server, ExitStack() as opened:
+        began = time.monotonic()
+        silent = [
+            opened.enter_context(socket.create_connection(("127.0.0.1", server.port)))
+            for _ in range(HANDSHAKES)
+        ]
+        page = httpx.get(f"https://localhost:{server.port}/", verify=trusted, timeout=PATIENCE_S)
+        assert page.status_code == 200
+        closed = sum(is_closed(each) for each in silent)
+        print(f"\n{closed} of {HANDSHAKES} silent handshakes closed after {time.monotonic() - began:.1f} s")
+    assert closed == HANDSHAKES
+
+
+def fuzzed(seed: int) -> Iterator[bytes]:
+    """Messages without end: sound ones with damaged bytes or fields, any MessagePack, any bytes."""
+    chance = random.Random(seed)
+    person = SimulatedParticipant(draw_traits("woman", 2), 2)
+    numbers = [
+        0,
+        -1,
+        1e30,
+        -1e30,
+        float("nan"),
+        float("inf"),
+        2**63 - 1,
+        -(2**63),
+        2**64 - 1,
+        1e-320,
+        None,
+        "x",
+        True,
+    ]
+    while True:
+        frame = msgspec.to_builtins(person.frame(chance.uniform(0.0, 100.0), moving=True))
+        kinds: list[dict] = [
+            frame, {"type": "answer", "item": "L1", "value": 4, "response_time_s": 1.0}, {"type": "stop"},
+            {"type": "choose_body", "sex": "man", "skin_tone": "light"}, {"type": "command", "name": "end"},
+            {"type": "scene_loaded", "url": "scenes/0.glb"}, {"type": "correct_torso_height", "torso_height_m": 0.5},
+            {"type": "hello", "protocol": messages.PROTOCOL, "token": "x", "device": "", "emulated": True},
+        ]  # fmt: skip
+        message = chance.choice(kinds)
+        name = chance.choice(list(message))
+        way = chance.randrange(4)
+        if way == 0 and isinstance(message[name], list):
+            message[name] = [
+                [chance.choice(numbers) for _ in range(3)],
+                [chance.choice(numbers) for _ in range(4)],
+            ]
+        elif way == 1 and name != "type":
+            message[name] = chance.choice(numbers)
+        data = bytearray(msgspec.msgpack.encode(message))
+        if way == 2:
+            for _ in range(chance.randint(1, 4)):
+                data[chance.randrange(len(data))] = chance.randrange(256)
+        elif way == 3:
+            data = bytearray(chance.randbytes(chance.randrange(200)))
+        yield bytes(data)
+
+
+def understood(data: bytes, decode: Callable[[bytes], Message]) -> bool:
+    """Whether this is a message, which would be obeyed: participants may stop a trial, experimenters end it."""
+    try:
+        return not isinstance(decode(data), Hello)
+    except msgspec.DecodeError:
+        return False
+
+
+def send_all(
+    server: LiveServer[Session], path: str, token: str, count: int, seed: int, sent: Counter[str]
+) -> None:
+    """Send messages by one socket after another: a stranger's is closed at its first."""
+    source = fuzzed(seed)
+    while count > 0:
+        try:
+            with connect(f"ws://127.0.0.1:{server.port}{path}", max_size=None, max_queue=None) as stranger:
+                if token:
+                    stranger.send(messages.encode(Hello(messages.PROTOCOL, token, "", emulated=True)))
+                while count > 0:
+                    data = next(source)
+                    if not understood(data, messages.decode_experimenter):
+                        stranger.send(data)
+                        sent[path] += 1
+                        count -= 1
+        except (ConnectionClosed, OSError, EOFError):
+            sent["sockets closed"] += 1
+
+
+def test_200_000_messages_beside_a_seated_participant(tmp_path: Path) -> None:
+    """By the participant's own socket, by an experimenter's and a spectator's, and by strangers."""
+    sent: Counter[str] = Counter()
+    with make_server(tmp_path) as server, ExitStack() as opened:
+        attendant = Attendant(server)
+        opened.callback(attendant.close)
+        await_that(lambda: attendant.phase == "trial")
+        before = memory_bytes()
+        own = threading.Thread(target=send_by, args=(attendant, MESSAGES // 10, sent), daemon=True)
+        others = [
+            threading.Thread(target=send_all, args=(server, path, token, count, seed, sent), daemon=True)
+            for seed, (path, token, count) in enumerate(
+                (
+                    ("/watch", server.tokens.experimenter, 4 * MESSAGES // 10),
+                    ("/watch", server.tokens.spectator, 4 * MESSAGES // 10),
+                    ("/ws", "", MESSAGES // 10),
+                )
+            )
+        ]
+        for thread in (own, *others):
+            thread.start()
+        await_that(lambda: attendant.phase == "finished" or attendant.ended, 600.0)
+        for thread in (own, *others):
+            thread.join(1800.0)
+            assert not thread.is_alive()
+        growth = memory_bytes() - before
+        assert status(ask(server.port, request(server.port, "/", b"Connection: close\r\n"))) == 200
+        outcome = read_recording(server.session.recordings[-1]).outcome
+        assert server.loop.error is None
+    everything = sum(sent.values()) - sent["sockets closed"]
+    print(
+        f"\n{everything} messages {dict(sent)}: "
+        f"the trial {outcome and outcome['result']}, states finite: {attendant.finite}, "
+        f"{attendant.heard[Problem]} problems told to the participant, {growth >> 20} MiB more held"
+    )
+    assert attendant.finite
+    assert not attendant.ended
+    assert outcome is not None
+    assert outcome["result"] == "completed"
+    assert growth < 200 << 20
+
+
+def send_by(attendant: Attendant, count: int, sent: Counter[str]) -> None:
+    """Send messages by the participant's own socket."""
+    source = fuzzed(99)
+    while count > 0:
+        data = next(source)
+        if not understood(data, messages.decode_client):
+            attendant.send(data)
+            sent["own"] += 1
+            count -= 1
+            time.sleep(0.0005)
