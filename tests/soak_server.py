@@ -87,11 +87,11 @@ def flooded(port: int, count: int) -> Iterator[None]:
 class Attendant:
     """A simulated participant at a real socket: sits down, is tracked at 50 Hz through a trial, answers."""
 
-    def __init__(self, server: LiveServer[Session]) -> None:
+    def __init__(self, server: LiveServer[Session], opened: ExitStack) -> None:
         self.person = SimulatedParticipant(draw_traits("woman", 2), 2)
         self.heard: Counter[type] = Counter()
         self.phase, self.finite, self.ended = "", True, False
-        self._socket = let_in(server, "/ws", server.tokens.participant)
+        self._socket = let_in(server, "/ws", server.tokens.participant, opened)
         self._sending = threading.Lock()
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._listen, self._move)]
         self.send(Entered())
@@ -102,11 +102,6 @@ class Attendant:
         """Send a message, or bytes as they are."""
         with self._sending:
             self._socket.send(message if isinstance(message, bytes) else messages.encode(message))
-
-    def close(self) -> None:
-        """Leave."""
-        self.ended = True
-        self._socket.close()
 
     def _listen(self) -> None:
         try:
@@ -141,9 +136,10 @@ class Attendant:
             time.sleep(0.02)
 
 
-def let_in(server: LiveServer[Session], path: str, token: str) -> ClientConnection:
+def let_in(server: LiveServer[Session], path: str, token: str, opened: ExitStack) -> ClientConnection:
     """A socket that has said hello and been welcomed."""
-    socket_ = connect(f"ws://127.0.0.1:{server.port}{path}", max_size=None, max_queue=None)
+    url = f"ws://127.0.0.1:{server.port}{path}"
+    socket_ = opened.enter_context(connect(url, max_size=None, max_queue=None))
     socket_.send(messages.encode(Hello(messages.PROTOCOL, token, "soak", emulated=True)))
     data = socket_.recv(PATIENCE_S)
     assert isinstance(data, bytes)
@@ -197,8 +193,8 @@ def memory_bytes() -> int:
 
 def test_states_come_one_by_one_and_answers_at_once(tmp_path: Path) -> None:
     """How far apart a watcher gets states, and how long a request on a kept connection takes."""
-    with make_server(tmp_path) as server:
-        watcher = Watcher(let_in(server, "/watch", server.tokens.spectator))
+    with make_server(tmp_path) as server, ExitStack() as opened:
+        watcher = Watcher(let_in(server, "/watch", server.tokens.spectator, opened))
         with httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=PATIENCE_S) as client:
             took_ms = []
             for _ in range(100):
@@ -220,11 +216,10 @@ def test_2000_connections_while_a_trial_runs(tmp_path: Path, few_handles: None) 
     """Nothing is refused to the three parties, and no more ticks are given up than without them."""
     with make_server(tmp_path) as server, ExitStack() as opened:
         watching = {
-            role: Watcher(let_in(server, "/watch", getattr(server.tokens, role)))
+            role: Watcher(let_in(server, "/watch", getattr(server.tokens, role), opened))
             for role in ("experimenter", "spectator")
         }
-        attendant = Attendant(server)
-        opened.callback(attendant.close)
+        attendant = Attendant(server, opened)
         await_that(lambda: attendant.phase == "trial")
         time.sleep(3.0)
         missed_before = server.loop.missed_ticks
@@ -239,7 +234,7 @@ def test_2000_connections_while_a_trial_runs(tmp_path: Path, few_handles: None) 
                     url = f"http://127.0.0.1:{server.port}{path}"
                     served[httpx.get(url, headers=token, timeout=PATIENCE_S).status_code] += 1
             held = len(os.listdir("/proc/self/fd"))
-            let_in(server, "/watch", server.tokens.experimenter).close()
+            let_in(server, "/watch", server.tokens.experimenter, opened).close()
             await_that(lambda: attendant.phase == "finished")
         assert not attendant.ended
         assert not any(watcher.closed for watcher in watching.values())
@@ -348,8 +343,7 @@ def test_200_000_messages_beside_a_seated_participant(tmp_path: Path) -> None:
     """By the participant's own socket, by an experimenter's and a spectator's, and by strangers."""
     sent: Counter[str] = Counter()
     with make_server(tmp_path) as server, ExitStack() as opened:
-        attendant = Attendant(server)
-        opened.callback(attendant.close)
+        attendant = Attendant(server, opened)
         await_that(lambda: attendant.phase == "trial")
         before = memory_bytes()
         own = threading.Thread(target=send_by, args=(attendant, MESSAGES // 10, sent), daemon=True)
