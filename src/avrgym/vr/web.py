@@ -39,7 +39,10 @@ class ServerError(RuntimeError):
 def check_page(name: str) -> None:
     """``ServerError`` when a page of the client is not built."""
     if not (STATIC / name).exists():
-        raise ServerError("the browser client is not built; run `make client`")
+        raise ServerError(
+            "the browser client is missing; `pip install --force-reinstall avrgym` brings it, "
+            "and in a clone of the repository `make client` builds it"
+        )
 
 
 def listen(host: str, port: int, certificate: Certificate | None = None) -> socket.socket:
