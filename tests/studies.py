@@ -25,6 +25,7 @@ from processes import die_with_parent
 
 STEPS = 3
 FIGURES = {"steps": STEPS, "reward": -1.5, "success": True, "seconds": 4.0}
+TORSO_HEIGHT_M = 0.5625
 OBSERVATION = [0.25, -1.0, 0.5]
 
 
@@ -68,6 +69,7 @@ def record(store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool
         "attempt": attempt.number,
         "simulated": simulated,
         "joints": ["waist_x", "waist_y"],
+        "person": {"sex": "woman", "torso_height_m": TORSO_HEIGHT_M},
     }
     writer = RecordingWriter(store.path(attempt.recording), metadata)
     for step in range(1, STEPS + 1):

@@ -20,7 +20,7 @@ from avrgym.study.export.tables import neutral, write_csv
 from avrgym.study.sessions import open_session
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
-from studies import OBSERVATION, STEPS, record, run_participant, small_study, take_in
+from studies import OBSERVATION, STEPS, TORSO_HEIGHT_M, record, run_participant, small_study, take_in
 
 NAME = "Ada Unverwechselbar"
 SCENES = ("FeedingJaco", "FeedingPR2")
@@ -119,6 +119,48 @@ def test_every_row_says_whether_it_was_simulated(exports: dict[str, Path], name:
     rows = table(exports["csv"] / f"{name}.csv")
     assert set(rows.loc[rows["simulated"], "participant"]) == {"sub-001"}
     assert set(rows.loc[~rows["simulated"], "participant"]) == {"sub-002"}
+
+
+def test_the_codebook_explains_every_column_of_every_table(exports: dict[str, Path]) -> None:
+    codebook = table(exports["csv"] / "codebook.csv")
+    explained = codebook.groupby("table", sort=False)["column"].apply(list).to_dict()
+    tables = {path.stem: list(table(path).columns) for path in exports["csv"].glob("*.csv")}
+    tables.pop("codebook")
+    assert explained == tables
+    assert codebook["meaning"].str.endswith(".").all()
+    assert set(codebook["type"]) == {"text", "whole number", "number", "truth", "time"}
+    united = codebook[codebook["column"].str.endswith(("_s", "_m", "_n", "_years"))]
+    assert united["unit"].notna().all()
+    assert codebook.loc[codebook["type"] == "number", "unit"].notna().all()
+
+
+def test_the_codebook_allows_what_the_tables_hold(exports: dict[str, Path]) -> None:
+    """Where it lists values, no other stands in the table; and only what may be empty is."""
+    codebook = table(exports["csv"] / "codebook.csv")
+    for _, row in codebook.iterrows():
+        held = table(exports["csv"] / f"{row['table']}.csv")[row["column"]]
+        if row["type"] in ("text", "truth") and isinstance(row["allowed"], str) and "," in row["allowed"]:
+            allowed = row["allowed"].lower().split(", ")
+            assert set(held.dropna().astype(str).str.lower()) <= set(allowed) or "and so on" in row["allowed"]
+        if not isinstance(row["empty"], str):
+            assert held.notna().all(), (row["table"], row["column"])
+
+
+def test_items_stand_with_their_words(store: Store, exports: dict[str, Path]) -> None:
+    rows = table(exports["csv"] / "items.csv")
+    for item, row in zip(store.design.items.values(), rows.itertuples(), strict=True):
+        assert (row.item, row.text, row.points, row.low, row.high) == (
+            item.id, item.text, item.points, item.low, item.high,
+        )  # fmt: skip
+        assert (row.questionnaire, row.when) == ("likert", "after_trial")
+
+
+def test_torso_heights_are_those_that_were_recorded(store: Store, exports: dict[str, Path]) -> None:
+    attempts = table(exports["csv"] / "attempts.csv")
+    completed = attempts["state"] == "completed"
+    assert attempts.loc[completed, "torso_height_m"].eq(TORSO_HEIGHT_M).all()
+    assert attempts.loc[~completed, "torso_height_m"].isna().all()
+    assert table(exports["csv"] / "participants.csv")["torso_height_m"].eq(TORSO_HEIGHT_M).all()
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+A1", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "\n=1"])

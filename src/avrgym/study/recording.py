@@ -235,6 +235,20 @@ def read_recording(path: str | os.PathLike) -> Recording:
     )
 
 
+def read_configuration(path: str | os.PathLike) -> dict[str, Any]:
+    """Read only the configuration of a trial, which begins its recording; ``RecordingError`` where there is none."""
+    with open(path, "rb") as file:
+        try:
+            for record in StreamReader(file, emit_chunks=True).records:
+                if isinstance(record, mcap_records.Metadata) and record.name == _CONFIGURATION:
+                    return _from_text(record.metadata)
+        except OSError:
+            raise
+        except Exception as error:  # the reader raises whatever damaged bytes lead to
+            raise RecordingError(f"{path}: damaged: {error}") from error
+    raise RecordingError(f"{path}: not a recording")
+
+
 def _intact_records(path: str | os.PathLike) -> tuple[list[mcap_records.McapRecord], bool]:
     """The records before the first damage, and whether there was none.
 

@@ -3,15 +3,17 @@
 import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from avrgym.episodes import ACTIONS
 from avrgym.study.answers import answer_moments
+from avrgym.study.design import Design
 from avrgym.study.export import NOTICE
+from avrgym.study.export.codebook import TABLES, codebook, reward_terms
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
-from avrgym.tasks import terms_ever
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 """How text begins that a spreadsheet would take for a formula."""
@@ -21,11 +23,15 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> N
     """Write all tables into a folder, with the control steps of completed attempts."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     attempts = list(all_attempts(store))
-    write_csv(folder / "participants.csv", _participants(store))
+    heights = {exported.attempt.id: exported.torso_height_m() for exported in completed}
+    write_csv(folder / "participants.csv", _participants(store, _medians(completed, heights)))
     write_csv(folder / "trials.csv", _trials(store, attempts))
-    write_csv(folder / "attempts.csv", (_attempt(exported) for exported in attempts))
+    write_csv(folder / "attempts.csv", (_attempt(exported, heights) for exported in attempts))
     write_csv(folder / "answers.csv", _answers(store, attempts))
+    write_csv(folder / "items.csv", _items(store.design))
     write_csv(folder / "control_steps.csv", _control_steps(store, completed))
+    tables = [table for table in TABLES if table != "left_out"]
+    write_csv(folder / "codebook.csv", codebook(tables, store.design))
 
 
 def write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
@@ -47,7 +53,32 @@ def neutral(value: Any) -> Any:
     return value
 
 
-def _participants(store: Store) -> Iterator[dict[str, Any]]:
+def _medians(completed: Sequence[ExportedAttempt], heights: Mapping[int, float | None]) -> dict[str, float]:
+    """The median torso height of each participant whose recordings tell it."""
+    known: dict[str, list[float]] = {}
+    for exported in completed:
+        height = heights[exported.attempt.id]
+        if height is not None:
+            known.setdefault(exported.participant.pseudonym, []).append(height)
+    return {pseudonym: median(values) for pseudonym, values in known.items()}
+
+
+def _items(design: Design) -> Iterator[dict[str, Any]]:
+    for questionnaire in design.questionnaires:
+        for item in questionnaire.items:
+            yield {
+                "questionnaire": questionnaire.name,
+                "when": ", ".join(questionnaire.moments),
+                "order": questionnaire.order,
+                "item": item.id,
+                "text": item.text,
+                "points": item.points,
+                "low": item.low,
+                "high": item.high,
+            }
+
+
+def _participants(store: Store, heights: Mapping[str, float]) -> Iterator[dict[str, Any]]:
     for participant in store.participants():
         yield {
             "participant": participant.pseudonym,
@@ -55,6 +86,7 @@ def _participants(store: Store) -> Iterator[dict[str, Any]]:
             "state": participant.state,
             "sex": participant.sex,
             "age_years": participant.age_years,
+            "torso_height_m": heights.get(participant.pseudonym),
             "cell": participant.cell,
             "consent_version": participant.consent_version,
             "consented_at": participant.consented_at,
@@ -83,7 +115,7 @@ def _trials(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str,
             }
 
 
-def _attempt(exported: ExportedAttempt) -> dict[str, Any]:
+def _attempt(exported: ExportedAttempt, heights: Mapping[int, float | None]) -> dict[str, Any]:
     attempt = exported.attempt
     figures = {name: attempt.figures.get(name) for name in ("steps", "reward", "success", "seconds")}
     return exported.labels() | {
@@ -91,6 +123,7 @@ def _attempt(exported: ExportedAttempt) -> dict[str, Any]:
         "started_at": attempt.started_at,
         "ended_at": attempt.ended_at,
         **figures,
+        "torso_height_m": heights.get(attempt.id),
         "recording": attempt.recording,
         "sha256": attempt.sha256,
     }
@@ -127,7 +160,7 @@ def _answers(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str
 
 
 def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterator[dict[str, Any]]:
-    terms = sorted({term for task in store.design.tasks for term in terms_ever(task)})
+    terms = reward_terms(store.design)
     for exported in completed:
         labels = exported.labels()
         for time_s, control in exported.control_steps():

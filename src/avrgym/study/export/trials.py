@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from avrgym.study.attempts import sha256_of
-from avrgym.study.recording import Recording, RecordingError, read_recording
+from avrgym.study.recording import Recording, RecordingError, read_configuration, read_recording
 from avrgym.study.records import Control
 from avrgym.study.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.states import StudyError
@@ -59,6 +59,11 @@ class ExportedAttempt:
         if not recording.complete:
             raise StudyError(f"{name} is not complete")
         return recording
+
+    def torso_height_m(self) -> float | None:
+        """The torso height of the person's body in the trial, if the recording tells it."""
+        person = read_configuration(self.store.path(self.attempt.recording)).get("person") or {}
+        return person.get("torso_height_m")
 
     @property
     def _absence(self) -> str:

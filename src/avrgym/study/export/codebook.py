@@ -1,0 +1,182 @@
+"""What every column of the exported tables means."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from avrgym.episodes import ACTIONS
+from avrgym.models.human import SEXES
+from avrgym.models.robots import ROBOTS
+from avrgym.study.design import Design
+from avrgym.study.questionnaire import ITEM_ORDERS, MOMENTS
+from avrgym.study.states import ATTEMPT, PARTICIPANT, TRIAL
+from avrgym.tasks import TASKS, terms_ever
+
+TEXT, WHOLE, NUMBER, TRUTH, TIME = "text", "whole number", "number", "truth", "time"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: its meaning, unit, type and allowed values; an empty cell of it says ``empty``, if it may be."""
+
+    meaning: str
+    type: str
+    unit: str = ""
+    allowed: str = ""
+    empty: str = ""
+
+
+def _one_of(*values: str) -> str:
+    return ", ".join(values)
+
+
+_TRUTH, _FROM_1, _FROM_0 = "true, false", "1 and above", "0 and above"
+_UTC = "ISO 8601"
+_NO_TRIAL = "the answer is about a whole session"
+_NEVER_ENDED = "the attempt did not end with figures"
+_RECORDING = Column("File of the recording in the study's folder.", TEXT)
+
+PARTICIPANT_COLUMN = Column("Pseudonym of the participant.", TEXT, allowed="sub-001, sub-002 and so on")
+SIMULATED = Column("Whether a simulated participant took the place of a person.", TRUTH, allowed=_TRUTH)
+SESSION = Column("Number of the participant's session.", WHOLE, allowed=_FROM_1)
+POSITION = Column("Place of the trial in the participant's order, practice included.", WHOLE, allowed=_FROM_1)
+PRACTICE = Column("Whether it was a practice trial, which has no questionnaire.", TRUTH, allowed=_TRUTH)
+TASK = Column("What the robot helped with.", TEXT, allowed=_one_of(*TASKS))
+ROBOT = Column("Which robot helped.", TEXT, allowed=_one_of(*ROBOTS))
+POLICY = Column("Which policy controlled the robot.", TEXT, allowed="the design's policies")
+ATTEMPT_NUMBER = Column("Number of the attempt at the trial.", WHOLE, allowed=_FROM_1)
+REWARD = Column("Sum of the rewards of all control steps.", NUMBER, "1", empty=_NEVER_ENDED)
+SUCCESS = Column("Whether the robot had succeeded.", TRUTH, allowed=_TRUTH)
+LABELS = {
+    "participant": PARTICIPANT_COLUMN,
+    "simulated": SIMULATED,
+    "session": SESSION,
+    "position": POSITION,
+    "practice": PRACTICE,
+    "task": TASK,
+    "robot": ROBOT,
+    "policy": POLICY,
+    "attempt": ATTEMPT_NUMBER,
+}
+"""What tells an attempt from all others."""
+WHY = {"why": Column("Why the recording was left out.", TEXT)}
+TABLES: Mapping[str, Mapping[str, Column]] = {
+    "participants": {
+        "participant": PARTICIPANT_COLUMN,
+        "simulated": SIMULATED,
+        "state": Column("How far the participant has come.", TEXT, allowed=_one_of(*PARTICIPANT)),
+        "sex": Column("Which body model stood for the participant.", TEXT, allowed=_one_of(*SEXES)),
+        "age_years": Column("Age when enrolled.", WHOLE, "year", empty="not given"),
+        "torso_height_m": Column(
+            "Torso height, hip bone to centre of the head, as calibrated: median over the exported completed trials.",
+            NUMBER, "m", empty="no completed trial was exported",
+        ),
+        "cell": Column("Number of the order of trials.", WHOLE, allowed=_FROM_0, empty="no order yet"),
+        "consent_version": Column("Version of the consent text that was agreed to.", TEXT, empty="no consent"),
+        "consented_at": Column("When consent was given.", TIME, "UTC", _UTC, "no consent"),
+    },
+    "trials": {
+        "participant": PARTICIPANT_COLUMN,
+        "simulated": SIMULATED,
+        "position": POSITION,
+        "practice": PRACTICE,
+        "environment": Column("The Gymnasium environment of task and robot.", TEXT, allowed="see avrgym envs"),
+        "policy": POLICY,
+        "seed": Column("Seed of the trial's scene and chance.", WHOLE, allowed=_FROM_0),
+        "state": Column("How far the trial has come.", TEXT, allowed=_one_of(*TRIAL)),
+        "attempts": Column("How many attempts were made.", WHOLE, allowed=_FROM_0),
+        "recording": Column(_RECORDING.meaning, TEXT, empty="the trial is not completed"),
+    },
+    "attempts": {
+        **LABELS,
+        "state": Column("How the attempt ended, or that it runs.", TEXT, allowed=_one_of(*ATTEMPT)),
+        "started_at": Column("When the attempt began.", TIME, "UTC", _UTC),
+        "ended_at": Column("When the attempt ended.", TIME, "UTC", _UTC, "it runs"),
+        "steps": Column("How many control steps of 0.1 s it had.", WHOLE, "", _FROM_0, _NEVER_ENDED),
+        "reward": REWARD,
+        "success": Column(SUCCESS.meaning, TRUTH, "", _TRUTH, _NEVER_ENDED),
+        "seconds": Column("How long the attempt took.", NUMBER, "s", _FROM_0, _NEVER_ENDED),
+        "torso_height_m": Column(
+            "Torso height with which the trial was run.", NUMBER, "m", empty="not completed, or left out"
+        ),
+        "recording": _RECORDING,
+        "sha256": Column("Checksum of the closed recording.", TEXT, "", "64 hexadecimal digits", "not closed"),
+    },
+    "answers": {
+        "participant": PARTICIPANT_COLUMN,
+        "simulated": SIMULATED,
+        "session": SESSION,
+        **{
+            name: Column(column.meaning, column.type, column.unit, column.allowed, _NO_TRIAL)
+            for name, column in LABELS.items()
+            if name in ("position", "practice", "task", "robot", "policy", "attempt")
+        },
+        "moment": Column("When it was asked.", TEXT, allowed=_one_of(*MOMENTS)),
+        "questionnaire": Column("The questionnaire of the item.", TEXT, "", "see items", "no longer in the design"),
+        "item": Column("The statement that was rated; its words stand in items.", TEXT, allowed="see items"),
+        "value": Column("The rating.", WHOLE, allowed="1 to points"),
+        "points": Column("The highest rating of the item.", WHOLE, "", "2 to 101", "no longer in the design"),
+        "response_time_s": Column("From the appearance of the item to the answer.", NUMBER, "s", _FROM_0),
+        "answered_at": Column("When it was stored.", TIME, "UTC", _UTC),
+    },
+    "items": {
+        "questionnaire": Column("Name of the questionnaire.", TEXT),
+        "when": Column("When it is asked, one or several moments.", TEXT, allowed=_one_of(*MOMENTS)),
+        "order": Column("The order in which its items are asked.", TEXT, allowed=_one_of(*ITEM_ORDERS)),
+        "item": Column("Name of the statement.", TEXT),
+        "text": Column("The statement in its words.", TEXT),
+        "points": Column("The highest rating; the lowest is 1.", WHOLE, allowed="2 to 101"),
+        "low": Column("The words at rating 1.", TEXT),
+        "high": Column("The words at the highest rating.", TEXT),
+    },
+    "control_steps": {
+        **LABELS,
+        "step": Column("Number of the control step in the trial.", WHOLE, allowed=_FROM_1),
+        "time_s": Column("End of the step, from the beginning of the attempt.", NUMBER, "s", _FROM_0),
+        "reward": Column("The weighted sum of the step's reward terms.", NUMBER, "1"),
+        "success": Column("Whether the robot has succeeded by then.", TRUTH, allowed=_TRUTH),
+        "distance_m": Column("Distance to the target, as the task defines it.", NUMBER, "m", _FROM_0),
+        "force_on_person_n": Column("Force of robot and tool on the person.", NUMBER, "N", _FROM_0),
+    },
+    "left_out": {**LABELS, **WHY},
+}  # fmt: skip
+"""Columns of each table that do not depend on the study, in their order."""
+
+
+def reward_terms(design: Design) -> list[str]:
+    """The reward terms of the design's tasks, of which control steps have a column each."""
+    return sorted({term for task in design.tasks for term in terms_ever(task)})
+
+
+def columns_of(table: str, design: Design) -> Mapping[str, Column]:
+    """Every column of a table, in its order."""
+    if table != "control_steps":
+        return TABLES[table]
+    terms = {
+        f"term_{term}": Column(
+            f"Reward term {term}, not weighted.", NUMBER, _unit(term), empty="the task has no such term"
+        )
+        for term in reward_terms(design)
+    }
+    actions = {
+        f"action_{joint + 1}": Column(
+            f"Action of arm joint {joint + 1}: its speed as a share of its limit.", NUMBER, "1", "−1 to 1"
+        )
+        for joint in range(ACTIONS)
+    }
+    return {**TABLES[table], **terms, **actions}
+
+
+def codebook(tables: Sequence[str], design: Design) -> Iterator[dict[str, Any]]:
+    """A row for every column of tables."""
+    for table in tables:
+        for name, column in columns_of(table, design).items():
+            yield {"table": table, "column": name, **asdict(column)}
+
+
+def _unit(term: str) -> str:
+    """The unit that a term's name ends with."""
+    for ending, unit in (("_m_s", "m/s"), ("_rad", "rad"), ("_m", "m"), ("_n", "N")):
+        if term.endswith(ending):
+            return unit
+    return "1"
