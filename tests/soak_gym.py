@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
+from avrgym.evaluation import evaluate_all
 from avrgym.tasks import ENVIRONMENTS
 from vector_laws import WORLDS, compare
 
@@ -23,3 +24,10 @@ def test_the_vector_environment_is_gymnasium_s_own_in_every_mode(
     steps = len(ENVIRONMENTS) * len(AutoresetMode) * STEPS
     print(f"\n{people}: {steps} steps of {WORLDS} worlds, {ends} ends of episodes, no bit differs")
     assert ends > steps * WORLDS // 20
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.parametrize("policy", ["oracle", "revised", "random"])
+def test_rows_are_the_same_from_any_number_of_processes(environment: str, policy: str) -> None:
+    rows = [evaluate_all([environment], policy, "participants", 7, 3, jobs=jobs) for jobs in (1, 2, 3)]
+    assert rows[0] == rows[1] == rows[2]

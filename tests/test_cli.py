@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -64,6 +65,25 @@ def test_every_command_explains_itself_and_its_options(command: tuple[str, ...])
 def test_without_a_command_it_lists_them() -> None:
     shown = avrgym()
     assert all(command[0] in shown.output for command in COMMANDS)
+
+
+def test_figures_replace_nothing_but_a_regular_file(tmp_path: Path) -> None:
+    """No link, pipe, socket or folder, wherever a link leads; a file is replaced whole."""
+    (tmp_path / "target.json").write_text("kept")
+    (tmp_path / "link").symlink_to("target.json")
+    (tmp_path / "nowhere").symlink_to("missing.json")
+    (tmp_path / "device").symlink_to("/dev/null")
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind("socket")
+        before = sorted((path.name, path.lstat().st_mode) for path in tmp_path.iterdir())
+        for name in ("link", "nowhere", "device", "folder", "pipe", "socket"):
+            assert f"cannot write {name}: it is no regular file" in complaint(avrgym("envs", "--json", name))
+        assert sorted((path.name, path.lstat().st_mode) for path in tmp_path.iterdir()) == before
+    assert (tmp_path / "target.json").read_text() == "kept"
+    assert avrgym("envs", "--json", "target.json").exit_code == 0
+    assert len(json.loads((tmp_path / "target.json").read_text())) == len(ENVIRONMENTS)
 
 
 # Figures -----------------------------------------------------------------------------------------------------
@@ -155,7 +175,9 @@ def complaint(result: Result) -> str:
         (["evaluate", ENVIRONMENT, "--policy", "."], "original, revised, or the path"),
         (["evaluate", ENVIRONMENT, "--json", "no/such/folder.json"], "no folder no/such"),
         (["evaluate", ENVIRONMENT, "--policy", "zero", "--episodes", "1", "--json", "."], "."),
+        (["evaluate", ENVIRONMENT, "--json", "/dev/null"], "/dev/null: it is no regular file"),
         (["envs", "--json", "no/such/folder.json"], "no/such"),
+        (["envs", "--json", "/dev/stdout"], "no regular file"),
         (["train", "avrgym/Nope-v1"], ENVIRONMENT),
         (["serve", "--env", "avrgym/Nope-v1"], ENVIRONMENT),
         (["serve", "--person", "child"], "man and woman"),

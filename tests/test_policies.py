@@ -304,6 +304,30 @@ def test_a_policy_for_other_sizes_is_refused(packaged):
         load_policy("original", ENVIRONMENT, 30, 7)
 
 
+def test_a_policy_for_another_environment_is_refused_unless_that_is_allowed(packaged):
+    """Also where all sizes are the same."""
+    path, other = packaged / "FeedingPR2-original.safetensors", make_policy().metadata.environment
+    assert other == ENVIRONMENT
+    with pytest.raises(PolicyError, match=f"trained for {ENVIRONMENT}, not for avrgym/FeedingPR2-v1; only"):
+        load_policy(path, "avrgym/FeedingPR2-v1", 25, 7)
+    assert load_policy(path, "avrgym/FeedingPR2-v1", 25, 7, allow_other_environment=True).action_size == 7
+    with pytest.raises(PolicyError, match=r"has 30 and 7"):
+        load_policy(path, "avrgym/ScratchItchPR2-v1", 30, 7, allow_other_environment=True)
+
+
+def test_numbers_so_large_that_actions_would_be_none_are_refused():
+    """Whatever is observed, what a policy does is finite."""
+    sound = make_policy()
+    for layer in range(len(sound.weights)):
+        weights = [np.full_like(w, 1e308) if i == layer else w for i, w in enumerate(sound.weights)]
+        with pytest.raises(PolicyError, match=rf"the sums of actor\.{layer} are not finite"):
+            replace(sound, weights=tuple(weights))
+    large = replace(sound, weights=tuple(np.full_like(weight, 1e300) for weight in sound.weights))
+    for seen in (0.0, 1e9, -1e300):
+        observations = np.full((2, sound.observation_size), seen)
+        assert np.isfinite(large.act(observations, [np.random.default_rng(i) for i in range(2)])).all()
+
+
 @pytest.mark.parametrize("path", sorted(policies.PACKAGED.glob("*.safetensors")), ids=lambda path: path.stem)
 def test_a_packaged_policy_says_where_and_on_whom_it_was_trained(path):
     scene, kind = path.stem.split("-")

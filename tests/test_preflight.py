@@ -97,6 +97,28 @@ def test_check_says_what_serve_says(tmp_path: Path) -> None:
         (folder / "mine" / "FeedingJaco.safetensors").write_bytes(b"\x00" * 100)
 
 
+def test_a_policy_for_the_other_robot_is_refused_everywhere(tmp_path: Path) -> None:
+    """Observations and actions of both robots have the same sizes; the file says which it was trained with."""
+    folder = with_own_policies(tmp_path / "study", "FeedingJaco", "FeedingJaco")
+    words = f"trained for {JACO}, not for avrgym/FeedingPR2-v1"
+    code, lines = check(folder)
+    assert code == 1
+    assert sum(words in line for line in lines) == 1
+    policy = str(packaged_policies(JACO)["revised"])
+    for command in (
+        ["study", "simulate", str(folder), "--participants", "1"],
+        ["serve", "--env", "avrgym/FeedingPR2-v1", "--policy", policy, "--port", "0"],
+        ["view", "avrgym/FeedingPR2-v1", "--policy", policy, "--port", "0"],
+        ["evaluate", "avrgym/FeedingPR2-v1", "--policy", policy, "--episodes", "1"],
+    ):
+        refused = CliRunner().invoke(app, command)
+        assert refused.exit_code == 1
+        (line,) = refused.stderr.splitlines()
+        assert words in line
+    allowed = CliRunner().invoke(app, [*command, "--allow-other-environment"])
+    assert (allowed.exit_code, allowed.stderr) == (0, "")
+
+
 def test_damage_anywhere_in_a_policy_is_no_traceback(tmp_path: Path) -> None:
     """What is loaded runs; what is not is named."""
     folder = with_own_policies(tmp_path / "study", "FeedingPR2", "FeedingJaco")

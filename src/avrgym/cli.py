@@ -15,7 +15,16 @@ from avrgym.policies import packaged_policies
 from avrgym.replay.commands import replay
 from avrgym.study.commands import app as study_commands
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
-from avrgym.terminal import JsonFile, check_folder, plain_errors, print_table, progress_bar, say, write_json
+from avrgym.terminal import (
+    Jobs,
+    JsonFile,
+    check_json,
+    plain_errors,
+    print_table,
+    progress_bar,
+    say,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from avrgym.vr.certificate import Certificate
@@ -310,18 +319,36 @@ def evaluate(
     people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
     seed: Seed = 0,
+    jobs: Jobs = None,
+    allow_other_environment: Annotated[
+        bool,
+        typer.Option(
+            "--allow-other-environment", help="Run a policy that was trained for another environment."
+        ),
+    ] = False,
     json_file: JsonFile = None,
 ) -> None:
     """Measure a policy's reward, success and force over many episodes."""
     from avrgym.episodes import EPISODE_STEPS
-    from avrgym.evaluation import evaluate as measure
-
-    def row(environment: str) -> Row:
-        with progress_bar(environment, episodes * EPISODE_STEPS) as bar:
-            return asdict(measure(environment, policy, people, episodes, seed, bar.advance))
+    from avrgym.evaluation import evaluate_all
 
     with plain_errors():
-        _tabulate(env, all_environments, row, json_file)
+        check_json(json_file)
+        chosen = _chosen(env, all_environments)
+        with progress_bar(policy, len(chosen) * episodes * EPISODE_STEPS) as bar:
+            figures = evaluate_all(
+                chosen,
+                policy,
+                people,
+                episodes,
+                seed,
+                bar.advance,
+                jobs=jobs,
+                allow_other_environment=allow_other_environment,
+            )
+        rows = [asdict(each) for each in figures]
+        print_table(rows)
+        write_json(json_file, rows)
 
 
 @bench.command("sim")
@@ -386,7 +413,7 @@ def _tabulate(
     shown: Callable[[Row], Row] = lambda row: row,
 ) -> None:
     """Measure a row for each environment that was named, or all; print what is ``shown`` of them, write them whole."""
-    check_folder(json_file)
+    check_json(json_file)
     rows = [row(environment) for environment in _chosen(environments, every)]
     print_table([shown(each) for each in rows])
     write_json(json_file, rows)

@@ -90,6 +90,7 @@ class Policy:
             object.__setattr__(self, name, _frozen(getattr(self, name)))
         _check_numbers(self)
         _check_shapes(self)
+        _check_sums(self)
 
     @property
     def observation_size(self) -> int:
@@ -176,11 +177,26 @@ def find_policy(name_or_path: str | os.PathLike, environment_id: str) -> Path:
 
 
 def load_policy(
-    name_or_path: str | os.PathLike, environment_id: str, observation_size: int, action_size: int
+    name_or_path: str | os.PathLike,
+    environment_id: str,
+    observation_size: int,
+    action_size: int,
+    *,
+    allow_other_environment: bool = False,
 ) -> Policy:
-    """Find and load a policy for an environment whose observations and actions have the given sizes."""
+    """Find and load a policy for an environment whose observations and actions have the given sizes.
+
+    Raises:
+        PolicyError: where there is none, its file is damaged or its sizes differ; and where it was trained for another
+            environment, unless that is allowed.
+    """
     path = find_policy(name_or_path, environment_id)
     policy = Policy.load(path)
+    if policy.metadata.environment != environment_id and not allow_other_environment:
+        raise PolicyError(
+            f"{path}: trained for {policy.metadata.environment}, not for {environment_id}; "
+            "only `avrgym evaluate --allow-other-environment` runs it there"
+        )
     sizes = (policy.observation_size, policy.action_size)
     if sizes != (observation_size, action_size):
         raise PolicyError(
@@ -216,6 +232,17 @@ def _check_numbers(policy: Policy) -> None:
         raise PolicyError("observation.variance holds negative numbers; 0 and above are allowed")
     if policy.action_deviation < 0:
         raise PolicyError(f"{_DEVIATION} is {policy.action_deviation}; 0 and above are allowed")
+
+
+def _check_sums(policy: Policy) -> None:
+    """Refuse numbers so large that an action would be none: inputs are bounded, those of later layers by ±1."""
+    largest = policy.observation_clip
+    for layer, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        with np.errstate(over="ignore"):
+            sums = largest * np.abs(weight).sum(axis=0).max(initial=0.0) + np.abs(bias).max(initial=0.0)
+        if not np.isfinite(sums):
+            raise PolicyError(f"the sums of actor.{layer} are not finite; smaller numbers are allowed")
+        largest = 1.0
 
 
 def _check_shapes(policy: Policy) -> None:

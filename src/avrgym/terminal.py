@@ -5,6 +5,8 @@ characters that would command the terminal.
 """
 
 import json
+import os
+import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,6 +29,11 @@ JsonFile = Annotated[
     Path | None, typer.Option("--json", help="Write the figures to this file.", metavar="FILE")
 ]
 
+Jobs = Annotated[
+    int | None,
+    typer.Option(help="Processes at the same time; without it one for each core. Changes no figure.", min=1),
+]
+
 
 @contextmanager
 def plain_errors() -> Iterator[None]:
@@ -39,14 +46,24 @@ def plain_errors() -> Iterator[None]:
         raise typer.Exit(1) from error
 
 
-def check_folder(json_file: Path | None) -> None:
-    """Raise ``ValueError`` before long work whose figures could not be written."""
-    if json_file is not None and not json_file.parent.is_dir():
-        raise ValueError(f"cannot write {json_file}: there is no folder {json_file.parent}")
+def check_json(path: Path | None) -> None:
+    """Raise ``ValueError`` before long work whose figures could not be written.
+
+    They go into a new file, or replace a regular one: never a device, a pipe, a folder or a link.
+    """
+    if path is None:
+        return
+    if not path.parent.is_dir():
+        raise ValueError(f"cannot write {path}: there is no folder {path.parent}")
+    if not os.access(path.parent, os.W_OK):
+        raise ValueError(f"cannot write {path}: the folder {path.parent} is not to be written to")
+    if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
+        raise ValueError(f"cannot write {path}: it is no regular file, and nothing else is replaced")
 
 
 def write_json(path: Path | None, figures: list[dict[str, Any]] | dict[str, Any]) -> None:
     """Write figures to the file that was asked for, if one was."""
+    check_json(path)
     if path is not None:
         write_whole(path, (json.dumps(figures, indent=2) + "\n").encode())
 

@@ -26,6 +26,7 @@ from avrgym.evaluation import evaluate
 from avrgym.files import write_whole
 from avrgym.hard_episodes import HardEpisodes
 from avrgym.imitation import imitate
+from avrgym.locks import locked
 from avrgym.people import DISTRIBUTIONS, people_name
 from avrgym.policies import Policy, PolicyMetadata
 from avrgym.stable_baselines import (
@@ -272,17 +273,23 @@ def train(configuration: TrainingConfiguration, out: Path, tell: Tell = lambda p
         tell: told of the progress after every update.
 
     Raises:
-        ValueError: for an unknown environment or people.
+        ValueError: for an unknown environment or people, or where another training is about to begin in ``out``.
         FileExistsError: when ``out`` already holds a training.
     """
-    if (out / CONFIGURATION_FILE).exists():
-        raise FileExistsError(f"{out} already holds a training; choose another folder, or resume it")
+    _refuse_used(out)
     env = _environment(configuration, configuration.people)
     out.mkdir(parents=True, exist_ok=True)
-    if configuration.people not in DISTRIBUTIONS:
-        write_whole(out / PEOPLE_FILE, Path(configuration.people).read_bytes())
-    write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
-    return _begin(configuration, env, out, tell)
+    with locked(out):
+        _refuse_used(out)
+        if configuration.people not in DISTRIBUTIONS:
+            write_whole(out / PEOPLE_FILE, Path(configuration.people).read_bytes())
+        write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
+        return _begin(configuration, env, out, tell)
+
+
+def _refuse_used(out: Path) -> None:
+    if (out / CONFIGURATION_FILE).exists():
+        raise FileExistsError(f"{out} already holds a training; choose another folder, or resume it")
 
 
 def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
@@ -291,9 +298,15 @@ def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
     One that was cut off before its first checkpoint begins again, with the same seed.
 
     Raises:
-        ValueError: when there is none, when it is complete, or when its files are damaged.
+        ValueError: when there is none, when it is complete, when it goes on in another process, or when its files are
+            damaged.
     """
     configuration = stored_configuration(out)
+    with locked(out):
+        return _resume(configuration, out, tell)
+
+
+def _resume(configuration: TrainingConfiguration, out: Path, tell: Tell) -> Policy:
     env = _environment(configuration, _stored_people(configuration, out))
     if not (out / CHECKPOINT_FILE).exists():
         return _begin(configuration, env, out, tell)

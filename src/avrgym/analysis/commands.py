@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from avrgym.analysis.manifest import FOLDER
-from avrgym.terminal import JsonFile, check_folder, plain_errors, progress_bar, say, write_json
+from avrgym.terminal import JsonFile, check_json, plain_errors, progress_bar, say, write_json
 
 
 def analyze(
@@ -23,7 +23,7 @@ def analyze(
 
     place = out or folder / FOLDER
     with plain_errors(), Store(folder) as store:
-        check_folder(json_file)
+        check_json(json_file)
         check_out(place)
         with progress_bar("recordings") as bar:
             analysis = analyse(store, bar.show)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from avrgym.terminal import JsonFile, check_folder, plain_errors, print_table, progress_bar, say, write_json
+from avrgym.terminal import JsonFile, check_json, plain_errors, print_table, progress_bar, say, write_json
 
 if TYPE_CHECKING:
     from avrgym.replay.verification import Verification
@@ -45,7 +45,7 @@ def replay(
             raise ValueError("--json writes the figures of --verify; give both")
         if first_person and video is None and frames is None:
             raise ValueError("--first-person goes with --video or --frames; on the page V changes the view")
-        check_folder(json_file)
+        check_json(json_file)
         with _naming(file):
             recording = _read(file)
             if verify:

@@ -8,8 +8,9 @@ import typer
 
 from avrgym.models.human import SEXES
 from avrgym.terminal import (
+    Jobs,
     JsonFile,
-    check_folder,
+    check_json,
     confirm,
     plain_errors,
     print_table,
@@ -43,7 +44,7 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
     from avrgym.study.summary import summarise_study
 
     with plain_errors():
-        check_folder(json_file)
+        check_json(json_file)
         with Store(folder) as store:
             summary = summarise_study(store)
         write_json(json_file, asdict(summary))
@@ -129,6 +130,7 @@ def simulate(
         int, typer.Option(help="How many simulated participants the study shall have.", min=1)
     ] = 8,
     seed: Annotated[int, typer.Option(help="The same seed gives the same study.", min=0)] = 0,
+    jobs: Jobs = None,
     json_file: JsonFile = None,
 ) -> None:
     """Let simulated participants complete the study, in simulated time; what an earlier run left is finished."""
@@ -137,9 +139,9 @@ def simulate(
     from avrgym.study.summary import summarise_study
 
     with plain_errors():
-        check_folder(json_file)
+        check_json(json_file)
         with progress_bar("trials") as bar:
-            simulate_study(folder, participants, seed, bar.show)
+            simulate_study(folder, participants, seed, bar.show, jobs)
         with Store(folder) as store:
             summary = summarise_study(store)
         write_json(json_file, asdict(summary))
@@ -155,7 +157,7 @@ def check(folder: Folder, json_file: JsonFile = None) -> None:
     from avrgym.study.store import Store
 
     with plain_errors():
-        check_folder(json_file)
+        check_json(json_file)
         with Store(folder) as store:
             findings = check_study(store)
         write_json(json_file, [asdict(finding) for finding in findings])

@@ -4,16 +4,13 @@ They take part in processes of their own, in simulated time. After each trial th
 back and are measured again. So what a trial gives follows from the seeds alone, wherever an earlier run ended.
 """
 
-import multiprocessing
-import os
-import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor, wait
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from avrgym.jobs import cores, run_all
 from avrgym.models.human import SEXES
 from avrgym.participants import SimulatedParticipant, Traits, draw_traits
 from avrgym.study.live import StudyVisit
@@ -27,7 +24,6 @@ from avrgym.vr.attendance import ANSWER_AFTER_S, InProcessAttendance
 AGES_YEARS = (19, 24)
 """Of the paper's participants."""
 GONE = ("excluded", "withdrawn")
-LOOK_EVERY_S = 0.5
 
 
 def simulate_study(
@@ -35,6 +31,7 @@ def simulate_study(
     participants: int,
     seed: int,
     progress: Callable[[int, int], None] = lambda completed, planned: None,
+    jobs: int | None = None,
 ) -> None:
     """Let so many simulated participants complete a study; those of an earlier run are among them and go on.
 
@@ -43,6 +40,8 @@ def simulate_study(
         participants: how many simulated participants the study shall have, 1 or more.
         seed: of their bodies, habits and answers; that of the earlier run, if there was one.
         progress: told again and again how many of their trials are completed, and how many there are.
+        jobs: how many take part at the same time, each in a process; without it as many as there are cores. What
+            each gives does not depend on it.
 
     Raises:
         StudyError: when an earlier run had another seed, or a participant's session does not get on.
@@ -53,7 +52,12 @@ def simulate_study(
             load_study_policy(store, environment, policy)
         pseudonyms = [simulated_participant(store, index, seed) for index in range(participants)]
         unfinished = [name for name in pseudonyms if store.participant(name).state == "allocated"]
-        _run_all(store, unfinished, seed, lambda: progress(*_trials(store, pseudonyms)))
+        run_all(
+            simulate_participant,
+            [(store.folder, name, seed) for name in unfinished],
+            jobs or cores(),
+            lambda _: progress(*_trials(store, pseudonyms)),
+        )
 
 
 def simulate_participant(folder: Path, pseudonym: str, seed: int) -> None:
@@ -117,41 +121,6 @@ def _admit(store: Store, pseudonym: str, seed: int) -> None:
         record_consent(store, pseudonym)
     if store.participant(pseudonym).state == "consented":
         record_inclusion(store, pseudonym, {each.id: each.required for each in store.design.inclusion})
-
-
-def _run_all(store: Store, pseudonyms: list[str], seed: int, tell: Callable[[], None]) -> None:
-    """Run participants at the same time, one on each core; the first error ends all."""
-    if not pseudonyms:
-        return
-    processes = min(len(pseudonyms), os.cpu_count() or 1)
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, context, initializer=_die_with_parent) as pool:
-        running = {pool.submit(simulate_participant, store.folder, name, seed) for name in pseudonyms}
-        try:
-            while running:
-                done, running = wait(running, LOOK_EVERY_S)
-                _raise_first(done)
-                tell()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _raise_first(done: set[Future[None]]) -> None:
-    for future in done:
-        future.result()
-
-
-def _die_with_parent() -> None:
-    """Have this process end with the one that started it, however that ends."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, name="watch parent", daemon=True).start()
 
 
 def _trials(store: Store, pseudonyms: list[str]) -> tuple[int, int]:
