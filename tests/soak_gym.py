@@ -8,7 +8,7 @@ from avrgym.evaluation import evaluate_all
 from avrgym.tasks import ENVIRONMENTS
 from vector_laws import WORLDS, compare
 
-STEPS = 600
+STEPS = 100
 
 
 @pytest.mark.parametrize("people", ["revised", "participants"])
