@@ -43,7 +43,7 @@ lint: $(DONE)/test $(DONE)/node ## ruff and pyright
 	.venv/bin/pyright
 
 clean: ## remove everything that was installed, built or tested here
-	rm -rf .venv client/node_modules src/avrgym/vr/static build dist .pytest_cache .ruff_cache
+	rm -rf .venv client/node_modules src/avrgym/vr/static build dist .hypothesis .pytest_cache .ruff_cache
 	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(DONE)/python:

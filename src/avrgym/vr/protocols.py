@@ -13,24 +13,31 @@ from avrgym.vr.answers import headers
 MOST_FRAGMENTS = 64
 """How many frames a message may come in: browsers send one."""
 
+LINGER_S = 1.0
+"""How long a refused client may still send before the connection is closed."""
+
 
 class Http(H11Protocol):
     """HTTP/1.1 whose refusals of what is no request carry the headers of every answer."""
 
     def send_400_response(self, msg: str) -> None:
-        """Refuse what was received, and close."""
+        """Refuse what was received, unless an answer has begun, and close."""
+        if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
+            self.transport.write(self._refusal(msg))
+        self.transport.close()
+
+    def _refusal(self, msg: str) -> bytes:
         fields = headers("") | {"content-type": "text/plain; charset=utf-8", "connection": "close"}
         events = (
             h11.Response(status_code=400, headers=list(fields.items()), reason="Bad Request"),
             h11.Data(data=msg.encode()),
             h11.EndOfMessage(),
         )
-        self.transport.write(b"".join(self.conn.send(event) or b"" for event in events))
-        self.transport.close()
+        return b"".join(self.conn.send(event) or b"" for event in events)
 
 
 class Socket(WebSocketsSansIOProtocol):
-    """WebSockets whose refused handshakes are answered at once, with the headers of every answer."""
+    """WebSockets whose refusals reach the client: of handshakes with the headers of all answers."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -50,6 +57,20 @@ class Socket(WebSocketsSansIOProtocol):
         if len(self.frames) > MOST_FRAGMENTS:
             self.conn.fail(CloseCode.MESSAGE_TOO_BIG, f"a message comes in at most {MOST_FRAGMENTS} frames")
             self.handle_parser_exception()
+
+    def handle_parser_exception(self) -> None:
+        """Say why no more is taken in, and drop what still comes for a while.
+
+        Were the connection closed at once, the system would throw away what the client has not yet read.
+        """
+        if self.close_sent or self.conn.close_sent is None:
+            return
+        closed = self.conn.close_sent
+        self.queue.put_nowait({"type": "websocket.disconnect", "code": closed.code, "reason": closed.reason})
+        self.transport.write(b"".join(self.conn.data_to_send()))
+        self.transport.resume_reading()
+        self.close_sent = True
+        self.close_timer = self.loop.call_later(LINGER_S, self.transport.close)
 
     def _refusal(self, status: int, text: str) -> Response:
         response = self._reject(status, text)
