@@ -84,7 +84,7 @@ class Journey:
 
         self.server = opened.enter_context(LiveServer(make, "127.0.0.1", 0))
         self.headset = opened.enter_context(EmulatedHeadset(self.server.url, width=320, height=180))
-        self.participant = SimulatedParticipant(draw_traits(plan.sex, 5), 5)
+        self.participant = SimulatedParticipant(draw_traits(plan.sex, 5), 5, plan.furniture)
 
     @property
     def session(self) -> Session:

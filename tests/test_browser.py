@@ -15,6 +15,7 @@ from PIL import Image
 
 from avrgym import transforms
 from avrgym.models import human
+from avrgym.models.furniture.real import RealFurniture
 from avrgym.study.questionnaire import LIKERT_ITEMS
 from avrgym.study.recording import read_recording
 from avrgym.vr.emulation import EmulatedHeadset
@@ -81,6 +82,24 @@ def test_a_participant_is_seated_fed_and_asked(journey: Journey) -> None:
     assert any(record.applied and record.right is not None for _, record in recording.topics["/tracking"])
     phases = [record.detail for _, record in recording.topics["/events"] if record.name == "phase"]
     assert phases == ["free_before", "countdown", "trial", "free_after", "questionnaire"]
+
+
+@pytest.mark.parametrize("seat_height_m", [0.45, 0.52])
+def test_the_same_person_is_as_tall_on_any_chair(tmp_path: Path, seat_height_m: float) -> None:
+    """The chair's height is told, and kept with the recording."""
+    furniture = RealFurniture(seat_height_m=seat_height_m)
+    trial = TrialPlan("avrgym/FeedingJaco-v1", "revised", seed=3, practice=False)
+    plan = SessionPlan([trial], "woman", 0.5, simulated=True, trial_steps=1, items=(), furniture=furniture)
+    with ExitStack() as opened:
+        journey = Journey(tmp_path, plan, load_policies(plan), opened)
+        journey.enter()
+        journey.be_seated()
+        journey.await_phase("finished")
+        traits, person = journey.participant.traits, journey.session.person
+    assert person.torso_height_m == pytest.approx(traits.torso_height_m, abs=0.005)
+    kept = read_recording(tmp_path / "trial-01_attempt-1.mcap").metadata
+    assert kept["furniture"]["seat_height_m"] == seat_height_m
+    assert kept["goal"] == "Eat the food from the spoon."
 
 
 def errors(journey: Journey, registration: Registration, frame: Tracking) -> tuple[float, float, float]:

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from avrgym import transforms
+from avrgym.models.furniture.real import RealFurniture, real_furniture
 from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Posture, Sex
 from avrgym.vr.body import BodyPose, BodySolver, hips_frame, resting_head_centre, torso_angles
-from avrgym.vr.calibration import RealFurniture, measure_torso_height
+from avrgym.vr.calibration import measure_torso_height
 from avrgym.vr.messages import Tracking, XRPose
 from avrgym.vr.tracking import TrackingFeed
 from avrgym.vr.webxr import Pose, Registration, head_pose, headset_from_head, register
@@ -29,7 +30,9 @@ def headset(person: Person, posture: Posture, rise_m: float = 0.0) -> XRPose:
 def test_the_measure_is_the_torso_height_whatever_they_rest_on(
     sex: Sex, posture: Posture, rise_m: float
 ) -> None:
-    real = RealFurniture(VIRTUAL.seat_height_m + rise_m, VIRTUAL.mattress_height_m + rise_m)
+    real = RealFurniture(
+        seat_height_m=VIRTUAL.seat_height_m + rise_m, mattress_height_m=VIRTUAL.mattress_height_m + rise_m
+    )
     for height_m in (0.45, 0.54, 0.70):
         head = headset(Person(sex, height_m), posture, rise_m)
         assert measure_torso_height(sex, posture, head, real) == pytest.approx(height_m)
@@ -64,10 +67,21 @@ def test_heights_that_nobody_has_are_refused(posture: Posture, words: str) -> No
 
 
 def test_furniture_that_nobody_sits_on_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"seat is 1\.20 m high; allowed are 0\.30 to 0\.70 m"):
+    with pytest.raises(ValueError, match=r"seat_height_m is 1\.2; allowed: 0\.3 to 0\.7"):
         RealFurniture(seat_height_m=1.2)
-    with pytest.raises(ValueError, match=r"mattress is nan m high"):
+    with pytest.raises(ValueError, match="mattress_height_m is nan"):
         RealFurniture(mattress_height_m=float("nan"))
+    with pytest.raises(ValueError, match="seat_back_deg is 20; allowed: 45 to 100"):
+        real_furniture(VIRTUAL, seat_back_deg=20.0, seat_depth_m=None)
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+@pytest.mark.parametrize("back_deg", [50.0, 70.0, 90.0])
+def test_who_leans_on_a_real_back_is_as_tall_as_before(posture: Posture, back_deg: float) -> None:
+    real = RealFurniture(seat_height_m=0.45, seat_back_deg=back_deg, mattress_back_deg=back_deg)
+    person = Person("woman", 0.57)
+    head = headset(person, posture, real.head_rise_m(posture, person.torso_height_m))
+    assert measure_torso_height("woman", posture, head, real) == pytest.approx(0.57)
 
 
 def feed_of(*heads: XRPose) -> TrackingFeed:

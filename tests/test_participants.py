@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from avrgym.models import human
+from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Sex
 from avrgym.models.scene import TOOL
 from avrgym.participants import RATINGS, SimulatedParticipant, draw_traits
@@ -17,7 +18,7 @@ from avrgym.study.recording import read_recording
 from avrgym.tasks import TASKS
 from avrgym.vr.attempt import Experience
 from avrgym.vr.attendance import InProcessAttendance
-from avrgym.vr.calibration import RealFurniture, measure_torso_height
+from avrgym.vr.calibration import measure_torso_height
 from avrgym.vr.messages import State, Tracking, XRPose, decode_client, encode
 from avrgym.vr.session import Session
 from avrgym.vr.webxr import Registration, is_valid

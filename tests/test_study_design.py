@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from avrgym.models.furniture.real import RealFurniture
 from avrgym.study.design import DesignError, default_text, parse_design, read_design
 from avrgym.study.questionnaire import LIKERT_ITEMS
 from avrgym.study.states import StudyError
@@ -131,3 +132,26 @@ def test_a_blinded_experimenter_sees_letters() -> None:
         assert {design.shown_policy(policy, practice=False) for policy in design.policies} == {"A", "B"}
         assert design.shown_policy("revised", practice=True) == "practice"
     assert parse_design(TEXT).shown_policy("revised", practice=False) == "revised"
+
+
+def test_what_is_said_of_tasks_furniture_and_publication_is_checked_line_by_line():
+    text = default_text()
+    design = parse_design(text)
+    assert set(design.goals) == set(design.tasks)
+    assert design.furniture == RealFurniture()
+    for old, new, words in (
+        ("Feeding = ", "Feding = ", "unknown name 'Feding'; allowed: Feeding"),
+        ("seat_height_m = 0.485", "seat_height_m = 48.5", "seat_height_m is 48.5; allowed: 0.3 to 0.7"),
+        ("seat_back_deg = 90.0", "seat_angle = 90.0", "unknown name 'seat_angle'; allowed: seat_height_m"),
+        ('recruitment = ""', "recruitment = 3", "recruitment"),
+    ):
+        line = text[: text.index(old)].count("\n") + 1
+        with pytest.raises(DesignError, match=words) as refused:
+            parse_design(text.replace(old, new))
+        assert abs(int(str(refused.value).split(":")[1]) - line) <= 2
+
+
+def test_a_design_of_an_earlier_version_tells_tasks_and_furniture_by_itself():
+    text = (Path(__file__).parent / "data/study-of-0.1.0/study.toml").read_text()
+    design = parse_design(text)
+    assert (design.goals, design.furniture) == ({}, RealFurniture())

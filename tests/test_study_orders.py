@@ -4,10 +4,17 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 
+import msgspec
 import numpy as np
 import pytest
 
-from avrgym.study.allocation import PlannedTrial, cell_orders, least_filled_cell, plan_trials
+from avrgym.study.allocation import (
+    PlannedTrial,
+    cell_orders,
+    least_filled_cell,
+    plan_trials,
+    practice_robots_of,
+)
 from avrgym.study.design import Design, default_text, parse_design
 from avrgym.study.orders import Block, balanced_orders, williams_square
 from avrgym.tasks import ENVIRONMENTS
@@ -120,7 +127,23 @@ def test_seeds_and_practice_robots_follow_from_the_design_and_the_participant():
     assert trials_of_all(PAPER) == plans
     seeds = [trial.seed for trials in plans for trial in trials]
     assert len(set(seeds)) == len(seeds)
-    assert {_robot(trial) for trials in plans for trial in trials if trial.practice} == {"PR2", "Jaco"}
+
+
+def test_practice_robots_are_balanced_over_participants_and_over_tasks():
+    for seed in range(20):
+        design = parse_design(default_text().replace("seed = 0", f"seed = {seed}"))
+        practices = [[trial for trial in trials if trial.practice] for trials in trials_of_all(design)]
+        by_task = Counter((_task(trial), _robot(trial)) for trials in practices for trial in trials)
+        assert by_task == {(task, robot): 4 for task in design.tasks for robot in design.robots}
+        for trials in practices:
+            assert Counter(_robot(trial) for trial in trials) == {"PR2": 2, "Jaco": 2}
+
+
+def test_practice_robots_are_drawn_by_chance():
+    """No participant's robot for a task is fixed by the design."""
+    drawn = [practice_robots_of(msgspec.structs.replace(PAPER, seed=seed), 3) for seed in range(400)]
+    for robots in zip(*drawn, strict=True):
+        assert 150 < robots.count("PR2") < 250
 
 
 def test_without_a_practice_policy_there_are_no_practice_trials():

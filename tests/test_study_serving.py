@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
+from avrgym.models.furniture.real import RealFurniture
 from avrgym.study import database, schema
 from avrgym.study.checking import check_study
 from avrgym.study.participants import enrol
@@ -105,6 +106,17 @@ def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store
     loop.ask(loop.sessions.begin, second)
     assert loop.sessions.participant == second
     assert [type(message) for message in greeted] == 2 * [Welcome, Body, Scene, Phase]
+
+
+def test_sessions_are_on_the_furniture_that_was_given_last(store: Store, loop: Loop) -> None:
+    """The design's until somebody gives another; the next session keeps it."""
+    assert loop.sessions.furniture == store.design.furniture
+    lower = RealFurniture(seat_height_m=0.45)
+    for furniture in (lower, None):
+        loop.ask(lambda whom, seat=furniture: loop.sessions.begin(whom, seat), take_in(store))
+        assert loop.sessions.furniture == lower
+        loop.sessions.receive(Command(name="end"), loop.now_s)
+        loop.tick()
 
 
 def test_who_withdraws_is_withdrawn_after_their_session_has_ended(store: Store, loop: Loop) -> None:

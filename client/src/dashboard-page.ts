@@ -1,4 +1,4 @@
-import type { Action, Overview, Participant, Study } from "./dashboard-study";
+import type { Action, Furniture, Overview, Participant, Study } from "./dashboard-study";
 import {
   beginWords,
   buildTable,
@@ -30,7 +30,7 @@ export class Dashboard {
     this.onSubmit("enrol", (form) => this.enrol(form));
     this.onAct("consent", "consent", "is recorded", () => ({ version: this.overview!.consent.version }));
     this.onAct("inclusion", "inclusion", "are recorded", (form) => ({ answers: this.inclusionAnswers(form) }));
-    this.onAct("begin", "sessions", "has begun", () => ({}));
+    this.onAct("begin", "sessions", "has begun", (form) => ({ furniture: this.furnitureIn(form) }));
     this.onAct("note", "notes", "is stored", (form) => ({ text: field(form, "text") }));
     this.onAct("identity", "identity", "are in the key file", (form) => ({
       name: field(form, "name"),
@@ -105,6 +105,11 @@ export class Dashboard {
     return Object.fromEntries(questions.map((id) => [id, field(form, id) === "yes"]));
   }
 
+  private furnitureIn(form: HTMLFormElement): Furniture {
+    const names = Object.keys(this.overview!.furniture) as (keyof Furniture)[];
+    return Object.fromEntries(names.map((name) => [name, Number(field(form, name))])) as unknown as Furniture;
+  }
+
   // What is shown
 
   private async choose(pseudonym: string): Promise<void> {
@@ -115,7 +120,7 @@ export class Dashboard {
   }
 
   private showOverview(overview: Overview): void {
-    const { summary, consent, results, live } = overview;
+    const { summary, consent, results, live, furniture } = overview;
     document.title = `${summary.title} – AVR Gym`;
     element("title").textContent = summary.title;
     element("progress").textContent = progressWords(overview);
@@ -125,7 +130,17 @@ export class Dashboard {
     this.showTable("participants", participantsTable(summary.participants, live), (name) => this.chooser(name));
     this.showTable("results", resultsTable(results, Object.keys(overview.items)));
     this.fill("questions", overview.inclusion, () => Object.entries(overview.inclusion).map(yesOrNo));
+    this.showFurniture(furniture);
     this.fill("items", overview.items, () => Object.entries(overview.items).map(([id, text]) => line(`${id}: ${text}`)));
+  }
+
+  /** What is in the fields when nobody changes them, also after a form is emptied. */
+  private showFurniture(furniture: Furniture): void {
+    const fields = element<HTMLFormElement>("begin").elements;
+    for (const [name, value] of Object.entries(furniture)) {
+      const input = fields.namedItem(name) as HTMLInputElement;
+      if (input.defaultValue !== String(value)) input.value = input.defaultValue = String(value);
+    }
   }
 
   private chooser(pseudonym: string): HTMLButtonElement {

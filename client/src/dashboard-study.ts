@@ -20,6 +20,15 @@ export interface ConditionResults {
   answer_means: Record<string, number>;
 }
 
+/** What participants really sit and lie on: metres above the floor, degrees from the horizontal. */
+export interface Furniture {
+  seat_height_m: number;
+  seat_depth_m: number;
+  seat_back_deg: number;
+  mattress_height_m: number;
+  mattress_back_deg: number;
+}
+
 export interface Overview {
   summary: {
     title: string;
@@ -36,6 +45,7 @@ export interface Overview {
   items: Record<string, string>;
   results: ConditionResults[];
   live: string | null;
+  furniture: Furniture;
 }
 
 export interface Trial {

@@ -3,6 +3,7 @@ import { P_SPACE, XRDevice, metaQuest3 } from "iwer";
 import type { App } from "./app";
 import type { Phase, Question, XRPose } from "./messages";
 import { poseOf, type Poses } from "./tracking";
+import tickerUrl from "./ticker?worker&url";
 
 type Hand = "left" | "right";
 type Triple = [x: number, y: number, z: number];
@@ -92,10 +93,20 @@ export function exposeEmulator(app: App, device: XRDevice): void {
   trackByTimer(app, device);
 }
 
+interface TrustedTypes {
+  createPolicy(name: string, rules: { createScriptURL(url: string): string }): { createScriptURL(url: string): string };
+}
+
+/** The address of a built script, as browsers want it that enforce trusted types; the server allows this policy alone. */
+function ours(url: string): string {
+  const { trustedTypes } = window as unknown as { trustedTypes?: TrustedTypes };
+  return trustedTypes?.createPolicy("avrgym", { createScriptURL: (same) => same }).createScriptURL(url) ?? url;
+}
+
 /** A real headset tracks however long a page takes to draw; so does the emulated one. */
 function trackByTimer(app: App, device: XRDevice): void {
   app.immersive.trackedElsewhere = true;
-  const ticker = new Worker(new URL("./ticker.ts", import.meta.url), { type: "module" });
+  const ticker = new Worker(ours(tickerUrl), { type: "module" });
   ticker.onmessage = () => {
     if (app.presenting) app.immersive.track(posesOf(device), performance.now());
   };

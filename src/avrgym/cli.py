@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,6 +28,7 @@ from avrgym.terminal import (
 )
 
 if TYPE_CHECKING:
+    from avrgym.models.furniture.real import RealFurniture
     from avrgym.vr.certificate import Certificate
     from avrgym.vr.server import LiveServer
     from avrgym.vr.session import Send, Session
@@ -101,6 +103,20 @@ def serve(
     person: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")] = "woman",
     trials: Annotated[int, typer.Option(help="Trials after each environment's practice trial.", min=1)] = 1,
     seed: Seed = 0,
+    seat_height: Annotated[
+        float | None,
+        typer.Option(help="The real seat above the floor, m; 0.485 unless the study says otherwise."),
+    ] = None,
+    seat_depth: Annotated[float | None, typer.Option(help="The real seat's depth, m.")] = None,
+    seat_back: Annotated[
+        float | None, typer.Option(help="The angle of the real seat's back from the horizontal, degrees.")
+    ] = None,
+    mattress_height: Annotated[
+        float | None, typer.Option(help="The real mattress above the floor, m.")
+    ] = None,
+    mattress_back: Annotated[
+        float | None, typer.Option(help="The angle of the real bed's back from the horizontal, degrees.")
+    ] = None,
 ) -> None:
     """Serve one participant's session to a headset: for each environment practice, then trials with questions.
 
@@ -109,6 +125,7 @@ def serve(
     """
     from concurrent.futures import ThreadPoolExecutor
 
+    from avrgym.models.furniture.real import REAL_AS_VIRTUAL, real_furniture
     from avrgym.vr.certificate import certificate_for, data_folder, lan_names
     from avrgym.vr.server import LiveServer
     from avrgym.vr.web import EVERY_ADDRESS, LOOPBACK
@@ -116,13 +133,28 @@ def serve(
     with plain_errors(), ThreadPoolExecutor(1) as workers:
         if person not in SEXES:
             raise ValueError(f"unknown person {person!r}; the body models are {' and '.join(SEXES)}")
+        furniture = partial(
+            real_furniture,
+            seat_height_m=seat_height,
+            seat_depth_m=seat_depth,
+            seat_back_deg=seat_back,
+            mattress_height_m=mattress_height,
+            mattress_back_deg=mattress_back,
+        )
         certificate = certificate_for(lan_names(), data_folder()) if lan else None
         address = host or (EVERY_ADDRESS if lan else LOOPBACK[0])
         if participant is not None or (study / "study.toml").is_file():
-            _serve_study(study, participant, workers, address, port, certificate)
+            _serve_study(study, participant, furniture, workers, address, port, certificate)
             return
         make_session = _free_session(
-            study, env or ["avrgym/FeedingJaco-v1"], policy, person, trials, seed, workers
+            study,
+            env or ["avrgym/FeedingJaco-v1"],
+            policy,
+            person,
+            furniture(REAL_AS_VIRTUAL),
+            trials,
+            seed,
+            workers,
         )
         with LiveServer(make_session, address, port, certificate) as server:
             _explain(server, "spectator")
@@ -132,6 +164,7 @@ def serve(
 def _serve_study(
     folder: Path,
     participant: str | None,
+    furniture: "Callable[[RealFurniture], RealFurniture]",
     workers: Executor,
     host: str,
     port: int,
@@ -146,7 +179,9 @@ def _serve_study(
     with (
         Store(folder) as store,
         LiveServer(
-            lambda send: StudySessions(store, send, workers, first=participant),
+            lambda send: StudySessions(
+                store, send, workers, first=participant, furniture=furniture(store.design.furniture)
+            ),
             host,
             port,
             certificate,
@@ -158,14 +193,21 @@ def _serve_study(
 
 
 def _free_session(
-    folder: Path, environments: list[str], policy: str, person: Sex, trials: int, seed: int, workers: Executor
+    folder: Path,
+    environments: list[str],
+    policy: str,
+    person: Sex,
+    furniture: "RealFurniture",
+    trials: int,
+    seed: int,
+    workers: Executor,
 ) -> "Callable[[Send], Session]":
     """What makes a session outside of any study."""
     from avrgym.vr.plan import SessionPlan, load_policies, practised_trials
     from avrgym.vr.session import Session
 
     planned = practised_trials(environments, policy, trials, seed)
-    plan = SessionPlan(planned, person, free_movement_s=5.0, simulated=False)
+    plan = SessionPlan(planned, person, free_movement_s=5.0, simulated=False, furniture=furniture)
     policies = load_policies(plan)
     recordings, name = folder / "recordings", folder.name
     return lambda send: Session(plan, policies, recordings, send, identifier=name, workers=workers)

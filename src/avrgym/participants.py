@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from avrgym import cooperation, people, transforms
 from avrgym.models import human
+from avrgym.models.furniture.real import REAL_AS_VIRTUAL, RealFurniture
 from avrgym.models.human import LOWER_RAD, SEATED, SEATED_RAD, UPPER_RAD, Person, Sex
 from avrgym.models.robots import find_robot
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
@@ -91,10 +92,12 @@ class SimulatedParticipant:
     They sit until they are told to ``take_place`` elsewhere.
     """
 
-    def __init__(self, traits: Traits, seed: int) -> None:
+    def __init__(self, traits: Traits, seed: int, furniture: RealFurniture = REAL_AS_VIRTUAL) -> None:
+        """Sit on ``furniture`` of their room: how high the head is follows from it."""
         random = np.random.default_rng([seed, 1])
         self.traits = traits
         self._random = random
+        self._furniture = furniture
         self._room = Registration(
             np.array([*random.uniform(-0.3, 0.3, 2), 0.0]), float(random.uniform(-np.pi, np.pi))
         )
@@ -129,6 +132,8 @@ class SimulatedParticipant:
     def _rest(self, posture: human.Posture, rest_rad: Array) -> None:
         self._posture, self._rest_rad = posture, rest_rad
         person = Person(self.traits.sex, self.traits.torso_height_m, rest_rad)
+        higher_m = self._furniture.head_rise_m(posture, person.torso_height_m)
+        self._room = replace(self._room, origin_w=np.array([*self._room.origin_w[:2], -higher_m]))
         self._people = people.repeat(person, 1)
         self._sites = human.layout(self._people.is_woman, self._people.torso_height_m).site_pos
         self._model = human.person_model(person, posture, moving=True)

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import msgspec
+
 from avrgym.analysis.drawing import Drawing
 from avrgym.analysis.page import (
     Markup,
@@ -22,6 +24,7 @@ from avrgym.analysis.statistics import EXACT_SIGNED_RANK
 from avrgym.analysis.study import Analysis
 from avrgym.analysis.trained_people import PEOPLE_PER_TASK, SEED
 from avrgym.analysis.trial_section import trials
+from avrgym.tasks import TASKS
 
 TITLES = {False: "People", True: "Simulated participants"}
 
@@ -32,7 +35,12 @@ def write_study_page(path: Path, analysis: Analysis, drawings: Sequence[Drawing]
     header = [tag("p", "Analysis of the study as it stands."), _notices(analysis), _navigation(groups)]
     sections = [_group(analysis, simulated, drawings, study_link) for simulated in groups]
     nobody = [tag("p", "Nobody has taken part yet: there is nothing to analyse.")] if not groups else []
-    write_page(path, analysis.design.title, header, [*nobody, *sections, _problems(analysis), _methods()])
+    write_page(
+        path,
+        analysis.design.title,
+        header,
+        [*nobody, *sections, _facts(analysis), _problems(analysis), _methods()],
+    )
 
 
 def _notices(analysis: Analysis) -> Markup:
@@ -56,6 +64,7 @@ def _navigation(groups: Sequence[bool]) -> Markup:
     return tag(
         "nav",
         *links,
+        tag("a", "About the study", href="#facts"),
         tag("a", "What is not as it should be", href="#problems"),
         tag("a", "Methods", href="#methods"),
     )
@@ -98,7 +107,6 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
         "Trials completed": sum(row.state == "completed" for row in trials),
         "missing": sum(row.state != "completed" for row in trials),
         "in the analyses": sum(row.counted for row in trials),
-        "left out, persons held": sum(row.left_out is not None for row in trials),
         "Attempts": sum(row.attempts for row in trials),
         "broken off": sum(row.attempts_broken_off for row in trials),
     }
@@ -115,10 +123,7 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
         "broken off",
     )  # fmt: skip
     caption = "Participants; who withdrew is counted here and in no analysis"
-    left_out = [f"{row.participant}, trial {row.position}: {row.left_out}." for row in trials if row.left_out]
-    listed = [tag("p", "Left out of the analyses:"), listing(left_out)] if left_out else []
-    shown = table(_marked(caption, simulated), heads, rows, numbers=range(3, 10))
-    return join([definitions(figures), *listed, shown])
+    return join([definitions(figures), table(_marked(caption, simulated), heads, rows, numbers=range(3, 10))])
 
 
 def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
@@ -127,6 +132,24 @@ def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
 
 def _marked(caption: str, simulated: bool) -> str:
     return f"{caption} (simulated participants)" if simulated else caption
+
+
+def _facts(analysis: Analysis) -> Markup:
+    """What a publication says of a study and its data do not."""
+    design, seat = analysis.design, analysis.design.furniture
+    told = [f"{task}: {design.goals.get(task) or TASKS[task].goal}" for task in design.tasks]
+    given = {
+        name.replace("_", " ").capitalize(): text or "not given: [reporting] in study.toml has a field for it"
+        for name, text in msgspec.structs.asdict(design.reporting).items()
+    }
+    rows = given | {
+        "Participants were told": " ".join(told),
+        "Real seat": f"{seat.seat_height_m:g} m high, {seat.seat_depth_m:g} m deep, back at {seat.seat_back_deg:g}°",
+        "Real mattress": f"{seat.mattress_height_m:g} m high, back at {seat.mattress_back_deg:g}°",
+    }
+    words = listing([f"{name}: {text}" for name, text in rows.items()])
+    note = "Where a session had another seat or bed, its recordings say so."
+    return tag("section", tag("h2", "About the study"), words, tag("p", note), id="facts")
 
 
 def _problems(analysis: Analysis) -> Markup:
@@ -142,10 +165,8 @@ def _problems(analysis: Analysis) -> Markup:
 
 
 METHODS = (
-    "Counted are completed trials but for practice, of participants who have not withdrawn. A trial is left out, and "
-    "listed, whose person was held still, because tracking was lost or jumped, for a larger share of the time in which "
-    "the robot helped than the design allows. Every table has a column that says whether a row is about simulated "
-    "participants.",
+    "Counted are completed trials but for practice, of participants who have not withdrawn. Every table has a column "
+    "that says whether a row is about simulated participants.",
     "Reward: mean over participants with a 95 % interval by Student's t. Success: Wilson's 95 % interval. Beside them "
     "stands what training measured for the same policy with the people that it trained with.",
     "Wilcoxon's signed-rank test: zeros are left out, ties share their mean rank; exact for at most "

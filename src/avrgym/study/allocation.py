@@ -39,16 +39,33 @@ def plan_trials(design: Design, cell: int, participant: int) -> tuple[PlannedTri
     Robots for practice and the trials' seeds differ between participants; the design's seed decides on both.
     """
     rng = np.random.default_rng([design.seed, participant])
+    practice_robots = practice_robots_of(design, participant)
     trials: list[PlannedTrial] = []
     for block in cell_orders(design)[cell]:
-        for robot, policy, practice in _conditions(design, block, rng):
+        for robot, policy, practice in _conditions(design, block, practice_robots[block.task]):
             environment = f"avrgym/{design.tasks[block.task]}{robot}-v1"
             seed = int(rng.integers(2**31))
             trials.append(PlannedTrial(len(trials) + 1, environment, policy, seed, practice))
     return tuple(trials)
 
 
-def _conditions(design: Design, block: Block, rng: np.random.Generator) -> list[tuple[str, str, bool]]:
-    practice_robot = design.robots[rng.integers(len(design.robots))]
+def practice_robots_of(design: Design, participant: int) -> tuple[str, ...]:
+    """The robot that a participant, by number from 1, practises each task of the design with.
+
+    Drawn by chance, but for balance: in each group of as many participants as there are robots every one meets another
+    robot in a task, and everybody practises with each robot in as many tasks, or one more.
+    """
+    robots = len(design.robots)
+    group, place = divmod(participant - 1, robots)
+    rng = np.random.default_rng([design.seed, _PRACTICE, group])
+    shifts = rng.permutation(np.arange(len(design.tasks)) % robots)
+    return tuple(design.robots[index] for index in (rng.permutation(robots)[place] + shifts) % robots)
+
+
+_PRACTICE = 2**32 - 1
+"""Keeps the draws of practice robots apart from those of participants."""
+
+
+def _conditions(design: Design, block: Block, practice_robot: str) -> list[tuple[str, str, bool]]:
     practice = [(practice_robot, design.practice_policy, True)] if design.practice_policy else []
     return practice + [(*design.conditions[index], False) for index in block.conditions]

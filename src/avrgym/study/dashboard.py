@@ -11,6 +11,7 @@ import msgspec
 from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
+from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies import PolicyError
 from avrgym.study.dashboard_views import overview, participant_view
@@ -41,7 +42,12 @@ class LiveSessions(Protocol):
         """The pseudonym of the participant whose session runs."""
         ...
 
-    def begin(self, pseudonym: str) -> None:
+    @property
+    def furniture(self) -> RealFurniture:
+        """What participants of the next session really sit and lie on."""
+        ...
+
+    def begin(self, pseudonym: str, furniture: RealFurniture | None = None) -> None:
         """Begin or continue a participant's session; ``StudyError`` or ``PolicyError`` when that cannot be."""
         ...
 
@@ -61,6 +67,11 @@ class Dashboard:
     def participant(self) -> str | None:
         """Whose session runs."""
         return self.live.participant if self.live else None
+
+    @property
+    def furniture(self) -> RealFurniture:
+        """What participants of the next session really sit and lie on."""
+        return self.live.furniture if self.live else self.store.design.furniture
 
 
 class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -104,7 +115,9 @@ class NewNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """That a session shall begin or go on."""
+    """That a session shall begin or go on, with other furniture than the one before if it is given."""
+
+    furniture: RealFurniture | None = None
 
 
 def _enrol(board: Dashboard, new: Enrolment) -> dict[str, str]:
@@ -142,10 +155,10 @@ def _note(board: Dashboard, pseudonym: str, note: NewNote) -> None:
     add_note(board.store, pseudonym, note.text, session)
 
 
-def _begin(board: Dashboard, pseudonym: str, _start: SessionStart) -> None:
+def _begin(board: Dashboard, pseudonym: str, start: SessionStart) -> None:
     if board.live is None:
         raise StudyError("no sessions are run here; `avrgym serve --study DIR` runs them")
-    board.live.begin(pseudonym)
+    board.live.begin(pseudonym, start.furniture)
 
 
 ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any], None]]] = {
@@ -180,7 +193,7 @@ def dashboard_app(store: Store, tokens: Tokens, live: LiveSessions | None = None
 
     @app.get("/overview")
     def read_overview() -> Response:
-        return _json(overview(store, board.participant))
+        return _json(overview(store, board.participant, board.furniture))
 
     @app.get("/participants/{pseudonym}")
     def read_participant(pseudonym: str) -> Response:

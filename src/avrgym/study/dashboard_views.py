@@ -3,6 +3,7 @@
 from collections import defaultdict
 from dataclasses import dataclass
 
+from avrgym.models.furniture.real import RealFurniture
 from avrgym.study.design import Consent, Design
 from avrgym.study.keyfile import read_key
 from avrgym.study.results import ConditionResults, summarise_results
@@ -15,7 +16,9 @@ from avrgym.tasks import find_environment
 
 @dataclass(frozen=True)
 class Overview:
-    """The whole study. ``inclusion`` and ``items`` hold texts by id; ``live`` is whose session runs."""
+    """The whole study. ``inclusion`` and ``items`` hold texts by id; ``live`` is whose session runs, ``furniture``
+    what the next participant really sits and lies on.
+    """
 
     summary: StudySummary
     blinded: bool
@@ -24,6 +27,7 @@ class Overview:
     items: dict[str, str]
     results: tuple[ConditionResults, ...]
     live: str | None
+    furniture: RealFurniture
 
 
 @dataclass(frozen=True)
@@ -58,8 +62,8 @@ class ParticipantView:
     notes: tuple[Note, ...]
 
 
-def overview(store: Store, live: str | None) -> Overview:
-    """How the study stands, while the session of ``live`` runs."""
+def overview(store: Store, live: str | None, furniture: RealFurniture) -> Overview:
+    """How the study stands, while the session of ``live`` runs; the next one is on this ``furniture``."""
     design = store.design
     return Overview(
         summary=summarise_study(store),
@@ -69,6 +73,7 @@ def overview(store: Store, live: str | None) -> Overview:
         items={name: item.text for name, item in design.items.items()},
         results=summarise_results(store),
         live=live,
+        furniture=furniture,
     )
 
 

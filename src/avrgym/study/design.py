@@ -12,6 +12,7 @@ import numpy as np
 import tomlkit
 from tomlkit.exceptions import ParseError, TOMLKitError
 
+from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.robots import ROBOTS
 from avrgym.study.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire, items_to_ask
 from avrgym.tasks import TASKS
@@ -21,6 +22,7 @@ FILE = "study.toml"
 PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps")
 """What must stay as it is once a participant has been given an order."""
 
+Sentence = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=8)]
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 _POLICY = re.compile(r"(?!.*\.\.)[A-Za-z0-9_-][A-Za-z0-9_./-]{0,79}")
@@ -51,12 +53,20 @@ class DatabaseChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     url: str = ""
 
 
+class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a publication says of a study and no recording knows; empty until it is known."""
+
+    ethics_approval: str = ""
+    recruitment: str = ""
+    compensation: str = ""
+
+
 class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole study.
 
-    ``trial_steps`` are control steps of 0.1 s. An empty ``practice_policy`` means no practice trials. A trial whose
-    person was held for more than ``max_held_share`` of the time in which the robot helped enters no analysis; a design
-    that does not say counts all.
+    ``trial_steps`` are control steps of 0.1 s. An empty ``practice_policy`` means no practice trials. ``goals`` tell
+    participants what a task is, by task; where one is missing, the task's own sentence does. ``furniture`` is what they
+    really sit and lie on.
     """
 
     title: Annotated[str, msgspec.Meta(min_length=1)]
@@ -69,10 +79,12 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     trial_steps: Annotated[int, msgspec.Meta(ge=1)]
     free_movement_s: Annotated[float, msgspec.Meta(ge=0, le=600)]
     blind_experimenter: bool
-    max_held_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 1.0
     consent: Consent
     inclusion: tuple[InclusionQuestion, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
+    goals: Mapping[str, Sentence] = {}
+    furniture: RealFurniture = RealFurniture()
+    reporting: Reporting = Reporting()
     database: DatabaseChoice = DatabaseChoice()
 
     @property
@@ -158,6 +170,8 @@ def _check(design: Design) -> None:
     """Raise ``_Wrong`` for the first value that no type forbids but that cannot be."""
     _check_names(("tasks",), design.tasks, TASKS)
     _check_names(("robots",), design.robots, ROBOTS)
+    for task in design.goals:
+        _check_known(("goals", task), task, TASKS)
     _check_unique(("policies",), design.policies)
     for index, policy in enumerate(design.policies):
         _check_pattern(
@@ -172,9 +186,13 @@ def _check(design: Design) -> None:
 
 def _check_names(place: Place, names: tuple[str, ...], allowed: Mapping[str, Any]) -> None:
     for index, name in enumerate(names):
-        if name not in allowed:
-            raise _Wrong((*place, index), f"unknown name {name!r}; allowed: {', '.join(allowed)}")
+        _check_known((*place, index), name, allowed)
     _check_unique(place, names)
+
+
+def _check_known(place: Place, name: str, allowed: Mapping[str, Any]) -> None:
+    if name not in allowed:
+        raise _Wrong(place, f"unknown name {name!r}; allowed: {', '.join(allowed)}")
 
 
 def _check_unique(place: Place, names: tuple[str, ...]) -> None:
@@ -249,5 +267,7 @@ def _struct_at(place: Place) -> type[msgspec.Struct]:
         ("questionnaires",): Questionnaire,
         ("questionnaires", "items"): Item,
         ("database",): DatabaseChoice,
+        ("furniture",): RealFurniture,
+        ("reporting",): Reporting,
     }
     return structs[tuple(names)]

@@ -6,6 +6,7 @@ from concurrent.futures import Executor
 from dataclasses import asdict
 from typing import Self
 
+from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Person
 from avrgym.study.answers import answered_in_visit, record_answer, record_session_answer
 from avrgym.study.attempts import begin_attempt, complete_attempt, end_attempt
@@ -18,6 +19,7 @@ from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 from avrgym.study.texts import check_line
 from avrgym.study.watch import Watch
+from avrgym.tasks import find_environment
 from avrgym.vr import transitions
 from avrgym.vr.messages import Command
 from avrgym.vr.plan import Policies, SessionPlan, TrialPlan
@@ -60,11 +62,11 @@ class StudyVisit:
         """Whether somebody elsewhere has ended the session."""
         return self._watch.called_off
 
-    def plan(self) -> SessionPlan:
+    def plan(self, furniture: RealFurniture | None = None) -> SessionPlan:
         """What remains to be run; ``StudyError`` when nothing does, as after a crash at the very end."""
         if not self.store.remaining_trials(self.pseudonym):
             raise StudyError(f"{self.pseudonym} has completed every trial")
-        return plan_session(self.store, self.pseudonym)
+        return plan_session(self.store, self.pseudonym, furniture)
 
     def session(
         self,
@@ -135,8 +137,11 @@ def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
     return over + remaining
 
 
-def plan_session(store: Store, pseudonym: str) -> SessionPlan:
-    """What a session of a participant runs now; there must be a trial that remains."""
+def plan_session(store: Store, pseudonym: str, furniture: RealFurniture | None = None) -> SessionPlan:
+    """What a session of a participant runs now; there must be a trial that remains.
+
+    ``furniture`` is what the participant really sits and lies on, the design's unless given.
+    """
     participant, design = store.participant(pseudonym), store.design
     trials = trials_in_order(store, pseudonym)
     made = [attempt.trial for attempt in store.attempts(pseudonym)]
@@ -147,6 +152,7 @@ def plan_session(store: Store, pseudonym: str) -> SessionPlan:
         simulated=participant.simulated,
         items=design.items_at("after_trial"),
         trial_steps=design.trial_steps,
+        furniture=furniture or design.furniture,
         first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
     )
 
@@ -157,6 +163,7 @@ def _trial_plan(store: Store, trial: Trial, attempts: int) -> TrialPlan:
         trial.policy,
         trial.seed,
         trial.practice,
+        goal=store.design.goals.get(find_environment(trial.environment)[0], ""),
         items=store.design.items_at("after_trial", trial.seed),
         earlier_attempts=attempts,
     )

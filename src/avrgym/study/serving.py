@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from queue import Empty, SimpleQueue
 
+from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Person
 from avrgym.study.live import StudyVisit
 from avrgym.study.session_questions import SessionQuestions
@@ -29,11 +30,18 @@ class StudySessions:
     """
 
     def __init__(
-        self, store: Store, send: Send, workers: Executor | None = None, *, first: str | None = None
+        self,
+        store: Store,
+        send: Send,
+        workers: Executor | None = None,
+        *,
+        first: str | None = None,
+        furniture: RealFurniture | None = None,
     ) -> None:
         """Wait for a participant of a study, or begin the session of the ``first`` at once.
 
-        ``send`` and ``workers`` are as for ``Session``. Raises what ``begin`` does.
+        ``furniture`` is what participants really sit and lie on here, the design's unless given. ``send`` and
+        ``workers`` are as for ``Session``. Raises what ``begin`` does.
         """
         self._store, self._send, self._workers = store, send, workers
         self._visit: StudyVisit | None = None
@@ -42,22 +50,28 @@ class StudySessions:
         self._scenes: list[tuple[str, Person]] = []
         self._clients: deque[tuple[Send, Role]] = deque(maxlen=CLIENTS)
         self._asked: SimpleQueue[tuple[Action, Future[None]]] = SimpleQueue()
+        self._furniture = furniture or store.design.furniture
         if first is not None:
             self._begin(first, 0.0)
+
+    @property
+    def furniture(self) -> RealFurniture:
+        """What participants of the next session really sit and lie on, unless their session begins with other."""
+        return self._furniture
 
     @property
     def participant(self) -> str | None:
         """The pseudonym of the participant whose session runs."""
         return self._visit.pseudonym if self._visit is not None else None
 
-    def begin(self, pseudonym: str) -> None:
-        """Begin or continue a participant's session.
+    def begin(self, pseudonym: str, furniture: RealFurniture | None = None) -> None:
+        """Begin or continue a participant's session, from now on with this furniture if it is given.
 
         Raises:
             StudyError: while another session runs, or when the participant can have none.
             PolicyError: when a policy of the remaining trials is missing.
         """
-        self._ask(lambda now_s: self._begin(pseudonym, now_s))
+        self._ask(lambda now_s: self._begin(pseudonym, now_s, furniture))
 
     def withdraw(self, pseudonym: str, reason: str) -> None:
         """Stop robot and recording of the participant whose session runs, then store that they withdrew.
@@ -126,10 +140,11 @@ class StudySessions:
             else:
                 done.set_result(None)
 
-    def _begin(self, pseudonym: str, now_s: float) -> None:
+    def _begin(self, pseudonym: str, now_s: float, furniture: RealFurniture | None = None) -> None:
         if self.participant is not None:
             raise StudyError(f"the session of {self.participant} runs; end it before another begins")
         visit = StudyVisit(self._store, pseudonym)
+        self._furniture = furniture or self._furniture
         try:
             self._session = self._in_vr(visit)
         except BaseException:
@@ -143,7 +158,7 @@ class StudySessions:
         """The trials that remain; ``None`` where a crash left only the last questions."""
         if visit.items("after_session") and not self._store.remaining_trials(visit.pseudonym):
             return None
-        return visit.session(visit.plan(), self._send, self._workers, self._scenes)
+        return visit.session(visit.plan(self._furniture), self._send, self._workers, self._scenes)
 
     def _questions_of(self, visit: StudyVisit, when: str) -> SessionQuestions | None:
         return SessionQuestions(visit, when, self._send) if visit.items(when) else None

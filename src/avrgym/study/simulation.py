@@ -91,7 +91,7 @@ def _run_trial(visit: StudyVisit, seed: int) -> None:
     plan = visit.plan()
     number = plan.first_trial
     traits = traits_of(visit.store.participant(visit.pseudonym), seed)
-    participant = SimulatedParticipant(traits, plan.trials[number - 1].seed)
+    participant = SimulatedParticipant(traits, plan.trials[number - 1].seed, plan.furniture)
     attendance = InProcessAttendance(participant, lambda text: None)
     session = visit.session(replace(plan, trials=plan.trials[:number]), attendance.hear)
     attendance.run(session)

@@ -118,6 +118,7 @@ def above_clothes(places: Array) -> Array:
 class Task:
     """A task. Every function takes and gives arrays with the world axis first.
 
+    ``goal`` tells a participant in one sentence what the task is, and not how it is done (paper, section V).
     ``offered`` is what cooperating people bring to the tool, ``pose`` is how people sit or lie.
     ``stage(robot)`` says what stands in the scene. ``start(stage, people, uniforms)`` draws where things begin
     from uniform numbers (n, ``uniforms``). ``remember(people, uniforms)``, with the same numbers, is the memory
@@ -127,6 +128,7 @@ class Task:
     """
 
     name: str
+    goal: str
     offered: Offered
     pose: Pose
     uniforms: int

@@ -130,6 +130,7 @@ def tilt_rad(state: State) -> Array:
 
 DRINKING = Task(
     name="Drinking",
+    goal="Drink the water from the cup.",
     offered="mouth",
     pose=HEAD_TURNED,
     uniforms=3 + places.UNIFORMS,

@@ -157,6 +157,7 @@ def _is_dropped(state: State) -> Bools:
 
 FEEDING = Task(
     name="Feeding",
+    goal="Eat the food from the spoon.",
     offered="mouth",
     pose=HEAD_TURNED,
     uniforms=6 + places.UNIFORMS,

@@ -206,6 +206,7 @@ MARKS = Marks(
 
 SCRATCH_ITCH = Task(
     name="ScratchItch",
+    goal="Get the itch on your right arm scratched.",
     offered="arm",
     pose=POSE,
     uniforms=6 + places.UNIFORMS,

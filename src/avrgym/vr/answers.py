@@ -18,7 +18,7 @@ BUILT = "/assets/"
 CONTENT_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self' blob:; "
     "frame-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors {ancestors}; "
-    "require-trusted-types-for 'script'"
+    "trusted-types avrgym; require-trusted-types-for 'script'"
 )
 """Pages load and reach nothing but this server, and make no markup from texts; scenes bring pictures as blobs."""
 PERMISSIONS = (

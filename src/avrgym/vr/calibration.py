@@ -1,55 +1,19 @@
 """How tall the torso of a participant is who sits upright or lies back, from the height of their headset.
 
-The torso leans back from the vertical as the posture says: not in the wheelchair, by 30° on the bed's backrest. So
-its height, from the hips to the centre of the head, is what the head stands above the hips over the cosine of
-that (paper, section III, for the wheelchair). The hips rest as high above the real seat or mattress as the model's
-above the virtual one. A headset says nothing about the real backrest: where its angle is another one, the
-experimenter enters the torso height.
+The torso leans back as the real back does that it rests against. So its height, from the hips to the centre of the
+head, is what the head stands above the hips over the sine of the back's angle (paper, section III, for an upright
+back). The hips rest as high above the real seat or mattress as the model's above the virtual one.
 """
 
-from dataclasses import dataclass
-from math import cos, radians
+from math import radians, sin
 
 import numpy as np
 
 from avrgym.models import human
-from avrgym.models.furniture.bed import MATTRESS_TOP_M
-from avrgym.models.furniture.wheelchair import SEAT_HEIGHT_M
+from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import PROPORTIONS, SEATED, Posture, Sex
 from avrgym.vr.messages import XRPose
 from avrgym.vr.webxr import Registration, head_pose
-
-SEAT_HEIGHT_RANGE_M = (0.30, 0.70)
-MATTRESS_HEIGHT_RANGE_M = (0.05, 1.00)
-
-
-@dataclass(frozen=True)
-class RealFurniture:
-    """What participants really sit and lie on: heights above the floor, the virtual ones unless given.
-
-    Raises:
-        ValueError: for heights that no such furniture has.
-    """
-
-    seat_height_m: float = SEAT_HEIGHT_M
-    mattress_height_m: float = MATTRESS_TOP_M
-
-    def __post_init__(self) -> None:
-        _check("seat", self.seat_height_m, SEAT_HEIGHT_RANGE_M)
-        _check("mattress", self.mattress_height_m, MATTRESS_HEIGHT_RANGE_M)
-
-    def rise_m(self, posture: Posture) -> float:
-        """How much higher the real seat or mattress is than the virtual one."""
-        if posture is SEATED:
-            return self.seat_height_m - SEAT_HEIGHT_M
-        return self.mattress_height_m - MATTRESS_TOP_M
-
-
-def _check(name: str, height_m: float, allowed: tuple[float, float]) -> None:
-    if not allowed[0] <= height_m <= allowed[1]:
-        raise ValueError(
-            f"the {name} is {height_m:.2f} m high; allowed are {allowed[0]:.2f} to {allowed[1]:.2f} m"
-        )
 
 
 def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: RealFurniture) -> float:
@@ -66,14 +30,16 @@ def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: Re
     """
     height_m = float(head_pose(Registration(np.zeros(3), 0.0), head).pos_w[2])
     hips_m = posture.hips(PROPORTIONS[sex])[2] + furniture.rise_m(posture)
-    upright = cos(radians(posture.hips_deg))
+    upright = sin(radians(furniture.back_deg(posture)))
     low, high = (hips_m + upright * limit for limit in human.TORSO_HEIGHT_RANGE_M)
     if not low <= height_m <= high:
-        who, how = (
-            ("a seated person", "sit upright") if posture is SEATED else ("a person in the bed", "lie back")
+        who, how, rest, rests_m = (
+            ("a seated person", "sit upright", "seat", furniture.seat_height_m)
+            if posture is SEATED
+            else ("a person in the bed", "lie back", "mattress", furniture.mattress_height_m)
         )
         raise ValueError(
             f"the headset is {height_m:.2f} m above the floor; of {who} it must be {low:.2f} to {high:.2f} m: "
-            f"{how}, and check the floor height of the headset"
+            f"{how}, and check the floor height of the headset and the {rest} of {100.0 * rests_m:.0f} cm"
         )
     return float((height_m - hips_m) / upright)

@@ -4,25 +4,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from avrgym.episodes import ACTIONS, EPISODE_STEPS
+from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies import Policy, load_policy
 from avrgym.study.questionnaire import LIKERT_ITEMS, Item
 from avrgym.tasks import TASKS, find_environment
-from avrgym.vr.calibration import RealFurniture
 
 
 @dataclass(frozen=True)
 class TrialPlan:
     """One trial to run: an environment, a policy by name or path, a seed; a practice trial has no questionnaire.
 
-    ``items`` are asked after it, those of its session unless given. ``earlier_attempts`` were made at it in other
-    sessions.
+    ``goal`` tells the participant in one sentence what the task is, the task's own unless given. ``items`` are asked
+    after it, those of its session unless given. ``earlier_attempts`` were made at it in other sessions.
     """
 
     environment: str
     policy: str
     seed: int
     practice: bool
+    goal: str = ""
     items: Sequence[Item] | None = None
     earlier_attempts: int = 0
 
@@ -52,6 +53,10 @@ class SessionPlan:
     def __post_init__(self) -> None:
         if not 1 <= self.first_trial <= len(self.trials):
             raise ValueError(f"first_trial is {self.first_trial}; there are trials 1 to {len(self.trials)}")
+
+    def goal_of(self, trial: TrialPlan) -> str:
+        """What the participant is told that the task is."""
+        return trial.goal or TASKS[find_environment(trial.environment)[0]].goal
 
     def items_after(self, trial: TrialPlan) -> Sequence[Item]:
         """What is asked after a trial, in order."""

@@ -249,8 +249,9 @@ class Session:
         self.tell(transitions.TrialBegun(now_s, attempt.trial, attempt.number, attempt.path))
         attempt.record_physics(self.world, now_s)
         kind = f"Trial {self.trial + 1} of {len(self.plan.trials)}"
-        text = f"{'Practice' if self.current.practice else kind}: move your head and arms as you like. "
-        self.enter("free_before", text + "The robot holds still.", now_s, self.plan.free_movement_s)
+        told = f"{'Practice' if self.current.practice else kind}: {self.plan.goal_of(self.current)}"
+        text = f"{told} Move your head and arms as you like; the robot holds still."
+        self.enter("free_before", text, now_s, self.plan.free_movement_s)
 
     def _finish_step(self, step: ControlStep, now_s: float) -> None:
         attempt = self.attempt

@@ -16,12 +16,13 @@ from avrgym.models.furniture.finishes import finish
 from avrgym.models.parts import BOX, CAPSULE, CYLINDER, add_collision, add_skin, add_visual
 from avrgym.models.shapes import torus, tube
 
-SEAT_HEIGHT_M = 0.485
+SEAT_HEIGHT_M, SEAT_DEPTH_M = 0.485, 0.41
 JACO_SHOULDER_M = 0.33
 """Up to here the Jaco's shoulder is above its mount, however the arm moves."""
 JACO_MOUNT_M = (-0.35, -0.30, 0.36)
 
-_BACK_Y, _FRONT_Y = 0.165, -0.245
+_BACK_Y = 0.165
+_FRONT_Y = _BACK_Y - SEAT_DEPTH_M
 _HALF_SEAT = 0.23
 _WHEEL_RADIUS, _WHEEL_X, _AXLE_Y = 0.305, 0.305, 0.10
 _CASTER_RADIUS, _CASTER_Y = 0.09, -0.32
