@@ -1,0 +1,239 @@
+"""Kills, flipped bits and edits of studies, in counts that take too long for every run of the tests: `make soak`."""
+
+import os
+import random
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import count
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+from sqlalchemy.exc import SQLAlchemyError
+
+from avrgym.study import database, ledger
+from avrgym.study.checking import check_study
+from avrgym.study.deletion import delete_participant
+from avrgym.study.participants import enrol, record_consent, record_inclusion
+from avrgym.study.sessions import open_session
+from avrgym.study.store import Store
+from flips import flip_bit, noticed
+from studies import (
+    fitting_answers,
+    new_postgresql_database,
+    postgresql_programs,
+    postgresql_server,
+    run_participant,
+    run_trial,
+    small_study,
+    take_in,
+)
+
+KILLS, FLIPS = 200, 500
+SURNAME = "Unverwechselbar"
+Fact = tuple[str, int]
+"""A participant who was enrolled (0), or a trial of theirs that was completed, by its position."""
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """The database of the test's studies."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    if request.param == "sqlite":
+        yield request.param
+        return
+    programs = postgresql_programs()
+    if programs is None:
+        pytest.skip("PostgreSQL's server is not installed (Debian: postgresql)")
+    with postgresql_server(programs) as server:
+        monkeypatch.setenv(database.URL_VARIABLE, new_postgresql_database(server))
+        yield request.param
+
+
+@pytest.fixture
+def on_sqlite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A study whose participant has finished."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    with Store(small_study(tmp_path / "study")) as store:
+        run_participant(store, take_in(store))
+    return tmp_path / "study"
+
+
+# Kills
+
+
+def live(folder: Path, url: str, acknowledged: Connection) -> None:
+    """Take people in by name and run their trials until killed, and tell of each fact once it was acknowledged."""
+    os.environ[database.URL_VARIABLE] = url
+    with Store(folder) as store:
+        for number in count():
+            pseudonym = enrol(
+                store, "woman", name=f"{SURNAME} {os.getpid()} {number}", contact="a@example.org"
+            )
+            acknowledged.send((pseudonym, 0))
+            record_consent(store, pseudonym)
+            assert record_inclusion(store, pseudonym, fitting_answers(store))
+            session = open_session(store, pseudonym)
+            for trial in store.remaining_trials(pseudonym)[:2]:
+                run_trial(store, session, trial, simulated=False)
+                acknowledged.send((pseudonym, trial.position))
+
+
+def kept(folder: Path) -> set[Fact]:
+    """What a study holds of the facts that are told of."""
+    with Store(folder) as store:
+        people = [person.pseudonym for person in store.participants()]
+        completed = {
+            (person, trial.position)
+            for person in people
+            for trial in store.trials(person)
+            if trial.state == "completed"
+        }
+    return completed | {(person, 0) for person in people}
+
+
+def kill(folder: Path, after_s: float) -> list[Fact]:
+    """Kill a process in the midst of its work; what had been acknowledged before."""
+    context = get_context("forkserver")
+    context.set_forkserver_preload(["studies"])
+    here, there = context.Pipe(duplex=False)
+    process = context.Process(target=live, args=(folder, os.environ.get(database.URL_VARIABLE, ""), there))
+    process.start()
+    there.close()
+    facts = []
+    with suppress(EOFError):
+        facts.append(here.recv())
+        process.join(after_s)
+        process.kill()
+        while True:
+            facts.append(here.recv())
+    process.join()
+    return facts
+
+
+def test_kills_lose_nothing_raise_no_alarm_and_leave_no_name(kind: str, tmp_path: Path) -> None:
+    folder = small_study(tmp_path / "study")
+    chance, acknowledged, left = random.Random(3), 0, 0
+    for done in range(1, KILLS + 1):
+        facts = kill(folder, chance.uniform(0.0, 0.3))
+        acknowledged += len(facts)
+        left += len(list((folder / "private").glob(".*")))
+        assert set(facts) <= kept(folder)
+        if done % 10 == 0:
+            end_study(folder)
+    print(
+        f"\n{kind}: {KILLS} kills, {acknowledged} acknowledged facts all kept, {left} unfinished files, no name left"
+    )
+
+
+def end_study(folder: Path) -> None:
+    """Check a study, delete everyone and search for their names."""
+    with Store(folder) as store:
+        assert [f"{each.where}: {each.what}" for each in check_study(store) if each.wrong] == []
+        for person in store.participants():
+            for session in store.sessions(person.pseudonym):
+                assert session.state in ("open", "interrupted", "closed")
+            delete_participant(store, person.pseudonym)
+        assert [f"{each.where}: {each.what}" for each in check_study(store) if each.wrong] == []
+    for path in folder.rglob("*"):
+        assert path.is_dir() or SURNAME.encode() not in path.read_bytes(), path
+
+
+# Flipped bits
+
+
+def test_each_bit_flipped_in_a_database_s_file_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
+    copy, chance = tmp_path / "copy", random.Random(11)
+    assert not noticed(on_sqlite)
+    found = 0
+    for _ in range(FLIPS):
+        flip_bit(on_sqlite, copy, chance, "study.db")
+        found += noticed(copy)
+    print(f"\n{found} of {FLIPS} bits flipped in study.db noticed")
+    assert found == FLIPS
+
+
+def test_each_bit_flipped_in_a_file_without_seal_is_noticed_or_changes_nothing(
+    on_sqlite: Path, tmp_path: Path
+) -> None:
+    """A killed process leaves no checksum of the whole file; then rows and pages alone must tell."""
+    (on_sqlite / "study.db.sha256").unlink()
+    copy, chance, outcomes = tmp_path / "copy", random.Random(12), Counter[str]()
+    before = rows(on_sqlite)
+    for _ in range(FLIPS):
+        bit = flip_bit(on_sqlite, copy, chance, "study.db")
+        seen = noticed(copy)
+        outcomes["noticed" if seen else "without effect"] += 1
+        assert seen or rows(copy) == before, bit
+    print(f"\n{FLIPS} bits flipped in study.db after a kill: {dict(outcomes)}")
+
+
+def test_each_bit_flipped_in_recordings_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
+    copy, chance = tmp_path / "copy", random.Random(13)
+    recordings = [str(path.relative_to(on_sqlite)) for path in sorted(on_sqlite.rglob("*.mcap"))]
+    found = 0
+    for _ in range(FLIPS):
+        flip_bit(on_sqlite, copy, chance, chance.choice(recordings))
+        found += noticed(copy)
+    print(f"\n{found} of {FLIPS} bits flipped in recordings noticed")
+    assert found == FLIPS
+
+
+def rows(folder: Path) -> dict[str, list]:
+    """Every row of every table."""
+    with Store(folder) as store, store.database.read() as connection:
+        return {
+            name: [tuple(row) for row in connection.execute(sa.select(table))]
+            for name, table in ledger.TABLES.items()
+        }
+
+
+def test_each_bit_flipped_in_a_value_is_noticed(kind: str, tmp_path: Path) -> None:
+    """In any column of any row, by SQL, as a table's file of PostgreSQL would show it."""
+    chance, found = random.Random(17), 0
+    with Store(small_study(tmp_path / "study")) as store:
+        run_participant(store, take_in(store))
+        assert store.database.faults() == []
+        while found < FLIPS:
+            with store.database._engine.connect() as connection, connection.begin() as transaction:
+                if not flip_value(connection, chance):
+                    continue
+                faults = list(ledger.faults(connection))
+                transaction.rollback()
+            assert faults
+            found += 1
+    print(f"\n{kind}: {found} of {FLIPS} bits flipped in values noticed")
+
+
+def flip_value(connection: sa.Connection, chance: random.Random) -> bool:
+    """Flip a bit of a value; whether that could be stored."""
+    table = chance.choice(list(ledger.TABLES.values()))
+    found = connection.execute(sa.select(table)).all()
+    if not found:
+        return False
+    row = chance.choice(found)._mapping
+    column = chance.choice([each for each in table.columns if row[each.name] is not None])
+    own = ledger.key_of(table) == row[ledger.key_of(table).name]
+    with suppress(SQLAlchemyError, UnicodeError), connection.begin_nested():
+        value = _flipped(row[column.name], chance)
+        return connection.execute(sa.update(table).where(own).values({column.name: value})).rowcount == 1
+    return False
+
+
+def _flipped(value: object, chance: random.Random) -> object:
+    match value:
+        case bool():
+            return not value
+        case int():
+            return value ^ 1 << chance.randrange(31)
+        case float():
+            return value * (1 + 2.0 ** -chance.randrange(1, 52))
+        case dict():
+            return value | {chance.choice(["steps", "reward", "tasks"]): chance.random()}
+        case _:
+            data = bytearray(str(value).encode())
+            data[chance.randrange(len(data))] ^= 1 << chance.randrange(7)
+            return data.decode()
