@@ -234,6 +234,6 @@ def _flipped(value: object, chance: random.Random) -> object:
         case dict():
             return value | {chance.choice(["steps", "reward", "tasks"]): chance.random()}
         case _:
-            data = bytearray(str(value).encode())
+            data = bytearray(str(value).encode() or b" ")
             data[chance.randrange(len(data))] ^= 1 << chance.randrange(7)
             return data.decode()

@@ -1,12 +1,15 @@
 """Which files in a folder an analysis made: only they are ever replaced or removed."""
 
 import json
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
 FOLDER = "analysis"
 """Where in a study's folder its analysis goes."""
 RESULTS = "results.json"
+UNFINISHED = ".analysis-"
+"""What the folder's name begins with in which an analysis is made; one that was killed leaves it."""
 FORMAT_NAME = "avrgym analysis"
 
 
@@ -27,7 +30,14 @@ def remove_files(folder: Path, names: Iterable[str]) -> None:
 
 
 def remove_analysis(folder: Path) -> None:
-    """Remove what an analysis made in a folder, if one did, and nothing else; the results go last."""
+    """Remove what analyses made in a folder, if any did, and nothing else; the results go last."""
     names = made_before(folder)
     if names is not None:
         remove_files(folder, [*names, RESULTS])
+    for path in unfinished_analyses(folder):
+        shutil.rmtree(path)
+
+
+def unfinished_analyses(folder: Path) -> list[Path]:
+    """The folders that analyses left which were killed, or that one is being made in."""
+    return sorted(path for path in folder.glob(f"{UNFINISHED}*") if path.is_dir() and not path.is_symlink())

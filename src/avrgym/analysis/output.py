@@ -6,9 +6,10 @@ import tempfile
 from pathlib import Path
 
 from avrgym.analysis.figures import draw_study
-from avrgym.analysis.manifest import RESULTS, made_before, remove_files
+from avrgym.analysis.manifest import RESULTS, UNFINISHED, made_before, remove_files
 from avrgym.analysis.study import Analysis
 from avrgym.analysis.study_page import write_study_page
+from avrgym.files import make_private, make_private_folder
 from avrgym.study.states import StudyError
 
 REPORT = "report/index.html"
@@ -25,21 +26,22 @@ def check_out(out: Path) -> None:
 def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
     """Write report, tables, figures and results into a folder; gives the report.
 
-    The files of an earlier analysis there are replaced, all others stay. ``study`` is the study's folder, to which
-    the report links.
+    The files of an earlier analysis there are replaced, all others stay. New ones are their owner's alone.
+    ``study`` is the study's folder, to which the report links.
 
     Raises:
         StudyError: when the folder holds files of these names that no analysis made.
         OSError: when it cannot be written.
     """
     check_out(out)
-    out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".analysis-", dir=out) as temporary:
+    make_private_folder(out)
+    with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=out) as temporary:
         made = Path(temporary)
         _write_all(analysis, made, os.path.relpath(study, out / "report"))
         files = sorted(path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file())
         results = analysis.results() | {"files": files}
         (made / RESULTS).write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        make_private(made)
         _replace(made, out, files)
     return out / REPORT
 
@@ -60,6 +62,6 @@ def _replace(made: Path, out: Path, files: list[str]) -> None:
     """Move new files to their places, the results last, and remove those that an earlier analysis made in addition."""
     remove_files(out, set(made_before(out) or ()) - set(files))
     for folder in FOLDERS:
-        (out / folder).mkdir(exist_ok=True)
+        make_private_folder(out / folder)
     for name in [*files, RESULTS]:
         os.replace(made / name, out / name)

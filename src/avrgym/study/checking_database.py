@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from avrgym.analysis.manifest import FOLDER as ANALYSIS
+from avrgym.analysis.manifest import unfinished_analyses
 from avrgym.files import exposed, make_private, unfinished
 from avrgym.study import keyfile
 from avrgym.study.database import BACKUPS, LEDGER_BEGUN
@@ -34,7 +35,8 @@ def check_private(store: Store) -> Iterator[Finding]:
         if others:
             what = f"others than their owner may use {others} files or folders; --fix-permissions ends that"
             yield Finding(name, what, wrong=False)
-    for path in [*keyfile.unfinished(store.folder), *unfinished(store.folder / ANALYSIS)]:
+    analysis = store.folder / ANALYSIS
+    for path in [*keyfile.unfinished(store.folder), *unfinished(analysis), *unfinished_analyses(analysis)]:
         yield Finding(str(path.relative_to(store.folder)), "was left by a broken-off write; remove it")
     yield from _check_names(store)
 
@@ -48,7 +50,7 @@ def _check_names(store: Store) -> Iterator[Finding]:
         yield Finding(where, str(error))
         return
     for pseudonym in strangers:
-        yield Finding(where, f"names {pseudonym}, who is not in this study")
+        yield Finding(where, f"names {pseudonym}, who is not in this study: delete-participant removes that")
 
 
 def fix_permissions(store: Store) -> None:

@@ -151,22 +151,46 @@ def simulate(
 
 
 @app.command()
-def check(folder: Folder, json_file: JsonFile = None) -> None:
+def check(
+    folder: Folder,
+    fix_permissions: Annotated[
+        bool, typer.Option("--fix-permissions", help="Take the study's data away from all but their owner.")
+    ] = False,
+    json_file: JsonFile = None,
+) -> None:
     """Check that the study can run with its policies, and that whatever it stored is there, whole and unchanged."""
     from avrgym.study.checking import check_study
+    from avrgym.study.checking_database import fix_permissions as fix
     from avrgym.study.store import Store
 
     with plain_errors():
         check_json(json_file)
         with Store(folder) as store:
+            if fix_permissions:
+                fix(store)
             findings = check_study(store)
+            head = store.database.head()
         write_json(json_file, [asdict(finding) for finding in findings])
     for finding in findings:
         say(f"{'wrong' if finding.wrong else 'note '}  {finding.where}: {finding.what}")
+    say(f"ledger {head.number} entries, ending with {head.digest or 'nothing'}")
     wrong = sum(finding.wrong for finding in findings)
     say(f"{wrong} things are wrong" if wrong else "nothing is wrong")
     if wrong:
         raise typer.Exit(1)
+
+
+@app.command()
+def rebuild(folder: Folder) -> None:
+    """Make a lost database anew from the recordings; what they do not tell is listed. Names and recordings stay."""
+    from avrgym.study.rebuilding import LOST, rebuild_study
+
+    with plain_errors():
+        rebuilt = rebuild_study(folder)
+    say(f"{rebuilt.participants} participants, {rebuilt.attempts} attempts, {rebuilt.answers} answers")
+    say(f"lost      {LOST}")
+    for each in rebuilt.left_out:
+        say(f"left out  {each}")
 
 
 @app.command()

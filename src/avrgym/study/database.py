@@ -282,7 +282,7 @@ def _refuse_if_lost(folder: Path, database: str) -> None:
 def _database_errors() -> Iterator[None]:
     try:
         yield
-    except (SQLAlchemyError, sqlite3.Error, UnicodeError) as error:
+    except (SQLAlchemyError, sqlite3.Error, UnicodeError, json.JSONDecodeError) as error:
         raise StudyError(f"the study's database: {getattr(error, 'orig', None) or error}") from error
 
 

@@ -7,7 +7,8 @@ import sqlalchemy as sa
 from avrgym.analysis.manifest import FOLDER, remove_analysis
 from avrgym.study import keyfile, ledger, schema
 from avrgym.study.database import BACKUPS
-from avrgym.study.rows import RECORDINGS, StudySession, Tombstone, participant_number
+from avrgym.study.remains import known_numbers
+from avrgym.study.rows import RECORDINGS, Participant, StudySession, Tombstone, participant_number
 from avrgym.study.schema import now
 from avrgym.study.sessions import may_run
 from avrgym.study.states import StudyError
@@ -25,7 +26,8 @@ def delete_participant(store: Store, pseudonym: str) -> None:
     number = participant_number(pseudonym)
     with store.database.write() as connection:
         if not find_all(connection, Tombstone, number=number):
-            _delete_rows(store, connection, pseudonym)
+            simulated = _is_row(store, connection, number) and _delete_rows(store, connection, pseudonym)
+            ledger.insert(connection, schema.TOMBSTONE, number=number, simulated=simulated, deleted_at=now())
         keyfile.remove_entry(store.folder, pseudonym)
     _remove(store, f"{RECORDINGS}/{pseudonym}")
     _remove(store, BACKUPS)
@@ -33,7 +35,13 @@ def delete_participant(store: Store, pseudonym: str) -> None:
     store.database.erase_traces()
 
 
-def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> None:
+def _is_row(store: Store, connection: sa.Connection, number: int) -> bool:
+    """Whether there are rows to delete, as there must be unless key file or recordings outlived them."""
+    return bool(find_all(connection, Participant, number=number)) or number not in known_numbers(store.folder)
+
+
+def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> bool:
+    """Delete all rows about a participant; whether they were simulated."""
     participant = find_participant(connection, pseudonym)
     sessions = find_all(connection, StudySession, participant=participant.number)
     for session in sessions:
@@ -52,8 +60,7 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> Non
         (schema.PARTICIPANT, schema.PARTICIPANT.c.number == number),
     ):
         ledger.delete(connection, table, condition)
-    tombstone = {"number": number, "simulated": participant.simulated, "deleted_at": now()}
-    ledger.insert(connection, schema.TOMBSTONE, **tombstone)
+    return participant.simulated
 
 
 def _remove(store: Store, name: str) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 
+from avrgym.files import make_private, make_private_folder
 from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attempts, verified
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
@@ -85,12 +86,13 @@ def _write(
 
 
 def _write_whole(out: Path, write: Callable[[Path], None]) -> int:
-    """Write a folder that appears whole or not at all; the number of its files."""
-    out.parent.mkdir(parents=True, exist_ok=True)
+    """Write a folder that appears whole or not at all, its owner's alone; the number of its files."""
+    make_private_folder(out.parent)
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as temporary:
         folder = Path(temporary) / "export"
         folder.mkdir()
         write(folder)
+        make_private(folder)
         files = sum(path.is_file() for path in folder.rglob("*"))
         if out.exists():
             out.rmdir()
