@@ -75,8 +75,8 @@ def test_info_says_success_terms_and_force(environment_id):
         assert all(isinstance(value, float) for value in info["reward_terms"].values())
     assert first["reward_terms"]["distance_m"] == pytest.approx(later["reward_terms"]["distance_m"], abs=0.01)
     assert first["reward_terms"]["distance_m"] > 0.1
-    assert first["reward_terms"]["effector_speed_m_s"] == pytest.approx(0.0, abs=1e-9)
-    assert first["force_on_person"] == state.robot_force_n[0]
+    assert first["reward_terms"]["tool_speed_m_s"] == pytest.approx(0.0, abs=1e-9)
+    assert first["force_on_person"] == state.total_force_n[0]
 
 
 @pytest.mark.parametrize("make", [gym.make, AssistiveEnv])
