@@ -105,7 +105,7 @@ def test_the_report_says_what_happened(tmp_path, picture):
         "distance −2.00 2.00 −4.00",
         "spilled 0.00",
         "3 of 7 0.75 s",
-        "1.50 s reconnected steady",
+        "1.50 s reconnected 1 steady",
         "feeding jaco view",
         *(item.text for item in LIKERT_ITEMS),
     }

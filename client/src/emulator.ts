@@ -35,6 +35,8 @@ export interface EmulatorControls {
   buttons(): EmulatedButton[];
   phase(): Phase | null;
   question(): Question | null;
+  /** Both, in one call. */
+  standing(): [Phase | null, Question | null];
   statesReceived(): number;
   lastState(): {
     sequence: number;
@@ -84,6 +86,7 @@ export function exposeEmulator(app: App, device: XRDevice): void {
     buttons: () => shownButtons(app),
     phase: () => app.phase,
     question: () => app.questionnaire.question,
+    standing: () => [app.phase, app.questionnaire.question],
     statesReceived: () => app.statesReceived,
     lastState: () => plainState(app),
     presenting: () => app.presenting,

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 
 from avrgym.analysis.charts import trial_charts
+from avrgym.analysis.events import folded
 from avrgym.analysis.page import (
     Markup,
     badge,
@@ -57,7 +58,7 @@ def summarise(recording: Recording) -> TrialSummary:
         closest_m=min((record.distance_m for record in control), default=None),
         peak_force_n=max((record.force_on_person_n for record in control), default=None),
         frames=len(frames),
-        frames_held=sum(frame.held for frame in frames),
+        frames_held=sum(frame.held or bool(frame.held_parts) for frame in frames),
         frames_missing=_missing(frames),
         frame_rate_hz=_rate_hz(frames),
     )
@@ -254,13 +255,21 @@ def _asked(recording: Recording, answer: Answer) -> tuple[str, str, str]:
 
 
 def _events(recording: Recording) -> Markup:
+    until_s = max((time_ns for _, time_ns, _ in recording.messages), default=0) / 1e9
     rows = [
-        (quantity(log_time_ns / 1e9, "s"), event.name, event.detail)
-        for log_time_ns, event in recording.topics["/events"]
+        (
+            quantity(each.at_s, "s"),
+            each.name,
+            each.times,
+            quantity(each.lasted_s, "s", absent=""),
+            each.detail,
+        )
+        for each in folded(recording.topics["/events"], until_s)
     ]
     if not rows:
         return Markup()
-    return table("Events", ("At", "Event", "Detail"), rows, numbers=(0,))
+    heads = ("First at", "Event", "Times", "Lasted in all", "Detail")
+    return table("Events", heads, rows, numbers=(0, 2, 3))
 
 
 # Parts

@@ -26,7 +26,7 @@ CHROMIUM_FLAGS = (
     "--disable-component-update",
     "--disable-sync",
 )
-FRAME_S = 0.03
+FRAME_S = 1.0 / 72.0
 PATIENCE_S = 60.0
 PHASE_LIMIT_S = 600.0
 """No phase of a session takes so long, however slow the machine."""
@@ -164,12 +164,13 @@ class BrowserAttendance:
         headset.enter_vr()
         while self._phase[0] != "finished":
             now = time.monotonic() - began
-            self._notice(headset.call("phase"), now)
+            phase, question = headset.call("standing")
+            self._notice(phase, now)
             if now - self._changed_s > PHASE_LIMIT_S:
                 raise TimeoutError(
                     f"the session is still in phase {self._phase[0]!r} after {PHASE_LIMIT_S:.0f} s"
                 )
-            self._act(now)
+            self._act(question, now)
             time.sleep(FRAME_S)
         return self.taken
 
@@ -181,9 +182,8 @@ class BrowserAttendance:
             self._participant.take_place(self._session.plan.trials[max(found[1] - 1, 0)].environment)
             self._say(f"{found[0].replace('_', ' ')} (trial {found[1]} of {phase['trials']})")
 
-    def _act(self, now_s: float) -> None:
+    def _act(self, question: dict[str, Any] | None, now_s: float) -> None:
         name, _ = self._phase
-        question = self._headset.call("question")
         frame = self._participant.frame(now_s, moving=name != "calibration")
         self._headset.set_poses(frame, right=question is None)
         self._take_picture(now_s)
