@@ -38,6 +38,17 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(20261121)
 
 
+@pytest.fixture(scope="module")
+def unhurried() -> Iterator[None]:
+    """For tests in real time: no trial ends because a busy machine stands still or tracks late."""
+    from avrgym.vr import continuity
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(continuity, "LOST_TIME_S", float("inf"))
+        patch.setattr(continuity, "UNTRACKED_S", 60.0)
+        yield
+
+
 @pytest.fixture(scope="session")
 def feeding_stage() -> "Stage":
     """What stands in the scene when the Jaco feeds."""

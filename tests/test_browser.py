@@ -24,6 +24,8 @@ from avrgym.vr.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.webxr import Registration, hand_pose, head_pose
 from journey import Journey, await_that
 
+pytestmark = pytest.mark.usefixtures("unhurried")
+
 TRIAL_STEPS = 100
 REACHING_RAD = human.joint_angles(
     waist_x=8.0, waist_y=4.0, head_z=20.0, head_x=5.0,

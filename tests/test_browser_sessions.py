@@ -18,6 +18,8 @@ from avrgym.vr.plan import SessionPlan, TrialPlan
 from journey import PATIENCE_S, Journey, await_that
 from visit import driving
 
+pytestmark = pytest.mark.usefixtures("unhurried")
+
 MIXED = (
     "avrgym/FeedingPR2-v1",
     "avrgym/DrinkingJaco-v1",

@@ -56,6 +56,8 @@ from avrgym.vr.web import ServerError
 from processes import die_with_parent
 from visit import driving, plan
 
+pytestmark = pytest.mark.usefixtures("unhurried")
+
 M = TypeVar("M", bound=Message)
 
 PATIENCE_S = 60.0
