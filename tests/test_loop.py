@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
@@ -11,8 +12,9 @@ from typing import cast
 import numpy as np
 import pytest
 
-from avrgym.vr.loop import CATCH_UP_TICKS, INBOX_MESSAGES, PRIORITY, TIDY_EVERY_S, RealTimeLoop
-from avrgym.vr.messages import Answer, Ready, Stop
+from avrgym.vr.inbox import FRAMES_KEPT, INBOX_MESSAGES, MESSAGES_PER_TICK, MESSAGES_S
+from avrgym.vr.loop import CATCH_UP_TICKS, PRIORITY, TIDY_EVERY_S, RealTimeLoop
+from avrgym.vr.messages import Answer, Command, Entered, Ready, Stop, Tracking
 from avrgym.vr.session import Disconnected, Session
 from avrgym.vr.world import TICK_S
 
@@ -196,7 +198,7 @@ def test_a_flood_makes_its_sender_wait_and_loses_nothing() -> None:
     loop = RealTimeLoop(cast(Session, session))
     assert not loop.full
     for _ in range(INBOX_MESSAGES):
-        loop.post(Stop())
+        loop.post(Ready())
     assert loop.full
     loop.start()
     await_that(lambda: not loop.full)
@@ -204,7 +206,77 @@ def test_a_flood_makes_its_sender_wait_and_loses_nothing() -> None:
     loop.stop()
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_flood_costs_no_tick_more_than_its_share_and_a_stop_comes_first(clock: FakeClock) -> None:
+    """Messages that take 0.4 ms each, as those do who enter again and again."""
+    session, received_at = FakeSession(), []
+
+    def receive(message: object, now_s: float) -> None:
+        clock.sleep(0.0004)
+        session.received.append(message)
+        received_at.append(now_s)
+
+    session.receive = receive  # type: ignore[method-assign]
+    loop = RealTimeLoop(cast(Session, session))
+    for _ in range(300):
+        loop.post(Entered())
+    loop.post(Command(name="stop"))
+    loop.post(Stop())
+    loop.start()
+    await_that(lambda: len(session.received) == 302)
+    loop.stop()
+    assert session.received[:2] == [Command(name="stop"), Stop()]
+    assert received_at[0] == received_at[1] == session.ticked_s[0]
+    assert max(Counter(received_at).values()) <= MESSAGES_S / 0.0004 + 1
+    assert loop.missed_ticks == len(loop.late) == 0
+
+
+def test_of_many_frames_the_newest_count(clock: FakeClock) -> None:
+    session = FakeSession()
+    loop = RealTimeLoop(cast(Session, session))
+    for sequence in range(3 * FRAMES_KEPT):
+        loop.post(
+            Tracking(
+                sequence=sequence,
+                client_time_ms=0.0,
+                head=None,
+                left=None,
+                right=None,
+                left_modality="none",
+                right_modality="none",
+            )
+        )
+    loop.start()
+    await_that(lambda: len(session.received) == FRAMES_KEPT)
+    loop.stop()
+    received = [cast(Tracking, message).sequence for message in session.received]
+    assert received == list(range(2 * FRAMES_KEPT, 3 * FRAMES_KEPT))
+
+
+def test_who_is_gone_is_gone_at_once_whatever_they_still_had_to_say(clock: FakeClock) -> None:
+    session = FakeSession()
+    loop = RealTimeLoop(cast(Session, session))
+    for _ in range(MESSAGES_PER_TICK):
+        loop.post(Entered())
+    loop.post(Command(name="end"))
+    loop.post(Disconnected())
+    loop.start()
+    await_that(lambda: len(session.received) == 2)
+    loop.stop()
+    assert session.received == [Disconnected(), Command(name="end")]
+
+
+def test_what_an_end_cannot_store_is_kept_as_an_error() -> None:
+    def fail(now_s: float) -> None:
+        raise OSError("the disk is full")
+
+    session = FakeSession()
+    session.close = fail  # type: ignore[method-assign]
+    loop = RealTimeLoop(cast(Session, session))
+    loop.start()
+    loop.stop()
+    assert str(loop.error) == "the disk is full"
+
+
 def test_a_failure_is_kept_and_ends_the_session() -> None:
     def fail(ticks: int) -> None:
         if ticks == 3:

@@ -171,6 +171,8 @@ def _serve_study(
     certificate: "Certificate | None",
 ) -> None:
     """Serve a study's dashboard, and one after another the sessions that it begins, a participant's at once."""
+    from concurrent.futures import ThreadPoolExecutor
+
     from avrgym.study.dashboard import dashboard_app
     from avrgym.study.serving import StudySessions
     from avrgym.study.store import Store
@@ -178,9 +180,15 @@ def _serve_study(
 
     with (
         Store(folder) as store,
+        ThreadPoolExecutor(1, "storing") as storing,
         LiveServer(
             lambda send: StudySessions(
-                store, send, workers, first=participant, furniture=furniture(store.design.furniture)
+                store,
+                send,
+                workers,
+                first=participant,
+                furniture=furniture(store.design.furniture),
+                storing=storing,
             ),
             host,
             port,

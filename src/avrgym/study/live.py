@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from dataclasses import asdict
 from typing import Self
 
@@ -17,14 +17,19 @@ from avrgym.study.rows import StudySession, Trial, TrialAttempt, pseudonym_of
 from avrgym.study.sessions import close_session, open_session, skip_trial, tell
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
+from avrgym.study.storing import Storing
 from avrgym.study.texts import check_line
 from avrgym.study.watch import Watch
 from avrgym.tasks import find_environment
 from avrgym.vr import transitions
 from avrgym.vr.messages import Command
 from avrgym.vr.plan import Policies, SessionPlan, TrialPlan
+from avrgym.vr.preparation import AtOnce
 from avrgym.vr.session import Send, Session
-from avrgym.vr.transitions import Transition
+from avrgym.vr.transitions import Observer, Transition
+
+PATIENCE_S = 20.0
+"""How long the end of a session may take to be stored."""
 
 
 class StudyVisit:
@@ -34,13 +39,17 @@ class StudyVisit:
     behind which the session begins, then those that remain.
     """
 
-    def __init__(self, store: Store, pseudonym: str, *, take_over: bool = False) -> None:
+    def __init__(
+        self, store: Store, pseudonym: str, *, take_over: bool = False, storing: Executor | None = None
+    ) -> None:
         """Open the participant's session, or the next one after a break or a crash.
 
         Args:
             store: the study.
             pseudonym: the participant.
             take_over: also end a session that may still run elsewhere.
+            storing: one thread that stores what happens, so that a session in real time never waits for the database;
+                without it each fact is stored before the session goes on.
 
         Raises:
             StudyError: without consent and an allocated order, or while another session runs.
@@ -50,6 +59,7 @@ class StudyVisit:
         self.policies = _policies(store, pseudonym)
         self.stored = open_session(store, pseudonym, take_over=take_over)
         self.trials = trials_in_order(store, pseudonym)
+        self.storing = Storing(storing or AtOnce())
         self._watch = Watch(store, self.stored.id)
 
     @property
@@ -82,11 +92,16 @@ class StudyVisit:
             self.store.path(self.stored.folder),
             send,
             self.identifier,
-            observe=Keeper(self.store, self.stored, self.trials, self._watch),
+            observe=self._observer(),
+            kept=self.storing.done,
             called_off=lambda: self.called_off,
             workers=workers,
             scenes=scenes,
         )
+
+    def _observer(self) -> Observer:
+        keeper = Keeper(self.store, self.stored, self.trials, self._watch)
+        return lambda happened: self.storing.ask(lambda: keeper(happened))
 
     def items(self, when: str) -> tuple[Item, ...]:
         """What is still to be asked ``before_session`` or ``after_session``, in this participant's order.
@@ -97,27 +112,45 @@ class StudyVisit:
         answered = answered_in_visit(self.store, self.stored) if asked else set()
         return tuple(item for item in asked if (when, item.id) not in answered)
 
-    def record(self, item: str, value: int, response_time_s: float, when: str) -> None:
-        """Store an answer about the session; ``StudyError`` for what is none or was given already."""
-        record_session_answer(self.store, self.stored.id, item, value, response_time_s, when)
+    def record(self, item: str, value: int, response_time_s: float, when: str) -> Future[None]:
+        """Store an answer about the session; the future raises ``StudyError`` for what is none or was given already."""
+        given = item, value, response_time_s, when
+        return self.storing.submit(lambda: record_session_answer(self.store, self.stored.id, *given))
 
-    def tell(self, name: str, detail: str) -> None:
-        """Store that something happened."""
-        tell(self.store, self.stored.id, name, detail)
+    def tell(self, name: str, detail: str) -> Future[None]:
+        """Store that something happened; the future tells when that is done."""
+        return self.storing.submit(lambda: tell(self.store, self.stored.id, name, detail))
 
-    def withdraw(self, session: Session | None, now_s: float, reason: str = "") -> None:
+    def withdraw(self, session: Session | None, now_s: float, reason: str = "") -> Future[None]:
         """Stop robot and recording, end the session in VR if there is one, then store that the participant withdrew.
 
-        ``StudyError`` for a reason that is too long; nothing is stopped then.
+        The future tells when that is stored. ``StudyError`` for a reason that is too long; nothing is stopped then.
         """
         check_line("the reason", reason)
         if session is not None and session.phase != "finished":
             session.receive(Command(name="end"), now_s)
-        withdraw(self.store, self.pseudonym, reason)
+        return self.storing.submit(lambda: withdraw(self.store, self.pseudonym, reason))
+
+    def end(self) -> Future[None]:
+        """Store after all else that the session has ended, unless that is stored; the future tells when it is.
+
+        After the last trial the participant has completed the study.
+        """
+        self._watch.close()
+        return self.storing.submit(self._end)
 
     def close(self) -> None:
-        """End the session; after the last trial the participant has completed the study."""
-        self._watch.close()
+        """End the session, and wait until that is stored.
+
+        Raises:
+            StudyError: when it cannot be; the next session of the participant then ends this one.
+        """
+        try:
+            self.end().result(PATIENCE_S)
+        except TimeoutError as error:
+            raise StudyError(f"{self.stored}: its end is not stored, the database is busy") from error
+
+    def _end(self) -> None:
         if any(
             row.id == self.stored.id and row.state == "open" for row in self.store.sessions(self.pseudonym)
         ):

@@ -11,15 +11,19 @@ from avrgym.study.live import StudyVisit
 from avrgym.study.session_questions import SessionQuestions
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store
-from avrgym.vr.loop import Received
-from avrgym.vr.messages import PROTOCOL, Phase, Role, Welcome
+from avrgym.vr.inbox import Received
+from avrgym.vr.messages import PROTOCOL, Phase, Problem, Role, Welcome
 from avrgym.vr.session import Send, Session
 
 CLIENTS = 64
 """How many connections are remembered, to be told of the next session."""
 PATIENCE_S = 60.0
 
-Action = Callable[[float], None]
+RETRY_S = 5.0
+"""How long until the end of a session is stored again that could not be."""
+
+Action = Callable[[float], Future[None] | None]
+"""What the loop does when asked; with a future it is done when that is."""
 
 
 class StudySessions:
@@ -37,13 +41,16 @@ class StudySessions:
         *,
         first: str | None = None,
         furniture: RealFurniture | None = None,
+        storing: Executor | None = None,
     ) -> None:
         """Wait for a participant of a study, or begin the session of the ``first`` at once.
 
         ``furniture`` is what participants really sit and lie on here, the design's unless given. ``send`` and
-        ``workers`` are as for ``Session``. Raises what ``begin`` does.
+        ``workers`` are as for ``Session``, ``storing`` as for ``StudyVisit``. Raises what ``begin`` does.
         """
-        self._store, self._send, self._workers = store, send, workers
+        self._store, self._send, self._workers, self._storing = store, send, workers, storing
+        self._ended: Future[None] | None = None
+        self._retry_at_s: float | None = None
         self._visit: StudyVisit | None = None
         self._questions: SessionQuestions | None = None
         self._session: Session | None = None
@@ -108,19 +115,27 @@ class StudySessions:
     def tick(self, now_s: float) -> None:
         """Do what was asked, then advance by 10 ms."""
         self._do_what_was_asked(now_s)
-        if self._questions is not None:
+        if self._ended is not None:
+            self._await_end(self._ended, now_s)
+        elif self._retry_at_s is not None:
+            self._end_again(self._retry_at_s, now_s)
+        elif self._questions is not None:
             self._go_on_after(self._questions, now_s)
         elif self._session is not None:
             self._session.tick(now_s)
             if self._session.phase == "finished" and self._visit is not None:
-                self._ask_last(self._visit)
+                self._ask_last(self._visit, now_s)
 
     def close(self, now_s: float) -> None:
         """End the session that runs, and refuse what is still asked."""
-        if self._session is not None:
-            self._session.close(now_s)
-        self._close_visit()
-        self._do_what_was_asked(now_s)
+        try:
+            if self._session is not None:
+                self._session.close(now_s)
+            if self._visit is not None:
+                self._visit.close()
+                self._visit = None
+        finally:
+            self._do_what_was_asked(now_s)
 
     def _ask(self, action: Action) -> None:
         done: Future[None] = Future()
@@ -134,16 +149,16 @@ class StudySessions:
             except Empty:
                 return
             try:
-                action(now_s)
+                stored = action(now_s)
             except Exception as error:  # the asking thread raises it
                 done.set_exception(error)
             else:
-                done.set_result(None)
+                _hand_on(stored, done)
 
     def _begin(self, pseudonym: str, now_s: float, furniture: RealFurniture | None = None) -> None:
         if self.participant is not None:
             raise StudyError(f"the session of {self.participant} runs; end it before another begins")
-        visit = StudyVisit(self._store, pseudonym)
+        visit = StudyVisit(self._store, pseudonym, storing=self._storing)
         self._furniture = furniture or self._furniture
         try:
             self._session = self._in_vr(visit)
@@ -178,6 +193,7 @@ class StudySessions:
 
     def _go_on_after(self, questions: SessionQuestions, now_s: float) -> None:
         """When the questions before the session are over, the trials begin; after the last ones all is over."""
+        questions.tick()
         if not questions.done:
             return
         self._questions = None
@@ -185,29 +201,61 @@ class StudySessions:
             self._greet_all(now_s)
         else:
             self._session = None
-            self._close_visit()
+            self._end_visit(now_s)
             self._send(_OVER)
 
-    def _ask_last(self, visit: StudyVisit) -> None:
+    def _ask_last(self, visit: StudyVisit, now_s: float) -> None:
         """The trials are over."""
         self._questions = None if visit.called_off else self._questions_of(visit, "after_session")
         if self._questions is None:
-            self._close_visit()
+            self._end_visit(now_s)
         else:
             self._questions.begin()
 
-    def _withdraw(self, pseudonym: str, reason: str, now_s: float) -> None:
+    def _withdraw(self, pseudonym: str, reason: str, now_s: float) -> Future[None]:
         if self._visit is None or self.participant != pseudonym:
             raise StudyError(f"no session of {pseudonym} runs here")
-        self._visit.withdraw(self._session, now_s, reason)
+        stored = self._visit.withdraw(self._session, now_s, reason)
         self._questions = None
-        self._close_visit()
+        self._end_visit(now_s)
         self._send(_OVER)
+        return stored
 
-    def _close_visit(self) -> None:
+    def _end_visit(self, now_s: float) -> None:
+        """Have the end of the visit stored; then another can begin."""
         if self._visit is not None:
-            self._visit.close()
+            self._ended, self._retry_at_s = self._visit.end(), None
+            self._await_end(self._ended, now_s)
+
+    def _await_end(self, ended: Future[None], now_s: float) -> None:
+        if not ended.done():
+            return
+        self._ended, error = None, ended.exception()
+        if error is None:
             self._visit = None
+        else:
+            self._retry_at_s = now_s + RETRY_S
+            self._send(Problem(f"the session's end cannot be stored: {error}", "experimenter"))
+
+    def _end_again(self, due_s: float, now_s: float) -> None:
+        if now_s >= due_s:
+            self._end_visit(now_s)
+
+
+def _hand_on(stored: Future[None] | None, done: Future[None]) -> None:
+    """Let ``done`` be done when ``stored`` is."""
+    if stored is None:
+        done.set_result(None)
+    else:
+        stored.add_done_callback(lambda each: _copy(each, done))
+
+
+def _copy(stored: Future[None], done: Future[None]) -> None:
+    error = stored.exception()
+    if error is None:
+        done.set_result(None)
+    else:
+        done.set_exception(error)
 
 
 _NO_SESSION = Phase("waiting", "The experimenter begins the session.", 0, 0, practice=False, seconds=None)

@@ -1,9 +1,11 @@
 """What a design asks before or after a session: on the participant's page, or in VR if they are there already."""
 
+from concurrent.futures import Future
+
 from avrgym.study.live import StudyVisit
 from avrgym.study.states import StudyError
 from avrgym.vr.asking import Asking
-from avrgym.vr.loop import Received
+from avrgym.vr.inbox import Received
 from avrgym.vr.messages import PROTOCOL, Answer, Command, Phase, Problem, Role, Welcome
 from avrgym.vr.session import Send
 
@@ -14,7 +16,7 @@ WORDS = {
 
 
 class SessionQuestions:
-    """Asks one item after another; each answer is stored at once.
+    """Asks one item after another, each when the answer before it is stored.
 
     The experimenter may skip what is left, or end the session.
     """
@@ -25,11 +27,13 @@ class SessionQuestions:
         self._visit, self._send = visit, send
         self._asking = Asking(visit.items(when))
         self._skipped = self._ended = False
+        self._given: Answer | None = None
+        self._stored: Future[None] | None = None
 
     @property
     def done(self) -> bool:
         """Whether there is nothing more to ask."""
-        return self._asking.done or self._skipped or self.ended
+        return self._stored is None and (self._asking.done or self._skipped or self.ended)
 
     @property
     def ended(self) -> bool:
@@ -50,32 +54,49 @@ class SessionQuestions:
 
     def receive(self, message: Received) -> None:
         """Take an answer of the participant or a command of the experimenter; nothing else counts now."""
-        if self.done:
+        if self.done or self._stored is not None:
             return
-        try:
-            if isinstance(message, Answer):
-                self._take(message)
-            elif isinstance(message, Command) and message.name in ("skip", "end"):
-                self._leave(ended=message.name == "end")
-        except StudyError as error:
-            self._send(Problem(message=str(error)))
-            self._send(self._asking.question())
+        if isinstance(message, Answer):
+            self._take(message)
+        elif isinstance(message, Command) and message.name in ("skip", "end"):
+            self._leave(ended=message.name == "end")
+
+    def tick(self) -> None:
+        """Go on when what was given is stored; what cannot be is asked again."""
+        if self._stored is None or not self._stored.done():
+            return
+        error, given = self._stored.exception(), self._given
+        self._stored = self._given = None
+        if isinstance(error, StudyError):
+            self._skipped = self._ended = False
+            self._ask_again(str(error))
+        elif error is not None:
+            raise error
+        elif given is not None:
+            self._asking.take(given)
+            if not self._asking.done:
+                self._send(self._asking.question())
 
     @property
     def _phase(self) -> Phase:
         return Phase("questionnaire", WORDS[self.when], 0, 0, practice=False, seconds=None)
 
     def _take(self, answer: Answer) -> None:
-        """Store an answer and ask the next item; what is none is refused."""
+        """Store an answer; what is none is refused."""
         asked = self._asking.question().item
         if answer.item != asked:
-            raise StudyError(f"{answer.item!r} is not asked now; {asked} is")
-        self._visit.record(answer.item, answer.value, answer.response_time_s, self.when)
-        self._asking.take(answer)
-        if not self._asking.done:
-            self._send(self._asking.question())
+            self._ask_again(f"{answer.item!r} is not asked now; {asked} is")
+            return
+        self._given = answer
+        self._stored = self._visit.record(answer.item, answer.value, answer.response_time_s, self.when)
+        self.tick()
 
     def _leave(self, *, ended: bool) -> None:
         """Leave what is asked now, and whatever would follow, unanswered."""
         self._skipped, self._ended = True, ended
-        self._visit.tell(f"questions {self.when} left", self._asking.question().item)
+        self._stored = self._visit.tell(f"questions {self.when} left", self._asking.question().item)
+        self.tick()
+
+    def _ask_again(self, why: str) -> None:
+        self._send(Problem(message=why))
+        self._send(self._asking.question())

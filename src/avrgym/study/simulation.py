@@ -83,7 +83,7 @@ def _answer(visit: StudyVisit, when: str, chance: np.random.Generator) -> None:
     for item in visit.store.design.items_at(when, seed=visit.stored.participant):
         value = int(chance.integers(1, item.points + 1))
         if item in asked:
-            visit.record(item.id, value, ANSWER_AFTER_S, when)
+            visit.record(item.id, value, ANSWER_AFTER_S, when).result()
 
 
 def _run_trial(visit: StudyVisit, seed: int) -> None:

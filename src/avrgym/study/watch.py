@@ -26,7 +26,6 @@ class Watch:
     def close(self) -> None:
         """Look no longer."""
         self._closed.set()
-        self._thread.join()
 
     def _run(self) -> None:
         while not self._closed.wait(LOOK_EVERY_S) and not self.called_off:

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, get_args
@@ -13,12 +14,15 @@ from avrgym.vr import messages
 from avrgym.vr.access import Tokens
 from avrgym.vr.gate import Gate
 from avrgym.vr.hub import Hub, Outbox
+from avrgym.vr.inbox import is_stop
 from avrgym.vr.loop import RealTimeLoop
 from avrgym.vr.messages import Hello, Message, Problem, Role
 from avrgym.vr.session import Disconnected
 from avrgym.vr.world import TICK_S
 
 HELLO_TIMEOUT_S = 5.0
+BURST, MESSAGES_PER_S = 1000, 250
+"""More than any headset sends: 144 frames a second, and those of seven seconds after a pause of the network."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,22 @@ class Channel:
     def types(self) -> str:
         """The tags of the messages that it understands."""
         return ", ".join(kind.__struct_config__.tag for kind in get_args(self.union))
+
+
+class Pace:
+    """How fast a client may send: a headset's frames after a pause of the network come at once."""
+
+    def __init__(self) -> None:
+        self._left, self._asked_s = float(BURST), 0.0
+
+    def allows(self, now_s: float) -> bool:
+        """Whether one more message may come now."""
+        self._left = min(self._left + MESSAGES_PER_S * (now_s - self._asked_s), float(BURST)) - 1.0
+        self._asked_s = now_s
+        return self._left >= 0.0
+
+    def __str__(self) -> str:
+        return f"{BURST} may come at once and {MESSAGES_PER_S} a second"
 
 
 PARTICIPANT = Channel(("participant",), messages.decode_client, messages.ClientMessage)
@@ -88,10 +108,14 @@ async def _until_either(*conversations) -> None:
 async def _receive(
     socket: WebSocket, channel: Channel, role: Role, loop: RealTimeLoop, outbox: Outbox
 ) -> None:
+    pace = Pace()
     with contextlib.suppress(WebSocketDisconnect):
         while True:
             frame = await socket.receive()
             if frame["type"] == "websocket.disconnect":
+                return
+            if not pace.allows(time.monotonic()):
+                await socket.close(1008, f"too many messages: {pace}")
                 return
             message = _understand(frame.get("bytes"), channel, outbox.push)
             if isinstance(message, Hello):
@@ -99,7 +123,8 @@ async def _receive(
             elif message is not None and role == "spectator":
                 outbox.push(Problem(message="spectators only watch; the experimenter's address commands"))
             elif message is not None:
-                await _until(lambda: not loop.full)
+                if not is_stop(message):
+                    await _until(lambda: not loop.full)
                 loop.post(message)
 
 

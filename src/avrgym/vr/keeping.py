@@ -30,8 +30,13 @@ def _configuration(session: "Session", attempt: int) -> dict[str, Any]:
 
 def watch(session: "Session", now_s: float) -> None:
     """Tell of a disk that pauses; go no further with a trial that recording or observer cannot keep."""
-    if session.observer_failure is not None:
-        pause(session, session.observer_failure, now_s)
+    kept = session.is_kept()
+    at_stake = session.attempt is not None or session.completing is not None
+    failure, session.observer_failure = session.observer_failure, None
+    if failure is not None and (at_stake or not session.failing):
+        pause(session, failure, now_s)
+    elif kept and session.completing is not None:
+        _go_on(session, session.completing, now_s)
     if session.attempt is None:
         return
     stall = session.attempt.stall()
@@ -42,6 +47,17 @@ def watch(session: "Session", now_s: float) -> None:
         pause(session, session.attempt.failure, now_s)
 
 
+def _go_on(session: "Session", completed: int, now_s: float) -> None:
+    """Leave a trial whose completion is kept now; somebody who waits for that goes on."""
+    session.completing = None
+    if session.phase == "finished":
+        return
+    session.trial = max(session.trial, completed + 1)
+    if session.trial == len(session.plan.trials) or (session.phase == "loading" and session.then is None):
+        session.trial -= 1
+        session.next_trial(now_s)
+
+
 def pause(session: "Session", error: Exception, now_s: float) -> None:
     """Hold the robot and let the participant try again, because a trial that is not kept is none."""
     session.world.hold()
@@ -49,7 +65,14 @@ def pause(session: "Session", error: Exception, now_s: float) -> None:
     session.problem(f"the trial cannot be recorded: {error}")
     text = "The recording failed: the robot holds still. Press the trigger to try again."
     session.enter("paused", text, now_s)
-    session.observer_failure = None  # whoever cannot keep this pause either is asked again with the trial
+    session.completing, session.failing = None, True
+    forget_failures(session)
+
+
+def forget_failures(session: "Session") -> None:
+    """Whoever could not keep a pause either is asked again with the trial."""
+    session.is_kept()
+    session.observer_failure = None
 
 
 def break_off(

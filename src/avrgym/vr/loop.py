@@ -14,7 +14,7 @@ from typing import Generic, Protocol, TypeVar
 
 from avrgym.models.human import Person
 from avrgym.vr import messages
-from avrgym.vr.session import Disconnected
+from avrgym.vr.inbox import MESSAGES_PER_TICK, MESSAGES_S, Greeting, Inbox, Received
 from avrgym.vr.wakefulness import Wakefulness
 from avrgym.vr.world import TICK_S
 
@@ -26,12 +26,9 @@ CATCH_UP_TICKS = 5
 LATE_TICKS_KEPT = 10_000
 PRIORITY = 10
 """That of the loop's thread among the system's real-time ones, 1 to 99."""
-INBOX_MESSAGES = 1000
-"""How many messages may wait for the next tick; no headset sends as many in ten seconds."""
 
 
 Send = Callable[[messages.ServerMessage], None]
-Received = messages.ClientMessage | messages.ExperimenterMessage | Disconnected
 
 
 @dataclass(frozen=True)
@@ -41,14 +38,6 @@ class LateTick:
     due_s: float
     ended_s: float
     lost: int
-
-
-@dataclass(frozen=True)
-class Greeting:
-    """Somebody has connected in a role and is to be told where things stand."""
-
-    send: Send
-    role: messages.Role
 
 
 class Runnable(Protocol):
@@ -95,11 +84,11 @@ class RealTimeLoop(Generic[S]):
         self.session = session
         self.missed_ticks = 0
         self.late: deque[LateTick] = deque(maxlen=LATE_TICKS_KEPT)
-        self.error: BaseException | None = None
+        self.error: Exception | None = None
         self._send = send
         self._took_s: list[float] = []
         self._tidied_s = 0.0
-        self._inbox: deque[Received | Greeting] = deque()
+        self._inbox = Inbox()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
 
@@ -115,15 +104,15 @@ class RealTimeLoop(Generic[S]):
     @property
     def full(self) -> bool:
         """Whether so many messages wait that their sender should too."""
-        return len(self._inbox) >= INBOX_MESSAGES
+        return self._inbox.full
 
     def post(self, message: Received) -> None:
-        """Hand over a message from any thread; none is ever dropped."""
-        self._inbox.append(message)
+        """Hand over a message from any thread; see ``Inbox``."""
+        self._inbox.put(message)
 
     def greet(self, send: Send, role: messages.Role) -> None:
         """Have the session tell a new connection where things stand."""
-        self._inbox.append(Greeting(send, role))
+        self._inbox.put(Greeting(send, role))
 
     def _run(self) -> None:
         _take_precedence()
@@ -138,20 +127,27 @@ class RealTimeLoop(Generic[S]):
                 self._tidy(now)
                 wakefulness.keep(not self.session.at_rest)
                 due = self._wait(due + TICK_S)
-        except BaseException as error:
+        except Exception as error:
             self.error = error
-            raise
-        finally:
-            wakefulness.keep(False)
+        wakefulness.keep(False)
+        try:
             self.session.close(_clock_s() - began)
+        except Exception as error:
+            self.error = self.error or error
 
     def _take_messages(self, now_s: float) -> None:
-        for _ in range(len(self._inbox)):
-            message = self._inbox.popleft()
+        """Handle what waits, as far as there is time in a tick."""
+        ends_s = time.monotonic() + MESSAGES_S
+        for _ in range(MESSAGES_PER_TICK):
+            message = self._inbox.take()
+            if message is None:
+                return
             if isinstance(message, Greeting):
                 self.session.greet(message.send, message.role, now_s)
             else:
                 self.session.receive(message, now_s)
+            if time.monotonic() > ends_s:
+                return
 
     def _tell_timing(self, took_s: float) -> None:
         self._took_s.append(took_s)

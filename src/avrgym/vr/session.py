@@ -53,6 +53,7 @@ class Session:
     ``trial`` counts the plan's trials from 0. ``recordings`` holds the files of all attempts; ``attempt`` is the one
     that runs, ``experience`` how the latest has been so far. ``person`` is whose body the participant has;
     ``height_known``: its torso height is theirs, ``calibrated_for``: the posture that they have taken place in.
+    ``completing`` is a trial whose completion is not kept yet, ``failing`` whether the last attempt could not be kept.
     ``paused`` is whether the experimenter lets no trial begin, ``then`` what follows when the scene is loaded.
     """
 
@@ -65,6 +66,7 @@ class Session:
         identifier: str,
         *,
         observe: transitions.Observer = lambda transition: None,
+        kept: Callable[[], bool] = lambda: True,
         called_off: Callable[[], bool] = lambda: False,
         workers: Executor | None = None,
         scenes: list[tuple[str, Person]] | None = None,
@@ -77,7 +79,9 @@ class Session:
             folder: where recordings go; none is ever overwritten.
             send: takes every message for the clients.
             identifier: the name of the session for clients and recordings.
-            observe: told of every transition before the session goes on. When it raises, the session pauses.
+            observe: told of every transition. When it raises, the session pauses.
+            kept: whether all that the observer was told is kept; before that no phase ends by itself, and no trial
+                follows a completed one. When it raises, the session pauses.
             called_off: whether somebody elsewhere has ended the session; asked at every tick.
             workers: makes the worlds of trials to come; without one they are made in the thread that ticks.
             scenes: those of sessions before this one, which keep their addresses; the session adds its own.
@@ -93,7 +97,7 @@ class Session:
         self.height_known = False
         self.send = send
         self.folder = folder
-        self._policies, self._observe = policies, observe
+        self._policies, self._observe, self._kept = policies, observe, kept
         self._called_off = called_off
         self.observer_failure: Exception | None = None
         known = [] if scenes is None else scenes
@@ -102,6 +106,8 @@ class Session:
         self.calibrated_for: human.Posture | None = None
         self.then: Then | None = None
         self.attempt: Attempt | None = None
+        self.completing: int | None = None
+        self.failing = False
         self.asking = Asking(())
         self._ends_at: float | None = None
         self._ticked_s: float | None = None
@@ -176,7 +182,7 @@ class Session:
         keeping.watch(self, now_s)
         loading.watch(self, now_s)
         self._report(step, now_s)
-        if self._ends_at is not None and now_s >= self._ends_at:
+        if self._ends_at is not None and now_s >= self._ends_at and self.is_kept():
             self._advance(now_s)
         if self.attempt is not None:
             self.attempt.hand_over()
@@ -224,7 +230,9 @@ class Session:
 
     def begin_trial(self, now_s: float) -> None:
         """Begin the next attempt, once its world is made, the participant is in place, tracked and nobody pauses."""
-        if not self.scenery.is_fresh(self.trial, self.person):
+        if self.completing is not None:
+            self.enter("loading", "One moment: the trial is being stored.", now_s)
+        elif not self.scenery.is_fresh(self.trial, self.person):
             loading.load(self, self.begin_trial, now_s)
         elif self.calibrated_for is not self.world.stage.posture:
             seating.enter_calibration(self, now_s)
@@ -242,7 +250,9 @@ class Session:
         except OSError as error:
             keeping.pause(self, error, now_s)
             return
-        self.attempt = attempt
+        if self.failing:
+            keeping.forget_failures(self)
+        self.attempt, self.failing = attempt, False
         self.experience = attempt.experience
         self.presence.take_arrived()
         self.recordings.append(attempt.path)
@@ -275,11 +285,16 @@ class Session:
 
     def complete_trial(self, now_s: float) -> None:
         """End the attempt as completed, unless it cannot be kept, and go on."""
-        failure = keeping.end_attempt(self, "completed", now_s) or self.observer_failure
+        recording_failure = keeping.end_attempt(self, "completed", now_s)
+        kept = self.is_kept()
+        failure = recording_failure or self.observer_failure
         if failure is not None:
             keeping.pause(self, failure, now_s)
-        else:
+        elif kept:
             self.next_trial(now_s)
+        else:
+            self.completing = self.trial
+            self.enter("loading", "One moment: the trial is being stored.", now_s)
 
     def next_trial(self, now_s: float) -> None:
         """Go on to the next trial, or finish after the last."""
@@ -350,6 +365,14 @@ class Session:
             self._observe(transition)
         except Exception as error:  # whatever keeps a database from keeping it
             self.observer_failure = error
+
+    def is_kept(self) -> bool:
+        """Whether all that the observer was told is kept; should it have failed, the session pauses."""
+        try:
+            return self._kept()
+        except Exception as error:  # whatever keeps a database from keeping it
+            self.observer_failure = error
+            return False
 
     def record_event(self, name: str, detail: str, now_s: float) -> None:
         """Record anything that happened at one instant of a running trial."""

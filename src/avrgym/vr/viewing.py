@@ -8,7 +8,8 @@ from avrgym.episodes import EPISODE_STEPS, Episodes
 from avrgym.evaluation import actor
 from avrgym.models.human import Person
 from avrgym.vr import messages
-from avrgym.vr.loop import Received, Send
+from avrgym.vr.inbox import Received
+from avrgym.vr.loop import Send
 from avrgym.vr.reporting import STATE_EVERY_TICKS
 from avrgym.vr.webxr import Registration
 from avrgym.vr.world import TICK_S, ControlSteps, poses, scene_message

@@ -1,0 +1,133 @@
+"""A database that somebody else locks: the loop never waits for it, and nothing goes on before it is stored."""
+
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import psycopg
+import pytest
+
+from avrgym.study import database
+from avrgym.study.checking import check_study
+from avrgym.study.live import StudyVisit
+from avrgym.study.store import Store
+from avrgym.vr.messages import Command, Phase, Stop
+from studies import make_study, new_postgresql_database, postgresql_programs, postgresql_server, take_in
+from visit import Visit
+
+PATIENCE_S = 60.0
+Lock = Callable[[], AbstractContextManager[None]]
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Path]:
+    programs = postgresql_programs()
+    if programs is None:
+        pytest.skip("no PostgreSQL server here")
+    with postgresql_server(programs) as running:
+        yield running
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def locked(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Lock:
+    """What locks the study's database as long as its context lasts; the study is made in ``tmp_path``."""
+    if request.param == "sqlite":
+        monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+        return lambda: sqlite_lock(tmp_path / database.FILE)
+    url = new_postgresql_database(request.getfixturevalue("server"))
+    monkeypatch.setenv(database.URL_VARIABLE, url)
+    return lambda: postgresql_lock(url)
+
+
+@contextmanager
+def sqlite_lock(path: Path) -> Iterator[None]:
+    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        connection.execute("BEGIN EXCLUSIVE")
+        yield
+        connection.execute("ROLLBACK")
+
+
+@contextmanager
+def postgresql_lock(url: str) -> Iterator[None]:
+    with psycopg.connect(url) as connection:
+        connection.execute("LOCK TABLE event IN ACCESS EXCLUSIVE MODE")
+        yield
+        connection.rollback()
+
+
+@pytest.fixture
+def visit(locked: Lock, tmp_path: Path) -> Iterator[StudyVisit]:
+    """A study of a practice trial and two trials of half a second each, stored beside the loop."""
+    design = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "trial_steps": "5", "free_movement_s": "0.1"}
+    with (
+        Store(make_study(tmp_path, **design)) as store,
+        ThreadPoolExecutor(1) as storing,
+        StudyVisit(store, take_in(store), storing=storing) as visit,
+    ):
+        yield visit
+
+
+def attend(visit: StudyVisit) -> Visit:
+    plan = replace(visit.plan(), countdown_s=0.1)
+    return Visit(Path(), plan, make=lambda send: visit.session(plan, send))
+
+
+def await_phase(attended: Visit, phase: str) -> None:
+    """Tick on, with pauses in which another thread can store, until the session enters a phase."""
+    give_up_s = time.monotonic() + PATIENCE_S
+    while attended.phase != phase:
+        assert time.monotonic() < give_up_s, f"still in {attended.phase}; problems: {attended.problems}"
+        attended.tick()
+        time.sleep(0.001)
+
+
+def states(visit: StudyVisit) -> list[str]:
+    return [attempt.state for attempt in visit.store.attempts(visit.pseudonym)]
+
+
+def test_a_stop_holds_the_robot_while_the_database_is_locked(visit: StudyVisit, locked: Lock) -> None:
+    attended = attend(visit)
+    attended.sit_down()
+    await_phase(attended, "trial")
+    with locked():
+        attended.tick(5)
+        attended.tell(Stop())
+        assert attended.phase == "paused"
+        assert attended.said(Phase)[-1].name == "paused"
+        attended.tick(20)
+    visit.end().result(PATIENCE_S)
+    assert states(visit) == ["stopped"]
+
+
+def test_no_trial_follows_before_the_one_before_is_stored(visit: StudyVisit, locked: Lock) -> None:
+    attended = attend(visit)
+    attended.sit_down()
+    await_phase(attended, "trial")
+    with locked():
+        attended.tick(300)
+        assert attended.phase in ("trial", "free_after", "loading"), attended.problems
+        assert attended.session.trial == 0
+    await_phase(attended, "countdown")
+    assert attended.session.trial == 1
+    assert states(visit) == ["completed", "running"]
+    attended.tell(Command(name="end"))
+    visit.end().result(PATIENCE_S)
+    assert [finding.what for finding in check_study(visit.store) if finding.wrong] == []
+
+
+def test_the_robot_does_not_move_before_its_attempt_is_stored(visit: StudyVisit, locked: Lock) -> None:
+    attended = attend(visit)
+    attended.sit_down()
+    await_phase(attended, "check")
+    with locked():
+        await_phase(attended, "free_before")
+        attended.tick(100)
+        assert attended.phase in ("free_before", "countdown")
+    await_phase(attended, "trial")
+    attended.leave()
+    visit.end().result(PATIENCE_S)
+    assert states(visit) == ["interrupted"]
