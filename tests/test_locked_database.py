@@ -14,6 +14,7 @@ import pytest
 from avrgym.study import database
 from avrgym.study.checking import check_study
 from avrgym.study.live import StudyVisit
+from avrgym.study.states import StudyError
 from avrgym.study.store import Store
 from avrgym.vr.messages import Command, Phase, Stop
 from studies import make_study, new_postgresql_database, postgresql_programs, postgresql_server, take_in
@@ -131,3 +132,25 @@ def test_the_robot_does_not_move_before_its_attempt_is_stored(visit: StudyVisit,
     attended.leave()
     visit.end().result(PATIENCE_S)
     assert states(visit) == ["interrupted"]
+
+
+def test_an_end_that_cannot_be_stored_is_said_and_the_next_session_ends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop's end waits no longer than its patience."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.setattr("avrgym.study.live.PATIENCE_S", 0.5)
+    monkeypatch.setattr("avrgym.study.database.WAIT_S", 1)
+    with Store(make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]', free_movement_s="0.1")) as store:
+        with ThreadPoolExecutor(1) as storing:
+            visit = StudyVisit(store, take_in(store), storing=storing)
+            attended = attend(visit)
+            attended.sit_down()
+            await_phase(attended, "trial")
+            with sqlite_lock(tmp_path / database.FILE):
+                attended.leave()
+                with pytest.raises(StudyError, match="its end is not stored, the database is busy"):
+                    visit.close()
+        with StudyVisit(store, visit.pseudonym, take_over=True):
+            assert [attempt.state for attempt in store.attempts(visit.pseudonym)] == ["interrupted"]
+            assert store.sessions(visit.pseudonym)[0].state != "open"

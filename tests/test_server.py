@@ -165,6 +165,13 @@ def participant(server: LiveServer) -> Iterator[Client]:
         yield client
 
 
+def send_and_listen(client: Client, *sent: Message) -> None:
+    """Send, then listen as long as the connection lasts."""
+    client.send(*sent)
+    while True:
+        client.receive()
+
+
 def sit_down(client: Client) -> None:
     """Let the client's participant be measured; their trial begins."""
     client.tracked = SimulatedParticipant(draw_traits("woman", 2), 2)
@@ -454,21 +461,27 @@ def test_damaged_messages_never_end_the_session(server: LiveServer) -> None:
     assert server.loop.error is None
 
 
-def test_a_flood_is_taken_in_whole_and_memory_stays_bounded(server: LiveServer) -> None:
+@pytest.mark.parametrize("kind", ["frames", "entered"])
+def test_who_floods_is_told_why_and_disconnected_and_the_next_is_served(
+    server: LiveServer, kind: str
+) -> None:
     person = SimulatedParticipant(draw_traits("woman", 2), 2)
     frame = person.frame(0.0, moving=False)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with participant(server) as client:
-        client.send(Entered())
-        reader = threading.Thread(
-            target=lambda: client.await_message(State, lambda state: state.tracking_sequence == 19_999)
+        flood = (
+            msgspec.structs.replace(frame, sequence=i) if kind == "frames" else Entered()
+            for i in range(20_000)
         )
-        reader.start()
-        client.send(*(msgspec.structs.replace(frame, sequence=i) for i in range(20_000)))
-        reader.join(PATIENCE_S)
-        assert not reader.is_alive()
-        client.send(Entered())
-        client.await_message(State, lambda state: state.tracking_sequence == -1)
+        with pytest.raises(ConnectionClosed) as closed:
+            send_and_listen(client, *flood)
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 1008
+        assert closed.value.rcvd.reason.startswith(
+            "too many messages: 1000 may come at once and 250 a second"
+        )
+    with participant(server) as client:
+        sit_down(client)
     assert server.loop.error is None
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 1024
 
@@ -702,7 +715,6 @@ def count_threads(name: str) -> int:
     return sum(thread.name == name for thread in threading.enumerate())
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_waiting_ends_when_the_simulation_fails(tmp_path: Path) -> None:
     def fail(now_s: float) -> None:
         raise ArithmeticError("the physics exploded")
@@ -712,6 +724,7 @@ def test_waiting_ends_when_the_simulation_fails(tmp_path: Path) -> None:
         session.tick = fail
         return session
 
-    with LiveServer(make_session, "127.0.0.1", 0) as server:
+    server = LiveServer(make_session, "127.0.0.1", 0)
+    with pytest.raises(ServerError, match="the physics exploded"), server:
         server.wait()
     assert isinstance(server.loop.error, ArithmeticError)

@@ -13,6 +13,7 @@ from avrgym.analysis.commands import analyze
 from avrgym.models.human import SEXES, Sex
 from avrgym.people import DISTRIBUTIONS
 from avrgym.policies import packaged_policies
+from avrgym.program import Program
 from avrgym.replay.commands import replay
 from avrgym.study.commands import app as study_commands
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from avrgym.vr.server import LiveServer
     from avrgym.vr.session import Send, Session
 
-app = typer.Typer(
+app = Program(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from websockets.sync.client import ClientConnection, connect
 
+from avrgym.children import undisturbed
 from avrgym.episodes import ACTIONS
 from avrgym.participants import SimulatedParticipant, draw_traits
 from avrgym.policies import Policy, PolicyMetadata
@@ -205,7 +206,8 @@ def _attend(server: LiveServer, seconds: float) -> Trips:
             there,
         ),
     )
-    client.start()
+    with undisturbed():
+        client.start()
     try:
         if not here.poll(seconds + PATIENCE_S):
             raise RuntimeError(f"the trial does not end; the session is in phase {server.session.phase}")

@@ -13,7 +13,7 @@ from fastapi import WebSocket, WebSocketDisconnect
 from avrgym.vr import messages
 from avrgym.vr.access import Tokens
 from avrgym.vr.gate import Gate
-from avrgym.vr.hub import Hub, Outbox
+from avrgym.vr.hub import Farewell, Hub, Outbox
 from avrgym.vr.inbox import is_stop
 from avrgym.vr.loop import RealTimeLoop
 from avrgym.vr.messages import Hello, Message, Problem, Role
@@ -146,5 +146,8 @@ def _understand(data: bytes | None, channel: Channel, complain: Callable[[Messag
 
 async def _send(socket: WebSocket, outbox: Outbox) -> None:
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-        while True:
-            await socket.send_bytes(messages.encode(await outbox.next()))
+        try:
+            while True:
+                await socket.send_bytes(messages.encode(await outbox.next()))
+        except Farewell as farewell:
+            await socket.close(1001, str(farewell))

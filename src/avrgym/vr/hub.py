@@ -2,10 +2,14 @@
 
 import asyncio
 import contextlib
+import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from typing import TypeVar
 
 from avrgym.vr.messages import Message, Problem, Role, State, Status, Timing, Welcome
+
+T = TypeVar("T")
 
 OUTBOX_MESSAGES = 1000
 """What a connection may still have to send; of more, which only floods lead to, the oldest are dropped."""
@@ -19,6 +23,14 @@ def concerns(message: Message, role: Role) -> bool:
     return role != "participant" or not isinstance(message, FOR_WATCHERS_ONLY)
 
 
+FAREWELL_S = 1.0
+"""How long connections have to hear that the server ends."""
+
+
+class Farewell(Exception):
+    """A connection has nothing more to send and ends, for the reason in words."""
+
+
 class Outbox:
     """What one connection still has to send: every message in order, but of states only the newest.
 
@@ -29,6 +41,7 @@ class Outbox:
         self._messages: deque[Message] = deque(maxlen=OUTBOX_MESSAGES)
         self._state: State | None = None
         self._welcomed = False
+        self._farewell = ""
         self._filled = asyncio.Event()
 
     def push(self, message: Message) -> None:
@@ -42,14 +55,21 @@ class Outbox:
             self._messages.append(message)
         self._filled.set()
 
+    def close(self, reason: str) -> None:
+        """Let the connection end when all is sent."""
+        self._farewell = reason
+        self._filled.set()
+
     async def next(self) -> Message:
-        """Wait for the message to send next."""
+        """Wait for the message to send next; raises ``Farewell`` when there will be none."""
         while True:
             if self._messages:
                 return self._messages.popleft()
             if self._state is not None:
                 state, self._state = self._state, None
                 return state
+            if self._farewell:
+                raise Farewell(self._farewell)
             self._filled.clear()
             await self._filled.wait()
 
@@ -86,6 +106,16 @@ class Hub:
         finally:
             self._leave(outbox)
 
+    def say_goodbye(self, reason: str) -> None:
+        """End all connections, for a reason in words; from any other thread than theirs."""
+        ends_s = time.monotonic() + FAREWELL_S
+        while everyone := [each for each in (self._participant, *self._watchers) if each is not None]:
+            for outbox in everyone:
+                self._call(outbox.close, reason)
+            if time.monotonic() > ends_s:
+                return
+            time.sleep(0.01)
+
     def _join(self, outbox: Outbox, role: Role) -> None:
         if role == "participant":
             self._participant = outbox
@@ -104,7 +134,7 @@ class Hub:
             if concerns(message, role):
                 watcher.push(message)
 
-    def _call(self, function: Callable[[Message], None], message: Message) -> None:
+    def _call(self, function: Callable[[T], None], told: T) -> None:
         if self._events is not None:
             with contextlib.suppress(RuntimeError):  # the event loop closed meanwhile
-                self._events.call_soon_threadsafe(function, message)
+                self._events.call_soon_threadsafe(function, told)

@@ -2,11 +2,10 @@
 
 import asyncio
 import multiprocessing
-import os
-import threading
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 
+from avrgym.children import end_with_parent, undisturbed
 from avrgym.models.human import Person
 from avrgym.models.robots import find_robot
 from avrgym.models.scene import build_spec
@@ -46,7 +45,9 @@ class SceneRenderer:
     async def _render(self, environment_id: str, person: Person) -> bytes:
         events = asyncio.get_running_loop()
         try:
-            return await events.run_in_executor(self._pool, render_scene, environment_id, person)
+            with undisturbed():
+                rendered = events.run_in_executor(self._pool, render_scene, environment_id, person)
+            return await rendered
         except BrokenProcessPool:
             self._pool = rendering_process()
             raise
@@ -59,17 +60,5 @@ class SceneRenderer:
 def rendering_process() -> ProcessPoolExecutor:
     """A pool of one process that ends when this one does."""
     return ProcessPoolExecutor(
-        1, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent
+        1, mp_context=multiprocessing.get_context("spawn"), initializer=end_with_parent
     )
-
-
-def _end_with_parent() -> None:
-    """Let this process end when its parent does, even one that was killed."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()

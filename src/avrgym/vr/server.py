@@ -18,7 +18,7 @@ from avrgym.vr.hub import Hub
 from avrgym.vr.loop import RealTimeLoop, S
 from avrgym.vr.messages import Message
 from avrgym.vr.rendering import SceneRenderer
-from avrgym.vr.web import EVERY_ADDRESS, LOOPBACK, STATIC, WebThread, check_page, listen
+from avrgym.vr.web import EVERY_ADDRESS, LOOPBACK, STATIC, ServerError, WebThread, check_page, listen
 
 SWITCH_INTERVAL_S = 0.0001
 """How long a thread may keep the others waiting: Python's own 5 ms would be half of a tick."""
@@ -118,7 +118,7 @@ class LiveServer(Generic[S]):
         self.host, self.port = host, int(listener.getsockname()[1])
         self.certificate = certificate
         self.tokens = Tokens.new()
-        hub = Hub()
+        self._hub = hub = Hub()
         try:
             self.loop = RealTimeLoop(make_session(hub.send), hub.send)
         except BaseException:
@@ -163,13 +163,16 @@ class LiveServer(Generic[S]):
         self._web.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, failure: type[BaseException] | None, *_: object) -> None:
+        self._hub.say_goodbye("the server has stopped")
         self._web.stop()
         self.loop.stop()
         self._renderer.close()
         sys.setswitchinterval(self._switch_interval_s)
         gc.enable()
         gc.unfreeze()
+        if failure in (None, KeyboardInterrupt) and self.loop.error is not None:
+            raise ServerError(str(self.loop.error)) from self.loop.error
 
     def wait(self) -> None:
         """Wait until the server ends or the simulation fails."""

@@ -1,0 +1,66 @@
+"""The program ``avrgym``: how a signal ends it. Ctrl+C, SIGTERM and SIGHUP do the same."""
+
+import os
+import signal
+import sys
+from types import FrameType
+from typing import Any
+
+import click
+import typer
+
+STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_INTERRUPTED = 130
+"""What Typer makes of a KeyboardInterrupt."""
+MOST_SIGNALS = 3
+"""The first one lets the program end well, and the next does not disturb that; this many end it at once."""
+
+
+class Signals:
+    """The signals that came so far; those that were ignored when the program began, as by ``nohup``, stay so."""
+
+    def __init__(self) -> None:
+        self.received: list[int] = []
+
+    def listen(self) -> None:
+        """Let the first signal from now on raise ``KeyboardInterrupt``."""
+        for each in STOPPING:
+            if signal.getsignal(each) is not signal.SIG_IGN:
+                signal.signal(each, self._receive)
+
+    @property
+    def exit_code(self) -> int:
+        """That of a program which the first of them broke off."""
+        return 128 + self.received[0]
+
+    def _receive(self, number: int, _frame: FrameType | None) -> None:
+        self.received.append(number)
+        if len(self.received) == 1:
+            raise KeyboardInterrupt
+        if len(self.received) >= MOST_SIGNALS:
+            os._exit(self.exit_code)
+
+
+class Program(typer.Typer):
+    """A command line of which signals break off a command with the exit code 128 and the signal's number."""
+
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        """Run the command line's command; raises ``SystemExit``."""
+        signals = Signals()
+        try:
+            signals.listen()
+            return super().__call__(*arguments, **options)
+        except (KeyboardInterrupt, SystemExit) as end:
+            if not signals.received or not _is_broken_off(end):
+                raise
+        typer.echo("avrgym: stopped", err=True)
+        sys.exit(signals.exit_code)
+
+
+def _is_broken_off(end: BaseException) -> bool:
+    """Whether a command ended by an interrupt that it did not take for an ordinary end."""
+    return (
+        isinstance(end, KeyboardInterrupt)
+        or isinstance(end.__context__, click.Abort)
+        or (isinstance(end, SystemExit) and end.code == _INTERRUPTED)
+    )

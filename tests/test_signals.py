@@ -1,0 +1,126 @@
+"""Ctrl+C, SIGTERM and SIGHUP end a command alike: in words, with an exit code, and with a farewell to clients."""
+
+import os
+import signal
+import sqlite3
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from avrgym.study import database
+from avrgym.study.store import Store
+from avrgym.vr import messages
+from processes import AVRGYM, die_with_parent, served
+from studies import make_study, take_in
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+PATIENCE_S = 60.0
+
+
+@contextmanager
+def participant(address: str) -> Iterator[ClientConnection]:
+    """A participant's client that was let in."""
+    url, _, token = address.partition("/#token=")
+    with connect(f"ws{url.removeprefix('http')}/ws", max_size=None, max_queue=None) as client:
+        client.send(messages.encode(messages.Hello(messages.PROTOCOL, token, "test", emulated=True)))
+        client.recv(PATIENCE_S)
+        yield client
+
+
+def farewell(client: ClientConnection) -> tuple[int | None, str | None]:
+    """Code and reason of the close, after all else that comes."""
+    with suppress(ConnectionClosed):
+        while True:
+            client.recv(PATIENCE_S)
+    return client.close_code, client.close_reason
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_server_says_goodbye_and_ends(tmp_path: Path, number: signal.Signals) -> None:
+    with served(make_study(tmp_path)) as server:
+        with participant(server.participant) as client:
+            server.process.send_signal(number)
+            assert farewell(client) == (1001, "the server has stopped")
+        assert server.process.wait(PATIENCE_S) == 0
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_command_that_is_broken_off_says_so_in_its_exit_code(number: signal.Signals) -> None:
+    command = [AVRGYM, "evaluate", "avrgym/FeedingJaco-v1", "--episodes", "100000"]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, preexec_fn=die_with_parent
+    ) as running:
+        await_handlers(running.pid)
+        running.send_signal(number)
+        _, errors = running.communicate(timeout=PATIENCE_S)
+    assert running.returncode == 128 + number
+    assert errors.strip().splitlines()[-1] == "avrgym: stopped"
+    assert "Traceback" not in errors
+
+
+def test_simulated_participants_end_with_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A terminal sends Ctrl+C to all of them."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    command = [AVRGYM, "study", "simulate", make_study(tmp_path), "--participants", "2"]
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=die_with_parent,
+        process_group=0,
+    ) as running:
+        await_handlers(running.pid)
+        await_session(tmp_path)
+        os.killpg(running.pid, signal.SIGINT)
+        _, errors = running.communicate(timeout=PATIENCE_S)
+    assert running.returncode == 128 + signal.SIGINT
+    assert "Traceback" not in errors
+
+
+def test_a_session_whose_end_cannot_be_stored_is_told_and_exit_code_1(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    with Store(make_study(tmp_path, tasks='["Feeding"]')) as store:
+        pseudonym = take_in(store)
+        command = [AVRGYM, "serve", "--port", "0", "--study", tmp_path, "--participant", pseudonym]
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=die_with_parent
+        ) as running:
+            assert running.stdout is not None
+            next(line for line in running.stdout if "Ctrl+C" in line)
+            with closing(sqlite3.connect(tmp_path / database.FILE, isolation_level=None)) as other:
+                other.execute("BEGIN EXCLUSIVE")
+                running.send_signal(signal.SIGTERM)
+                _, errors = running.communicate(timeout=2 * PATIENCE_S)
+        assert running.returncode == 1
+        assert errors.splitlines() == [
+            f"avrgym: ses-01 of {pseudonym}: its end is not stored, the database is busy"
+        ]
+
+
+def await_handlers(process: int) -> None:
+    """Wait until a program listens to signals (Linux says which are caught)."""
+    give_up_s = time.monotonic() + PATIENCE_S
+    caught = 1 << (signal.SIGTERM - 1)
+    while time.monotonic() < give_up_s:
+        status = dict(line.split(":\t") for line in Path(f"/proc/{process}/status").read_text().splitlines())
+        if int(status["SigCgt"], 16) & caught:
+            return
+        time.sleep(0.01)
+    raise TimeoutError("it listens to no signal")
+
+
+def await_session(folder: Path) -> None:
+    """Wait until a simulated participant's recording begins."""
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not any(folder.rglob("*.mcap")):
+        assert time.monotonic() < give_up_s
+        time.sleep(0.05)
