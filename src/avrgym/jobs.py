@@ -2,12 +2,12 @@
 
 import multiprocessing
 import os
-import signal
-import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from multiprocessing.sharedctypes import Synchronized
 from typing import Any, TypeVar
+
+from avrgym.children import end_with_parent, undisturbed
 
 Result = TypeVar("Result")
 
@@ -42,7 +42,8 @@ def run_all(
     context = multiprocessing.get_context("spawn")
     done: Synchronized[int] = context.Value("q", 0)
     with ProcessPoolExecutor(min(jobs, len(arguments)), context, _begin, (done,)) as pool:
-        calls = [pool.submit(function, *each) for each in arguments]
+        with undisturbed():
+            calls = [pool.submit(function, *each) for each in arguments]
         try:
             running: set[Future[Result]] = set(calls)
             while running:
@@ -52,6 +53,8 @@ def run_all(
                 tell(done.value)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for process in multiprocessing.active_children():
+                process.terminate()
             raise
     return [call.result() for call in calls]
 
@@ -64,15 +67,7 @@ def report(done: int) -> None:
 
 
 def _begin(done: "Synchronized[int]") -> None:
-    """Have this process end with the one that started it, and at once where the terminal interrupts both."""
+    """Have this process end with the one that started it; a terminal's signals are for that one."""
     global _done
     _done = done
-    signal.signal(signal.SIGINT, lambda number, frame: os._exit(1))
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, name="watch parent", daemon=True).start()
+    end_with_parent()
