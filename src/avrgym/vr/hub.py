@@ -109,8 +109,9 @@ class Hub:
     def say_goodbye(self, reason: str) -> None:
         """End all connections, for a reason in words; from any other thread than theirs."""
         ends_s = time.monotonic() + FAREWELL_S
-        while everyone := [each for each in (self._participant, *self._watchers) if each is not None]:
-            for outbox in everyone:
+        while self._participant is not None or self._watchers:
+            watching = [outbox for _, outbox in self._watchers]
+            for outbox in [self._participant, *watching] if self._participant is not None else watching:
                 self._call(outbox.close, reason)
             if time.monotonic() > ends_s:
                 return
