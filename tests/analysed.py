@@ -44,13 +44,20 @@ def torso_height_m(participant: Participant) -> float:
     return 0.50 + 0.01 * participant.number
 
 
-def run_trials(store: Store, pseudonym: str, count: int | None = None, rate: Rate = chance) -> None:
-    """A session with a participant's remaining trials, or the first few of them."""
+def run_trials(
+    store: Store,
+    pseudonym: str,
+    count: int | None = None,
+    rate: Rate = chance,
+    held: Mapping[int, int] | None = None,
+) -> None:
+    """A session with a participant's remaining trials, or the first few; of some, by position, last frames are held."""
     participant = store.participant(pseudonym)
     session = open_session(store, pseudonym)
     for trial in store.remaining_trials(pseudonym)[:count]:
         attempt = begin_attempt(store, session.id, trial.position)
-        figures = record_trial(store.path(attempt.recording), participant, trial)
+        frames_held = (held or {}).get(trial.position, 0)
+        figures = record_trial(store.path(attempt.recording), participant, trial, held=frames_held)
         if not trial.practice:
             for item in ITEMS:
                 record_answer(store, attempt.id, item, rate(participant, trial, item), 1.0)
@@ -68,17 +75,27 @@ def break_off(store: Store, pseudonym: str) -> TrialAttempt:
 
 
 def record_trial(
-    path: Path, participant: Participant, trial: Trial, *, other_course: int = 0, **changes: Any
+    path: Path,
+    participant: Participant,
+    trial: Trial,
+    *,
+    other_course: int = 0,
+    held: int = 0,
+    **changes: Any,
 ) -> dict[str, Any]:
-    """Write a trial's recording, of other metadata where ``changes`` say so; gives the trial's figures."""
+    """Write a trial's recording, of other metadata where ``changes`` say so; gives the trial's figures.
+
+    The last few frames are ``held``.
+    """
     writer = RecordingWriter(path, _metadata(participant, trial) | changes)
     rng = np.random.default_rng([participant.number, trial.position, other_course])
     lean_deg, reward = rng.uniform(-5.0, 15.0), 0.0
     for step in range(1, STEPS + 1):
         time_ns = step * 100_000_000
         angles = human.joint_angles(waist_x=lean_deg + step, head_z=5.0 * step)
+        holds = step > STEPS - held
         writer.write(
-            "/tracking", time_ns, TrackingFrame(step, 10.0 * step, step / 10, applied=True, held=False)
+            "/tracking", time_ns, TrackingFrame(step, 10.0 * step, step / 10, applied=not holds, held=holds)
         )
         writer.write("/body_targets", time_ns - 1, BodyTargets(angles.tolist()))
         control = _control(step, float(rng.normal()))

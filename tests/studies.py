@@ -79,7 +79,7 @@ def record(store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool
         terms = {"distance_m": 0.5, "action_squared": 0.0}
         control = Control(step, OBSERVATION, [0.5] * 7, -0.5, terms, step == STEPS, 0.3 / step, 1.0)
         writer.write("/control", time_ns, control)
-    writer.write("/events", 0, Event("phase", "trial"))
+    writer.write("/events", 100_000_000, Event("phase", "trial"))
     if not trial.practice:
         for value, item in enumerate(store.design.items_at("after_trial"), start=3):
             writer.write("/answers", 400_000_000, Answer(item.id, value, 1.25))

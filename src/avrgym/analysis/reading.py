@@ -12,6 +12,7 @@ from avrgym.analysis.rows import AnswerRow, AttemptRow, ParticipantRow, ProblemR
 from avrgym.models.robots import find_robot
 from avrgym.study.answers import answer_moments
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
+from avrgym.study.held import held_share, too_much_held
 from avrgym.study.questionnaire import SESSION_MOMENTS
 from avrgym.study.recording import Recording, RecordingError
 from avrgym.study.rows import GivenAnswer, Participant, Trial
@@ -114,6 +115,11 @@ def _observe_recording(exported: ExportedAttempt, row: TrialRow, found: Observat
     if recording.metadata.get("simulated") is not row.simulated:
         tell("and the study differ in whether the participant was simulated", "the trial is not counted")
         return replace(row, recorded="contradictory", counted=False)
+    row = replace(row, held_share=held_share(recording))
+    left_out = too_much_held(row.held_share, exported.store.design) if row.counted else None
+    if left_out is not None:
+        tell(f"is left out: {left_out}", "the trial is not counted")
+        row = replace(row, counted=False, left_out=left_out)
     versions = other_versions(recording)
     if versions:
         tell(f"was recorded with {versions}", "it is used as it was recorded")

@@ -29,10 +29,12 @@ class ParticipantRow:
 class TrialRow:
     """A planned trial, run or not.
 
-    ``counted``: it enters the analyses. ``recorded`` says how the completed attempt's recording is: ``whole``,
-    ``cut off``, ``missing``, ``unreadable``, ``without a body`` or ``contradictory``. ``reward``, ``success`` and
-    ``seconds`` are those stored when the trial was completed, ``reward_recorded`` is summed from the recording.
-    Distance and force are over the control steps; head and waist are means over them, waists with their ends.
+    ``counted``: it enters the analyses; ``left_out`` is why it does not, where its person was held for too large a
+    share, ``held_share``, of the time in which the robot helped. ``recorded`` says how the completed attempt's
+    recording is: ``whole``, ``cut off``, ``missing``, ``unreadable``, ``without a body`` or ``contradictory``.
+    ``reward``, ``success`` and ``seconds`` are those stored when the trial was completed, ``reward_recorded`` is
+    summed from the recording. Distance and force are over the control steps; head and waist are means over them,
+    waists with their ends.
     """
 
     participant: str
@@ -49,6 +51,8 @@ class TrialRow:
     attempts: int
     attempts_broken_off: int
     counted: bool
+    left_out: str | None = None
+    held_share: float | None = None
     steps: int | None = None
     reward: float | None = None
     success: bool | None = None

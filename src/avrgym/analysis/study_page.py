@@ -107,6 +107,7 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
         "Trials completed": sum(row.state == "completed" for row in trials),
         "missing": sum(row.state != "completed" for row in trials),
         "in the analyses": sum(row.counted for row in trials),
+        "left out, persons held": sum(row.left_out is not None for row in trials),
         "Attempts": sum(row.attempts for row in trials),
         "broken off": sum(row.attempts_broken_off for row in trials),
     }
@@ -123,7 +124,10 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
         "broken off",
     )  # fmt: skip
     caption = "Participants; who withdrew is counted here and in no analysis"
-    return join([definitions(figures), table(_marked(caption, simulated), heads, rows, numbers=range(3, 10))])
+    left_out = [f"{row.participant}, trial {row.position}: {row.left_out}." for row in trials if row.left_out]
+    listed = [tag("p", "Left out of the analyses:"), listing(left_out)] if left_out else []
+    shown = table(_marked(caption, simulated), heads, rows, numbers=range(3, 10))
+    return join([definitions(figures), *listed, shown])
 
 
 def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
@@ -165,8 +169,10 @@ def _problems(analysis: Analysis) -> Markup:
 
 
 METHODS = (
-    "Counted are completed trials but for practice, of participants who have not withdrawn. Every table has a column "
-    "that says whether a row is about simulated participants.",
+    "Counted are completed trials but for practice, of participants who have not withdrawn. A trial is left out, and "
+    "listed, whose person was held still, because tracking was lost or jumped, for a larger share of the time in which "
+    "the robot helped than the design allows. Every table has a column that says whether a row is about simulated "
+    "participants.",
     "Reward: mean over participants with a 95 % interval by Student's t. Success: Wilson's 95 % interval. Beside them "
     "stands what training measured for the same policy with the people that it trained with.",
     "Wilcoxon's signed-rank test: zeros are left out, ties share their mean rank; exact for at most "

@@ -32,19 +32,29 @@ def _overview(rows: Sequence[TrialRow], simulated: bool) -> Markup:
         "Attempts",
         "Counted",
         "Recording",
+        "Held",
         "Reward",
         "Success",
     )
     body = [
         (
             _link(row), row.task, row.robot, row.policy + (" (practice)" if row.practice else ""), row.state,
-            row.attempts, "yes" if row.counted else "no", row.recorded or "–",
+            row.attempts, _counted(row), row.recorded or "–", _share(row.held_share),
             quantity(row.reward, absent="–"), _yes(row.success),
         )
         for row in rows
     ]  # fmt: skip
     caption = "Planned trials (simulated participants)" if simulated else "Planned trials"
-    return table(caption, heads, body, numbers=(5, 8))
+    return table(caption, heads, body, numbers=(5, 8, 9))
+
+
+def _counted(row: TrialRow) -> str:
+    return "left out" if row.left_out else _yes(row.counted)
+
+
+def _share(share: float | None) -> str:
+    """How long the person was held, for people."""
+    return "–" if share is None else f"{100 * share:.1f} %"
 
 
 def _link(row: TrialRow) -> Markup | str:
@@ -93,6 +103,7 @@ def _figures(row: TrialRow) -> Markup:
             "Closest to the target": quantity(row.distance_least_m, "m"),
             "Mean force on the person": quantity(row.force_mean_n, "N"),
             "Peak force on the person": quantity(row.force_peak_n, "N"),
+            "Person held": _share(row.held_share),
             "Torso height": quantity(row.torso_height_m, "m", digits=3),
             "Bent forward, mean": quantity(row.waist_x_deg, "°", digits=1),
             "Attempts": row.attempts,

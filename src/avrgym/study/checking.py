@@ -9,6 +9,7 @@ from avrgym.study.answers import answered_in_visit
 from avrgym.study.attempts import sha256_of
 from avrgym.study.checking_database import check_database, check_private
 from avrgym.study.finding import Finding
+from avrgym.study.held import held_share, too_much_held
 from avrgym.study.preflight import policy_faults
 from avrgym.study.questionnaire import SESSION_MOMENTS
 from avrgym.study.recording import Recording, RecordingError, read_recording
@@ -173,6 +174,9 @@ def _check_recording(
         name: attempt.figures.get(name) for name in FIGURES
     }:
         yield Finding(attempt.recording, "tells of other figures than the database")
+    held = too_much_held(held_share(recording), store.design) if attempt.state == "completed" else None
+    if held is not None:
+        yield Finding(attempt.recording, f"{held}: the analysis leaves it out", wrong=False)
     for name in _differences(recording, planned, answers):
         yield Finding(attempt.recording, f"was recorded with another {name} than was planned or stored")
 

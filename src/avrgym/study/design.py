@@ -67,6 +67,8 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     ``trial_steps`` are control steps of 0.1 s. An empty ``practice_policy`` means no practice trials. ``goals`` tell
     participants what a task is, by task; where one is missing, the task's own sentence does. ``furniture`` is what they
     really sit and lie on.
+    A trial whose person was held for more than ``max_held_share`` of the time in which the robot helped enters no
+    analysis; a design that does not say counts all.
     """
 
     title: Annotated[str, msgspec.Meta(min_length=1)]
@@ -79,6 +81,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     trial_steps: Annotated[int, msgspec.Meta(ge=1)]
     free_movement_s: Annotated[float, msgspec.Meta(ge=0, le=600)]
     blind_experimenter: bool
+    max_held_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 1.0
     consent: Consent
     inclusion: tuple[InclusionQuestion, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()

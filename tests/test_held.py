@@ -1,0 +1,114 @@
+"""How long a trial's person was held, and that trials in which it was too long are left out and listed."""
+
+from pathlib import Path
+
+import pytest
+
+from analysed import STEPS, run_trials, take_part
+from avrgym.analysis.output import write_analysis
+from avrgym.analysis.study import analyse
+from avrgym.study.checking import check_study
+from avrgym.study.design import DesignError, default_text, parse_design
+from avrgym.study.held import held_share
+from avrgym.study.recording import Recording
+from avrgym.study.records import Control, Event, TrackingFrame
+from avrgym.study.store import Store
+from studies import make_study
+
+RATE_HZ = 100
+DRIVEN_S = 20.0
+
+
+def recording(*frames: tuple[float, bool, list[str]]) -> Recording:
+    """The robot helps from 5 to 25 s; frames come at times, held as a whole or in part."""
+    messages = [("/events", 5_000_000_000, Event("phase", "trial"))]
+    messages += [
+        ("/tracking", round(1e9 * time_s), TrackingFrame(0, 0.0, time_s, not held, held, held_parts=parts))
+        for time_s, held, parts in frames
+    ]
+    messages += [
+        ("/control", 5_000_000_000 + 100_000_000 * step, Control(step, [], [], 0.0, {}, False, 0.0, 0.0))
+        for step in range(1, 201)
+    ]
+    return Recording({}, None, messages, complete=True)
+
+
+def at_rate(held, begin_s: float = 4.0, end_s: float = 26.0, parts=lambda number: []) -> Recording:
+    count = round(RATE_HZ * (end_s - begin_s))
+    return recording(*((begin_s + n / RATE_HZ, held(n), parts(n)) for n in range(count)))
+
+
+@pytest.mark.parametrize("every", [1, 2, 4, 10, 20])
+def test_the_share_is_that_of_the_frames_that_are_held(every: int) -> None:
+    assert held_share(at_rate(lambda n: n % every == 0)) == pytest.approx(1.0 / every, abs=1e-6)
+    parts = at_rate(lambda n: False, parts=lambda n: ["left"] if n % every == 0 else [])
+    assert held_share(parts) == pytest.approx(1.0 / every, abs=1e-6)
+
+
+def test_nobody_is_held_who_is_tracked_and_all_are_who_are_not() -> None:
+    assert held_share(at_rate(lambda n: False)) == pytest.approx(0.0, abs=1e-9)
+    assert held_share(at_rate(lambda n: True)) == 1.0
+    assert held_share(recording()) == 1.0
+
+
+@pytest.mark.parametrize("silent_s", [0.1, 0.9, 5.0, 19.0])
+def test_silence_counts_from_when_the_last_frame_is_stale(silent_s: float) -> None:
+    before = at_rate(lambda n: False, end_s=25.0 - silent_s).messages
+    messages = [*before]
+    expected = max(0.0, silent_s - 0.2 + 1.0 / RATE_HZ) / DRIVEN_S
+    assert held_share(Recording({}, None, messages, complete=True)) == pytest.approx(expected, abs=1e-6)
+
+
+def test_only_the_time_counts_in_which_the_robot_helped() -> None:
+    frames = at_rate(lambda n: n < RATE_HZ or n >= 21 * RATE_HZ)
+    assert held_share(frames) == pytest.approx(0.0, abs=1e-9)
+    assert held_share(Recording({}, None, [], complete=True)) is None
+
+
+# Studies -----------------------------------------------------------------------------------------------------
+
+
+def small_study(folder: Path, **changes: str) -> Path:
+    return make_study(folder, tasks='["Feeding"]', robots='["Jaco"]', practice_policy='""', **changes)
+
+
+def test_trials_whose_person_was_held_too_long_are_left_out_and_listed(tmp_path: Path) -> None:
+    with Store(small_study(tmp_path / "study", max_held_share="0.3")) as store:
+        pseudonym = take_part(store)
+        run_trials(store, pseudonym, held={1: 1, 2: STEPS})
+        analysis = analyse(store)
+        page = write_analysis(analysis, store.folder, tmp_path / "out").read_text()
+        findings = [finding for finding in check_study(store) if "held" in finding.what]
+    first, second = analysis.results()["trials"]
+    assert (first["counted"], first["left_out"]) == (True, None)
+    assert second["counted"] is False
+    assert "held for 100.0 % of the time" in second["left_out"]
+    assert "max_held_share allows 30 %" in second["left_out"]
+    assert [answer.position for answer in analysis.observed.answers if answer.counted] == [1] * 4
+    assert sum(row.trials for row in analysis.objective if row.task == "Feeding") == 1
+    assert "Left out of the analyses" in page
+    assert f"{pseudonym}, trial 2: its person was held for 100.0 %" in page
+    (problem,) = (each for each in analysis.results()["problems"] if "left out" in each["what"])
+    assert problem["where"] == second["recording"]
+    (finding,) = findings
+    assert (finding.where, finding.wrong) == (second["recording"], False)
+    assert "held for 100.0 %" in finding.what
+
+
+def test_a_design_that_does_not_say_counts_all(tmp_path: Path) -> None:
+    folder = small_study(tmp_path / "study")
+    design = folder / "study.toml"
+    design.write_text(design.read_text().replace("max_held_share = 0.05\n", ""))
+    with Store(folder) as store:
+        run_trials(store, take_part(store), held={1: STEPS})
+        rows = analyse(store).observed.trials
+        assert not [finding for finding in check_study(store) if "held" in finding.what]
+    assert all(row.counted for row in rows)
+    assert rows[0].held_share == 1.0
+
+
+@pytest.mark.parametrize("share", ["-0.1", "1.1", "nan", '"5 %"'])
+def test_a_share_lies_between_0_and_1(share: str) -> None:
+    text = default_text().replace("max_held_share = 0.05", f"max_held_share = {share}")
+    with pytest.raises(DesignError, match="max_held_share"):
+        parse_design(text)
