@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from avrgym.study.seal import Seal
 from avrgym.study.states import StudyError
 from avrgym.study.store import Store, record_event
 
+Plan = tuple[PlannedTrial, ...]
 LOST = (
     "ages, the version and time of consent, the answers to inclusion questions and to questions about a session, "
     "events, notes, who withdrew, who was deleted, and whoever was enrolled but left neither name nor recording"
@@ -101,13 +102,20 @@ class _Rebuilding:
         if not kept:
             self._left_out.append(f"{pseudonym_of(number)}: no recording tells of them")
             return
-        cells = range(len(cell_orders(self._store.design)))
-        plans = {cell: plan_trials(self._store.design, cell, number) for cell in cells}
-        fitting = [cell for cell, plan in plans.items() if {each.planned for each in kept} <= _facts(plan)]
+        fitting = self._fitting(number, kept)
         if len(fitting) != 1:
             self._left_out.append(f"{pseudonym_of(number)}: their recordings fit no one order of the design")
             return
-        self._insert(connection, number, fitting[0], plans[fitting[0]], visits)
+        ((cell, plan),) = fitting.items()
+        self._insert(connection, number, cell, plan, visits)
+
+    def _fitting(self, number: int, kept: list[_Kept]) -> dict[int, Plan]:
+        """The plans that recordings may be of, by cell."""
+        design = self._store.design
+        plans = {cell: plan_trials(design, cell, number) for cell in range(len(cell_orders(design)))}
+        exact = {cell: plan for cell, plan in plans.items() if _covers(plan, kept)}
+        adopted = {cell: _adopt(plan, kept) for cell, plan in plans.items()}
+        return exact or {cell: plan for cell, plan in adopted.items() if _covers(plan, kept)}
 
     def _visits(self, number: int) -> dict[str, list[_Kept]]:
         """The recordings of each session, in the order of their names; a session may have none that loads."""
@@ -133,7 +141,7 @@ class _Rebuilding:
         connection: sa.Connection,
         number: int,
         cell: int,
-        plan: Iterable[PlannedTrial],
+        plan: Plan,
         visits: Mapping[str, list[_Kept]],
     ) -> None:
         kept = [each for visit in visits.values() for each in visit]
@@ -162,7 +170,7 @@ class _Rebuilding:
         connection: sa.Connection,
         number: int,
         cell: int,
-        plan: Iterable[PlannedTrial],
+        plan: Plan,
         kept: list[_Kept],
     ) -> dict[tuple[Any, ...], int]:
         """The ids of the participant's trials, by what they were planned with.
@@ -245,8 +253,22 @@ def _planned(trial: PlannedTrial) -> tuple[Any, ...]:
     return trial.environment, trial.policy, trial.seed, trial.practice
 
 
-def _facts(plan: Iterable[PlannedTrial]) -> set[tuple[Any, ...]]:
-    return {_planned(trial) for trial in plan}
+def _covers(plan: Plan, kept: Iterable[_Kept]) -> bool:
+    return {each.planned for each in kept} <= {_planned(trial) for trial in plan}
+
+
+def _adopt(plan: Plan, kept: Iterable[_Kept]) -> Plan:
+    """A plan with the practice robots and seeds of recordings whose version drew them otherwise, by position."""
+    told = {each.recording.metadata.get("trial"): each.planned for each in kept}
+    return tuple(
+        _adopt_one(trial, *told[trial.position]) if trial.position in told else trial for trial in plan
+    )
+
+
+def _adopt_one(trial: PlannedTrial, environment: str, policy: str, seed: int, practice: bool) -> PlannedTrial:
+    if trial.practice != practice:
+        return trial
+    return replace(trial, seed=seed, environment=environment if practice else trial.environment)
 
 
 def _stored(moment: datetime) -> str:
