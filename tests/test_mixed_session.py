@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from avrgym.models import human
+from avrgym.models.human import SEATED_RAD
 from avrgym.participants import SimulatedParticipant
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
 from avrgym.vr import scenery as scenery_module
@@ -34,6 +35,7 @@ from avrgym.vr.messages import (
 from avrgym.vr.plan import SessionPlan, practised_trials
 from avrgym.vr.session import Disconnected, Session
 from avrgym.vr.world import LiveWorld
+from starts import HAND_AT_THE_ROBOT_RAD
 from visit import Visit, driving, plan
 
 FEEDING, SCRATCHING = "avrgym/FeedingJaco-v1", "avrgym/ScratchItchPR2-v1"
@@ -177,6 +179,23 @@ def test_a_world_that_cannot_be_made_is_named_and_tried_again(
         assert "cannot be made" in session.problems[-1]
     session.tell(Ready())
     session.until("trial")
+
+
+def test_no_world_begins_with_the_robot_in_the_participant(visit: Callable[..., Visit]) -> None:
+    """A hand that lies where the robot's arm is mounted is named; the trial goes on once the arms rest."""
+    session = visit(seeds=(3, 4), free_movement_s=2.0)
+    session.sit_down()
+    session.pose_rad = HAND_AT_THE_ROBOT_RAD
+    session.until("questionnaire")
+    session.answer(4, 4, 4, 4)
+    session.until("paused")
+    assert "the robot has no room to begin" in session.problems[-1]
+    assert "the person's right" in session.problems[-1]
+    session.pose_rad = SEATED_RAD
+    session.tick(300)
+    session.tell(Ready())
+    session.until("trial")
+    assert session.session.trial == 1
 
 
 def test_a_session_may_begin_with_a_later_trial(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from avrgym.episodes import Episodes
 from avrgym.models import human
-from avrgym.models.human import JOINTS
+from avrgym.models.human import JOINTS, Person
 from avrgym.models.scene import build_spec
 from avrgym.simulation import INERTIAL_FIELDS
 from avrgym.tasks import ENVIRONMENTS
@@ -44,8 +44,24 @@ def test_a_moving_person_in_a_world_is_the_one_that_would_be_compiled(environmen
         assert_allclose(here.actuator_forcerange[actuators], alone.actuator_forcerange[actuators])
 
 
-def test_the_whole_body_weighs_what_the_table_says():
-    episodes = begun("avrgym/FeedingJaco-v1", moving=True)
+@pytest.mark.parametrize("sex", human.SEXES)
+@pytest.mark.parametrize("torso_height_m", [0.40, 0.54, 0.75])
+def test_static_and_moving_people_weigh_the_same_in_every_part(sex, torso_height_m):
+    models = []
+    for moving in (False, True):
+        person = Person(sex, torso_height_m)
+        episodes = Episodes("avrgym/FeedingJaco-v1", 2, person=person, moving=moving, num_threads=1)
+        episodes.begin(np.arange(2), [np.random.default_rng(i) for i in range(2)])
+        models.append(episodes.simulation.batch.get_model(1))
+    for name in human.BODIES:
+        static, moving = (model.body(human.PREFIX + name) for model in models)
+        assert_allclose(static.mass, moving.mass, rtol=1e-12, err_msg=name)
+        assert_allclose(static.subtreemass, moving.subtreemass, rtol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_the_whole_body_weighs_what_the_table_says(moving):
+    episodes = begun("avrgym/FeedingJaco-v1", moving=moving)
     for world in range(WORLDS):
         model = episodes.simulation.batch.get_model(world)
         mass = sum(float(model.body(human.PREFIX + name).mass[0]) for name in human.BODIES)

@@ -252,7 +252,14 @@ def test_the_command_tells_what_agreed_or_differs(
     ("change", "words"),
     [
         (lambda r: replace(r, metadata={**r.metadata, "bodies": ["a"]}), "bodies of its scene are not those"),
-        (lambda r: replace(r, metadata={k: v for k, v in r.metadata.items() if k != "seed"}), "lacks 'seed'"),
+        (
+            lambda r: replace(r, metadata={k: v for k, v in r.metadata.items() if k != "start"}),
+            "lacks 'start'",
+        ),
+        (
+            lambda r: replace(r, metadata={**r.metadata, "start": {**r.metadata["start"], "memory": {}}}),
+            "lacks",
+        ),
         (lambda r: replace(r, metadata={**r.metadata, "environment": "avrgym/Dance-v1"}), "Dance"),
         (
             lambda r: changed(r, "/physics", 0, lambda p: msgspec.structs.replace(p, state=[1.0])),
@@ -268,6 +275,10 @@ def test_what_cannot_be_stepped_again_says_why(
 ) -> None:
     with pytest.raises(ReplayError, match=words):
         verify(change(whole))
+
+
+def test_a_recording_tells_its_whole_start_so_that_nothing_is_drawn(whole: Recording) -> None:
+    assert verify(replace(whole, metadata={**whole.metadata, "seed": 12345})).identical
 
 
 def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Path]) -> None:

@@ -5,6 +5,7 @@ The Gymnasium environments and the live VR trial both run on this.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,12 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from avrgym import arm_limits, cooperation, impairments, people
 from avrgym.arm_clearance import furniture_boxes
 from avrgym.impairments import Impairment
+from avrgym.models import robots
 from avrgym.models.human import People, Person
 from avrgym.models.robots import find_robot
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.simulation import Ids, Simulation, State
+from avrgym.room import Conflict, NoRoomError, Room
+from avrgym.simulation import Ids, Simulation, Start, State
 from avrgym.tasks import find_environment, find_task
-from avrgym.tasks.base import Outcome, merge
+from avrgym.tasks.base import Memory, Outcome, merge
 from avrgym.world_version import WORLD_VERSION, check_world_version
 
 Array = NDArray[np.float64]
@@ -27,6 +30,8 @@ ACTIONS = 7
 """How many numbers an action has, one for each joint of the arm."""
 JUDGED_ACTION_LIMIT: Mapping[int, float] = {1: np.inf, 2: 1.0}
 """By world version, what either way an action's numbers are clipped to before they are judged; arms never do more."""
+MOST_DRAWS = 100
+"""How often a start is drawn anew where things would stand in each other."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,8 @@ class Episodes:
             impairment: a name in ``impairments.IMPAIRMENTS``.
             moving: whether the people's joints are driven from outside, with ``command_person``.
             num_threads: threads for the physics; 0 takes one per core.
-            world_version: an earlier one to step recordings again that were made with it.
+            world_version: an earlier one to step recordings again that were made with it. In version 1 no start is
+                drawn again.
 
         Raises:
             ValueError: for an unknown environment, distribution, impairment or version, naming what there is.
@@ -105,6 +111,7 @@ class Episodes:
         self.task = find_task(task, world_version)
         self.person = person
         self._distribution = people.find_distribution(distribution)
+        self._pose = self._distribution.pose_in(self.task.name, self.task.pose)
         self._impairment: Impairment = impairments.find_impairment(impairment)
         self._moved_by_themselves = not moving and (
             self._distribution.cooperating or self._impairment in impairments.MOVING
@@ -117,22 +124,101 @@ class Episodes:
             moving=moving or self._moved_by_themselves,
             num_threads=num_threads,
             braked=world_version > 1,
+            gives_way=world_version > 1,
         )
+        self._room = None if world_version == 1 else self._room_of_scene(led=moving and person is not None)
         self.people = people.repeat(person or Person(), num_worlds)
         self.memory = self.task.remember(self.people, np.zeros((num_worlds, self.task.uniforms)))
         self._mind = cooperation.begin(self.people, np.zeros((num_worlds, cooperation.UNIFORMS)))
+        self._arm_start_rad = np.zeros((num_worlds, len(self.stage.arm.joints)))
+        self.draws = np.zeros(num_worlds, dtype=int)
+        """How often the starts of the present episodes were drawn, (N,)."""
 
     def begin(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
-        """Begin episodes in worlds ``ids`` (n,), each drawn from its generator; give observations (n, O)."""
+        """Begin episodes in worlds ``ids`` (n,), each drawn from its generator; give observations (n, O).
+
+        A start where things stand in each other is drawn again from the generator's next numbers, see ``room``.
+
+        Raises:
+            NoRoomError: a ``ValueError``, when ``MOST_DRAWS`` starts of a world all were such.
+        """
+        drawn_from = dict(zip(ids.tolist(), generators, strict=True))
+        self.draws[ids] = 0
+        crowded = ids
+        while len(crowded):
+            self._draw(crowded, [drawn_from[world] for world in crowded.tolist()])
+            self.draws[crowded] += 1
+            conflicts = self._conflicts(crowded)
+            crowded = np.array(sorted(conflicts), dtype=np.intp)
+            for world in crowded[self.draws[crowded] == MOST_DRAWS].tolist():
+                raise NoRoomError(f"none of {MOST_DRAWS} starts has room: in the last one {conflicts[world]}")
+        return self.observe()[ids]
+
+    def start(self, world: int) -> dict[str, Any]:
+        """How a world's present episode began but for its person, in plain values; as long as nothing was judged."""
+        pos_w, q_w = self.simulation.robot_base()
+        return {
+            "robot_pos_w": pos_w[world].tolist(),
+            "robot_q_w": q_w[world].tolist(),
+            "arm_angles_rad": self._arm_start_rad[world].tolist(),
+            "placed_pos_w": {
+                name: pos[world].tolist() for name, pos in self.simulation.placed_pos_w().items()
+            },
+            "memory": {name: array[world].tolist() for name, array in vars(self.memory).items()},
+        }
+
+    def begin_as(self, start: Mapping[str, Any]) -> None:
+        """Begin an episode in the first world, with the fixed person, as ``start`` said.
+
+        Raises:
+            KeyError, TypeError, ValueError: for values that are no start of this environment.
+        """
+        first = np.array([0])
+        memory = {
+            name: np.array(start["memory"][name], array.dtype).reshape(array[:1].shape)
+            for name, array in vars(self.memory).items()
+        }
+        placed = {name: np.array([start["placed_pos_w"][name]]) for name in self.stage.movable}
+        pos_w, q_w, angles = (
+            np.array([start[name]], float) for name in ("robot_pos_w", "robot_q_w", "arm_angles_rad")
+        )
+        self.people = people.repeat(self.person or Person(), 1)
+        self._put(first, Start(self.people, pos_w, q_w, angles, placed), type(self.memory)(**memory))
+
+    def _draw(self, ids: Ids, generators: Sequence[np.random.Generator]) -> None:
+        """Draw a start for each of worlds ``ids`` (n,) and put them into it."""
         parts = np.cumsum([people.UNIFORMS, impairments.UNIFORMS, cooperation.UNIFORMS, self.task.uniforms])
         uniforms = np.stack([generator.random(parts[-1]) for generator in generators])
         for_people, for_impairments, for_minds, for_task = np.split(uniforms, parts[:-1], axis=1)
         who = impairments.impair(self._draw_people(for_people), self._impairment, for_impairments)
         self.people = merge(self.people, who, ids)
         self._mind = merge(self._mind, cooperation.begin(who, for_minds), ids)
-        self.simulation.reset(ids, self.task.start(self.stage, who, for_task))
-        self.memory = merge(self.memory, self.task.remember(who, for_task), ids)
-        return self.observe()[ids]
+        self._put(ids, self.task.start(self.stage, who, for_task), self.task.remember(who, for_task))
+
+    def _put(self, ids: Ids, start: Start, memory: Memory) -> None:
+        self.simulation.reset(ids, start)
+        self._arm_start_rad[ids] = start.arm_angles_rad
+        self.memory = merge(self.memory, memory, ids)
+
+    def _conflicts(self, ids: Ids) -> dict[int, Conflict]:
+        """What lacks room, in those of worlds ``ids`` (n,) where anything does, by world.
+
+        People who tremble reach two other poses within their first moment.
+        """
+        found = self._lacking_room(ids)
+        if self._moved_by_themselves and self._room is not None:
+            for direction in (-1.0, 1.0):
+                trembling = self._mind.targets_rad + direction * self.people.tremor_rad
+                self.simulation.pose_people(ids, self._possible(trembling)[ids])
+                found |= self._lacking_room(ids, robot_only=True)
+            self.simulation.pose_people(ids, self.people.joint_angles_rad[ids])
+        return found
+
+    def _lacking_room(self, ids: Ids, *, robot_only: bool = False) -> dict[int, Conflict]:
+        if self._room is None:
+            return {}
+        conflicts = self._room.conflicts(self.simulation.geoms(ids), robot_only=robot_only)
+        return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
 
     def step(self, action: Array) -> Step:
         """One control step of 0.1 s with actions (N, 7).
@@ -195,19 +281,32 @@ class Episodes:
         """The person of a world's present episode."""
         return self.people.person(world)
 
+    def _possible(self, joint_angles_rad: Array) -> Array:
+        """Joint angles (N, 20) brought to where these people's joints can go."""
+        return arm_limits.clip(impairments.limit(self.people, joint_angles_rad))
+
+    def _room_of_scene(self, *, led: bool) -> Room:
+        """What measures the room here; ``led`` people hold their arms as they do, whatever the furniture."""
+        robot = self.stage.robot
+        return Room(
+            self.simulation.model,
+            base=None if robot.mobile else robots.PREFIX + robot.base,
+            arms=not led,
+            offered=self.person is None and self._pose.spreads_arm,
+        )
+
     def _draw_people(self, uniforms: Array) -> People:
         if self.person is not None:
             return people.repeat(self.person, len(uniforms))
-        pose = self._distribution.pose_in(self.task.name, self.task.pose)
-        return people.sample(self._distribution, pose, self.stage.posture, self._furniture, uniforms)
+        return people.sample(self._distribution, self._pose, self.stage.posture, self._furniture, uniforms)
 
     def _command_people(self) -> None:
         """Tremor changes its direction at every control step (reference)."""
         self._mind = cooperation.wait(self._mind)
         direction = np.where(np.round(self._mind.time_s / CONTROL_STEP_S) % 2 == 1, 1.0, -1.0)
-        wanted = self._mind.targets_rad + direction[:, None] * self.people.tremor_rad
+        trembling = self._mind.targets_rad + direction[:, None] * self.people.tremor_rad
         if self._distribution.cooperating:
             state = self.simulation.state()
             self._mind = cooperation.see(self._mind, state, self.task.offered, self.stage.posture)
-            wanted = wanted + cooperation.sway_rad(self._mind)
-        self.simulation.command_person(arm_limits.clip(impairments.limit(self.people, wanted)))
+            trembling = trembling + cooperation.sway_rad(self._mind)
+        self.simulation.command_person(self._possible(trembling))

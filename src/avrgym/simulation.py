@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from avrgym import transforms
 from avrgym.brakes import Brakes
-from avrgym.models import human, robots
+from avrgym.models import human, robots, yielding
 from avrgym.models.human import People, Person
 from avrgym.models.scene import (
     EFFECTOR_VELOCITY_SENSOR,
@@ -27,6 +27,7 @@ from avrgym.models.scene import (
     Stage,
     build_spec,
 )
+from avrgym.room import Geoms
 from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
@@ -113,6 +114,7 @@ class Simulation:
         moving: bool = False,
         num_threads: int = 0,
         braked: bool = True,
+        gives_way: bool = True,
     ) -> None:
         """Compile the scene.
 
@@ -122,15 +124,19 @@ class Simulation:
             moving: whether the people's joints move; else people are static.
             num_threads: threads for the physics; 0 takes one per core.
             braked: whether the arm's joints have brakes.
+            gives_way: whether people give way and motors press no harder than they lead, see ``models.yielding``.
         """
         self.stage = stage
         self.num_worlds = num_worlds
         self.moving = moving
-        self.model = build_spec(stage, Person(), moving=moving, appearance=False).compile()
+        spec = build_spec(stage, Person(), moving=moving, appearance=False)
+        if gives_way:
+            yielding.bound_forces(spec, stage.arm, MAX_LEAD_RAD)
+        self.model = spec.compile()
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
         self.batch = Batch(self.model, num_worlds, num_threads, persistent=True)
         self._names = _Names(self.model, stage)
-        self._person = _PersonFields(self.batch, stage, moving)
+        self._person = _PersonFields(self.batch, stage, moving, gives_way=gives_way)
         self._qpos, self._qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
         self._act, self._ctrl = self.batch.bind("act"), self.batch.bind("ctrl")
         self._qfrc_applied = self.batch.bind("qfrc_applied")
@@ -152,6 +158,7 @@ class Simulation:
         self._body_quat[ids, names.robot_base] = start.robot_q_w
         self._person.write(ids, start.people)
         self.batch.set_const(ids)
+        self._person.give_way(ids)
         self._qpos[np.ix_(ids, names.arm_qpos)] = start.arm_angles_rad
         self._act[np.ix_(ids, names.arm_act)] = start.arm_angles_rad
         if self.moving:
@@ -160,6 +167,15 @@ class Simulation:
         self._place_particles(ids)
         self.batch.forward(ids)
         self._segment_w[ids] = self._person_segments(ids)
+
+    def geoms(self, ids: Ids) -> Geoms:
+        """All geoms of worlds ``ids`` (n,), as they are."""
+        return Geoms(self._geom_xpos[ids], self._geom_xmat[ids], self._person.geom_size[ids])
+
+    def pose_people(self, ids: Ids, joint_angles_rad: Array) -> None:
+        """Put moving people of worlds ``ids`` (n,) into poses (n, 20), at once."""
+        self._qpos[np.ix_(ids, self._names.person_qpos)] = joint_angles_rad
+        self.batch.forward(ids)
 
     def _place_particles(self, ids: Ids) -> None:
         particles = self.stage.tool.particles
@@ -248,6 +264,10 @@ class Simulation:
         body = self._names.robot_base
         return self._body_pos[:, body].copy(), self._body_quat[:, body].copy()
 
+    def placed_pos_w(self) -> dict[str, Array]:
+        """Where the furniture stands that every episode places, (N, 3) by body, world frame."""
+        return {name: self._body_pos[:, body].copy() for name, body in self._names.placed.items()}
+
     def arm_angles_rad(self) -> Array:
         """Where the arm's joints are, (N, 7)."""
         return self._qpos[:, self._names.arm_qpos]
@@ -330,15 +350,19 @@ class _Names:
 class _PersonFields:
     """Per-world model fields of the people."""
 
-    def __init__(self, batch: Batch, stage: Stage, moving: bool) -> None:
+    def __init__(self, batch: Batch, stage: Stage, moving: bool, *, gives_way: bool) -> None:
         model = batch.get_model(0)
-        self._posture, self._moving = stage.posture, moving
+        self._posture, self._moving, self._gives_way = stage.posture, moving, gives_way
         self._bodies = {name: model.body(human.PREFIX + name).id for name in human.BODIES}
         self._geoms = {name: model.geom(human.PREFIX + name).id for name in human.GEOMS}
         self._sites = {name: model.site(human.PREFIX + name).id for name in human.SITE_BODY}
         self._body_pos, self._body_quat = batch.expand("body_pos"), batch.expand("body_quat")
         self._geom_pos, self.geom_size = batch.expand("geom_pos"), batch.expand("geom_size")
         self._site_pos = batch.expand("site_pos")
+        self._ids = np.array([*self._bodies.values()])
+        self._inverse_mass = batch.expand("body_invweight0")
+        self._mass_share = human.mass_shares()
+        self._mass = batch.expand("body_mass")
         if moving:
             self._inertia = {name: batch.expand(name) for name in INERTIAL_FIELDS}
             self._actuators = _actuators(model, [human.PREFIX + name for name in human.JOINTS])
@@ -359,12 +383,20 @@ class _PersonFields:
             rotations = human.body_rotations(people.joint_angles_rad, self._posture)
             for name, body in self._bodies.items():
                 self._body_quat[ids, body] = rotations[name]
+            self._mass[np.ix_(ids, self._ids)] = (
+                np.where(people.is_woman, human.WOMAN.mass, human.MAN.mass)[:, None] * self._mass_share
+            )
+
+    def give_way(self, ids: Ids) -> None:
+        """Soften the contacts of people whose constants were just computed anew, unless they are as in version 1."""
+        if self._gives_way:
+            self._inverse_mass[ids[:, None], self._ids, 0] += yielding.INVERSE_MASS_PER_KG
 
     def _write_dynamics(self, ids: Ids, people: People) -> None:
         for row, world in enumerate(ids):
             inertia = _inertia(human.SEXES[int(people.is_woman[row])], float(people.torso_height_m[row]))
             for name, field in self._inertia.items():
-                field[world, list(self._bodies.values())] = inertia[name]
+                field[world, self._ids] = inertia[name]
         torque = people.strength_share[:, None] * human.TORQUE_N_M
         self._force_range[ids[:, None], self._actuators] = np.stack([-torque, torque], axis=-1)
 

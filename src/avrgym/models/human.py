@@ -430,6 +430,11 @@ GEOMS: Mapping[str, Geom] = {
 }  # fmt: skip
 
 
+def mass_shares() -> Array:
+    """What each of ``BODIES`` weighs as a share of the person, (B,)."""
+    return np.array([sum(geom.mass_share for geom in GEOMS.values() if geom.body == name) for name in BODIES])
+
+
 def body_rotations(joint_angles_rad: Array, posture: Posture = SEATED) -> dict[str, Array]:
     """Each body's rotation in its parent, (N, 4), of people with joint angles (N, 20)."""
     return {body: body_rotation(body, joint_angles_rad, posture) for body in BODIES}

@@ -161,7 +161,10 @@ def _episodes(metadata: dict[str, Any], world_version: int) -> Episodes:
             num_threads=1,
             world_version=world_version,
         )
-        episodes.begin(np.array([0]), [np.random.default_rng(metadata["seed"])])
+        if world_version == 1:
+            episodes.begin(np.array([0]), [np.random.default_rng(metadata["seed"])])
+        else:
+            episodes.begin_as(metadata["start"])
     except KeyError as error:
         raise ReplayError(
             f"its configuration lacks {error}, without which its world cannot be made"

@@ -215,7 +215,8 @@ def configuration(
 ) -> dict[str, Any]:
     """All that an attempt at the plan's trial ``index`` is run with, in plain values.
 
-    ``start_rad`` are the joint angles of the person that the episode began with.
+    ``start_rad`` are the joint angles of the person that the episode began with, ``start`` is all else that it
+    began with: replay draws nothing.
     """
     trial = plan.trials[index]
     return {
@@ -235,6 +236,7 @@ def configuration(
             "skin_tone": world.person.skin_tone,
         },
         "start_rad": world.person.joint_angles_rad.tolist(),
+        "start": world.start,
         "joints": list(human.JOINTS),
         "bodies": list(world.bodies),
         "xr_from_world": {"position": xr_from_world.position, "orientation": xr_from_world.orientation},

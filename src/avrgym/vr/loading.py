@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from avrgym.room import NoRoomError
 from avrgym.vr import messages
 
 if TYPE_CHECKING:
@@ -46,6 +47,13 @@ def _change_world(session: "Session", now_s: float) -> bool:
         return False
     try:
         session.scenery.change()
+    except NoRoomError as error:
+        session.problem(f"the robot has no room to begin: {error}")
+        text = (
+            "The robot needs room to begin. Rest your arms at your sides and press the trigger to try again."
+        )
+        session.enter("paused", text, now_s)
+        return False
     except Exception as error:  # whatever a compiler or a file may raise
         session.problem(f"the scene cannot be made: {error}")
         session.enter("paused", "The scene cannot be made. Press the trigger to try again.", now_s)

@@ -133,10 +133,14 @@ class LiveWorld:
         """Put robot, furniture and food at the start of an episode; the person stays as they sit.
 
         ``seed`` is that of the start, and of a policy's chance.
+
+        Raises:
+            NoRoomError: a ``ValueError``, where the person is in the way of every start.
         """
         self._episodes.person = replace(self.person, joint_angles_rad=self.joint_targets_rad)
         self._generators = [np.random.default_rng(seed)]
         self._episodes.begin(np.array([0]), self._generators)
+        self.start = self._episodes.start(0)
         self.hold()
 
     def follow(self, pose: BodyPose) -> None:

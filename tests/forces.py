@@ -1,0 +1,53 @@
+"""Robots that press people on purpose, and how hard they get."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym import kinematics, transforms
+from avrgym.episodes import Episodes
+from avrgym.models.yielding import MOST_CONTACT_FORCE_N
+from avrgym.tasks import places
+from starts import begun
+
+Array = NDArray[np.float64]
+
+MOST_FORCE_N = 5.0 * MOST_CONTACT_FORCE_N
+"""Five contacts at their most: an arm that presses tool and fingers into a person with all its motors at short levers.
+
+Torque alone bounds no force, see ``models.yielding``; the number of contacts that motors can hold at once is measured.
+"""
+
+HOW = ("random", "constant", "at the person")
+
+
+def pressed(
+    environment: str, worlds: int, whom: str, impairment: str, how: str, *, steps: int, world_version: int = 2
+) -> Array:
+    """The largest force (N,) on each person in so many steps.
+
+    ``how`` the robot moves: anew at ``random`` in each step; each joint one way all the time, ``constant``; or with
+    every joint that brings the tool closer ``at the person``'s head, shoulder, elbow or wrist.
+    """
+    episodes = begun(environment, worlds, whom, impairment, world_version=world_version)
+    random = np.random.default_rng(worlds)
+    constant = random.choice([-1.0, 1.0], (worlds, 7))
+    aim = random.integers(4, size=worlds)
+    peak = np.zeros(worlds)
+    for _ in range(steps):
+        if how == "at the person":
+            action = _towards(episodes, aim)
+        else:
+            action = constant if how == "constant" else random.uniform(-1.0, 1.0, (worlds, 7))
+        peak = np.maximum(peak, episodes.step(action).force_on_person_n)
+    return peak
+
+
+def _towards(episodes: Episodes, aim: NDArray[np.intp]) -> Array:
+    """Actions (N, 7) that bring the tools closer to what is aimed at, each joint as fast as it goes."""
+    state = episodes.simulation.state()
+    parts = np.concatenate([state.head_pos_w[:, None], state.right_arm_pos_w], axis=1)
+    way_w = parts[np.arange(len(aim)), aim] - state.tool_pos_w
+    _, base_q = episodes.simulation.robot_base()
+    way = transforms.rotate(transforms.conjugate(base_q), way_w)
+    *_, jacobian = kinematics.jacobian(places.arm_chain(episodes.stage), state.arm_angles_rad)
+    return np.sign(np.einsum("nij,ni->nj", jacobian[:, :3], way))

@@ -1,0 +1,82 @@
+"""100 000 starts without anything in anything else, and robots that press as hard as they can: `make soak`."""
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avrgym.episodes import Episodes
+from avrgym.impairments import IMPAIRMENTS
+from avrgym.models.human import LOWER_RAD, SEATED_RAD, TORSO_HEIGHT_RANGE_M, UPPER_RAD, Person
+from avrgym.people import DISTRIBUTIONS
+from avrgym.room import NoRoomError
+from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
+from forces import HOW, MOST_FORCE_N, pressed
+from starts import at_once, deepest_overlap_m
+
+STARTS_OF_A_KIND = 785
+PERSONS = 200
+PRESSED_WORLDS, PRESSED_STEPS = 64, 100
+
+FITTED = "\n".join(
+    ["cooperating = true", "[torso_height_m]", "man = [0.45, 0.7]", "woman = [0.42, 0.66]"]
+    + [
+        f"[poses.{task}]\nright_elbow_x = [-110.0, -20.0]\nright_shoulder_y = [5.0, 40.0]\nwaist_x = [-10.0, 20.0]"
+        for task in TASKS
+    ]
+)
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_nothing_overlaps_and_nothing_presses_at_any_of_100_000_starts(
+    environment: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "fitted.toml"
+    file.write_text(FITTED)
+    looked, drawn_again = 0, 0
+    for whom, impairment in product([*DISTRIBUTIONS, str(file)], IMPAIRMENTS):
+        episodes = Episodes(environment, STARTS_OF_A_KIND, distribution=whom, impairment=impairment)
+        generators = [np.random.default_rng([seed, looked]) for seed in range(STARTS_OF_A_KIND)]
+        episodes.begin(np.arange(STARTS_OF_A_KIND), generators)
+        looked += STARTS_OF_A_KIND
+        drawn_again += int((episodes.draws > 1).sum())
+        assert deepest_overlap_m(episodes) == 0.0, (whom, impairment)
+        assert at_once(episodes).max() <= 10.0, (whom, impairment)
+    print(
+        f"\n{environment}: {looked} starts, {100.0 * drawn_again / looked:.1f} % drawn again, none overlaps"
+    )
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_fixed_people_in_any_pose_have_room_or_are_refused(environment: str) -> None:
+    random = np.random.default_rng(5)
+    refused = 0
+    for number in range(PERSONS):
+        pose = np.clip(SEATED_RAD + random.normal(0.0, 0.5, len(SEATED_RAD)), LOWER_RAD, UPPER_RAD)
+        person = Person(("man", "woman")[number % 2], float(random.uniform(*TORSO_HEIGHT_RANGE_M)), pose)
+        episodes = Episodes(environment, 2, person=person, moving=number % 4 > 1, num_threads=1)
+        try:
+            episodes.begin(np.arange(2), [np.random.default_rng([number, world]) for world in range(2)])
+        except NoRoomError:
+            refused += 1
+            continue
+        assert deepest_overlap_m(episodes) == 0.0
+        if number % 4 < 2:  # led ones are driven at once to where they are told
+            assert at_once(episodes).max() <= 10.0
+    print(f"\n{environment}: {PERSONS} persons, {refused} refused")
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_no_robot_presses_harder_than_its_motors(environment: str) -> None:
+    task, _ = find_environment(environment)
+    peaks = {
+        (whom, impairment, how): float(
+            pressed(environment, PRESSED_WORLDS, whom, impairment, how, steps=PRESSED_STEPS).max()
+        )
+        for whom, impairment, how in product(("revised", "participants"), ("none", "limits", "tremor"), HOW)
+    }
+    largest = max(peaks, key=lambda kind: peaks[kind])
+    by_how = {how: round(max(peaks[kind] for kind in peaks if kind[2] == how)) for how in HOW}
+    print(f"\n{environment} ({task}): at most {peaks[largest]:.0f} N, {largest}; {by_how}")
+    assert peaks[largest] < MOST_FORCE_N

@@ -1,0 +1,73 @@
+"""Starts of many worlds, and what is wrong with them."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.episodes import Episodes
+from avrgym.models import contacts
+from avrgym.models.human import joint_angles
+from avrgym.models.robots import PREFIX
+from avrgym.world_version import WORLD_VERSION
+
+Array = NDArray[np.float64]
+
+HAND_AT_THE_ROBOT_RAD = joint_angles(right_shoulder_y=23.0, right_shoulder_x=-35.0, right_elbow_x=0.0)
+"""Seated, the right arm stretched down and forward to where the Jaco is mounted on the wheelchair."""
+
+
+def begun(
+    environment: str,
+    worlds: int,
+    whom: str = "revised",
+    impairment: str = "none",
+    *,
+    num_threads: int = 1,
+    world_version: int = WORLD_VERSION,
+) -> Episodes:
+    """Worlds whose starts are drawn from the seeds 0, 1, …; arguments as of ``Episodes``."""
+    episodes = Episodes(
+        environment,
+        worlds,
+        distribution=whom,
+        impairment=impairment,
+        num_threads=num_threads,
+        world_version=world_version,
+    )
+    episodes.begin(np.arange(worlds), [np.random.default_rng(seed) for seed in range(worlds)])
+    return episodes
+
+
+def at_once(episodes: Episodes) -> Array:
+    """The forces (N,) on the people after one step without an action."""
+    return episodes.step(np.zeros((episodes.simulation.num_worlds, 7))).force_on_person_n
+
+
+def deepest_overlap_m(episodes: Episodes) -> float:
+    """How deep robot, tool or what it carries stand in a person or in furniture; 0 where nowhere.
+
+    Every pair of shapes is measured by the simulator, with none left out for being far away.
+    """
+    simulation = episodes.simulation
+    geoms = simulation.geoms(np.arange(simulation.num_worlds))
+    model = simulation.batch.get_model(0)
+    data = mujoco.MjData(model)
+    fastened = None if episodes.stage.robot.mobile else PREFIX + episodes.stage.robot.base
+    robot = [*_of(model, contacts.ROBOT), *_of(model, contacts.TOOL)]
+    others = [*_of(model, contacts.PERSON), *_of(model, contacts.FURNITURE)]
+    deepest = 0.0
+    for world in range(simulation.num_worlds):
+        model.geom_size[:] = geoms.size_m[world]
+        data.geom_xpos[:], data.geom_xmat[:] = geoms.pos_w[world], geoms.mat_w[world]
+        for first in robot:
+            for second in others:
+                mounted = model.body(model.geom_bodyid[first]).name == fastened
+                if mounted and model.geom_contype[second] == contacts.FURNITURE.contype:
+                    continue
+                deepest = max(deepest, -mujoco.mj_geomDistance(model, data, first, second, 0.001, None))
+    return deepest
+
+
+def _of(model: mujoco.MjModel, bits: contacts.ContactBits) -> list[int]:
+    kind = (model.geom_contype == bits.contype) & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    return np.nonzero(kind)[0].tolist()

@@ -1,0 +1,121 @@
+"""Wherever an episode begins, nothing stands in anything else: neither robot, tool, person nor furniture."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from avrgym.arm_clearance import clearance, furniture_boxes, person_capsules
+from avrgym.episodes import MOST_DRAWS, Episodes
+from avrgym.models.human import SEATED_RAD, TORSO_HEIGHT_RANGE_M, Person, joint_angles
+from avrgym.room import NoRoomError
+from avrgym.tasks import ENVIRONMENTS
+from avrgym.vr.world import LiveWorld
+from starts import HAND_AT_THE_ROBOT_RAD, at_once, begun, deepest_overlap_m
+
+SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"
+KINDS = [("original", "limits"), ("revised", "limits"), ("participants", "tremor")]
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.parametrize(("whom", "impairment"), KINDS)
+def test_nothing_overlaps_and_nothing_presses_at_any_start(environment, whom, impairment):
+    episodes = begun(environment, 24, whom, impairment)
+    assert deepest_overlap_m(episodes) == 0.0
+    assert at_once(episodes).max() == 0.0
+
+
+def test_starts_that_were_false_in_version_1_are_drawn_again():
+    """Of 128 people with shrunken ranges some had a hand in the robot's arm, pressed by 10⁸ N."""
+    false = begun(SCRATCHING, 128, "revised", "limits", world_version=1)
+    assert deepest_overlap_m(false) > 0.02
+    assert at_once(false).max() > 1e6
+    again = begun(SCRATCHING, 128, "revised", "limits")
+    assert 0.05 < (again.draws > 1).mean() < 0.2
+    assert deepest_overlap_m(again) == 0.0
+    assert at_once(again).max() == 0.0
+
+
+@pytest.mark.parametrize("environment", [SCRATCHING, "avrgym/FeedingPR2-v1"])
+def test_a_start_that_has_room_at_once_is_that_of_version_1(environment):
+    old, new = (begun(environment, 24, "revised", "limits", world_version=version) for version in (1, 2))
+    first = new.draws == 1
+    assert first.sum() > 15
+    for of in (Episodes.observe, Episodes.marks_w, lambda e: e.simulation.arm_angles_rad()):
+        assert_array_equal(of(old)[first], of(new)[first])
+
+
+def test_a_world_drawn_again_has_the_same_bits_alone_and_among_others():
+    together = begun(SCRATCHING, 64, "revised", "limits", num_threads=2)
+    again = np.nonzero(together.draws > 1)[0]
+    assert len(again) > 2
+    for world in again[:3]:
+        alone = Episodes(SCRATCHING, 1, distribution="revised", impairment="limits", num_threads=1)
+        alone.begin(np.array([0]), [np.random.default_rng(int(world))])
+        assert alone.draws[0] == together.draws[world]
+        assert_array_equal(
+            alone.simulation.integration_state(0), together.simulation.integration_state(world)
+        )
+        assert_array_equal(alone.observe()[0], together.observe()[world])
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.parametrize("moving", [False, True])
+def test_everybody_who_sits_upright_finds_room(environment, moving):
+    for sex, height in product(("man", "woman"), TORSO_HEIGHT_RANGE_M):
+        episodes = Episodes(environment, 1, person=Person(sex, height), moving=moving, num_threads=1)
+        episodes.begin(np.array([0]), [np.random.default_rng(0)])
+        assert deepest_overlap_m(episodes) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        (HAND_AT_THE_ROBOT_RAD, "person's right (hand|forearm|upper arm)"),
+        (joint_angles(left_shoulder_y=-20.0, left_elbow_x=0.0), "left .* inside the wheelchair left armrest"),
+    ],
+)
+def test_a_person_who_never_has_room_is_refused_in_words(pose, words):
+    episodes = Episodes(FEEDING, 2, person=Person("woman", 0.54, pose), num_threads=1)
+    with pytest.raises(ValueError, match=f"none of {MOST_DRAWS} starts has room.*{words}"):
+        episodes.begin(np.arange(2), [np.random.default_rng(i) for i in range(2)])
+
+
+def test_no_live_world_begins_inside_the_participant():
+    with pytest.raises(NoRoomError, match="the person's right"):
+        LiveWorld(FEEDING, Person("woman", 0.54, HAND_AT_THE_ROBOT_RAD))
+    world = LiveWorld(FEEDING, Person("woman", 0.54, SEATED_RAD))
+    world.joint_targets_rad = HAND_AT_THE_ROBOT_RAD
+    with pytest.raises(NoRoomError):
+        world.begin(1)
+
+
+def test_arms_of_shrunken_ranges_leave_body_and_furniture_alone():
+    episodes = begun(SCRATCHING, 256, "revised", "limits")
+    boxes = furniture_boxes(episodes.stage.furniture)
+    assert clearance(*person_capsules(episodes.people, episodes.stage.posture), boxes).min() > -1e-6
+
+
+def test_fitted_people_find_room_too(tmp_path):
+    file = tmp_path / "people.toml"
+    file.write_text(
+        "cooperating = true\n[torso_height_m]\nman = [0.5, 0.7]\nwoman = [0.44, 0.64]\n"
+        "[poses.Feeding]\nright_shoulder_x = [-35.0, 10.0]\nright_elbow_x = [-90.0, 0.0]\n"
+        "right_shoulder_y = [5.0, 40.0]\n"
+    )
+    episodes = begun(FEEDING, 48, str(file), "tremor")
+    assert (episodes.draws > 1).any()
+    assert deepest_overlap_m(episodes) == 0.0
+    assert at_once(episodes).max() == 0.0
+
+
+def test_the_check_sees_what_the_simulator_sees():
+    """A robot whose contact with the person the simulator reports stands in them, and so says the check."""
+    false = begun(SCRATCHING, 128, "revised", "limits", world_version=1)
+    touched = np.nonzero(at_once(false) > 0.0)[0]
+    judge = Episodes(SCRATCHING, 128, distribution="revised", impairment="limits", num_threads=1)
+    assert judge._room is not None
+    conflicts = judge._room.conflicts(false.simulation.geoms(np.arange(128)))
+    assert all(conflicts[world] is not None for world in touched)
+    assert all("person's right hand" in str(conflicts[world]) for world in touched)
