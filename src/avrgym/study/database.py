@@ -57,6 +57,7 @@ class Database:
         self.is_sqlite = not url
         self._seal = Seal(folder, FILE)
         self._wrote, self._anew = False, anew
+        self._ledger_is_in_copy = False
         self._held = ExitStack()
         self._path = self._readable_copy() if self.is_sqlite and read_only else folder / FILE
         self._engine = sqlite.make_engine(self._path) if self.is_sqlite else _postgresql_engine(url)
@@ -197,7 +198,7 @@ class Database:
             )
         if lost:
             yield "ledger", f"ends with entry {known.number} and lacks what {HEAD} tells of: it was set back"
-        if heads is None and self.is_sqlite and known.number:
+        if heads is None and self.is_sqlite and known.number and not self._ledger_is_in_copy:
             yield HEAD, "is missing: whether the last rows were lost cannot be told"
 
     def _faults_of_file(self) -> Iterator[tuple[str, str]]:
@@ -243,6 +244,7 @@ class Database:
         configuration.attributes["connection"] = connection
         upgrade(configuration, "head")
         if begins and current is not None:
+            self._ledger_is_in_copy = self.read_only
             ledger.begin(connection)
             begun = {"at": now(), "name": LEDGER_BEGUN, "detail": f"tables of {current} brought up to date"}
             ledger.insert(connection, EVENT, **begun)
