@@ -117,6 +117,30 @@ def test_objective_measures_follow_from_the_trials(tables: dict[str, Frame]) -> 
         assert (row.reward_mean, row.reward_low, row.reward_high) == pytest.approx(expected, abs=1e-12)
 
 
+def test_the_papers_tables_hold_each_condition_and_mean_success(tables: dict[str, Frame]) -> None:
+    """Table I: simulation beside VR for a policy; table II: the policies in VR; the last row is over all tasks."""
+    rows = tables["objective"].set_index(["simulated", "task", "robot", "policy"])
+    shown = {policy: tables[f"paper_table_1_{policy}"] for policy in ("original", "revised")}
+    for policy, table in shown.items():
+        for _, row in table.iterrows():
+            for robot in ("PR2", "Jaco"):
+                own = rows.loc[(row["simulated"], row["task"], robot, policy)]
+                both = (
+                    tables["paper_table_2"]
+                    .set_index(["simulated", "task"])
+                    .loc[(row["simulated"], row["task"])]
+                )
+                assert row[f"VR {robot} success"] == both[f"{policy} {robot} success"] == own["success_rate"]
+                assert row[f"simulation {robot} success"] == own["simulation_success_rate"]
+                for column in (f"simulation {robot} reward", f"VR {robot} reward"):
+                    assert np.isnan(row[column]) == (row["task"] == "all")
+    parts = rows.drop("all", level="task")
+    for key, whole in rows.xs("all", level="task").iterrows():
+        tasks = parts.xs(key, level=("simulated", "robot", "policy"))
+        assert whole["simulation_success_rate"] == pytest.approx(tasks["simulation_success_rate"].mean())
+        assert whole["simulation_episodes"] == tasks["simulation_episodes"].sum()
+
+
 def test_recorded_rewards_and_terms_follow_from_the_control_steps(tables: dict[str, Frame]) -> None:
     keys = ["participant", "position"]
     steps = tables["control_steps"].groupby(keys)
@@ -232,7 +256,7 @@ def test_the_results_file_holds_the_tables(out: Path, tables: dict[str, Frame]) 
             assert len(results[name]) == len(table), name
     p = np.array([row["p"] for row in results["tests"]], float)
     assert np.allclose(p, tables["tests"]["p"], rtol=1e-12, atol=0, equal_nan=True)
-    assert len(results["files"]) == len(tables) + 10 + 1
+    assert len(results["files"]) == len(tables) + 12 + 1
 
 
 # The page and the files
@@ -269,7 +293,7 @@ def test_the_page_says_what_was_found_and_what_was_simulated(out: Path, tables: 
 @pytest.mark.parametrize("group", ["people", "simulated"])
 def test_figures_of_simulated_participants_say_so(out: Path, group: str) -> None:
     figures = sorted((out / "figures").glob(f"*-{group}.svg"))
-    assert len(figures) == 5
+    assert len(figures) == 6
     for figure in figures:
         assert ("SIMULATED PARTICIPANTS" in figure.read_text()) == (group == "simulated"), figure.name
 

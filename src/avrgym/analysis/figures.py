@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from avrgym.analysis.biomechanics import Measures, heights
 from avrgym.analysis.comparisons import TRIAL
 from avrgym.analysis.drawing import INK, LINES, RULE, STYLE, WARNING, Drawing
-from avrgym.analysis.rows import LikertRow, ObjectiveRow, PersonRow, TestedRow
+from avrgym.analysis.objective import ALL
+from avrgym.analysis.rows import LikertRow, ObjectiveRow, PersonRow, SubjectiveRow, TestedRow
 from avrgym.analysis.session_answers import WORDS, about_sessions, sessions_family
 from avrgym.analysis.study import Analysis
 from avrgym.analysis.subjective import AFTER_TRIAL, asked_at, middle, policies_family, scale_of
@@ -53,6 +54,7 @@ def draw_study(analysis: Analysis) -> list[Drawing]:
         tests = [row for row in analysis.tests if row.simulated is simulated]
         drawings += trial_answers_figures(analysis.design, simulated, own, tests)
         drawings += session_answers_figures(analysis.design, simulated, own, tests)
+        drawings += mean_answers_figures(analysis.design, simulated, analysis.subjective, tests)
     for group in analysis.groups:
         drawings.append(height_figure(group, analysis.people))
         drawings.append(head_figure(group, analysis.people))
@@ -83,6 +85,47 @@ def trial_answers_figures(
             yield _likert_figure(
                 simulated, trial_figure_name(design, questionnaire), questionnaire, groups, differ, "trials"
             )
+
+
+def mean_answers_figures(
+    design: Design, simulated: bool, rows: Sequence[SubjectiveRow], tests: Sequence[TestedRow]
+) -> Iterator[Drawing]:
+    """The paper's figure 8 as it was drawn: mean answers over all trials with each policy."""
+    for questionnaire in asked_at(design, AFTER_TRIAL):
+        items = {item.id: item for item in questionnaire.items}
+        own = [
+            row for row in rows
+            if (row.simulated, row.task, row.robot) == (simulated, ALL, ALL) and row.item in items
+        ]  # fmt: skip
+        family = policies_family(design, questionnaire, TRIAL)
+        if own:
+            name = f"{trial_figure_name(design, questionnaire)}-means"
+            differ = [row for row in tests if row.family == family]
+            yield _draw(simulated, name, *_means_figure(design, questionnaire, own, differ))
+
+
+def _means_figure(
+    design: Design, questionnaire: Questionnaire, rows: Sequence[SubjectiveRow], tests: Sequence[TestedRow]
+) -> tuple[str, Figure]:
+    width = GROUP_WIDTH / len(design.policies)
+    ids = [item.id for item in questionnaire.items]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 2.8), layout="constrained")
+        axes = figure.add_subplot()
+        for index, policy in enumerate(design.policies):
+            own = {row.item: row.mean for row in rows if row.policy == policy}
+            places = [ids.index(item) + width * (index - (len(design.policies) - 1) / 2) for item in own]
+            colour = LINES[index % len(LINES)]
+            bars = axes.bar(places, list(own.values()), 0.9 * width, color=colour, alpha=0.55, label=policy)
+            axes.bar_label(bars, fmt="%.1f", fontsize=7)
+        points = max(item.points for item in questionnaire.items)
+        for row in tests if len(design.policies) == 2 else ():
+            axes.text(ids.index(row.quantity), points + 0.3, _p_text(row), fontsize=7, ha="center")
+        ticks = [tick for tick in axes.get_yticks() if 1 <= tick <= points]
+        axes.set(ylim=(1.0, points + 1.2), yticks=ticks, ylabel="mean answer")
+        axes.set_xticks(range(len(ids)), ids)
+        figure.legend(loc="outside lower center", ncols=len(design.policies))
+    return f"{questionnaire.name}: mean answers over all trials, as the paper drew them", figure
 
 
 def session_answers_figures(

@@ -29,7 +29,8 @@ def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRo
             beside = simulation(store, f"avrgym/{task}{robot}-v1", policy)
             rows.append(_condition(own, simulated, task, robot, policy, beside))
         for robot, policy in product(design.robots, design.policies):
-            rows.append(_condition(own, simulated, ALL, robot, policy, Simulated()))
+            by_task = [simulation(store, f"avrgym/{task}{robot}-v1", policy) for task in design.tasks]
+            rows.append(_condition(own, simulated, ALL, robot, policy, _over_tasks(by_task)))
     return rows
 
 
@@ -82,6 +83,23 @@ def simulation(store: Store, environment: str, policy: str) -> Simulated:
         )
     episodes, rate, mean, deviation = (float(metadata.measured[name]) for name in numbers)
     return _as_measured(metadata.people, int(episodes), rate, mean, deviation, store.design.trial_steps)
+
+
+def _over_tasks(measured: Sequence[Simulated]) -> Simulated:
+    """Success over all tasks, where every task was measured; their rewards are not comparable."""
+    rates = [(each.simulation_success_rate, each.simulation_episodes) for each in measured]
+    if any(rate is None or episodes is None for rate, episodes in rates):
+        return Simulated(simulation_note="not every task was measured in simulation")
+    episodes = sum(number or 0 for _, number in rates)
+    successes = round(sum((rate or 0.0) * (number or 0) for rate, number in rates))
+    low, high = wilson_interval(successes, episodes)
+    return Simulated(
+        simulation_people=measured[0].simulation_people,
+        simulation_episodes=episodes,
+        simulation_success_rate=successes / episodes,
+        simulation_success_low=low,
+        simulation_success_high=high,
+    )
 
 
 def _as_measured(

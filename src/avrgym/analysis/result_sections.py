@@ -1,13 +1,13 @@
 """The results of one group of participants on the page: objective, subjective, biomechanical."""
 
 from collections.abc import Mapping, Sequence
-from itertools import product
 
 from avrgym.analysis.comparisons import PARTICIPANT, TRIAL
 from avrgym.analysis.drawing import Drawing
 from avrgym.analysis.figures import session_figure_name, trial_figure_name
 from avrgym.analysis.objective import ALL
 from avrgym.analysis.page import Markup, brief, figure, listing, quantity, table, tag
+from avrgym.analysis.paper_tables import PaperTable, paper_tables
 from avrgym.analysis.rows import ObjectiveRow, RangeRow, SessionAnswerRow, SubjectiveRow, TestedRow
 from avrgym.analysis.session_answers import WORDS, about_sessions, sessions_family
 from avrgym.analysis.study import Analysis
@@ -25,28 +25,23 @@ def objective(analysis: Analysis, simulated: bool, drawings: Drawings) -> Markup
     return tag(
         "section",
         tag("h3", "Objective measures"),
-        _paper_table(analysis, rows, simulated),
+        *(_paper_table(each) for each in paper_tables(analysis.design, rows)),
         _figures(drawings, "success", "reward"),
         _details("With 95 % intervals", _intervals(rows, simulated)),
         _remarks(rows),
     )
 
 
-def _paper_table(analysis: Analysis, rows: Sequence[ObjectiveRow], simulated: bool) -> Markup:
-    policies = analysis.design.policies
-    by_key = {(row.task, row.robot, row.policy): row for row in rows}
-    heads = ["Task", "Robot"]
-    for policy in policies:
-        heads += [f"{policy}: simulation", "VR"]
-    body = []
-    for task, robot in product((*analysis.design.tasks, ALL), analysis.design.robots):
-        cells = []
-        for policy in policies:
-            row = by_key[task, robot, policy]
-            cells.append(_reward(row.simulation_reward_mean, row.simulation_success_rate))
-            cells.append(_reward(row.reward_mean, row.success_rate))
-        body.append((task, robot, *cells))
-    return table(_about("Mean reward (success)", simulated), heads, body, numbers=range(2, len(heads)))
+def _paper_table(shown: PaperTable) -> Markup:
+    body = [
+        (
+            "Success over all tasks" if task == ALL else task,
+            *(_reward(cell.reward, cell.success) for cell in cells),
+        )
+        for task, cells in shown.rows.items()
+    ]
+    caption = _about(shown.caption, shown.simulated)
+    return table(caption, ("Task", *shown.columns), body, numbers=range(1, len(shown.columns) + 1))
 
 
 def _reward(mean: float | None, rate: float | None) -> str:
@@ -139,6 +134,10 @@ def _after_trials(
         tag("h4", f"{name}, asked after each trial"),
         _statements(questionnaire),
         _figures(drawings, trial_figure_name(analysis.design, questionnaire)),
+        _details(
+            "Means, as in the paper's figure",
+            _figures(drawings, f"{trial_figure_name(analysis.design, questionnaire)}-means"),
+        ),
         _summaries(f"{name}: answers by policy, over all tasks and robots", whole, simulated),
         _details(
             "By task and robot", _summaries(f"{name}: answers by policy, task and robot", parts, simulated)

@@ -11,6 +11,7 @@ from avrgym.analysis.biomechanics import Measures, biomechanics_rows, measured_g
 from avrgym.analysis.biomechanics_tests import biomechanics_tests
 from avrgym.analysis.manifest import FORMAT_NAME
 from avrgym.analysis.objective import objective_rows
+from avrgym.analysis.paper_tables import as_tables, paper_tables
 from avrgym.analysis.reading import Observations, observe
 from avrgym.analysis.session_answers import session_answer_rows, session_likert_rows, session_tests
 from avrgym.analysis.statistics import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
@@ -52,6 +53,7 @@ class Analysis:
         yield Table.of("reward_terms", rows.TermRow, seen.terms)
         yield Table.of("problems", rows.ProblemRow, seen.problems)
         yield Table.of("objective", rows.ObjectiveRow, self.objective)
+        yield from as_tables(list(paper_tables(self.design, self.objective)))
         yield Table.of("subjective", rows.SubjectiveRow, self.subjective)
         yield Table.of("session_answers", rows.SessionAnswerRow, self.session_answers)
         yield Table.of("likert", rows.LikertRow, self.likert)

@@ -1,0 +1,82 @@
+"""The paper's tables: mean reward and success by task, robots side by side, mean success in the last row.
+
+Table I sets simulation beside virtual reality for one policy (the paper: Original), table II one policy beside another
+in virtual reality.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+from avrgym.analysis.objective import ALL
+from avrgym.analysis.rows import ObjectiveRow
+from avrgym.analysis.tables import Table
+from avrgym.study.design import Design
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A mean reward and a success rate in 0..1; ``None`` where there is none."""
+
+    reward: float | None
+    success: float | None
+
+
+@dataclass(frozen=True)
+class PaperTable:
+    """One table of one group of participants: a row of cells for each task, and one for all."""
+
+    name: str
+    caption: str
+    simulated: bool
+    columns: tuple[str, ...]
+    rows: dict[str, tuple[Cell, ...]]
+
+
+def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[PaperTable]:
+    """Table I for each policy, then table II, of each group of participants."""
+    for simulated in sorted({row.simulated for row in rows}):
+        found = {(row.task, row.robot, row.policy): row for row in rows if row.simulated is simulated}
+        for policy in design.policies:
+            sides = [("simulation", _in_simulation), ("VR", _in_vr)]
+            columns = tuple(f"{side} {robot}" for (side, _), robot in product(sides, design.robots))
+            cells = {
+                task: tuple(
+                    read(found[task, robot, policy]) for (_, read), robot in product(sides, design.robots)
+                )
+                for task in (*design.tasks, ALL)
+            }
+            caption = f"Mean reward (success) of {policy} in simulation and in virtual reality"
+            yield PaperTable(f"paper_table_1_{policy}".replace("/", "_"), caption, simulated, columns, cells)
+        conditions = tuple(product(design.policies, design.robots))
+        cells = {
+            task: tuple(_in_vr(found[task, robot, policy]) for policy, robot in conditions)
+            for task in (*design.tasks, ALL)
+        }
+        columns = tuple(f"{policy} {robot}" for policy, robot in conditions)
+        caption = "Mean reward (success) of the policies in virtual reality"
+        yield PaperTable("paper_table_2", caption, simulated, columns, cells)
+
+
+def as_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
+    """The same as files: a column for each reward and each success, groups of participants below each other."""
+    for name in dict.fromkeys(table.name for table in tables):
+        own = [table for table in tables if table.name == name]
+        heads = [f"{column} {figure}" for column in own[0].columns for figure in ("reward", "success")]
+        values = [
+            {"simulated": table.simulated, "task": task}
+            | dict(
+                zip(heads, [value for cell in cells for value in (cell.reward, cell.success)], strict=True)
+            )
+            for table in own
+            for task, cells in table.rows.items()
+        ]
+        yield Table(name, ["simulated", "task", *heads], values)
+
+
+def _in_vr(row: ObjectiveRow) -> Cell:
+    return Cell(row.reward_mean, row.success_rate)
+
+
+def _in_simulation(row: ObjectiveRow) -> Cell:
+    return Cell(row.simulation_reward_mean, row.simulation_success_rate)
