@@ -115,15 +115,8 @@ def draw(path: Path) -> None:
 
 def _draw_shares(panel: Axes, values: Array, name: str, style: tuple[str, str]) -> None:
     colour, line = style
-    shares = 100.0 * np.arange(len(values) + 1) / len(values)
-    panel.step(
-        np.concatenate([[0.0], np.sort(values)]),
-        shares,
-        where="post",
-        color=colour,
-        linestyle=line,
-        label=name,
-    )
+    shares = np.linspace(0.0, 100.0, 201)
+    panel.plot(np.percentile(values, shares), shares, color=colour, linestyle=line, label=name)
     panel.grid(alpha=0.3)
 
 

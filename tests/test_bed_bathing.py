@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import people, transforms
+from avrgym import kinematics, people, transforms
 from avrgym.episodes import Episodes
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, RECLINED, People, Person
 from avrgym.models.robots import JACO, PR2
-from avrgym.models.washcloth import PAD_HALF_SIZE_M, WASHCLOTH
+from avrgym.models.washcloth import PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
 from avrgym.oracles.bed_bathing import BedBathingOracle
-from avrgym.simulation import State
-from avrgym.tasks import TASKS, bed_bathing
+from avrgym.simulation import Simulation, State
+from avrgym.tasks import TASKS, bed_bathing, places
 from avrgym.tasks.base import Outcome
 from avrgym.tasks.bed_bathing import BedBathingMemory
 from worlds import still_world
@@ -46,6 +46,8 @@ def state(contacts: dict[tuple[float, float, float], float] | None = None, **cha
         "robot_pos_w": np.array([[-0.75, 0.15, 0.6]]),
         "tool_pos_w": FAR_AWAY[None],
         "tool_q_w": FACING_DOWN_Q[None],
+        "pad_pos_w": FAR_AWAY[None],
+        "pad_q_w": FACING_DOWN_Q[None],
         "right_arm_pos_w": np.stack([SHOULDER, ELBOW, WRIST])[None],
         "right_arm_q_w": np.tile(ALONG_Q, (1, 3, 1)),
         "person_segment_w": segments[None],
@@ -193,30 +195,67 @@ def test_a_contact_without_force_or_far_from_the_limb_wipes_nothing():
         assert len(wiped) == 0
 
 
-def off_face(seen: State, angle_rad: float, about_rad: float) -> np.ndarray:
-    """A contact's normal (3,), world frame, so far from the face's normal towards one of the pad's sides."""
-    side = [np.cos(angle_rad), *(np.sin(angle_rad) * np.array([np.cos(about_rad), np.sin(about_rad)]))]
-    return transforms.rotate(seen.tool_q_w[0], side)
+def touching(pad_q_w: np.ndarray, angle_deg: float, about_rad: float, *, behind_face_m: float = 0.0) -> State:
+    """A cloth whose contact's normal is so far off its face's towards one of its sides, at a place behind the face."""
+    angle, place = np.radians(angle_deg), np.array(on_top_of_upper_arm(0.10))
+    normal = [np.cos(angle), np.sin(angle) * np.cos(about_rad), np.sin(angle) * np.sin(about_rad)]
+    return state(
+        {tuple(place): 3.0},
+        tool_contact_normal_w=np.tile(transforms.rotate(pad_q_w, normal), (1, 6, 1)),
+        pad_pos_w=(place + behind_face_m * transforms.rotate(pad_q_w, [1.0, 0.0, 0.0]))[None],
+        pad_q_w=pad_q_w[None],
+    )
 
 
-@pytest.mark.parametrize("tool_q_w", [FACING_DOWN_Q, ALONG_Q, transforms.normalize([1.0, -2.0, 0.5, 3.0])])
-def test_only_the_face_wipes(tool_q_w):
-    """Whichever way the cloth is turned: never with a side or its back, always with its face, tilted by 20° or less."""
-    touching = state({on_top_of_upper_arm(0.10): 3.0}, tool_q_w=tool_q_w[None])
+@pytest.mark.parametrize("pad_q_w", [FACING_DOWN_Q, ALONG_Q, transforms.normalize([1.0, -2.0, 0.5, 3.0])])
+def test_only_the_face_wipes(pad_q_w):
+    """Whichever way the cloth is turned: with its face and the face's rim, never with its sides or its back."""
     for about_rad in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):
-        for angle_deg, wipes in ((0.0, True), (20.0, True), (70.0, False), (90.0, False), (180.0, False)):
-            normal_w = off_face(touching, np.radians(angle_deg), about_rad)
-            outcome = judged(replace(touching, tool_contact_normal_w=np.tile(normal_w, (1, 6, 1))))
+        for angle_deg, wipes in ((0, True), (30, True), (70, True), (80, False), (90, False), (180, False)):
+            outcome = judged(touching(pad_q_w, angle_deg, about_rad))
+            assert (term(outcome, "markers_wiped") > 0) == wipes
+        for behind_m, wipes in ((0.0, True), (0.006, True), (0.012, False), (0.02, False)):
+            outcome = judged(touching(pad_q_w, 50, about_rad, behind_face_m=behind_m))
             assert (term(outcome, "markers_wiped") > 0) == wipes
 
 
 def test_a_side_that_touches_adds_nothing_to_what_the_face_wipes():
     seen = state({on_top_of_upper_arm(0.08): 2.0, on_top_of_upper_arm(0.18): 1.0})
     normals_w = seen.tool_contact_normal_w.copy()
-    normals_w[0, 1] = LEFT
+    normals_w[0, 1] = LEFT  # a side's, where the face looks down
     alone = judged(state({on_top_of_upper_arm(0.08): 2.0}))
     both = judged(replace(seen, tool_contact_normal_w=normals_w))
     assert_array_equal(both.memory.wiped, alone.memory.wiped)
+
+
+@pytest.mark.parametrize(("side", "wipes"), [("face", True), ("lower", False), ("upper", False)])
+def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
+    """A cloth that lies along the upper arm and is pressed on it, with one of its sides or another, by a real arm."""
+    stage, who = TASK.stage(JACO), people.repeat(Person("man", 0.60, TASK.pose.rest_rad), 1)
+    shoulder, elbow, _ = places.right_arm(who, RECLINED)[0]
+    along = transforms.normalize(elbow - shoulder)
+    down = transforms.normalize(-UP + (UP @ along) * along)
+    x, half = {"face": (down, 0), "lower": (np.cross(down, along), 2), "upper": (np.cross(along, down), 2)}[
+        side
+    ]
+    tool_q = transforms.from_matrix(np.stack([x, along, np.cross(x, along)], axis=-1))
+    pad = 0.5 * (shoulder + elbow) - (UPPER_ARM_RADIUS_M + PAD_HALF_SIZE_M[half] + 0.015) * down
+    tool = (pad - transforms.rotate(tool_q, PAD_CENTRE_M))[None]
+    uniforms = np.random.default_rng(0).random((1, TASK.uniforms))
+    start = places.start(stage, who, {}, tool, tool_q[None], tool[:, None], tool_q[None, None], uniforms)
+    simulation = Simulation(stage, 1, num_threads=1)
+    simulation.reset(np.array([0]), replace(start, placed_pos_w={"nightstand": start.robot_pos_w}))
+    memory, pressed_n = fresh(), 0.0
+    for _ in range(6):
+        _, _, jacobian = kinematics.jacobian(places.arm_chain(stage), simulation.arm_angles_rad())
+        velocity = transforms.rotate(transforms.conjugate(start.robot_q_w[0]), 0.04 * down)
+        rates = np.linalg.pinv(jacobian[0]) @ np.concatenate([velocity, np.zeros(3)])
+        simulation.command_robot((rates / stage.arm.speed_limit_rad_s)[None])
+        simulation.step()
+        seen = simulation.state()
+        memory, pressed_n = TASK.judge(seen, STILL, memory).memory, max(pressed_n, seen.total_force_n[0])
+    assert pressed_n > 1.0
+    assert memory.wiped.any() == wipes
 
 
 def test_the_force_of_a_side_on_the_arm_is_at_the_target_too():

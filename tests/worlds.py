@@ -20,6 +20,8 @@ def still_world(**changes: Any) -> State:
         tool_velocity_w=point,
         tool_pos_w=point,
         tool_q_w=unturned,
+        pad_pos_w=point,
+        pad_q_w=unturned,
         head_pos_w=point,
         head_q_w=unturned,
         mouth_pos_w=point,

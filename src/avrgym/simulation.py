@@ -53,12 +53,12 @@ class RightArm:
 class State(RightArm):
     """What tasks see of N worlds at one instant; metres, seconds, radians, newtons, world frame.
 
-    Positions are (N, 3), quaternions (N, 4). ``robot_pos_w`` is the robot's torso, or its base where it has none.
-    ``placed_pos_w`` holds the furniture that every episode places, by body. ``particle_*`` have shape
-    (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the axes' ends of the G capsules of the person's body,
-    in the order of ``human.GEOMS``, and ``person_radius_m`` (N, G) their radii. ``tool_contact_*``
-    (N, ``TOOL_CONTACTS``, …) are the tool's strongest contacts with the person; force zero where there is none; normals
-    point from the tool to the person.
+    Positions are (N, 3), quaternions (N, 4). ``robot_pos_w`` is the robot's torso, or its base where it has none. The
+    pad is what of the tool touches people, see ``Tool``. ``placed_pos_w`` holds the furniture that every episode
+    places, by body. ``particle_*`` have shape (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the axes' ends of the
+    G capsules of the person's body, in the order of ``human.GEOMS``, and ``person_radius_m`` (N, G) their radii.
+    ``tool_contact_*`` (N, ``TOOL_CONTACTS``, …) are the tool's strongest contacts with the person; force zero where
+    there is none; normals point from the tool to the person.
 
     Forces on the person, (N,): ``robot_force_n`` and ``tool_force_n`` are the lengths of the net forces of robot with
     tool and of the tool, in which what presses from two sides cancels out. ``total_force_n`` and ``links_force_n``
@@ -71,6 +71,8 @@ class State(RightArm):
     tool_velocity_w: Array
     tool_pos_w: Array
     tool_q_w: Array
+    pad_pos_w: Array
+    pad_q_w: Array
     head_pos_w: Array
     head_q_w: Array
     mouth_pos_w: Array
@@ -237,6 +239,8 @@ class Simulation:
             tool_velocity_w=sensors[:, names.tool_velocity].copy(),
             tool_pos_w=self._xpos[:, names.tool].copy(),
             tool_q_w=self._xquat[:, names.tool].copy(),
+            pad_pos_w=self._xpos[:, names.pad].copy(),
+            pad_q_w=self._xquat[:, names.pad].copy(),
             head_pos_w=self._site_xpos[:, names.head_centre].copy(),
             head_q_w=self._xquat[:, names.head].copy(),
             mouth_pos_w=self._site_xpos[:, names.mouth].copy(),
@@ -323,6 +327,7 @@ class _Names:
         self.robot_base = model.body(robots.PREFIX + stage.robot.base).id
         self.robot_torso = model.body(robots.PREFIX + stage.robot.torso).id
         self.tool = model.body(TOOL).id
+        self.pad = model.body(robots.PREFIX + stage.tool.pad).id
         self.head = model.body(human.PREFIX + "head").id
         self.right_arm = np.array([model.body(human.PREFIX + name).id for name in human.RIGHT_ARM])
         self.placed = {name: model.body(name).id for name in stage.movable}

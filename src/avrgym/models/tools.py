@@ -38,12 +38,16 @@ class Particles:
 
 @dataclass(frozen=True, eq=False)
 class Tool:
-    """A tool: how it is built, where the hand holds it, (3,) in the tool's frame, and what it carries."""
+    """A tool: how it is built, where the hand holds it, (3,) in the tool's frame, and what it carries.
+
+    ``pad`` is the body that touches people, where that gives way against the tool.
+    """
 
     name: str
     build: Callable[[mujoco.MjSpec, mujoco.MjsBody, bool], None]
     grip_pos: tuple[float, float, float]
     particles: Particles | None
+    pad: str = BODY
 
 
 _GRAIN = {"condim": 1, "friction": [0.6, 0.005, 0.0001]}

@@ -114,4 +114,4 @@ def _ridge() -> list[Section]:
     ]
 
 
-WASHCLOTH = Tool("washcloth", _build_washcloth, grip_pos=(-0.062, 0.0, 0.0), particles=None)
+WASHCLOTH = Tool("washcloth", _build_washcloth, grip_pos=(-0.062, 0.0, 0.0), particles=None, pad="washcloth")

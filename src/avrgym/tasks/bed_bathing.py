@@ -42,6 +42,8 @@ Bools = NDArray[np.bool_]
 
 MARKER_SPACING_M = 0.03
 WIPE_RADIUS_M = 0.025
+RIM_COSINE = 0.26
+"""Of 75°: how far off the face's normal a contact of the face's rim may press."""
 SUCCESS_SHARE = 0.30
 
 HAND_START_W = np.array([-0.5, -0.1, 1.0])
@@ -219,13 +221,15 @@ def _contacts_of_limbs(state: State) -> tuple[Array, Bools]:
 
 
 def _on_face(state: State) -> Bools:
-    """Which of the cloth's contacts (N, C) lie on the face: their normals point less than 45° off the face's.
+    """Which of the cloth's contacts (N, C) lie on the face or its rim, and not on a side or the back.
 
-    On its springs the pad tilts by at most 20° against the tool, so that contacts on its face do, and contacts on its
-    sides and its back do not.
+    They lie in the front half of the pad, which gives way and tilts against the tool, and their normals point less
+    than 75° off the face's: at a side it is 90°, at the rim between the two anything in between.
     """
-    face_w = transforms.rotate(state.tool_q_w, [1.0, 0.0, 0.0])
-    return (state.tool_contact_normal_w * face_w[:, None]).sum(axis=-1) > np.sqrt(0.5)
+    to_pad = transforms.conjugate(state.pad_q_w)[:, None]
+    place = transforms.rotate(to_pad, state.tool_contact_pos_w - state.pad_pos_w[:, None])
+    normal = transforms.rotate(to_pad, state.tool_contact_normal_w)
+    return (place[..., 0] > PAD_CENTRE_M[0]) & (normal[..., 0] > RIM_COSINE)
 
 
 def _touched(contact_pos: Array, near: Bools, marker_pos: Array) -> Bools:

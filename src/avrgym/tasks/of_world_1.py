@@ -36,10 +36,14 @@ def _judged_as_then(task: Task, weights: Mapping[str, float]) -> Task:
 
 
 def _as_it_was_seen(state: State) -> State:
-    """Net forces, and contacts that all lie on the tool's face."""
-    face_w = transforms.rotate(state.tool_q_w, [1.0, 0.0, 0.0])
-    normal_w = np.broadcast_to(face_w[:, None], state.tool_contact_normal_w.shape)
-    return replace(state, total_force_n=state.robot_force_n, tool_contact_normal_w=normal_w)
+    """Net forces, and contacts that all lie before the pad and press straight on its face."""
+    face_w = transforms.rotate(state.pad_q_w, [1.0, 0.0, 0.0])
+    return replace(
+        state,
+        total_force_n=state.robot_force_n,
+        pad_pos_w=state.pad_pos_w - 10.0 * face_w,
+        tool_contact_normal_w=np.broadcast_to(face_w[:, None], state.tool_contact_normal_w.shape),
+    )
 
 
 def _terms(state: State) -> Mapping[str, Array]:
