@@ -298,11 +298,19 @@ def test_a_server_that_is_stopped_in_a_trial_says_so_when_it_goes_on(tmp_path: P
         time.sleep(0.8)
         server.process.send_signal(signal.SIGCONT)
         paused = client.await_message(Phase, lambda phase: phase.name == "paused")
-    assert "The computer stood still" in paused.text
+        assert "The computer stood still" in paused.text
+        client.await_message(State, lambda state: len(stored(folder)) == 2)
+    state, lost = stored(folder)
+    assert state == "interrupted"
+    print(f"\n{lost}")
+
+
+def stored(folder: Path) -> list[str]:
+    """How the ended attempts of a study ended, then what is stored of lost time."""
+    time.sleep(0.2)
     with Store(folder) as store:
-        assert [attempt.state for attempt in store.attempts(pseudonym)] == ["interrupted"]
-        (lost,) = (event for event in store.events() if event.name == "time lost")
-    print(f"\n{lost.detail}")
+        ended = [each.state for each in store.attempts("sub-001") if each.state != "running"]
+        return ended + [event.detail for event in store.events() if event.name == "time lost"]
 
 
 def address_of(server: Served) -> LiveServer:
