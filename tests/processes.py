@@ -17,10 +17,11 @@ _LIBC = ctypes.CDLL(None)
 def die_with_parent() -> None:
     """For ``preexec_fn``: Linux kills this process when the one that started it ends.
 
-    It can be interrupted, as one started by hand, also where the tests run in the background of a shell.
+    Signals end it as one started by hand, also where the tests run in the background of a shell or under ``nohup``.
     """
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 @dataclass(frozen=True)

@@ -124,9 +124,9 @@ class Store:
             return str(self.folder / name)
         packaged = packaged_policies(environment)
         if policy not in packaged:
+            names = ", ".join(packaged) or "none is packaged"
             raise PolicyError(
-                f"no policy {policy!r} for {environment}; allowed: {', '.join([*packaged, ''])}"
-                f"or the study's own as {name} in its folder"
+                f"no policy {policy!r} for {environment}; allowed: {names}, or the study's own as {name} in its folder"
             )
         return policy
 

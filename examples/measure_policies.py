@@ -1,0 +1,33 @@
+"""Measures every packaged policy anew and writes what it reaches into its file: python examples/measure_policies.py
+
+Needed whenever the world changes; `examples/policy_tables.py` then prints the tables of docs/policies.md. Each policy meets
+people like those it was trained on, 100 episodes, seed 0.
+"""
+
+from dataclasses import asdict
+
+import msgspec
+
+from avrgym.evaluation import evaluate
+from avrgym.policies import Policy, packaged_policies
+from avrgym.tasks import ENVIRONMENTS
+from avrgym.world_version import WORLD_VERSION
+
+EPISODES, SEED = 100, 0
+MEASURES = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
+
+
+def main() -> None:
+    """One line for each policy as it is done."""
+    for environment in ENVIRONMENTS:
+        for name, path in packaged_policies(environment).items():
+            policy = Policy.load(path)
+            found = asdict(evaluate(environment, name, policy.metadata.people, EPISODES, SEED))
+            measured = {measure: found[measure] for measure in MEASURES} | {"world_version": WORLD_VERSION}
+            metadata = msgspec.structs.replace(policy.metadata, measured=measured)
+            Policy(**vars(policy) | {"metadata": metadata}).save(path, overwrite=True)
+            print(environment, name, {measure: round(found[measure], 3) for measure in MEASURES}, flush=True)
+
+
+if __name__ == "__main__":
+    main()
