@@ -33,8 +33,8 @@ def make_quick() -> None:
     """Let simulated participants waste no time in this process."""
     attendance.CALIBRATION_S = 0.6
     attendance.ANSWER_AFTER_S = 0.05
-    plan_session: Callable[[Store, str], SessionPlan] = live.plan_session
-    live.plan_session = lambda store, pseudonym: replace(plan_session(store, pseudonym), countdown_s=0.1)
+    plan_session: Callable[..., SessionPlan] = live.plan_session
+    live.plan_session = lambda *given: replace(plan_session(*given), countdown_s=0.1)
 
 
 def take_part(folder: Path, pseudonym: str, seed: int, journal: Path) -> None:

@@ -65,7 +65,9 @@ def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
     with served(folder) as server, EmulatedHeadset(server.participant, 320, 180) as headset:
         dashboard = open_dashboard(headset, server.dashboard)
         dashboard.get_by_role("button", name="sub-001").click()
-        begin(dashboard, headset, "Continue with the remaining trials")
+        dashboard.get_by_role("button", name="Continue with the remaining trials").click()
+        headset.page.bring_to_front()
+        await_phase(headset, "waiting")
         sit_down(headset, participant)
         answer_all(headset)
         await_phase(headset, "finished")
@@ -73,10 +75,10 @@ def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
     assert states(folder) == ["completed", "interrupted", "completed"]
     assert kept.items() <= digests(folder).items()
     checked = CliRunner().invoke(app, ["study", "check", str(folder)])
-    assert (checked.exit_code, checked.stdout) == (0, "nothing is wrong\n")
+    assert (checked.exit_code, checked.stdout.splitlines()[-1]) == (0, "nothing is wrong")
     with Store(folder) as store:
         given = [(answer.item, answer.value) for answer in store.answers("sub-001")]
-    assert given == [("nausea", 2), *ANSWERS.items(), ("nausea", 2), *ANSWERS.items()]
+    assert given == [("nausea", 2), *ANSWERS.items(), *ANSWERS.items()]
 
 
 # What the experimenter does -----------------------------------------------------------------------------------

@@ -172,16 +172,15 @@ def _serve_study(
     certificate: "Certificate | None",
 ) -> None:
     """Serve a study's dashboard, and one after another the sessions that it begins, a participant's at once."""
-    from concurrent.futures import ThreadPoolExecutor
-
     from avrgym.study.dashboard import dashboard_app
     from avrgym.study.serving import StudySessions
     from avrgym.study.store import Store
+    from avrgym.study.storing import StoringThread
     from avrgym.vr.server import LiveServer
 
     with (
         Store(folder) as store,
-        ThreadPoolExecutor(1, "storing") as storing,
+        StoringThread() as storing,
         LiveServer(
             lambda send: StudySessions(
                 store,

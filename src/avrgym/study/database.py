@@ -26,6 +26,8 @@ from avrgym.study.states import StudyError
 
 FILE = "study.db"
 BACKUPS = "backups"
+SEAL_WAIT_S = 1.0
+"""How long a process that ends waits to seal a database that another one holds."""
 URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 MIGRATIONS = Path(__file__).parent / "migrations"
 LEDGER_BEGUN = "ledger begun"
@@ -97,15 +99,15 @@ class Database:
             self._seal.note(head)
 
     @contextmanager
-    def _lock(self) -> Iterator[sa.Connection]:
+    def _lock(self, **options: float) -> Iterator[sa.Connection]:
         """A transaction of which there is one at a time."""
-        with self._begin(writes=True) as connection:
+        with self._begin(writes=True, **options) as connection:
             if not self.is_sqlite:
                 connection.execute(sa.text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
             yield connection
 
     @contextmanager
-    def _begin(self, **options: bool) -> Iterator[sa.Connection]:
+    def _begin(self, **options: float) -> Iterator[sa.Connection]:
         with (
             _database_errors(),
             self._engine.connect().execution_options(**options) as connection,
@@ -169,8 +171,11 @@ class Database:
         self._wrote = not self.read_only
 
     def _set_seal(self) -> None:
-        """Note only the last end of the chain, and any that it has lost; and the checksum of the file."""
-        with self._lock() as connection:
+        """Note only the last end of the chain, and any that it has lost; and the checksum of the file.
+
+        For the last transaction of this process: it waits for no other for long.
+        """
+        with self._lock(wait_s=SEAL_WAIT_S) as connection:
             with suppress(SealError):
                 ends = ledger.lost(connection, self._seal.heads() or ())
                 self._seal.set_heads([*ends, *({ledger.head(connection)} - {ledger.Head()})])

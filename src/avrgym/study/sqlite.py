@@ -35,8 +35,10 @@ def make_engine(path: Path) -> sa.Engine:
 
     @listens_for(engine, "begin")
     def begin(connection: sa.Connection) -> None:
-        writes = connection.get_execution_options().get("writes", False)
-        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+        options = connection.get_execution_options()
+        if "wait_s" in options:
+            connection.exec_driver_sql(f"PRAGMA busy_timeout = {round(1000.0 * options['wait_s'])}")
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if options.get("writes", False) else "BEGIN")
 
     return engine
 

@@ -2,7 +2,21 @@
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+
+
+class StoringThread(ThreadPoolExecutor):
+    """The one thread that stores.
+
+    On leaving its context it drops what has not begun: whoever had to know it stored has waited for it before, and a
+    database that is busy for minutes keeps no program from ending.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(1, "storing")
+
+    def __exit__(self, *_: object) -> None:
+        self.shutdown(cancel_futures=True)
 
 
 class Storing:
