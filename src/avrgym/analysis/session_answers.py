@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from statistics import fmean
 
 import numpy as np
 
 from avrgym.analysis.comparisons import PARTICIPANT, corrected, tested
 from avrgym.analysis.rows import AnswerRow, LikertRow, SessionAnswerRow, TestedRow
-from avrgym.analysis.statistics import signed_rank
+from avrgym.analysis.statistics import signed_rank, spread
 from avrgym.analysis.subjective import counts
 from avrgym.study.design import Design
 from avrgym.study.questionnaire import SESSION_MOMENTS, Questionnaire
@@ -89,17 +88,10 @@ def _asked(design: Design, answers: Sequence[AnswerRow]) -> Iterator[tuple[bool,
 def _summary(
     simulated: bool, questionnaire: str, item: str, moment: str, values: Sequence[int]
 ) -> SessionAnswerRow:
-    lower, median, upper = np.percentile(values, [25, 50, 75])
     return SessionAnswerRow(
         simulated=simulated,
         questionnaire=questionnaire,
         item=item,
         moment=moment,
-        n=len(values),
-        mean=fmean(values),
-        least=min(values),
-        lower_quartile=float(lower),
-        median=float(median),
-        upper_quartile=float(upper),
-        most=max(values),
+        **spread(values),
     )

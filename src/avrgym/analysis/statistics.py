@@ -6,6 +6,7 @@ test in several dimensions are ours. All tests are two-sided.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import fmean
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,20 @@ EXACT_RANK_SUM = 8
 """The rank-sum probability is exact where the smaller sample has at most so many values."""
 PERMUTATIONS = 9_999
 MARKS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
+
+
+def spread(values: Sequence[int]) -> dict[str, Any]:
+    """Number, mean, extremes and quartiles of answers, by the names that rows have; quartiles are interpolated."""
+    lower, median, upper = np.percentile(values, [25, 50, 75])
+    return {
+        "n": len(values),
+        "mean": fmean(values),
+        "least": min(values),
+        "lower_quartile": float(lower),
+        "median": float(median),
+        "upper_quartile": float(upper),
+        "most": max(values),
+    }
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from avrgym.analysis.comparisons import PARTICIPANT, TRIAL, corrected, tested
 from avrgym.analysis.objective import ALL
 from avrgym.analysis.rows import AnswerRow, LikertRow, SubjectiveRow, TestedRow
-from avrgym.analysis.statistics import signed_rank
+from avrgym.analysis.statistics import signed_rank, spread
 from avrgym.study.design import Design
 from avrgym.study.questionnaire import Item, Questionnaire
 
@@ -181,18 +181,11 @@ def _key(row: AnswerRow) -> Key:
 def _summary(
     simulated: bool, item: str, policy: str, task: str, robot: str, values: Sequence[int]
 ) -> SubjectiveRow:
-    lower, median, upper = np.percentile(values, [25, 50, 75])
     return SubjectiveRow(
         simulated=simulated,
         item=item,
         policy=policy,
         task=task,
         robot=robot,
-        n=len(values),
-        mean=fmean(values),
-        least=min(values),
-        lower_quartile=float(lower),
-        median=float(median),
-        upper_quartile=float(upper),
-        most=max(values),
+        **spread(values),
     )
