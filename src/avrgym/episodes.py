@@ -17,7 +17,7 @@ from avrgym.models import robots
 from avrgym.models.human import People, Person
 from avrgym.models.robots import find_robot
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.room import Conflict, NoRoomError, Room
+from avrgym.room import SWING_M, Conflict, NoRoomError, Room
 from avrgym.simulation import Ids, Simulation, Start, State
 from avrgym.tasks import find_environment, find_task
 from avrgym.tasks.base import Memory, Outcome, merge
@@ -207,17 +207,18 @@ class Episodes:
         """
         found = self._lacking_room(ids)
         if self._moved_by_themselves and self._room is not None:
+            swing_m = SWING_M if self._impairment == "tremor" else 0.0
             for direction in (-1.0, 1.0):
                 trembling = self._mind.targets_rad + direction * self.people.tremor_rad
                 self.simulation.pose_people(ids, self._possible(trembling)[ids])
-                found |= self._lacking_room(ids, robot_only=True)
+                found |= self._lacking_room(ids, swing_m)
             self.simulation.pose_people(ids, self.people.joint_angles_rad[ids])
         return found
 
-    def _lacking_room(self, ids: Ids, *, robot_only: bool = False) -> dict[int, Conflict]:
+    def _lacking_room(self, ids: Ids, swing_m: float | None = None) -> dict[int, Conflict]:
         if self._room is None:
             return {}
-        conflicts = self._room.conflicts(self.simulation.geoms(ids), robot_only=robot_only)
+        conflicts = self._room.conflicts(self.simulation.geoms(ids), swing_m=swing_m)
         return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
 
     def step(self, action: Array) -> Step:

@@ -23,6 +23,8 @@ PERSON_ROOM_M = 0.01
 """What robot, tool and what it carries keep from the person."""
 FURNITURE_ROOM_M = 0.005
 """What they keep from furniture."""
+SWING_M = 0.03
+"""How much more room trembling people need, whose limbs overshoot the poses between which they swing."""
 PADDING_M = 0.02
 """How deep arms may lie in furniture: armrests and mattresses are soft. What people sit and lie on is not judged."""
 
@@ -73,38 +75,45 @@ class Room:
         """
         self._model, self._data = copy(model), mujoco.MjData(model)
         self._kinds = model.geom_type
-        self._pairs = _of_robot(model, base) | _of_arms(model, arms=arms, offered=offered)
-        self._of_robot = len(_of_robot(model, base))
+        to_person = _of_robot(model)
+        self._pairs = to_person | _of_loose(model, base) | _of_arms(model, arms=arms, offered=offered)
+        self._to_person = len(to_person)
         self._first, self._second = np.array([*self._pairs]).T
         self._room_m = np.array([*self._pairs.values()])
 
-    def conflicts(self, geoms: Geoms, *, robot_only: bool = False) -> list[Conflict | None]:
-        """In each of n worlds the pair that lacks most room, or nothing; ``robot_only`` looks at nothing else."""
+    def conflicts(self, geoms: Geoms, *, swing_m: float | None = None) -> list[Conflict | None]:
+        """In each of n worlds the pair that lacks most room, or nothing.
+
+        With ``swing_m`` only the room that the robot leaves the person is looked at, who needs so much more of it.
+        """
         reach = _reach_m(self._kinds, geoms.size_m)
-        count = self._of_robot if robot_only else len(self._pairs)
+        count = len(self._pairs) if swing_m is None else self._to_person
+        room_m = self._room_m[:count] + (swing_m or 0.0)
         first, second = self._first[:count], self._second[:count]
         apart = norm(geoms.pos_w[:, first] - geoms.pos_w[:, second])
-        near = apart - reach[:, first] - reach[:, second] < self._room_m[:count]
-        return [self._conflict(geoms, world, np.nonzero(pairs)[0]) for world, pairs in enumerate(near)]
+        near = apart - reach[:, first] - reach[:, second] < room_m
+        return [
+            self._conflict(geoms, world, np.nonzero(pairs)[0], room_m) for world, pairs in enumerate(near)
+        ]
 
-    def _conflict(self, geoms: Geoms, world: int, pairs: Ids) -> Conflict | None:
+    def _conflict(self, geoms: Geoms, world: int, pairs: Ids, room_m: Array) -> Conflict | None:
         """The pair that lacks most room, of those whose bounding spheres do."""
         if not len(pairs):
             return None
         self._model.geom_size[:] = geoms.size_m[world]
         self._data.geom_xpos[:], self._data.geom_xmat[:] = geoms.pos_w[world], geoms.mat_w[world]
-        gaps = np.array([self._gap_m(pair) for pair in pairs])
-        lacking = gaps - self._room_m[pairs]
+        gaps = np.array([self._gap_m(pair, float(room_m[pair])) for pair in pairs])
+        lacking = gaps - room_m[pairs]
         worst = lacking.argmin()
         if lacking[worst] >= 0.0:
             return None
         pair = pairs[worst]
         names = self._name(self._first[pair]), self._name(self._second[pair])
-        return Conflict(*names, float(gaps[worst]), float(self._room_m[pair]))
+        return Conflict(*names, float(gaps[worst]), float(room_m[pair]))
 
-    def _gap_m(self, pair: int) -> float:
-        first, second, room = int(self._first[pair]), int(self._second[pair]), float(self._room_m[pair])
-        return mujoco.mj_geomDistance(self._model, self._data, first, second, max(room, 0.0), None)
+    def _gap_m(self, pair: int, up_to_m: float) -> float:
+        first, second = int(self._first[pair]), int(self._second[pair])
+        return mujoco.mj_geomDistance(self._model, self._data, first, second, max(up_to_m, 0.0), None)
 
     def _name(self, geom: int) -> str:
         """As people say it."""
@@ -122,14 +131,22 @@ def _reach_m(kinds: NDArray[np.int32], size_m: Array) -> Array:
     )
 
 
-def _of_robot(model: mujoco.MjModel, base: str | None) -> Rooms:
-    """What robot, tool and what it carries keep from the person and, but for a fastened base, from furniture."""
-    kinds = contacts.ROBOT, contacts.TOOL, contacts.PARTICLE
-    robot = [geom for bits in kinds for geom in _geoms(model, bits)]
-    loose = [geom for geom in robot if _body(model, geom) != base]
-    return _between(robot, _geoms(model, contacts.PERSON), PERSON_ROOM_M) | _between(
-        loose, _geoms(model, contacts.FURNITURE), FURNITURE_ROOM_M
-    )
+def _of_robot(model: mujoco.MjModel) -> Rooms:
+    """What robot, tool and what it carries keep from the person."""
+    return _between(_robot(model), _geoms(model, contacts.PERSON), PERSON_ROOM_M)
+
+
+def _of_loose(model: mujoco.MjModel, base: str | None) -> Rooms:
+    """What all of that, but for a fastened base, keeps from furniture."""
+    loose = [geom for geom in _robot(model) if _body(model, geom) != base]
+    return _between(loose, _geoms(model, contacts.FURNITURE), FURNITURE_ROOM_M)
+
+
+def _robot(model: mujoco.MjModel) -> list[int]:
+    """The geoms of the robot, its tool and what that carries."""
+    return [
+        geom for bits in (contacts.ROBOT, contacts.TOOL, contacts.PARTICLE) for geom in _geoms(model, bits)
+    ]
 
 
 def _of_arms(model: mujoco.MjModel, *, arms: bool, offered: bool) -> Rooms:
