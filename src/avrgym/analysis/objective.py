@@ -22,14 +22,17 @@ def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRo
     Reward intervals are Student's t over trials, each of another participant; success intervals are Wilson's.
     """
     design = store.design
+    beside = {
+        (task, robot, policy): simulation(store, f"avrgym/{task}{robot}-v1", policy)
+        for task, robot, policy in product(design.tasks, design.robots, design.policies)
+    }
     rows = []
     for simulated in sorted({row.simulated for row in trials if row.counted}):
         own = [row for row in trials if row.counted and row.simulated is simulated]
-        for task, robot, policy in product(design.tasks, design.robots, design.policies):
-            beside = simulation(store, f"avrgym/{task}{robot}-v1", policy)
-            rows.append(_condition(own, simulated, task, robot, policy, beside))
+        for (task, robot, policy), measured in beside.items():
+            rows.append(_condition(own, simulated, task, robot, policy, measured))
         for robot, policy in product(design.robots, design.policies):
-            by_task = [simulation(store, f"avrgym/{task}{robot}-v1", policy) for task in design.tasks]
+            by_task = [beside[task, robot, policy] for task in design.tasks]
             rows.append(_condition(own, simulated, ALL, robot, policy, _over_tasks(by_task)))
     return rows
 
