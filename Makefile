@@ -37,10 +37,11 @@ setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install all
 
 client: $(CLIENT) ## build the VR client into the package
 
-lint: $(DONE)/test $(DONE)/node ## ruff and pyright
+lint: $(DONE)/test $(DONE)/node ## ruff, pyright and the layers of packages
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
 	.venv/bin/pyright
+	.venv/bin/lint-imports --no-logo --no-cache
 
 clean: ## remove everything that was installed, built or tested here
 	rm -rf .venv client/node_modules src/avrgym/vr/static build dist .hypothesis .pytest_cache .ruff_cache

@@ -14,11 +14,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models.human import PROPORTIONS, SEATED, SEXES, Person
-from avrgym.vr import axes
-from avrgym.vr.body import hips_frame, torso_angles
-from avrgym.vr.webxr import Pose
+from avrgym.vr.protocol import axes
+from avrgym.vr.protocol.webxr import Pose
+from avrgym.vr.tracking.body import hips_frame, torso_angles
 
 Array = NDArray[np.float64]
 POSES = 3000

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
 from avrgym.models.robots import ROBOTS
-from avrgym.policies import Policy, packaged_policies
+from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.tasks import TASKS
 
 STYLES = {"original": ("#b3541e", "--"), "revised": ("#1f5f8b", "-")}

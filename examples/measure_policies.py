@@ -8,10 +8,10 @@ from dataclasses import asdict
 
 import msgspec
 
-from avrgym.evaluation import evaluate
-from avrgym.policies import Policy, packaged_policies
+from avrgym.learning.evaluation import evaluate
+from avrgym.policies.trained import Policy, packaged_policies
+from avrgym.simulation.world_version import WORLD_VERSION
 from avrgym.tasks import ENVIRONMENTS
-from avrgym.world_version import WORLD_VERSION
 
 EPISODES, SEED = 100, 0
 MEASURES = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")

@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 from playwright.sync_api import Page, sync_playwright
 
-from avrgym import transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import transforms
 from avrgym.models.scene import TOOL
 from avrgym.oracles import ORACLES
 from avrgym.tasks import ENVIRONMENTS
-from avrgym.vr import messages
-from avrgym.vr.emulation import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.loop import Received, Send
-from avrgym.vr.server import LiveServer
-from avrgym.vr.webxr import Registration
-from avrgym.vr.world import TICK_S, poses, scene_message
+from avrgym.tasks.episodes import Episodes
+from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.webxr import Registration
+from avrgym.vr.server.loop import Received, Send
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.tracking.world import TICK_S, poses, scene_message
 
 MOMENTS = {"Feeding": (3, 11), "Drinking": (3, 11), "ScratchItch": (6, 36), "BedBathing": (3, 90)}
 """By task, the seed of an episode and the control step at which it shows."""

@@ -11,8 +11,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from avrgym.evaluation import wilson_interval
-from avrgym.policies import Policy, packaged_policies
+from avrgym.learning.evaluation import wilson_interval
+from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.tasks import ENVIRONMENTS, TASKS
 
 PAPER = {
@@ -64,7 +64,7 @@ def comparison_table(original: list[dict], revised: list[dict]) -> Iterator[str]
 
 def settings_table() -> Iterator[str]:
     """What differs between the tasks in how `avrgym train` trains."""
-    from avrgym.training import configuration_for
+    from avrgym.learning.training import configuration_for
 
     yield (
         "| task | worlds | minibatch | rounds of imitation | log standard deviation | learning rate "

@@ -11,11 +11,11 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.episodes import EPISODE_STEPS, Episodes
-from avrgym.evaluation import EVALUATION_STREAM, MAX_WORLDS, actor
+from avrgym.learning.evaluation import EVALUATION_STREAM, MAX_WORLDS, actor
 from avrgym.models.robots import ROBOTS
+from avrgym.simulation.world_version import WORLD_VERSIONS
 from avrgym.tasks import TASKS, find_task
-from avrgym.world_version import WORLD_VERSIONS
+from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
 
 Array = NDArray[np.float64]
 POLICIES: Mapping[str, str] = {"oracle": "revised", "original": "original", "revised": "revised"}

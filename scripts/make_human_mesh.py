@@ -17,7 +17,7 @@ from human_mesh.surface import Surface
 from human_mesh.texture import paint, strands
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, SEXES, Sex
 

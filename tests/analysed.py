@@ -9,14 +9,14 @@ import numpy as np
 
 from avrgym.models import human
 from avrgym.models.human import JOINTS, Sex
-from avrgym.study.answers import record_answer
-from avrgym.study.attempts import begin_attempt, complete_attempt, end_attempt
-from avrgym.study.participants import enrol, record_consent, record_inclusion
-from avrgym.study.recording import RecordingWriter
-from avrgym.study.records import Answer, BodyTargets, Control, TrackingFrame
-from avrgym.study.rows import Participant, Trial, TrialAttempt
-from avrgym.study.sessions import close_session, open_session
-from avrgym.study.store import Store
+from avrgym.recording.files import RecordingWriter
+from avrgym.recording.records import Answer, BodyTargets, Control, TrackingFrame
+from avrgym.study.people.participants import enrol, record_consent, record_inclusion
+from avrgym.study.storage.answers import record_answer
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
+from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
+from avrgym.study.storage.sessions import close_session, open_session
+from avrgym.study.storage.store import Store
 from avrgym.tasks import TASKS, find_environment
 from studies import fitting_answers
 

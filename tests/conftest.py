@@ -41,7 +41,7 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="module")
 def unhurried() -> Iterator[None]:
     """For tests in real time: no trial ends because a busy machine stands still or tracks late."""
-    from avrgym.vr import continuity
+    from avrgym.vr.session import continuity
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(continuity, "LOST_TIME_S", float("inf"))

@@ -4,9 +4,9 @@ import random
 import shutil
 from pathlib import Path
 
-from avrgym.study.checking import check_study
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
+from avrgym.study.checking.checks import check_study
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
 
 
 def flip_bit(study: Path, copy: Path, chance: random.Random, name: str) -> int:

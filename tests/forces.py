@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import kinematics, transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import kinematics, transforms
 from avrgym.models.yielding import MOST_CONTACT_FORCE_N
 from avrgym.tasks import places
+from avrgym.tasks.episodes import Episodes
 from starts import begun
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Reads the GLB files that ``avrgym.vr.glb`` writes."""
+"""Reads the GLB files that ``avrgym.vr.scene.glb`` writes."""
 
 import json
 import struct

@@ -6,9 +6,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from avrgym.vr.jumps import FASTEST_M_S, RETURN_SHARE
-from avrgym.vr.messages import Tracking, XRPose
-from avrgym.vr.plan import SessionPlan, TrialPlan, load_policies
+from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
+from avrgym.vr.tracking.jumps import FASTEST_M_S, RETURN_SHARE
 from visit import Visit
 
 SPREAD_M = 0.6

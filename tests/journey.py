@@ -6,12 +6,12 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 
-from avrgym.participants import SimulatedParticipant, draw_traits
-from avrgym.vr import transitions
-from avrgym.vr.emulation import EmulatedHeadset
-from avrgym.vr.plan import Policies, SessionPlan
-from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session
+from avrgym.vr.emulation.headset import EmulatedHeadset
+from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session import transitions
+from avrgym.vr.session.plan import Policies, SessionPlan
+from avrgym.vr.session.session import Session
 
 PATIENCE_S = 180.0
 SEATING = ("calibration", "loading", "check")

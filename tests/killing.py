@@ -13,15 +13,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from avrgym.study import live
-from avrgym.study.checking import check_study
+from avrgym.recording.files import RecordingError, RecordingWriter, read_recording
+from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
-from avrgym.study.recording import RecordingError, RecordingWriter, read_recording
-from avrgym.study.rows import Trial
-from avrgym.study.simulation import simulate_participant, simulated_participant
-from avrgym.study.store import Store
-from avrgym.vr import attendance
-from avrgym.vr.plan import SessionPlan
+from avrgym.study.sessions import live
+from avrgym.study.sessions.simulation import simulate_participant, simulated_participant
+from avrgym.study.storage.rows import Trial
+from avrgym.study.storage.store import Store
+from avrgym.vr.emulation import attendance
+from avrgym.vr.session.plan import SessionPlan
 
 SEED = 5
 HEADER_BYTES = 8192
@@ -59,7 +59,7 @@ def _note_records(journal: Path) -> None:
 def begin(folder: Path, pseudonym: str, seed: int, journal: Path) -> BaseProcess:
     """Let someone take part in a process of their own, forked from one that has imported what they need."""
     context = get_context("forkserver")
-    context.set_forkserver_preload(["avrgym.study.simulation"])
+    context.set_forkserver_preload(["avrgym.study.sessions.simulation"])
     journal.mkdir(exist_ok=True)
     process = context.Process(target=take_part, args=(folder, pseudonym, seed, journal))
     process.start()

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.participants import SimulatedParticipant, draw_traits
-from avrgym.study import database
-from avrgym.study.recording import read_recording
+from avrgym.recording.files import read_recording
+from avrgym.study.storage import database
 from avrgym.tasks import ENVIRONMENTS
-from avrgym.vr.attendance import InProcessAttendance
-from avrgym.vr.plan import SessionPlan, TrialPlan
-from avrgym.vr.session import Session
+from avrgym.vr.emulation.attendance import InProcessAttendance
+from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.session.plan import SessionPlan, TrialPlan
+from avrgym.vr.session.session import Session
 from killing import compare_with_killed
 from studies import make_study
 from visit import driving

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from avrgym.evaluation import evaluate_all
+from avrgym.learning.evaluation import evaluate_all
 from avrgym.tasks import ENVIRONMENTS
 from vector_laws import WORLDS, compare
 

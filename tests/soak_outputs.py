@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.study import database
-from avrgym.study.store import Store
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
 from studies import run_participant, small_study, take_in
 from test_damaged_export import count_unnoticed
 

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrgym.episodes import Episodes
-from avrgym.impairments import IMPAIRMENTS
 from avrgym.models.human import LOWER_RAD, SEATED_RAD, TORSO_HEIGHT_RANGE_M, UPPER_RAD, Person
 from avrgym.models.yielding import MOST_CONTACT_FORCE_N
-from avrgym.people import DISTRIBUTIONS
-from avrgym.room import NoRoomError
+from avrgym.people.distributions import DISTRIBUTIONS
+from avrgym.people.impairments import IMPAIRMENTS
+from avrgym.simulation.room import NoRoomError
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
+from avrgym.tasks.episodes import Episodes
 from forces import HOW, pressed
 from starts import at_once, deepest_overlap_m
 

@@ -22,11 +22,10 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from avrgym.participants import SimulatedParticipant, draw_traits
-from avrgym.study.recording import read_recording
-from avrgym.vr import messages
-from avrgym.vr.certificate import certificate_for
-from avrgym.vr.messages import (
+from avrgym.recording.files import read_recording
+from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import (
     Entered,
     Hello,
     Message,
@@ -39,8 +38,9 @@ from avrgym.vr.messages import (
     Timing,
     Welcome,
 )
-from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session
+from avrgym.vr.server.certificate import certificate_for
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session.session import Session
 from hostile import PATIENCE_S, ask, is_closed, request, status
 from processes import die_with_parent
 from visit import driving, plan

@@ -14,12 +14,12 @@ import pytest
 import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
-from avrgym.study import database, ledger
-from avrgym.study.checking import check_study
-from avrgym.study.deletion import delete_participant
-from avrgym.study.participants import enrol, record_consent, record_inclusion
-from avrgym.study.sessions import open_session
-from avrgym.study.store import Store
+from avrgym.study.checking.checks import check_study
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import enrol, record_consent, record_inclusion
+from avrgym.study.storage import database, ledger
+from avrgym.study.storage.sessions import open_session
+from avrgym.study.storage.store import Store
 from flips import flip_bit, noticed
 from studies import (
     fitting_answers,

@@ -4,11 +4,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.episodes import Episodes
 from avrgym.models import contacts
 from avrgym.models.human import joint_angles
 from avrgym.models.robots import PREFIX
-from avrgym.world_version import WORLD_VERSION
+from avrgym.simulation.world_version import WORLD_VERSION
+from avrgym.tasks.episodes import Episodes
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import arm_limits
-from avrgym.episodes import Episodes
 from avrgym.models import human, robots
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
-from avrgym.vr.plan import load_policy_for
+from avrgym.people import arm_limits
+from avrgym.tasks.episodes import Episodes
+from avrgym.vr.session.plan import load_policy_for
 
 Array = NDArray[np.float64]
 

@@ -12,15 +12,15 @@ from uuid import uuid4
 
 import psycopg
 
-from avrgym.study.answers import record_answer
-from avrgym.study.attempts import begin_attempt, complete_attempt
-from avrgym.study.design import default_text
-from avrgym.study.participants import enrol, record_consent, record_inclusion
-from avrgym.study.recording import RecordingWriter
-from avrgym.study.records import Answer, BodyTargets, Control, Event, Pose, TrackingFrame
-from avrgym.study.rows import StudySession, Trial, TrialAttempt
-from avrgym.study.sessions import close_session, open_session
-from avrgym.study.store import Store
+from avrgym.recording.files import RecordingWriter
+from avrgym.recording.records import Answer, BodyTargets, Control, Event, Pose, TrackingFrame
+from avrgym.study.design.design import default_text
+from avrgym.study.people.participants import enrol, record_consent, record_inclusion
+from avrgym.study.storage.answers import record_answer
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt
+from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
+from avrgym.study.storage.sessions import close_session, open_session
+from avrgym.study.storage.store import Store
 from processes import die_with_parent
 
 STEPS = 3

@@ -18,14 +18,24 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
-from avrgym.vr import certificate as certificate_module
-from avrgym.vr import messages
-from avrgym.vr.access import Tokens
-from avrgym.vr.certificate import Certificate, certificate_for, lan_names
-from avrgym.vr.messages import Command, Entered, Hello, Message, Phase, Problem, State, Status, Welcome
-from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session
-from avrgym.vr.web import ServerError
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import (
+    Command,
+    Entered,
+    Hello,
+    Message,
+    Phase,
+    Problem,
+    State,
+    Status,
+    Welcome,
+)
+from avrgym.vr.server import certificate as certificate_module
+from avrgym.vr.server.access import Tokens
+from avrgym.vr.server.certificate import Certificate, certificate_for, lan_names
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.web import ServerError
+from avrgym.vr.session.session import Session
 from visit import driving, plan
 
 PATIENCE_S = 180.0

@@ -13,10 +13,10 @@ from analysed import chance, read_table, record_trial, run_trials, take_part
 from avrgym.analysis import study, trained_people
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
-from avrgym.cli import app
-from avrgym.study.deletion import delete_participant
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
+from avrgym.cli.main import app
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
 from studies import make_study
 from test_report import Page
 

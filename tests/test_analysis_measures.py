@@ -7,8 +7,8 @@ import pytest
 from avrgym.analysis.measures import head_centres, measure
 from avrgym.models import human
 from avrgym.models.human import JOINTS, LOWER_RAD, RECLINED, SEATED, UPPER_RAD, People, Person, Posture
-from avrgym.study.recording import Recording
-from avrgym.study.records import BodyTargets, Control
+from avrgym.recording.files import Recording
+from avrgym.recording.records import BodyTargets, Control
 
 METADATA = {"person": {"sex": "woman", "torso_height_m": 0.55}, "joints": list(JOINTS)}
 

@@ -15,7 +15,7 @@ from avrgym.analysis.statistics import (
     signed_rank,
     t_interval,
 )
-from avrgym.evaluation import wilson_interval
+from avrgym.learning.evaluation import wilson_interval
 
 scipy_stats: Any = stats  # whose types no checker follows
 EVERY = scipy_stats.PermutationMethod(n_resamples=np.inf)

@@ -15,9 +15,9 @@ from analysed import ITEMS, break_off, run_trials, take_part
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.statistics import holm
 from avrgym.analysis.study import Analysis, analyse
-from avrgym.evaluation import wilson_interval
-from avrgym.study.participants import withdraw
-from avrgym.study.store import Store
+from avrgym.learning.evaluation import wilson_interval
+from avrgym.study.people.participants import withdraw
+from avrgym.study.storage.store import Store
 from studies import small_study
 from test_report import Page
 

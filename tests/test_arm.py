@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD, Person
-from avrgym.vr.arm import ARM_PARTS, ArmLengths, ArmSolver, comfortable_angles, solution_ms
+from avrgym.vr.tracking.arm import ARM_PARTS, ArmLengths, ArmSolver, comfortable_angles, solution_ms
 
 PERSON = Person("woman", 0.54)
 LENGTHS = ArmLengths.of(PERSON)

@@ -3,8 +3,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import transforms
-from avrgym.arm_clearance import PAIRS, Boxes, clearance, furniture_boxes, person_capsules
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import (
     GEOMS,
@@ -20,6 +19,7 @@ from avrgym.models.human import (
     Person,
     joint_angles,
 )
+from avrgym.people.arm_clearance import PAIRS, Boxes, clearance, furniture_boxes, person_capsules
 
 NAMES = list(GEOMS)
 POSTURES = {"seated": SEATED, "reclined": RECLINED}

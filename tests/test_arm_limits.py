@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import arm_limits, transforms
-from avrgym.arm_limits import clip, within_limits
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, LOWER_RAD, UPPER_RAD, People, Person, joint_angles
+from avrgym.people import arm_limits
+from avrgym.people.arm_limits import clip, within_limits
 
 SHOULDER = [JOINT_INDEX[f"{side}_shoulder_{axis}"] for side in ("right", "left") for axis in "yxz"]
 

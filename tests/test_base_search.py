@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import base_search, kinematics, transforms
-from avrgym.base_search import BaseChoice, BasePoses
-from avrgym.kinematics import Chain
+from avrgym.geometry import kinematics, transforms
+from avrgym.geometry.kinematics import Chain
 from avrgym.models.scene import BaseRange
+from avrgym.simulation import base_search
+from avrgym.simulation.base_search import BaseChoice, BasePoses
 
 WORLDS = 12
 SEED_RAD = np.array([0.7, 0.5, -0.7, -1.7, 2.0, -2.0, -2.4])

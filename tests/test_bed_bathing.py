@@ -5,17 +5,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import kinematics, people, transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import kinematics, transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, RECLINED, People, Person
 from avrgym.models.robots import JACO, PR2
 from avrgym.models.washcloth import PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
 from avrgym.oracles.bed_bathing import BedBathingOracle
-from avrgym.simulation import Simulation, State
+from avrgym.people import distributions
+from avrgym.simulation.worlds import Simulation, State
 from avrgym.tasks import TASKS, bed_bathing, places
 from avrgym.tasks.base import Outcome
 from avrgym.tasks.bed_bathing import BedBathingMemory
+from avrgym.tasks.episodes import Episodes
 from worlds import still_world
 
 TASK = TASKS["BedBathing"]
@@ -231,7 +232,7 @@ def test_a_side_that_touches_adds_nothing_to_what_the_face_wipes():
 @pytest.mark.parametrize(("side", "wipes"), [("face", True), ("lower", False), ("upper", False)])
 def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
     """A cloth that lies along the upper arm and is pressed on it, with one of its sides or another, by a real arm."""
-    stage, who = TASK.stage(JACO), people.repeat(Person("man", 0.60, TASK.pose.rest_rad), 1)
+    stage, who = TASK.stage(JACO), distributions.repeat(Person("man", 0.60, TASK.pose.rest_rad), 1)
     shoulder, elbow, _ = places.right_arm(who, RECLINED)[0]
     along = transforms.normalize(elbow - shoulder)
     down = transforms.normalize(-UP + (UP @ along) * along)
@@ -420,11 +421,12 @@ def test_episodes_begin_with_the_cloth_beside_the_arm(robot):
 
 def test_the_nightstand_goes_with_the_robot(rng):
     stage = TASK.stage(JACO)
-    start = TASK.start(stage, people.repeat(MAN, 8), rng.random((8, TASK.uniforms)))
+    start = TASK.start(stage, distributions.repeat(MAN, 8), rng.random((8, TASK.uniforms)))
     assert_array_equal(start.placed_pos_w["nightstand"], start.robot_pos_w)
     assert np.abs(start.robot_pos_w - [-0.75, 0.15, 0.6]).max() <= 0.1
     assert (
-        TASK.start(TASK.stage(PR2), people.repeat(MAN, 1), rng.random((1, TASK.uniforms))).placed_pos_w == {}
+        TASK.start(TASK.stage(PR2), distributions.repeat(MAN, 1), rng.random((1, TASK.uniforms))).placed_pos_w
+        == {}
     )
 
 

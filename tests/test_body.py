@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import (
     JOINTS,
@@ -19,8 +19,15 @@ from avrgym.models.human import (
     Person,
     Posture,
 )
-from avrgym.vr.body import RELAXED_RAD, BodyPose, BodySolver, hips_frame, resting_head_centre, torso_angles
-from avrgym.vr.webxr import Pose
+from avrgym.vr.protocol.webxr import Pose
+from avrgym.vr.tracking.body import (
+    RELAXED_RAD,
+    BodyPose,
+    BodySolver,
+    hips_frame,
+    resting_head_centre,
+    torso_angles,
+)
 
 MIRROR = np.array([-1.0 if name.endswith(("_y", "_z")) else 1.0 for name in JOINTS])
 LEFT_RIGHT = [list(JOINTS).index(_swapped) for _swapped in (

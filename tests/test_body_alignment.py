@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import SEATED, Person
 

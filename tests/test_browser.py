@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.study.questionnaire import LIKERT_ITEMS
-from avrgym.study.recording import read_recording
-from avrgym.vr.emulation import EmulatedHeadset
-from avrgym.vr.messages import Tracking
-from avrgym.vr.plan import SessionPlan, TrialPlan, load_policies
-from avrgym.vr.webxr import Registration, hand_pose, head_pose
+from avrgym.recording.files import read_recording
+from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.vr.emulation.headset import EmulatedHeadset
+from avrgym.vr.protocol.messages import Tracking
+from avrgym.vr.protocol.webxr import Registration, hand_pose, head_pose
+from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from journey import Journey, await_that
 
 pytestmark = pytest.mark.usefixtures("unhurried")

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from avrgym.models.human import SKIN_TONES
-from avrgym.study.questionnaire import LIKERT_ITEMS
-from avrgym.study.recording import read_recording
-from avrgym.vr import transitions
-from avrgym.vr.emulation import BrowserAttendance
-from avrgym.vr.plan import SessionPlan, TrialPlan
+from avrgym.recording.files import read_recording
+from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.vr.emulation.headset import BrowserAttendance
+from avrgym.vr.session import transitions
+from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from journey import PATIENCE_S, Journey, await_that
 from visit import driving
 

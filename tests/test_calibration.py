@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models.furniture.real import RealFurniture, real_furniture
 from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Posture, Sex
-from avrgym.vr.body import BodyPose, BodySolver, hips_frame, resting_head_centre, torso_angles
-from avrgym.vr.calibration import measure_torso_height
-from avrgym.vr.messages import Tracking, XRPose
-from avrgym.vr.tracking import TrackingFeed
-from avrgym.vr.webxr import Pose, Registration, head_pose, headset_from_head, register
+from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.protocol.webxr import Pose, Registration, head_pose, headset_from_head, register
+from avrgym.vr.tracking.body import BodyPose, BodySolver, hips_frame, resting_head_centre, torso_angles
+from avrgym.vr.tracking.calibration import measure_torso_height
+from avrgym.vr.tracking.tracking import TrackingFeed
 
 POSTURES = (SEATED, RECLINED)
 ROOM = Registration(np.array([0.4, -0.2, 0.0]), 2.0)

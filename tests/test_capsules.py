@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import transforms
-from avrgym.capsules import segment_box_distance, segment_distance
+from avrgym.geometry import transforms
+from avrgym.geometry.capsules import segment_box_distance, segment_distance
 
 SHARES = np.linspace(0.0, 1.0, 201)
 

@@ -15,7 +15,7 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner, Result
 
-from avrgym.cli import app
+from avrgym.cli.main import app
 from avrgym.tasks import ENVIRONMENTS
 from processes import AVRGYM, die_with_parent
 from visit import ENVIRONMENT, drive

@@ -13,16 +13,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from avrgym.study.recording import Recording, read_recording
-from avrgym.study.records import TrackingFrame
-from avrgym.study.store import Store
-from avrgym.vr import continuity, transitions
-from avrgym.vr.loop import RealTimeLoop
-from avrgym.vr.messages import Command, Phase, Ready, State, Tracking
-from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session
-from avrgym.vr.tracking import LONGEST_GAP_FRAMES, RESTART_FRAMES, Numbering
-from avrgym.vr.world import TICK_S
+from avrgym.recording.files import Recording, read_recording
+from avrgym.recording.records import TrackingFrame
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol.messages import Command, Phase, Ready, State, Tracking
+from avrgym.vr.server.loop import RealTimeLoop
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session import continuity, transitions
+from avrgym.vr.session.session import Session
+from avrgym.vr.tracking.tracking import LONGEST_GAP_FRAMES, RESTART_FRAMES, Numbering
+from avrgym.vr.tracking.world import TICK_S
 from processes import Served, served
 from studies import make_study, take_in
 from test_loop import FakeClock, FakeSession, await_that
@@ -335,7 +335,7 @@ class SleepyClock(FakeClock):
 
 def test_a_session_notices_that_its_machine_slept(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SleepyClock()
-    monkeypatch.setattr("avrgym.vr.loop.time", clock)
+    monkeypatch.setattr("avrgym.vr.server.loop.time", clock)
 
     def sleep(ticks: int) -> None:
         clock.slept_s = 3600.0 * (ticks >= 10)

@@ -12,12 +12,12 @@ import pytest
 import sqlalchemy as sa
 from typer.testing import CliRunner, Result
 
-from avrgym.cli import app
-from avrgym.study import database, schema
+from avrgym.cli.main import app
 from avrgym.study.export import FORMATS, LEFT_OUT, export_study
 from avrgym.study.export.trials import completed_attempts, verified
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
+from avrgym.study.storage import database, schema
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
 from studies import STEPS, run_participant, small_study, take_in
 
 BROKEN = "recordings/sub-001/ses-01/trial-02_attempt-1.mcap"

@@ -11,14 +11,14 @@ import pytest
 from fastapi.routing import APIRoute
 from playwright.sync_api import Page, expect, sync_playwright
 
-from avrgym.study.dashboard import ACTIONS, MAX_BODY_BYTES, dashboard_app
-from avrgym.study.participants import withdraw
-from avrgym.study.results import summarise_results
-from avrgym.study.store import Store
-from avrgym.vr.access import Tokens
-from avrgym.vr.emulation import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session
+from avrgym.study.checking.results import summarise_results
+from avrgym.study.dashboard.application import ACTIONS, MAX_BODY_BYTES, dashboard_app
+from avrgym.study.people.participants import withdraw
+from avrgym.study.storage.store import Store
+from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.server.access import Tokens
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session.session import Session
 from studies import FIGURES, fitting_answers, make_study, run_participant, take_in
 from visit import driving, plan
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
-from avrgym.cli import app
+from avrgym.cli.main import app
 from avrgym.tasks import ENVIRONMENTS, TASKS
 
 ROOT = Path(__file__).parents[1]

@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import people, transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import transforms
 from avrgym.models.cup import AXIS_X_M, HEIGHT_M, RIM_RADIUS_M, WATER, inner_radius_m
 from avrgym.models.human import Person
 from avrgym.models.scene import TOOL_CONTACTS
 from avrgym.oracles import ORACLES
-from avrgym.simulation import State
+from avrgym.people import distributions
+from avrgym.simulation.worlds import State
 from avrgym.tasks import TASKS
 from avrgym.tasks.base import Outcome
 from avrgym.tasks.drinking import CUP_Q_W, DrinkingMemory
+from avrgym.tasks.episodes import Episodes
 from worlds import still_world
 
 DRINKING = TASKS["Drinking"]
@@ -47,7 +48,7 @@ def state(water: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> 
 
 
 def fresh(count: int = 1) -> DrinkingMemory:
-    return DRINKING.remember(people.repeat(Person(), count), np.zeros((count, DRINKING.uniforms)))
+    return DRINKING.remember(distributions.repeat(Person(), count), np.zeros((count, DRINKING.uniforms)))
 
 
 def judged(seen: State, memory: DrinkingMemory | None = None, action: np.ndarray = STILL) -> Outcome:

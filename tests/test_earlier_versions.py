@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from avrgym.recording.files import read_recording
 from avrgym.replay.verification import verify
-from avrgym.study.recording import read_recording
 from avrgym.tasks import TASKS, find_environment, find_task, terms_ever
 
 DATA = Path(__file__).parent / "data"

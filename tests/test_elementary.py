@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 
-from avrgym import elementary
+from avrgym.geometry import elementary
 
 COUNT = 50_000
 EXACT = np.longdouble

@@ -10,10 +10,10 @@ from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_array_equal
 
 import avrgym
-from avrgym.envs import AssistiveEnv, AssistiveVectorEnv
-from avrgym.episodes import Episodes
+from avrgym.envs.registration import AssistiveEnv, AssistiveVectorEnv
 from avrgym.models.human import Person
 from avrgym.tasks import ENVIRONMENTS, TASKS
+from avrgym.tasks.episodes import Episodes
 from vector_laws import unusable
 
 FEEDING = "avrgym/FeedingJaco-v1"
@@ -345,7 +345,7 @@ def test_many_worlds_have_a_picture_each():
 
 
 def test_where_nothing_can_be_drawn_the_error_says_what_to_set(monkeypatch):
-    monkeypatch.setattr("avrgym.rendering._graphics_error", lambda: "no library")
+    monkeypatch.setattr("avrgym.envs.rendering._graphics_error", lambda: "no library")
     env = AssistiveEnv(FEEDING, render_mode="rgb_array")
     env.reset(seed=0)
     for _ in range(2):

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrgym import evaluation
-from avrgym.episodes import EPISODE_STEPS
-from avrgym.evaluation import evaluate, wilson_interval
-from avrgym.policies import packaged_policies
+from avrgym.learning import evaluation
+from avrgym.learning.evaluation import evaluate, wilson_interval
+from avrgym.policies.trained import packaged_policies
+from avrgym.tasks.episodes import EPISODE_STEPS
 from visit import ENVIRONMENT, drive
 
 

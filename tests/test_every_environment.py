@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from avrgym import transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import transforms
 from avrgym.models import human, robots
 from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.places import FURNITURE_EDGE_M
 from worlds import jerky_actions
 

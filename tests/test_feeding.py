@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import people, transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import transforms
 from avrgym.models.furniture import BOWL_BODY
 from avrgym.models.human import Person
 from avrgym.models.scene import TOOL_CONTACTS
-from avrgym.simulation import State
+from avrgym.people import distributions
+from avrgym.simulation.worlds import State
 from avrgym.tasks import TASKS, find_environment
 from avrgym.tasks.base import Outcome
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.feeding import OBSERVED, SPOON_Q_W, FeedingMemory
 from worlds import still_world
 
@@ -48,7 +49,7 @@ def state(food: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> S
 
 
 def fresh(count: int = 1) -> FeedingMemory:
-    return FEEDING.remember(people.repeat(Person(), count), np.zeros((count, FEEDING.uniforms)))
+    return FEEDING.remember(distributions.repeat(Person(), count), np.zeros((count, FEEDING.uniforms)))
 
 
 def judged(seen: State, memory: FeedingMemory | None = None, action: np.ndarray = STILL) -> Outcome:
@@ -262,7 +263,7 @@ def test_episodes_begin_above_the_bowl_with_a_level_spoon():
 
 def test_a_start_says_where_the_bowl_is(rng, feeding_stage):
     uniforms = rng.random((3, FEEDING.uniforms))
-    start = FEEDING.start(feeding_stage, people.repeat(Person(), 3), uniforms)
+    start = FEEDING.start(feeding_stage, distributions.repeat(Person(), 3), uniforms)
     assert_allclose(
         start.placed_pos_w[BOWL_BODY], np.array([-0.15, -0.55, 0.75]) + 0.1 * (uniforms[:, :3] - 0.5)
     )

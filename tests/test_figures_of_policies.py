@@ -2,10 +2,10 @@
 
 import pytest
 
-from avrgym.evaluation import evaluate
-from avrgym.policies import Policy, packaged_policies
+from avrgym.learning.evaluation import evaluate
+from avrgym.policies.trained import Policy, packaged_policies
+from avrgym.simulation.world_version import WORLD_VERSION
 from avrgym.tasks import ENVIRONMENTS
-from avrgym.world_version import WORLD_VERSION
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)

@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from avrgym import people
-from avrgym.cli import app
-from avrgym.evaluation import evaluate
-from avrgym.fitting import FITTED_JOINTS, covering_range, fit_people, write_people
+from avrgym.analysis.fitting import FITTED_JOINTS, covering_range, fit_people, write_people
+from avrgym.cli.main import app
+from avrgym.learning.evaluation import evaluate
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEXES, Sex
-from avrgym.people_files import PeopleFileError, parse_people, read_people
-from avrgym.study.answers import record_answer
-from avrgym.study.attempts import begin_attempt, complete_attempt
-from avrgym.study.participants import enrol, record_consent, record_inclusion
-from avrgym.study.recording import RecordingWriter
-from avrgym.study.records import Answer, BodyTargets, Control, Event
-from avrgym.study.sessions import close_session, open_session
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
+from avrgym.people import distributions
+from avrgym.people.files import PeopleFileError, parse_people, read_people
+from avrgym.recording.files import RecordingWriter
+from avrgym.recording.records import Answer, BodyTargets, Control, Event
+from avrgym.study.people.participants import enrol, record_consent, record_inclusion
+from avrgym.study.storage.answers import record_answer
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt
+from avrgym.study.storage.sessions import close_session, open_session
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
 from avrgym.tasks import TASKS
 from studies import FIGURES, fitting_answers, make_study
 
@@ -133,7 +133,7 @@ def test_ranges_stay_within_what_the_model_allows() -> None:
 
 def test_who_sits_still_is_found_where_they_were_all_the_while(fitted: Path) -> None:
     """The head was turned for the last of two seconds: half of it counts. What lies around the trial does not."""
-    found = read_people(fitted)
+    found = read_people(fitted, TASKS)
     assert not found.cooperating
     pose = found.poses[TASK]
     assert tuple(pose) == FITTED_JOINTS
@@ -153,7 +153,7 @@ def test_who_moves_is_found_where_the_robot_found_them(tmp_path: Path) -> None:
 def test_the_file_says_where_it_comes_from_and_is_the_same_every_time(
     folder: Path, fitted: Path, tmp_path: Path
 ) -> None:
-    source = read_people(fitted).source
+    source = read_people(fitted, TASKS).source
     assert source is not None
     assert (source.men, source.women, source.trials, source.simulated) == (2, 3, 10, True)
     text = fitted.read_text()
@@ -205,9 +205,9 @@ def test_too_few_participants_are_refused(tmp_path: Path, count: int) -> None:
 
 
 def test_drawn_people_fill_the_ranges_of_the_file(fitted: Path, rng: np.random.Generator) -> None:
-    file, distribution = read_people(fitted), people.find_distribution(str(fitted))
+    file, distribution = read_people(fitted, TASKS), distributions.find_distribution(str(fitted), TASKS)
     pose = distribution.pose_in(TASK, TASKS[TASK].pose)
-    group = people.sample(distribution, pose, SEATED, None, rng.random((4000, people.UNIFORMS)))
+    group = distributions.sample(distribution, pose, SEATED, None, rng.random((4000, distributions.UNIFORMS)))
     for sex, limits in (("man", file.torso_height_m.man), ("woman", file.torso_height_m.woman)):
         heights_m = group.torso_height_m[group.is_woman == (sex == "woman")]
         assert (heights_m.min(), heights_m.max()) == pytest.approx(limits, abs=1e-3)
@@ -219,7 +219,7 @@ def test_drawn_people_fill_the_ranges_of_the_file(fitted: Path, rng: np.random.G
 
 
 def test_elsewhere_they_are_found_in_the_tasks_own_pose(fitted: Path) -> None:
-    distribution, usual = people.find_distribution(str(fitted)), TASKS["ScratchItch"].pose
+    distribution, usual = distributions.find_distribution(str(fitted), TASKS), TASKS["ScratchItch"].pose
     pose = distribution.pose_in("ScratchItch", usual)
     np.testing.assert_array_equal(pose.rest_rad, usual.rest_rad)
     np.testing.assert_array_equal(pose.spread_rad, usual.spread_rad)
@@ -227,7 +227,9 @@ def test_elsewhere_they_are_found_in_the_tasks_own_pose(fitted: Path) -> None:
 
 def test_environments_and_evaluation_meet_them(fitted: Path) -> None:
     env = gym.make(f"avrgym/{TASK}Jaco-v1", people=str(fitted))
-    lows, highs = zip(*(read_people(fitted).poses[TASK][joint] for joint in FITTED_JOINTS), strict=True)
+    lows, highs = zip(
+        *(read_people(fitted, TASKS).poses[TASK][joint] for joint in FITTED_JOINTS), strict=True
+    )
     for seed in range(3):
         env.reset(seed=seed)
         person = env.unwrapped.episodes.person_in(0)  # pyright: ignore[reportAttributeAccessIssue]
@@ -239,7 +241,7 @@ def test_environments_and_evaluation_meet_them(fitted: Path) -> None:
 
 def test_a_training_keeps_its_people(fitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also when their file has gone, and the policy says that they were fitted."""
-    training = pytest.importorskip("avrgym.training", reason="training is an extra")
+    training = pytest.importorskip("avrgym.learning.training", reason="training is an extra")
     monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
     own, out = tmp_path / "mine.toml", tmp_path / "run"
     own.write_bytes(fitted.read_bytes())
@@ -275,13 +277,13 @@ waist_x = [-5.0, 5]
 def test_the_example_of_the_documents_is_a_file_of_people() -> None:
     text = (Path(__file__).parents[1] / "docs" / "closing_the_loop.md").read_text()
     (example,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
-    found = parse_people(example, "example")
+    found = parse_people(example, "example", TASKS)
     assert tuple(found.poses["Feeding"]) == ("waist_x", "head_z")
     assert found.source is not None
 
 
 def test_a_file_by_hand_needs_no_source() -> None:
-    assert parse_people(GOOD, "p.toml").poses == {"Feeding": {"waist_x": (-5.0, 5.0)}}
+    assert parse_people(GOOD, "p.toml", TASKS).poses == {"Feeding": {"waist_x": (-5.0, 5.0)}}
 
 
 @pytest.mark.parametrize(
@@ -301,7 +303,7 @@ def test_a_file_by_hand_needs_no_source() -> None:
 )
 def test_mistakes_in_a_file_are_named_with_their_line(old: str, new: str, words: str) -> None:
     with pytest.raises(PeopleFileError, match=words):
-        parse_people(GOOD.replace(old, new), "p.toml")
+        parse_people(GOOD.replace(old, new), "p.toml", TASKS)
 
 
 def test_the_commands_name_what_people_there_are(tmp_path: Path) -> None:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from avrgym.analysis.events import folded
-from avrgym.study.records import Event
+from avrgym.demo.events import folded
+from avrgym.recording.records import Event
 
 SECOND_NS = 1_000_000_000
 

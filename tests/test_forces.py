@@ -13,7 +13,7 @@ from avrgym.models.yielding import (
     contact_force_n,
     torque_limit_n_m,
 )
-from avrgym.simulation import MAX_LEAD_RAD, Simulation
+from avrgym.simulation.worlds import MAX_LEAD_RAD, Simulation
 from avrgym.tasks import TASKS
 from forces import MOST_FORCE_N, pressed
 from starts import at_once, begun

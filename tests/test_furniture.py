@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import contacts, human
 from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, FURNITURE, NIGHTSTAND_BODY, NIGHTSTAND_TOP_M
 from avrgym.models.human import RECLINED, SEATED, Person, Posture, joint_angles

@@ -14,12 +14,12 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
-from avrgym.vr import gate as gate_module
-from avrgym.vr import messages
-from avrgym.vr.certificate import certificate_for
-from avrgym.vr.messages import Entered, Phase, State
-from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Entered, Phase, State
+from avrgym.vr.server import gate as gate_module
+from avrgym.vr.server.certificate import certificate_for
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session.session import Session
 from hostile import PATIENCE_S, ask, dial, idle, is_closed, is_open, request, status
 from test_access import hear, opened, participant, tell
 from visit import driving, plan

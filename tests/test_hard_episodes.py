@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from avrgym.hard_episodes import HARD_FORCE_N, KEPT, HardEpisodes
+from avrgym.learning.hard_episodes import HARD_FORCE_N, KEPT, HardEpisodes
 
 WORLDS = 8
 

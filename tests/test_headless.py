@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from avrgym import headless
+from avrgym.system import headless
 
 
 @pytest.fixture

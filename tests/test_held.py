@@ -7,12 +7,12 @@ import pytest
 from analysed import STEPS, run_trials, take_part
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
-from avrgym.study.checking import check_study
-from avrgym.study.design import DesignError, default_text, parse_design
-from avrgym.study.held import held_share
-from avrgym.study.recording import Recording
-from avrgym.study.records import Control, Event, TrackingFrame
-from avrgym.study.store import Store
+from avrgym.recording.files import Recording
+from avrgym.recording.records import Control, Event, TrackingFrame
+from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.held import held_share
+from avrgym.study.design.design import DesignError, default_text, parse_design
+from avrgym.study.storage.store import Store
 from studies import make_study
 
 RATE_HZ = 100

@@ -12,17 +12,17 @@ from fastapi import FastAPI, WebSocket
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from avrgym.study.dashboard import ACTIONS, dashboard_app
-from avrgym.study.store import Store
-from avrgym.vr import gate as gate_module
-from avrgym.vr import messages
-from avrgym.vr.access import Tokens
-from avrgym.vr.answers import headers
-from avrgym.vr.gate import Gate
-from avrgym.vr.protocols import MOST_FRAGMENTS
-from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session
-from avrgym.vr.web import WebThread, listen
+from avrgym.study.dashboard.application import ACTIONS, dashboard_app
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol import messages
+from avrgym.vr.server import gate as gate_module
+from avrgym.vr.server.access import Tokens
+from avrgym.vr.server.answers import headers
+from avrgym.vr.server.gate import Gate
+from avrgym.vr.server.protocols import MOST_FRAGMENTS
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.web import WebThread, listen
+from avrgym.vr.session.session import Session
 from hostile import CLOSE, UPGRADE, ask, dial, head, request, status
 from studies import make_study
 from test_access import hear, participant, tell

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import JOINTS, LOWER_RAD, PREFIX, PROPORTIONS, SEATED_RAD, UPPER_RAD, People, Person
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import BODIES, RECLINED, SEATED, SEXES, Person, Sex
 from avrgym.models.human_shape import HEAD_PARTS, PARTS, Shape, add_appearance, shapes

@@ -6,10 +6,10 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
-from avrgym.envs import AssistiveVectorEnv
-from avrgym.episodes import Episodes
-from avrgym.imitation import imitate
-from avrgym.stable_baselines import SB3VectorEnv
+from avrgym.envs.registration import AssistiveVectorEnv
+from avrgym.learning.imitation import imitate
+from avrgym.learning.stable_baselines import SB3VectorEnv
+from avrgym.tasks.episodes import Episodes
 from avrgym.teachers import TEACHERS
 
 FEEDING = "avrgym/FeedingJaco-v1"

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import impairments
-from avrgym.episodes import Episodes
-from avrgym.impairments import IMPAIRMENTS
 from avrgym.models.human import JOINT_INDEX, JOINTS, LOWER_RAD, UPPER_RAD, People
+from avrgym.people import impairments
+from avrgym.people.impairments import IMPAIRMENTS
+from avrgym.tasks.episodes import Episodes
 
 COUNT = 500
 ENVIRONMENT = "avrgym/FeedingJaco-v1"

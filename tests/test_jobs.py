@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from avrgym import evaluation
-from avrgym.episodes import EPISODE_STEPS
-from avrgym.evaluation import evaluate, evaluate_all
-from avrgym.jobs import cores, report, run_all
-from avrgym.policies import PolicyError
-from avrgym.study import database
-from avrgym.study.simulation import simulate_study
+from avrgym.learning import evaluation
+from avrgym.learning.evaluation import evaluate, evaluate_all
+from avrgym.policies.trained import PolicyError
+from avrgym.study.sessions.simulation import simulate_study
+from avrgym.study.storage import database
+from avrgym.system.jobs import cores, report, run_all
+from avrgym.tasks.episodes import EPISODE_STEPS
 from killing import SEED, assert_same
 from studies import make_study
 
@@ -62,7 +62,7 @@ def test_processes_end_with_the_one_that_started_them(tmp_path: Path) -> None:
     """However that ends."""
     (tmp_path / "sleeping.py").write_text(SLEEPING)
     code = (
-        "from avrgym.jobs import run_all; from sleeping import sleep;"
+        "from avrgym.system.jobs import run_all; from sleeping import sleep;"
         "run_all(sleep, [('one',), ('other',)], 2) if __name__ == '__main__' else None"
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path) as parent:

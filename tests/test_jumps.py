@@ -8,13 +8,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from avrgym.study.recording import Recording
-from avrgym.study.records import TrackingFrame
-from avrgym.vr.jumps import PARTS, RETURN_SHARE, SETTLED_S, Limb, least_s
-from avrgym.vr.messages import Tracking, XRPose
-from avrgym.vr.tracking import TrackingFeed
-from avrgym.vr.webxr import is_valid
-from avrgym.vr.world import TICK_S
+from avrgym.recording.files import Recording
+from avrgym.recording.records import TrackingFrame
+from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.protocol.webxr import is_valid
+from avrgym.vr.tracking.jumps import PARTS, RETURN_SHARE, SETTLED_S, Limb, least_s
+from avrgym.vr.tracking.tracking import TrackingFeed
+from avrgym.vr.tracking.world import TICK_S
 from hostility import ATTACKS, IMPACT_N, peak_force_n, somewhere
 from visit import Visit, plan
 

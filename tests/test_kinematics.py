@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import xacro
-from avrgym import kinematics, transforms
+from avrgym.geometry import kinematics, transforms
 from avrgym.models.robots import JACO, robot_spec
 from avrgym.models.scene import TOOL_BODY, robot_with_tool
 from avrgym.tasks.places import arm_chain

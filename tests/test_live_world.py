@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import Person, Posture
 from avrgym.tasks import ENVIRONMENTS, TASKS
-from avrgym.vr.body import BodyPose
-from avrgym.vr.webxr import Pose
-from avrgym.vr.world import LiveWorld
+from avrgym.vr.protocol.webxr import Pose
+from avrgym.vr.tracking.body import BodyPose
+from avrgym.vr.tracking.world import LiveWorld
 from visit import drive
 
 SETTLED_TICKS = 100

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.cli import app
-from avrgym.locks import locked
+from avrgym.cli.main import app
+from avrgym.system.locks import locked
 from processes import die_with_parent
 
 DATA = Path(__file__).parent / "data" / "training-of-0.1.0"

@@ -12,11 +12,11 @@ from typing import cast
 import numpy as np
 import pytest
 
-from avrgym.vr.inbox import FRAMES_KEPT, INBOX_MESSAGES, MESSAGES_PER_TICK, MESSAGES_S
-from avrgym.vr.loop import CATCH_UP_TICKS, PRIORITY, TIDY_EVERY_S, RealTimeLoop
-from avrgym.vr.messages import Answer, Command, Entered, Ready, Stop, Tracking
-from avrgym.vr.session import Disconnected, Session
-from avrgym.vr.world import TICK_S
+from avrgym.vr.protocol.messages import Answer, Command, Entered, Ready, Stop, Tracking
+from avrgym.vr.server.inbox import FRAMES_KEPT, INBOX_MESSAGES, MESSAGES_PER_TICK, MESSAGES_S
+from avrgym.vr.server.loop import CATCH_UP_TICKS, PRIORITY, TIDY_EVERY_S, RealTimeLoop
+from avrgym.vr.session.session import Disconnected, Session
+from avrgym.vr.tracking.world import TICK_S
 
 PATIENCE_S = 30.0
 
@@ -63,7 +63,7 @@ class FakeClock:
 def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     """Time as the loop sees it."""
     clock = FakeClock()
-    monkeypatch.setattr("avrgym.vr.loop.time", clock)
+    monkeypatch.setattr("avrgym.vr.server.loop.time", clock)
     return clock
 
 
@@ -161,7 +161,9 @@ def test_garbage_is_collected_only_where_nothing_moves(
         session.at_rest = ticks > 2000
 
     session, collected = FakeSession(rest), []
-    monkeypatch.setattr("avrgym.vr.loop.gc", SimpleNamespace(collect=lambda: collected.append(clock.now_s)))
+    monkeypatch.setattr(
+        "avrgym.vr.server.loop.gc", SimpleNamespace(collect=lambda: collected.append(clock.now_s))
+    )
     run(session, 5000)
     assert collected[0] == pytest.approx(100.0 + 2000 * TICK_S)
     assert np.diff(collected).min() >= TIDY_EVERY_S

@@ -12,12 +12,9 @@ import pytest
 
 from avrgym.models import human
 from avrgym.models.human import SEATED_RAD
-from avrgym.participants import SimulatedParticipant
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
-from avrgym.vr import scenery as scenery_module
-from avrgym.vr import transitions
-from avrgym.vr.feedback import ArmTouch, successes
-from avrgym.vr.messages import (
+from avrgym.vr.emulation.participants import SimulatedParticipant
+from avrgym.vr.protocol.messages import (
     Command,
     CommandName,
     CorrectTorsoHeight,
@@ -32,9 +29,12 @@ from avrgym.vr.messages import (
     Status,
     Upcoming,
 )
-from avrgym.vr.plan import SessionPlan, practised_trials
-from avrgym.vr.session import Disconnected, Session
-from avrgym.vr.world import LiveWorld
+from avrgym.vr.session import scenery as scenery_module
+from avrgym.vr.session import transitions
+from avrgym.vr.session.feedback import ArmTouch, successes
+from avrgym.vr.session.plan import SessionPlan, practised_trials
+from avrgym.vr.session.session import Disconnected, Session
+from avrgym.vr.tracking.world import LiveWorld
 from starts import HAND_AT_THE_ROBOT_RAD
 from visit import Visit, driving, plan
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from avrgym.episodes import Episodes
 from avrgym.models import human
 from avrgym.models.human import JOINTS, Person
 from avrgym.models.scene import build_spec
-from avrgym.simulation import INERTIAL_FIELDS
+from avrgym.simulation.worlds import INERTIAL_FIELDS
 from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.episodes import Episodes
 
 WORLDS = 4
 

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import transforms
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.oracles.feeding import FeedingOracle
 from avrgym.oracles.guide import BLOCKED_S, Guide
-from avrgym.simulation import MAX_LEAD_RAD
+from avrgym.simulation.worlds import MAX_LEAD_RAD
+from avrgym.tasks.episodes import Episodes
 
 COUNT = 4
 STILL = np.zeros((COUNT, 7))

@@ -14,16 +14,16 @@ from analysed import record_trial, take_part
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.statistics import holm
 from avrgym.analysis.study import analyse
-from avrgym.study import database, schema
-from avrgym.study.answers import record_answer, record_session_answer
-from avrgym.study.attempts import begin_attempt, complete_attempt
-from avrgym.study.checking import check_study
-from avrgym.study.design import DesignError, parse_design
+from avrgym.study.checking.checks import check_study
+from avrgym.study.design.design import DesignError, parse_design
 from avrgym.study.export import export_study
-from avrgym.study.live import StudyVisit
-from avrgym.study.sessions import close_session, open_session
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
+from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.storage import database, schema
+from avrgym.study.storage.answers import record_answer, record_session_answer
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt
+from avrgym.study.storage.sessions import close_session, open_session
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
 from studies import make_study
 
 LOAD = """

@@ -9,11 +9,11 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from avrgym.replay.server import ReplayServer
 from avrgym.replay.timeline import timeline_of
-from avrgym.study.dashboard import dashboard_app
-from avrgym.study.store import Store
-from avrgym.vr.emulation import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session
+from avrgym.study.dashboard.application import dashboard_app
+from avrgym.study.storage.store import Store
+from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session.session import Session
 from studies import make_study
 from test_replay_shown import nothing, recording  # noqa: F401
 from visit import driving, plan

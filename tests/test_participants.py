@@ -12,17 +12,17 @@ from avrgym.models import human
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Sex
 from avrgym.models.scene import TOOL
-from avrgym.participants import RATINGS, SimulatedParticipant, draw_traits
-from avrgym.study.questionnaire import LIKERT_ITEMS
-from avrgym.study.recording import read_recording
+from avrgym.recording.files import read_recording
+from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.tasks import TASKS
-from avrgym.vr.attempt import Experience
-from avrgym.vr.attendance import InProcessAttendance
-from avrgym.vr.calibration import measure_torso_height
-from avrgym.vr.messages import State, Tracking, XRPose, decode_client, encode
-from avrgym.vr.session import Session
-from avrgym.vr.webxr import Registration, is_valid
-from avrgym.vr.world import LiveWorld
+from avrgym.vr.emulation.attendance import InProcessAttendance
+from avrgym.vr.emulation.participants import RATINGS, SimulatedParticipant, draw_traits
+from avrgym.vr.protocol.messages import State, Tracking, XRPose, decode_client, encode
+from avrgym.vr.protocol.webxr import Registration, is_valid
+from avrgym.vr.session.attempt import Experience
+from avrgym.vr.session.session import Session
+from avrgym.vr.tracking.calibration import measure_torso_height
+from avrgym.vr.tracking.world import LiveWorld
 from visit import driving, plan
 
 Array = NDArray[np.float64]

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import arm_limits, people
-from avrgym.arm_clearance import clearance, furniture_boxes, person_capsules
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, SEATED, SEATED_RAD, UPPER_RAD, Person, joint_angles
 from avrgym.models.robots import JACO
+from avrgym.people import arm_limits, distributions
+from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
 from avrgym.tasks import TASKS
 from avrgym.tasks.base import HEAD_TURNED
 
@@ -23,9 +23,13 @@ def name(request) -> str:
     return request.param
 
 
-def sampled(name: str, rng: np.random.Generator, count: int = COUNT) -> people.People:
-    return people.sample(
-        people.find_distribution(name), HEAD_TURNED, SEATED, None, rng.random((count, people.UNIFORMS))
+def sampled(name: str, rng: np.random.Generator, count: int = COUNT) -> distributions.People:
+    return distributions.sample(
+        distributions.find_distribution(name, TASKS),
+        HEAD_TURNED,
+        SEATED,
+        None,
+        rng.random((count, distributions.UNIFORMS)),
     )
 
 
@@ -71,11 +75,11 @@ def test_joints_and_torso_height_are_drawn_independently(rng):
 
 
 def test_the_same_numbers_make_the_same_person_in_any_company(rng, name):
-    uniforms = rng.random((50, people.UNIFORMS))
-    distribution = people.find_distribution(name)
-    together = people.sample(distribution, HEAD_TURNED, SEATED, None, uniforms)
+    uniforms = rng.random((50, distributions.UNIFORMS))
+    distribution = distributions.find_distribution(name, TASKS)
+    together = distributions.sample(distribution, HEAD_TURNED, SEATED, None, uniforms)
     for i in (0, 17, 49):
-        alone = people.sample(distribution, HEAD_TURNED, SEATED, None, uniforms[i : i + 1])
+        alone = distributions.sample(distribution, HEAD_TURNED, SEATED, None, uniforms[i : i + 1])
         assert_array_equal(alone.is_woman, together.is_woman[[i]])
         assert_array_equal(alone.torso_height_m, together.torso_height_m[[i]])
         assert_array_equal(alone.joint_angles_rad, together.joint_angles_rad[[i]])
@@ -87,25 +91,29 @@ def test_the_same_numbers_make_the_same_person_in_any_company(rng, name):
 def test_a_random_arm_has_room_and_a_shoulder_that_can_turn_like_that(rng, name, task):
     stage = task.stage(JACO)
     furniture = furniture_boxes(stage.furniture)
-    uniforms = rng.random((1000, people.UNIFORMS))
-    group = people.sample(people.find_distribution(name), task.pose, stage.posture, furniture, uniforms)
+    uniforms = rng.random((1000, distributions.UNIFORMS))
+    group = distributions.sample(
+        distributions.find_distribution(name, TASKS), task.pose, stage.posture, furniture, uniforms
+    )
     assert arm_limits.within_limits(group.joint_angles_rad).all()
     assert clearance(*person_capsules(group, stage.posture), furniture).min() >= 0.01
-    offset = np.degrees(group.joint_angles_rad - task.pose.rest_rad)[:, people.RIGHT_ARM]
+    offset = np.degrees(group.joint_angles_rad - task.pose.rest_rad)[:, distributions.RIGHT_ARM]
     assert (np.abs(offset) <= 10.0 + 1e-9).all()
     assert (np.abs(offset).max(axis=0) > 9.0).all()
 
 
 def test_crowded_poses_are_drawn_again(rng):
     """An arm that hangs close to the body, ±10°, often has no room; the few that never find any stay."""
-    spread = np.where(people.RIGHT_ARM, np.radians(10.0), 0.0)
-    close = people.Pose(joint_angles(right_shoulder_y=10.0, right_elbow_x=-20.0), spread)
-    distribution = people.find_distribution("original")
-    uniforms = rng.random((400, people.UNIFORMS))
+    spread = np.where(distributions.RIGHT_ARM, np.radians(10.0), 0.0)
+    close = distributions.Pose(joint_angles(right_shoulder_y=10.0, right_elbow_x=-20.0), spread)
+    distribution = distributions.find_distribution("original", TASKS)
+    uniforms = rng.random((400, distributions.UNIFORMS))
     once = uniforms.copy()
-    once[:, 2:] = np.tile(once[:, 2:22], people.ATTEMPTS)
+    once[:, 2:] = np.tile(once[:, 2:22], distributions.ATTEMPTS)
     crowded = [
-        (clearance(*person_capsules(people.sample(distribution, close, SEATED, None, drawn))) < 0.01).mean()
+        (
+            clearance(*person_capsules(distributions.sample(distribution, close, SEATED, None, drawn))) < 0.01
+        ).mean()
         for drawn in (once, uniforms)
     ]
     assert crowded[0] > 0.2
@@ -122,7 +130,7 @@ def test_one_of_many_is_a_person(rng):
 
 
 def test_a_person_repeats():
-    group = people.repeat(Person("woman", 0.5), 3)
+    group = distributions.repeat(Person("woman", 0.5), 3)
     assert group.is_woman.all()
     assert_allclose(group.torso_height_m, [0.5] * 3)
     assert group.joint_angles_rad.shape == (3, 20)
@@ -132,4 +140,4 @@ def test_an_unknown_distribution_names_what_there_is():
     with pytest.raises(
         ValueError, match="unknown people 'martians'; the distributions are original, revised"
     ):
-        people.find_distribution("martians")
+        distributions.find_distribution("martians", TASKS)

@@ -8,8 +8,15 @@ import pytest
 import safetensors.numpy
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import policies
-from avrgym.policies import Policy, PolicyError, PolicyMetadata, find_policy, load_policy, packaged_policies
+from avrgym.policies import trained
+from avrgym.policies.trained import (
+    Policy,
+    PolicyError,
+    PolicyMetadata,
+    find_policy,
+    load_policy,
+    packaged_policies,
+)
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 METADATA = PolicyMetadata(
@@ -271,7 +278,7 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
 
 @pytest.fixture
 def packaged(tmp_path, monkeypatch):
-    monkeypatch.setattr(policies, "PACKAGED", tmp_path)
+    monkeypatch.setattr(trained, "PACKAGED", tmp_path)
     for name in ("FeedingJaco-original", "FeedingJaco-revised", "FeedingPR2-original"):
         make_policy().save(tmp_path / f"{name}.safetensors")
     return tmp_path
@@ -328,7 +335,7 @@ def test_numbers_so_large_that_actions_would_be_none_are_refused():
         assert np.isfinite(large.act(observations, [np.random.default_rng(i) for i in range(2)])).all()
 
 
-@pytest.mark.parametrize("path", sorted(policies.PACKAGED.glob("*.safetensors")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(trained.PACKAGED.glob("*.safetensors")), ids=lambda path: path.stem)
 def test_a_packaged_policy_says_where_and_on_whom_it_was_trained(path):
     scene, kind = path.stem.split("-")
     assert find_policy(kind, f"avrgym/{scene}-v1") == path

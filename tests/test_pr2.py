@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import urdf
-from avrgym import kinematics, transforms
+from avrgym.geometry import kinematics, transforms
 from avrgym.models.robots import JACO, PR2, Side, mesh_path, robot_spec
 from avrgym.models.scene import PHYSICS_STEP_S
 

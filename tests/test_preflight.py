@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.cli import app
-from avrgym.policies import packaged_policies
-from avrgym.study import database
-from avrgym.study.live import StudyVisit
-from avrgym.study.preflight import policies_needed, policy_faults
-from avrgym.study.store import Store
+from avrgym.cli.main import app
+from avrgym.policies.trained import packaged_policies
+from avrgym.study.checking.preflight import policies_needed, policy_faults
+from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
 from studies import make_study, take_in
 
 JACO = "avrgym/FeedingJaco-v1"

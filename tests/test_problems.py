@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from websockets.sync.client import ClientConnection
 
-from avrgym.vr.messages import (
+from avrgym.vr.protocol.messages import (
     PROTOCOL,
     Answer,
     ChooseBody,
@@ -21,8 +21,8 @@ from avrgym.vr.messages import (
     Recalibrate,
     Stop,
 )
-from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session.session import Session
 from test_access import hear, opened, participant, tell
 from visit import Visit, driving, plan
 
@@ -94,7 +94,7 @@ def test_the_experimenter_reads_what_was_wrong_for_the_participant(
 
 @pytest.mark.parametrize("phase", ["waiting", "calibration", "check", "trial", "questionnaire", "finished"])
 def test_every_mistake_names_whose_it_is(tmp_path: Path, phase: str) -> None:
-    from avrgym.vr.experimenter import COMMANDS
+    from avrgym.vr.session.experimenter import COMMANDS
 
     visit = Visit(tmp_path, plan())
     visit.go_to(phase)

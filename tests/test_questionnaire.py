@@ -1,7 +1,7 @@
 import pytest
 
-from avrgym.study.questionnaire import LIKERT_ITEMS, MOST_POINTS, validate_answer
-from avrgym.vr.messages import Answer, decode_client, encode
+from avrgym.recording.questionnaire import LIKERT_ITEMS, MOST_POINTS, validate_answer
+from avrgym.vr.protocol.messages import Answer, decode_client, encode
 
 
 def test_the_ids_are_unique_and_the_anchors_are_named():

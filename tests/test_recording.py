@@ -14,9 +14,9 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import MCAP0_MAGIC
 
-from avrgym.study import recording
-from avrgym.study.recording import Recording, RecordingError, RecordingWriter, read_recording
-from avrgym.study.records import (
+from avrgym.recording import files
+from avrgym.recording.files import Recording, RecordingError, RecordingWriter, read_recording
+from avrgym.recording.records import (
     TOPICS,
     Answer,
     BodyTargets,
@@ -72,7 +72,7 @@ def write_trial(path: Path, steps: int = 40, outcome=OUTCOME) -> dict[str, list]
 
 @pytest.fixture
 def small_chunks(monkeypatch):
-    monkeypatch.setattr(recording, "FLUSH_INTERVAL_S", 0.001)
+    monkeypatch.setattr(files, "FLUSH_INTERVAL_S", 0.001)
 
 
 # Records
@@ -175,9 +175,9 @@ def test_a_wrong_topic_or_record_is_refused(tmp_path):
 
 
 def test_a_recording_whose_messages_are_not_numbered_reads_whole(tmp_path, monkeypatch):
-    add_message = recording.Writer.add_message
+    add_message = files.Writer.add_message
     monkeypatch.setattr(
-        recording.Writer, "add_message", lambda *args, sequence, **more: add_message(*args, **more)
+        files.Writer, "add_message", lambda *args, sequence, **more: add_message(*args, **more)
     )
     path = tmp_path / "trial.mcap"
     written = write_trial(path)
@@ -272,7 +272,7 @@ def test_a_foreign_file_is_refused(tmp_path, content):
 def test_a_recording_with_another_topic_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "trial.mcap"
     write_trial(path)
-    monkeypatch.delitem(recording.TOPICS, "/answers")
+    monkeypatch.delitem(files.TOPICS, "/answers")
     with pytest.raises(RecordingError, match=r"foreign '/answers'.* allowed: /physics, /tracking"):
         read_recording(path)
 
@@ -347,14 +347,14 @@ def test_a_full_disk_raises_an_alarm_within_a_second_and_never_completes(tmp_pat
 def stalled_disk(monkeypatch):
     """A disk that takes nothing until the event is set."""
     goes_on = threading.Event()
-    write = recording._Disk.write
+    write = files._Disk.write
 
     def wait_and_write(self, data):
         if threading.current_thread() is not threading.main_thread():
             goes_on.wait()
         write(self, data)
 
-    monkeypatch.setattr(recording._Disk, "write", wait_and_write)
+    monkeypatch.setattr(files._Disk, "write", wait_and_write)
     return goes_on
 
 
@@ -374,8 +374,8 @@ def test_a_stall_raises_an_alarm_within_a_second_and_may_pass(tmp_path, stalled_
 
 
 def test_a_disk_too_slow_loses_records_loudly_and_never_blocks(tmp_path, stalled_disk, monkeypatch):
-    monkeypatch.setattr(recording, "CAPACITY_MESSAGES", 50)
-    monkeypatch.setattr(recording, "FLUSH_INTERVAL_S", 0)
+    monkeypatch.setattr(files, "CAPACITY_MESSAGES", 50)
+    monkeypatch.setattr(files, "FLUSH_INTERVAL_S", 0)
     writer = RecordingWriter(tmp_path / "trial.mcap", METADATA)
     for step in range(500):
         writer.write("/physics", step, Physics(step, 0.0, []))
@@ -389,7 +389,7 @@ def test_a_disk_too_slow_loses_records_loudly_and_never_blocks(tmp_path, stalled
 
 
 def test_a_disk_that_never_takes_the_data_does_not_hold_up_the_close(tmp_path, stalled_disk, monkeypatch):
-    monkeypatch.setattr(recording, "CLOSE_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(files, "CLOSE_TIMEOUT_S", 0.05)
     writer = RecordingWriter(tmp_path / "trial.mcap", METADATA)
     writer.write("/answers", 0, RECORDS["/answers"])
     with pytest.raises(RecordingError, match="takes no data"):

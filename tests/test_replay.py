@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from avrgym.cli import app
+from avrgym.cli.main import app
+from avrgym.recording import files
+from avrgym.recording.files import Recording, RecordingWriter, read_recording
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.trial import ReplayError
 from avrgym.replay.verification import STATE_QUANTITIES, verify
-from avrgym.study import recording
-from avrgym.study.recording import Recording, RecordingWriter, read_recording
-from avrgym.study.store import Store
+from avrgym.study.storage.store import Store
 from avrgym.tasks import ENVIRONMENTS
-from avrgym.vr.messages import Ready, Stop
-from avrgym.vr.session import Disconnected
+from avrgym.vr.protocol.messages import Ready, Stop
+from avrgym.vr.session.session import Disconnected
 from studies import make_study, run_participant, take_in
 from visit import ENVIRONMENT, Visit, plan
 
@@ -57,7 +57,7 @@ def visited(folder: Path, environment: str) -> list[Path]:
 def paths(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """In many small chunks, as a trial in real time has them."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recording, "FLUSH_INTERVAL_S", 0.001)
+        patch.setattr(files, "FLUSH_INTERVAL_S", 0.001)
         return visited(tmp_path_factory.mktemp("feeding"), ENVIRONMENT)
 
 

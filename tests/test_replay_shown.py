@@ -10,14 +10,14 @@ import pytest
 from PIL import Image
 from playwright.sync_api import expect, sync_playwright
 
+from avrgym.recording.files import Recording, read_recording
 from avrgym.replay.pictures import CAPTION_PX, FRAMES_PER_S, FRAMES_PX, VIDEO_PX, draw_strip, write_video
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.server import ReplayServer
 from avrgym.replay.timeline import timeline_of
-from avrgym.study.recording import Recording, read_recording
-from avrgym.vr.emulation import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.reporting import STATE_EVERY_TICKS
-from avrgym.vr.world import poses
+from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.session.reporting import STATE_EVERY_TICKS
+from avrgym.vr.tracking.world import poses
 from visit import Visit, plan
 
 PATIENCE_S = 180.0

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.analysis.report import summarise, write_report
-from avrgym.study.questionnaire import LIKERT_ITEMS
-from avrgym.study.recording import RecordingWriter, read_recording
-from avrgym.study.records import Answer, Control, Event, TrackingFrame
+from avrgym.demo.report import summarise, write_report
+from avrgym.recording.files import RecordingWriter, read_recording
+from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.recording.records import Answer, Control, Event, TrackingFrame
 
 METADATA = {
     "environment": "avrgym/FeedingJaco-v1",

@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from avrgym.geometry.transforms import to_matrix
 from avrgym.models.human import SKIN_TONES, Person
 from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.robots import find_robot
 from avrgym.models.scene import build_spec
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
-from avrgym.transforms import to_matrix
-from avrgym.vr.scene_export import export_glb
-from avrgym.vr.skins import Skin, closed, skins_of
+from avrgym.vr.scene.scene_export import export_glb
+from avrgym.vr.scene.skins import Skin, closed, skins_of
 from glb import GlbFile
 
 MOST_CALLS, MOST_TRIANGLES, MOST_BYTES = 100, 300_000, 2_500_000

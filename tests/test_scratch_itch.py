@@ -5,17 +5,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import people, transforms
-from avrgym.episodes import EPISODE_STEPS, Episodes
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import Person
 from avrgym.models.robots import ROBOTS
 from avrgym.models.scene import robot_with_tool
 from avrgym.models.scratcher import PAST_FINGERS_M, SCRATCHER
 from avrgym.oracles import ORACLES
-from avrgym.simulation import State
+from avrgym.people import distributions
+from avrgym.simulation.worlds import State
 from avrgym.tasks import TASKS
 from avrgym.tasks.base import Outcome
+from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
 from avrgym.tasks.scratch_itch import ALONG, AROUND_RAD, LIMBS, OBSERVED, ScratchItchMemory
 from worlds import still_world
 
@@ -195,9 +196,9 @@ def test_the_itch_is_marked_where_it_is_above_skin_and_sleeve():
 
 
 @pytest.fixture(scope="module")
-def itches() -> tuple[people.People, ScratchItchMemory]:
+def itches() -> tuple[distributions.People, ScratchItchMemory]:
     uniforms = np.random.default_rng(5).random((4000, SCRATCHING.uniforms))
-    who = people.repeat(Person("man", 0.70), 4000)
+    who = distributions.repeat(Person("man", 0.70), 4000)
     return who, SCRATCHING.remember(who, uniforms)
 
 
@@ -242,7 +243,7 @@ def test_people_spread_their_right_arm(episodes):
     from_pose = np.degrees(who.joint_angles_rad - human.joint_angles(right_shoulder_y=30.0))
     arm = np.array([name.startswith("right_") for name in human.JOINTS])
     assert 5.0 < np.abs(from_pose[:, arm]).max() < 10.0
-    assert_array_equal(from_pose[:, ~arm & ~people.WAIST], 0.0)
+    assert_array_equal(from_pose[:, ~arm & ~distributions.WAIST], 0.0)
 
 
 # The scratcher

@@ -30,11 +30,10 @@ from websockets.typing import Origin
 from websockets.uri import parse_uri
 
 from avrgym.models.human import Person
-from avrgym.participants import SimulatedParticipant, draw_traits
-from avrgym.study.recording import read_recording
-from avrgym.vr import conversation, hub, messages, web
-from avrgym.vr import rendering as rendering_module
-from avrgym.vr.messages import (
+from avrgym.recording.files import read_recording
+from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import (
     Answer,
     Body,
     Entered,
@@ -49,10 +48,12 @@ from avrgym.vr.messages import (
     Stop,
     Welcome,
 )
-from avrgym.vr.rendering import SceneRenderer
-from avrgym.vr.server import LiveServer
-from avrgym.vr.session import Session
-from avrgym.vr.web import ServerError
+from avrgym.vr.scene import rendering as rendering_module
+from avrgym.vr.scene.rendering import SceneRenderer
+from avrgym.vr.server import conversation, hub, web
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.web import ServerError
+from avrgym.vr.session.session import Session
 from processes import die_with_parent
 from visit import driving, plan
 

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from avrgym import transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import transforms
 from avrgym.models import human, robots
 from avrgym.models.human import Person, Sex
 from avrgym.models.scene import TOOL
-from avrgym.participants import SimulatedParticipant, draw_traits
-from avrgym.simulation import MAX_LEAD_RAD
-from avrgym.study.questionnaire import LIKERT_ITEMS
-from avrgym.study.recording import Recording, RecordingWriter
-from avrgym.vr import messages
-from avrgym.vr.messages import (
+from avrgym.recording.files import Recording, RecordingWriter
+from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.simulation.worlds import MAX_LEAD_RAD
+from avrgym.tasks.episodes import Episodes
+from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import (
     Answer,
     Entered,
     Hello,
@@ -39,10 +39,10 @@ from avrgym.vr.messages import (
     Tracking,
     XRPose,
 )
-from avrgym.vr.plan import SessionPlan, TrialPlan, load_policies
-from avrgym.vr.session import Disconnected
-from avrgym.vr.webxr import hand_pose, head_pose
-from avrgym.vr.world import TICK_S
+from avrgym.vr.protocol.webxr import hand_pose, head_pose
+from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
+from avrgym.vr.session.session import Disconnected
+from avrgym.vr.tracking.world import TICK_S
 from visit import ENVIRONMENT, Visit, plan
 
 Array = NDArray[np.float64]
@@ -708,7 +708,7 @@ def test_a_trial_whose_recording_cannot_be_ended_is_repeated(
     visitor = visit()
     visitor.go_to("questionnaire")
     with monkeypatch.context() as broken:
-        broken.setattr("avrgym.study.recording.os.fsync", fail)
+        broken.setattr("avrgym.recording.files.os.fsync", fail)
         visitor.answer(4, 4, 4, 4)
     assert visitor.phase == "paused"
     assert "the disk is gone" in visitor.problems[-1]

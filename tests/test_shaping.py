@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from avrgym import transforms
+from avrgym.geometry import transforms
+from avrgym.learning.shaping import HAND_M, around_arm_m, around_limb_m
 from avrgym.oracles.scratch_itch import ROD
-from avrgym.shaping import HAND_M, around_arm_m, around_limb_m
-from avrgym.simulation import State
+from avrgym.simulation.worlds import State
 from avrgym.tasks.scratch_itch import ScratchItchMemory
 from avrgym.teachers.scratching import turn_rad
 from worlds import still_world

@@ -13,9 +13,9 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from avrgym.study import database
-from avrgym.study.store import Store
-from avrgym.vr import messages
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol import messages
 from processes import AVRGYM, die_with_parent, served
 from studies import make_study, take_in
 

@@ -3,15 +3,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import kinematics, people, transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import kinematics, transforms
 from avrgym.models import human
 from avrgym.models.furniture import BOWL_BODY, BOWL_START_M
 from avrgym.models.human import Person
 from avrgym.models.robots import PREFIX as ROBOT
 from avrgym.models.scene import TOOL
-from avrgym.simulation import PARKING_W, Simulation
+from avrgym.people import distributions
+from avrgym.simulation.worlds import PARKING_W, Simulation
 from avrgym.tasks import places
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.feeding import SPOON_Q_W
 from worlds import jerky_actions
 
@@ -92,7 +93,7 @@ def test_each_world_has_a_person_of_its_own():
     assert len(np.unique(state.head_pos_w.round(6), axis=0)) == 8
     for world in range(8):
         person = episodes.person_in(world)
-        pos, q = human.body_frames(people.repeat(person, 1))
+        pos, q = human.body_frames(distributions.repeat(person, 1))
         frames = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
         centre = pos["head"] + transforms.rotate(q["head"], frames.site_pos["head_centre"])
         assert_allclose(state.head_pos_w[world], centre[0], atol=1e-9)
@@ -233,7 +234,7 @@ def test_parked_food_rests_far_from_everything():
 def pressed(stage) -> Simulation:
     """A world in which the spoon's tip presses on the middle of the face."""
     simulation = Simulation(stage, 1, num_threads=1)
-    who = people.repeat(Person("man", 0.60), 1)
+    who = distributions.repeat(Person("man", 0.60), 1)
     head = human.body_frames(who)[0]["head"]
     tool = head + np.array([0.0, -0.135, 0.06])
     bowl = {BOWL_BODY: np.array([BOWL_START_M])}

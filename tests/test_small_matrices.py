@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import small_matrices, transforms
+from avrgym.geometry import small_matrices, transforms
 
 COUNT = 200
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from avrgym.arm_clearance import clearance, furniture_boxes, person_capsules
-from avrgym.episodes import MOST_DRAWS, Episodes
 from avrgym.models.human import SEATED_RAD, TORSO_HEIGHT_RANGE_M, Person, joint_angles
-from avrgym.room import NoRoomError
+from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
+from avrgym.simulation.room import NoRoomError
 from avrgym.tasks import ENVIRONMENTS
-from avrgym.vr.world import LiveWorld
+from avrgym.tasks.episodes import MOST_DRAWS, Episodes
+from avrgym.vr.tracking.world import LiveWorld
 from starts import HAND_AT_THE_ROBOT_RAD, at_once, begun, deepest_overlap_m
 
 SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from avrgym.episodes import Episodes
 from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.episodes import Episodes
 from stops import MOST_BACK_M, SLOW_M_S, stop_at_random
 
 STOPS = 8

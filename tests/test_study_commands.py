@@ -10,15 +10,15 @@ import pytest
 import sqlalchemy as sa
 from typer.testing import CliRunner, Result
 
-from avrgym.cli import app
-from avrgym.policies import packaged_policies
-from avrgym.study import database, schema
-from avrgym.study.answers import record_answer
-from avrgym.study.attempts import begin_attempt
-from avrgym.study.checking import check_study
-from avrgym.study.recording import RecordingWriter
-from avrgym.study.sessions import open_session
-from avrgym.study.store import Store
+from avrgym.cli.main import app
+from avrgym.policies.trained import packaged_policies
+from avrgym.recording.files import RecordingWriter
+from avrgym.study.checking.checks import check_study
+from avrgym.study.storage import database, schema
+from avrgym.study.storage.answers import record_answer
+from avrgym.study.storage.attempts import begin_attempt
+from avrgym.study.storage.sessions import open_session
+from avrgym.study.storage.store import Store
 from studies import make_study, run_participant, small_study, take_in
 
 FIRST = "recordings/sub-001/ses-01/trial-01_attempt-1.mcap"

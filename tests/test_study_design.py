@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.study.design import DesignError, default_text, parse_design, read_design
-from avrgym.study.questionnaire import LIKERT_ITEMS
-from avrgym.study.states import StudyError
-from avrgym.study.store import create_study
+from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import create_study
 
 TEXT = default_text()
 TLX = """

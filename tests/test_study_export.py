@@ -14,12 +14,12 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from avrgym.study.attempts import begin_attempt, end_attempt
 from avrgym.study.export import FORMATS, export_study
 from avrgym.study.export.tables import neutral, write_csv
-from avrgym.study.sessions import open_session
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
+from avrgym.study.storage.attempts import begin_attempt, end_attempt
+from avrgym.study.storage.sessions import open_session
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
 from studies import OBSERVATION, STEPS, TORSO_HEIGHT_M, record, run_participant, small_study, take_in
 
 NAME = "Ada Unverwechselbar"

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
-from avrgym.study import database, schema, seal
-from avrgym.study.checking import check_study
-from avrgym.study.database import LEDGER_BEGUN
-from avrgym.study.deletion import delete_participant
-from avrgym.study.finding import Finding
-from avrgym.study.participants import add_note, enrol, withdraw
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
+from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.finding import Finding
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import add_note, enrol, withdraw
+from avrgym.study.storage import database, schema, seal
+from avrgym.study.storage.database import LEDGER_BEGUN
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
 from flips import flip_bit, noticed
 from processes import die_with_parent
 from studies import (

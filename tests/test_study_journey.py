@@ -8,12 +8,12 @@ import pytest
 from playwright.sync_api import Page, expect
 from typer.testing import CliRunner
 
-from avrgym.cli import app
-from avrgym.participants import SimulatedParticipant, draw_traits
-from avrgym.study import database
-from avrgym.study.store import Store
+from avrgym.cli.main import app
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
 from avrgym.tasks import ENVIRONMENTS
-from avrgym.vr.emulation import EmulatedHeadset
+from avrgym.vr.emulation.headset import EmulatedHeadset
+from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
 from journey import PATIENCE_S, SEATING, await_buttons, await_phase, go_on
 from processes import served
 from studies import make_study

@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.cli import app
-from avrgym.policies import PolicyError
-from avrgym.study import database
-from avrgym.study.checking import check_study
-from avrgym.study.live import StudyVisit
-from avrgym.study.participants import enrol, record_consent, withdraw
-from avrgym.study.recording import read_recording
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
-from avrgym.vr.messages import Command, CommandName, Entered, Ready
+from avrgym.cli.main import app
+from avrgym.policies.trained import PolicyError
+from avrgym.recording.files import read_recording
+from avrgym.study.checking.checks import check_study
+from avrgym.study.people.participants import enrol, record_consent, withdraw
+from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.storage import database
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol.messages import Command, CommandName, Entered, Ready
 from studies import make_study, take_in
 from visit import Visit
 
@@ -127,7 +127,7 @@ def test_a_missing_policy_is_named_before_a_session_opens(
     store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     pseudonym = take_in(store)
-    monkeypatch.setattr("avrgym.policies.PACKAGED", tmp_path)
+    monkeypatch.setattr("avrgym.policies.trained.PACKAGED", tmp_path)
     with pytest.raises(
         PolicyError, match=r"no policy .* for avrgym/FeedingJaco-v1; allowed: none is packaged"
     ):
@@ -256,7 +256,7 @@ def test_withdrawal_elsewhere_stops_robot_and_recording_in_mid_trial(store: Stor
 def test_nothing_is_stored_of_who_withdrew_elsewhere_even_before_that_is_known_here(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("avrgym.study.watch.LOOK_EVERY_S", 3600.0)
+    monkeypatch.setattr("avrgym.study.sessions.watch.LOOK_EVERY_S", 3600.0)
     pseudonym = take_in(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
@@ -344,7 +344,7 @@ def test_what_the_database_cannot_keep_is_repeated(store: Store, monkeypatch: py
         attended.tell(Entered())
         attended.sit_down()
         with monkeypatch.context() as broken:
-            broken.setattr("avrgym.study.live.complete_attempt", fail)
+            broken.setattr("avrgym.study.sessions.live.complete_attempt", fail)
             attended.until("paused")
         assert "disk I/O error" in attended.problems[-1]
         attended.tell(Ready())

@@ -8,15 +8,15 @@ import msgspec
 import numpy as np
 import pytest
 
-from avrgym.study.allocation import (
+from avrgym.study.design.allocation import (
     PlannedTrial,
     cell_orders,
     least_filled_cell,
     plan_trials,
     practice_robots_of,
 )
-from avrgym.study.design import Design, default_text, parse_design
-from avrgym.study.orders import Block, balanced_orders, williams_square
+from avrgym.study.design.design import Design, default_text, parse_design
+from avrgym.study.design.orders import Block, balanced_orders, williams_square
 from avrgym.tasks import ENVIRONMENTS
 
 SIZES = range(2, 9)

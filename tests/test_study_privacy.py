@@ -9,14 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.files import exposed
-from avrgym.study import database, deletion, keyfile, schema, sqlite
-from avrgym.study.database import Database
-from avrgym.study.deletion import delete_participant
-from avrgym.study.participants import add_note, enrol, set_identity
-from avrgym.study.sessions import close_session, open_session, tell
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
+from avrgym.study.people import deletion
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import add_note, enrol, set_identity
+from avrgym.study.storage import database, keyfile, schema, sqlite
+from avrgym.study.storage.database import Database
+from avrgym.study.storage.sessions import close_session, open_session, tell
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.system.files import exposed
 from studies import run_participant, small_study, take_in
 
 NAME, CONTACT = "Grace Unverwechselbar", "grace.unverwechselbar@example.org"

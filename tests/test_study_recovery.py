@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from avrgym.cli import app
-from avrgym.study import database, keyfile, store
-from avrgym.study.checking import check_study
-from avrgym.study.deletion import delete_participant
-from avrgym.study.participants import enrol
-from avrgym.study.rebuilding import rebuild_study
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
+from avrgym.cli.main import app
+from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.rebuilding import rebuild_study
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import enrol
+from avrgym.study.storage import database, keyfile, store
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
 from studies import run_participant, small_study, take_in
 
 OLD = Path(__file__).parent / "data" / "study-of-0.1.0"

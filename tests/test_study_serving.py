@@ -8,14 +8,14 @@ import pytest
 import sqlalchemy as sa
 
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.study import database, schema
-from avrgym.study.checking import check_study
-from avrgym.study.participants import enrol
-from avrgym.study.serving import StudySessions
-from avrgym.study.sessions import open_session
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
-from avrgym.vr.messages import (
+from avrgym.study.checking.checks import check_study
+from avrgym.study.people.participants import enrol
+from avrgym.study.sessions.serving import StudySessions
+from avrgym.study.storage import database, schema
+from avrgym.study.storage.sessions import open_session
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol.messages import (
     Answer,
     Body,
     Command,
@@ -27,7 +27,7 @@ from avrgym.vr.messages import (
     ServerMessage,
     Welcome,
 )
-from avrgym.vr.world import TICK_S
+from avrgym.vr.tracking.world import TICK_S
 from studies import make_study, run_trial, take_in
 
 NO_PROCESS = 2**22 + 1

@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from avrgym.cli import app
-from avrgym.policies import PolicyError
-from avrgym.study import database
-from avrgym.study.checking import check_study
-from avrgym.study.simulation import simulate_study, simulated_participant, traits_of
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
-from avrgym.study.summary import summarise_study
+from avrgym.cli.main import app
+from avrgym.policies.trained import PolicyError
+from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.summary import summarise_study
+from avrgym.study.sessions.simulation import simulate_study, simulated_participant, traits_of
+from avrgym.study.storage import database
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
 from killing import SEED, assert_same, compare_with_killed
 from processes import AVRGYM, die_with_parent
 from studies import make_study, take_in

@@ -16,17 +16,17 @@ import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
-from avrgym.processes import is_running
-from avrgym.study import database, schema
-from avrgym.study.allocation import cell_orders
-from avrgym.study.answers import record_answer, record_session_answer
-from avrgym.study.attempts import BROKEN_OFF, begin_attempt, complete_attempt, end_attempt
-from avrgym.study.deletion import delete_participant
-from avrgym.study.participants import add_note, enrol, record_consent, record_inclusion, withdraw
-from avrgym.study.rows import Trial
-from avrgym.study.sessions import close_session, open_session, skip_trial, tell
-from avrgym.study.states import TRANSITIONS, StudyError, check_transition
-from avrgym.study.store import Store
+from avrgym.study.design.allocation import cell_orders
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
+from avrgym.study.storage import database, schema
+from avrgym.study.storage.answers import record_answer, record_session_answer
+from avrgym.study.storage.attempts import BROKEN_OFF, begin_attempt, complete_attempt, end_attempt
+from avrgym.study.storage.rows import Trial
+from avrgym.study.storage.sessions import close_session, open_session, skip_trial, tell
+from avrgym.study.storage.states import TRANSITIONS, StudyError, check_transition
+from avrgym.study.storage.store import Store
+from avrgym.system.processes import is_running
 from processes import die_with_parent
 from studies import (
     FIGURES,

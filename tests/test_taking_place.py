@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from avrgym.models.human import PROPORTIONS, SKIN_TONES
-from avrgym.participants import SimulatedParticipant
-from avrgym.vr import transitions
-from avrgym.vr.messages import Body, ChooseBody, Ready, Scene
+from avrgym.vr.emulation.participants import SimulatedParticipant
+from avrgym.vr.protocol.messages import Body, ChooseBody, Ready, Scene
+from avrgym.vr.session import transitions
 from visit import Visit, plan
 
 

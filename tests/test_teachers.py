@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym import transforms
-from avrgym.episodes import EPISODE_STEPS, Episodes
+from avrgym.geometry import transforms
+from avrgym.geometry.transforms import norm, normalize
 from avrgym.tasks import ENVIRONMENTS, TASKS
+from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
 from avrgym.tasks.scratch_itch import ScratchItchMemory
 from avrgym.teachers import TEACHERS, scratching
-from avrgym.transforms import norm, normalize
 
 OUTSIDE_RAD = np.radians(120.0)
 

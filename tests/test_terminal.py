@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from avrgym.cli import app
-from avrgym.study import database
-from avrgym.study.store import Store
-from avrgym.terminal import print_table, printable, progress_bar, say
+from avrgym.cli.main import app
+from avrgym.cli.terminal import print_table, printable, progress_bar, say
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
 from studies import make_study, run_participant, take_in
 
 HOSTILE = (

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.cli import app
-from avrgym.study.participants import add_note, enrol, set_identity, withdraw
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
-from avrgym.study.texts import MOST_IN_LINE, MOST_IN_NOTE
+from avrgym.cli.main import app
+from avrgym.study.people.participants import add_note, enrol, set_identity, withdraw
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.study.storage.texts import MOST_IN_LINE, MOST_IN_NOTE
 from studies import make_study
 
 ENTRANCES: dict[str, tuple[int, Callable[[Store, str], object]]] = {

@@ -13,15 +13,22 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
-from avrgym import training
-from avrgym.envs import AssistiveVectorEnv
-from avrgym.episodes import EPISODE_STEPS
-from avrgym.policies import Policy
-from avrgym.shaping import around_arm_m
-from avrgym.stable_baselines import SB3VectorEnv
+from avrgym.envs.registration import AssistiveVectorEnv
+from avrgym.learning import training
+from avrgym.learning.shaping import around_arm_m
+from avrgym.learning.stable_baselines import SB3VectorEnv
+from avrgym.learning.training import (
+    Progress,
+    TrainingConfiguration,
+    configuration_for,
+    export_policy,
+    resume,
+    train,
+)
+from avrgym.policies.trained import Policy
 from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.episodes import EPISODE_STEPS
 from avrgym.teachers import TEACHERS
-from avrgym.training import Progress, TrainingConfiguration, configuration_for, export_policy, resume, train
 
 ROOT = Path(__file__).parents[1]
 FEEDING = "avrgym/FeedingJaco-v1"

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from avrgym import transforms
-from avrgym.transforms import compose, conjugate, invert, multiply, rotate
+from avrgym.geometry import transforms
+from avrgym.geometry.transforms import compose, conjugate, invert, multiply, rotate
 
 COUNT = 1000
 X, Y, Z = np.eye(3)

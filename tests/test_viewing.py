@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from avrgym.episodes import EPISODE_STEPS
 from avrgym.models.scene import SUBSTEPS
-from avrgym.vr import messages
-from avrgym.vr.messages import Message, Phase, Scene, SceneLoaded, State, Stop, Welcome
-from avrgym.vr.viewing import LOADING_S, LOOK_AT_END_S, Viewing
+from avrgym.tasks.episodes import EPISODE_STEPS
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Message, Phase, Scene, SceneLoaded, State, Stop, Welcome
+from avrgym.vr.server.viewing import LOADING_S, LOOK_AT_END_S, Viewing
 
 BATHING = "avrgym/BedBathingJaco-v1"
 TICK_S = 0.01

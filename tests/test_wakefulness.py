@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.vr import wakefulness
-from avrgym.vr.wakefulness import AT_ONCE, DRIVER_FILE, LATENCY_FILE, Wakefulness
+from avrgym.vr.server import wakefulness
+from avrgym.vr.server.wakefulness import AT_ONCE, DRIVER_FILE, LATENCY_FILE, Wakefulness
 from test_loop import FakeSession, run
 
 

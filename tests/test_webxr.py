@@ -5,10 +5,9 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from avrgym import transforms
-from avrgym.vr.messages import Tracking, XRPose
-from avrgym.vr.tracking import body_pose
-from avrgym.vr.webxr import (
+from avrgym.geometry import transforms
+from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.protocol.webxr import (
     HEADSET_AHEAD_M,
     Pose,
     Registration,
@@ -20,6 +19,7 @@ from avrgym.vr.webxr import (
     is_valid,
     register,
 )
+from avrgym.vr.tracking.tracking import body_pose
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 AHEAD_W = [0.0, -1.0, 0.0]

@@ -11,7 +11,7 @@ from zipfile import ZipFile
 import pytest
 
 import avrgym
-from avrgym.vr.web import STATIC
+from avrgym.vr.server.web import STATIC
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = Path(avrgym.__file__).parent
@@ -91,7 +91,7 @@ def test_an_installation_without_the_client_says_what_helps(wheel: Path, tmp_pat
         archive.extractall(tmp_path)
     shutil.rmtree(tmp_path / "avrgym" / "vr" / "static")
     served = subprocess.run(
-        [sys.executable, "-c", "from avrgym.cli import app; app()", "serve", "--port", "0"],
+        [sys.executable, "-c", "from avrgym.cli.main import app; app()", "serve", "--port", "0"],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(tmp_path)},
         capture_output=True,

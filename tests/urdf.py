@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, parse
 import numpy as np
 
 import xacro
-from avrgym import transforms
+from avrgym.geometry import transforms
 from xacro import PREFIX
 
 

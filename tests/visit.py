@@ -8,15 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models.human import Sex
-from avrgym.participants import SimulatedParticipant, draw_traits
-from avrgym.policies import Policy, PolicyMetadata
-from avrgym.study.recording import Recording, read_recording
+from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.recording.files import Recording, read_recording
 from avrgym.tasks import TASKS, find_environment
-from avrgym.vr import messages, transitions
-from avrgym.vr.messages import Answer, Entered, Phase, Problem, Question, Ready, Scene, SceneLoaded, Stop
-from avrgym.vr.plan import Policies, SessionPlan, TrialPlan
-from avrgym.vr.session import Disconnected, Send, Session
-from avrgym.vr.world import TICK_S
+from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import (
+    Answer,
+    Entered,
+    Phase,
+    Problem,
+    Question,
+    Ready,
+    Scene,
+    SceneLoaded,
+    Stop,
+)
+from avrgym.vr.session import transitions
+from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
+from avrgym.vr.session.session import Disconnected, Send, Session
+from avrgym.vr.tracking.world import TICK_S
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 FRAME_EVERY_TICKS = 4

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models.scene import TOOL_CONTACTS
-from avrgym.simulation import State
+from avrgym.simulation.worlds import State
 
 
 def still_world(**changes: Any) -> State:

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models.robots import JACO, mesh_path
 
 FOLDER = mesh_path(JACO).parent / "urdf"

@@ -74,7 +74,7 @@ export interface Participant {
   notes: { id: number; at: string; text: string }[];
 }
 
-/** What can be done to a participant; `study/dashboard.py` says what each takes. */
+/** What can be done to a participant; `study/dashboard/application.py` says what each takes. */
 export type Action = "identity" | "consent" | "inclusion" | "withdrawal" | "notes" | "sessions";
 
 /** The study behind the experimenter's token. Every call throws an `Error` with the server's words when it is refused. */

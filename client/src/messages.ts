@@ -1,4 +1,4 @@
-// Written by `python -m avrgym.vr.typescript` from messages.py. Do not edit.
+// Written by `python -m avrgym.vr.protocol.typescript` from messages.py. Do not edit.
 
 export const PROTOCOL = 4;
 

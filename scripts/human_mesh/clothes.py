@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import BODIES, PROPORTIONS, Sex
 

@@ -5,12 +5,12 @@ library that needs none, by ``MUJOCO_GL``, unless that is set or MuJoCo was impo
 the logger ``avrgym.mujoco``.
 """
 
-from avrgym.headless import choose_renderer
+from avrgym.system.headless import choose_renderer
 
 choose_renderer()
 
-from avrgym.envs import register  # noqa: E402
-from avrgym.mujoco_warnings import log_warnings  # noqa: E402
+from avrgym.envs.registration import register  # noqa: E402
+from avrgym.system.mujoco_warnings import log_warnings  # noqa: E402
 
 register()
 log_warnings()

@@ -22,8 +22,8 @@ from avrgym.analysis.study import Analysis
 from avrgym.analysis.subjective import AFTER_TRIAL, asked_at, middle, policies_family, scale_of
 from avrgym.analysis.trained_people import HEIGHTS_OF, head_of
 from avrgym.models.human import SEXES
-from avrgym.study.design import Design
-from avrgym.study.questionnaire import SESSION_MOMENTS, Item, Questionnaire
+from avrgym.recording.questionnaire import SESSION_MOMENTS, Item, Questionnaire
+from avrgym.study.design.design import Design
 
 WIDTH_IN = 5.0
 GROUP_WIDTH = 0.8

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEXES, People, Posture
-from avrgym.study.recording import Recording
-from avrgym.study.records import Control
-from avrgym.vr.attempt import versions
+from avrgym.recording.files import Recording
+from avrgym.recording.records import Control
+from avrgym.vr.session.attempt import versions
 
 Array = NDArray[np.float64]
 WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]

@@ -7,10 +7,10 @@ from statistics import fmean, stdev
 
 from avrgym.analysis.rows import ObjectiveRow, Simulated, TrialRow
 from avrgym.analysis.statistics import t_interval
-from avrgym.episodes import EPISODE_STEPS
-from avrgym.evaluation import wilson_interval
-from avrgym.policies import Policy, PolicyError, find_policy
-from avrgym.study.store import Store
+from avrgym.learning.evaluation import wilson_interval
+from avrgym.policies.trained import Policy, PolicyError, find_policy
+from avrgym.study.storage.store import Store
+from avrgym.tasks.episodes import EPISODE_STEPS
 
 ALL = "all"
 """Stands for all tasks or all robots, taken together."""

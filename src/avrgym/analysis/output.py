@@ -6,11 +6,11 @@ import tempfile
 from pathlib import Path
 
 from avrgym.analysis.figures import draw_study
-from avrgym.analysis.manifest import RESULTS, UNFINISHED, made_before, remove_files
 from avrgym.analysis.study import Analysis
 from avrgym.analysis.study_page import write_study_page
-from avrgym.files import make_private, make_private_folder
-from avrgym.study.states import StudyError
+from avrgym.study.storage.manifest import RESULTS, UNFINISHED, made_before, remove_files
+from avrgym.study.storage.states import StudyError
+from avrgym.system.files import make_private, make_private_folder
 
 REPORT = "report/index.html"
 FOLDERS = ("report", "tables", "figures")

@@ -5,7 +5,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from avrgym.files import write_whole
+from avrgym.system.files import write_whole
 
 CSS = """
 :root { color-scheme: light dark; --ground: #fff; --ink: #1c2024; --faint: #5b6570; --rule: #d5dae0;

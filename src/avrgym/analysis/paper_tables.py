@@ -11,7 +11,7 @@ from itertools import product
 from avrgym.analysis.objective import ALL
 from avrgym.analysis.rows import ObjectiveRow
 from avrgym.analysis.tables import Table
-from avrgym.study.design import Design
+from avrgym.study.design.design import Design
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,14 @@ import numpy as np
 from avrgym.analysis.measures import Body, Measured, measure, other_versions
 from avrgym.analysis.rows import AnswerRow, AttemptRow, ParticipantRow, ProblemRow, TermRow, TrialRow
 from avrgym.models.robots import find_robot
-from avrgym.study.answers import answer_moments
+from avrgym.recording.files import Recording, RecordingError
+from avrgym.recording.questionnaire import SESSION_MOMENTS
+from avrgym.study.checking.held import held_share, too_much_held
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
-from avrgym.study.held import held_share, too_much_held
-from avrgym.study.questionnaire import SESSION_MOMENTS
-from avrgym.study.recording import Recording, RecordingError
-from avrgym.study.rows import GivenAnswer, Participant, Trial
-from avrgym.study.states import TAKES_PART, StudyError
-from avrgym.study.store import Store
+from avrgym.study.storage.answers import answer_moments
+from avrgym.study.storage.rows import GivenAnswer, Participant, Trial
+from avrgym.study.storage.states import TAKES_PART, StudyError
+from avrgym.study.storage.store import Store
 from avrgym.tasks import TASKS, find_environment
 
 USED = "reward and success are those that were stored with the trial"

@@ -12,7 +12,7 @@ from avrgym.analysis.rows import ObjectiveRow, RangeRow, SessionAnswerRow, Subje
 from avrgym.analysis.session_answers import WORDS, about_sessions, sessions_family
 from avrgym.analysis.study import Analysis
 from avrgym.analysis.subjective import AFTER_TRIAL, asked_at, policies_family, scale_of
-from avrgym.study.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.recording.questionnaire import SESSION_MOMENTS, Questionnaire
 
 Drawings = Mapping[str, Drawing]
 

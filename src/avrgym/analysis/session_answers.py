@@ -9,8 +9,8 @@ from avrgym.analysis.comparisons import PARTICIPANT, corrected, tested
 from avrgym.analysis.rows import AnswerRow, LikertRow, SessionAnswerRow, TestedRow
 from avrgym.analysis.statistics import signed_rank, spread
 from avrgym.analysis.subjective import counts
-from avrgym.study.design import Design
-from avrgym.study.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.recording.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.study.design.design import Design
 
 BEFORE, AFTER = SESSION_MOMENTS
 CHANGE = "change"

@@ -9,7 +9,6 @@ import msgspec
 from avrgym.analysis import rows
 from avrgym.analysis.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
 from avrgym.analysis.biomechanics_tests import biomechanics_tests
-from avrgym.analysis.manifest import FORMAT_NAME
 from avrgym.analysis.objective import objective_rows
 from avrgym.analysis.paper_tables import as_tables, paper_tables
 from avrgym.analysis.reading import Observations, observe
@@ -18,9 +17,10 @@ from avrgym.analysis.statistics import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUT
 from avrgym.analysis.subjective import answer_tests, likert_rows, subjective_rows
 from avrgym.analysis.tables import Table, control_steps
 from avrgym.analysis.trained_people import PEOPLE_PER_TASK, SEED, draw_people
-from avrgym.study.design import Design
-from avrgym.study.store import Store
-from avrgym.vr.attempt import versions
+from avrgym.study.design.design import Design
+from avrgym.study.storage.manifest import FORMAT_NAME
+from avrgym.study.storage.store import Store
+from avrgym.vr.session.attempt import versions
 
 IN_TABLES_ONLY = ("control_steps", "people")
 """Tables too long for the results' file."""

@@ -10,8 +10,8 @@ from avrgym.analysis.comparisons import PARTICIPANT, TRIAL, corrected, tested
 from avrgym.analysis.objective import ALL
 from avrgym.analysis.rows import AnswerRow, LikertRow, SubjectiveRow, TestedRow
 from avrgym.analysis.statistics import signed_rank, spread
-from avrgym.study.design import Design
-from avrgym.study.questionnaire import Item, Questionnaire
+from avrgym.recording.questionnaire import Item, Questionnaire
+from avrgym.study.design.design import Design
 
 AFTER_TRIAL = "after_trial"
 DIGITS = 9

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from avrgym.analysis.measures import WAIST, head_centres
 from avrgym.analysis.rows import PersonRow, TrialRow
-from avrgym.arm_clearance import furniture_boxes
 from avrgym.models.human import SEATED, SEXES
 from avrgym.models.robots import ROBOTS
-from avrgym.people import DISTRIBUTIONS, UNIFORMS, Distribution, sample
-from avrgym.study.design import Design
+from avrgym.people.arm_clearance import furniture_boxes
+from avrgym.people.distributions import DISTRIBUTIONS, UNIFORMS, Distribution, sample
+from avrgym.study.design.design import Design
 from avrgym.tasks import TASKS
 
 Array = NDArray[np.floating]

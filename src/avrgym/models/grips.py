@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models.robots import Arm, Robot, turn_body
 from avrgym.models.tools import Tool
 

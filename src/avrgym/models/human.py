@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import contacts
 from avrgym.models.parts import CAPSULE, SPHERE, add_collision
 
@@ -23,6 +23,13 @@ Sex = Literal["man", "woman"]
 SEXES: tuple[Sex, ...] = ("man", "woman")
 TORSO_HEIGHT_RANGE_M = (0.40, 0.75)
 PREFIX = "person/"
+BODY_FROM_DEVICE_AXES = transforms.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+"""Axes of a device (x right, y up, −z ahead) and of the body part it sits on (x left, −y ahead, z up).
+
+It serves the headset and the grip alike: of a fist around an upright rod, the grip's −z points to the thumb
+and its y from the knuckles to the wrist, as −y and z of our hand (WebXR Device API, ``gripSpace``)."""
+HEADSET_AHEAD_M = 0.08
+"""The headset's pose lies about 8 cm in front of the centre of the head (2020 reference)."""
 
 
 @dataclass(frozen=True)

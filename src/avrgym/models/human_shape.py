@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models.contacts import VISUAL_GROUP
 from avrgym.models.human import (
     BODIES,

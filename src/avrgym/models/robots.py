@@ -11,7 +11,7 @@ import numpy as np
 import rtbdata
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import contacts
 
 PREFIX = "robot/"
@@ -224,7 +224,7 @@ BRAKE_FIRMNESS = 0.999
 
 
 def _shape_brakes(spec: mujoco.MjSpec, arm: Arm) -> None:
-    """How the joints' friction acts when ``brakes.Brakes`` puts it on."""
+    """How the joints' friction acts when ``simulation.brakes.Brakes`` puts it on."""
     for joint in arm.joints:
         spec.joint(joint).solref_friction = [BRAKING_S, 1.0]
         spec.joint(joint).solimp_friction = [BRAKE_FIRMNESS, 0.9999, 0.001, 0.5, 2.0]

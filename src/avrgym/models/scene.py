@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import contacts, grips, human, robots
 from avrgym.models.furniture import FURNITURE
 from avrgym.models.human import Person, Posture

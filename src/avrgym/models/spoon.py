@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import contacts
 from avrgym.models.parts import BOX, CAPSULE, add_collision, add_material, add_skin
 from avrgym.models.shapes import Section, loft, tube

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import contacts
 from avrgym.models.parts import BOX, add_collision, add_material, add_skin
 from avrgym.models.shapes import Section, loft

@@ -5,11 +5,11 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.episodes import Episodes
 from avrgym.oracles.bed_bathing import BedBathingOracle
 from avrgym.oracles.drinking import DrinkingOracle
 from avrgym.oracles.feeding import FeedingOracle
 from avrgym.oracles.scratch_itch import ScratchItchOracle
+from avrgym.tasks.episodes import Episodes
 
 Array = NDArray[np.float64]
 

@@ -5,12 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import elementary, transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import norm
 from avrgym.oracles.guide import Guide
-from avrgym.simulation import State
+from avrgym.simulation.worlds import State
 from avrgym.tasks.bed_bathing import LIMB_GEOMS, is_washed
-from avrgym.transforms import norm
+from avrgym.tasks.episodes import Episodes
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.intp]

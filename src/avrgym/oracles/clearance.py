@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import capsules, kinematics, transforms
-from avrgym.arm_clearance import Boxes
+from avrgym.geometry import capsules, kinematics, transforms
 from avrgym.models import contacts
 from avrgym.models.scene import TOOL_BODY, Stage, robot_with_tool
-from avrgym.simulation import Simulation, State
+from avrgym.people.arm_clearance import Boxes
+from avrgym.simulation.worlds import Simulation, State
 from avrgym.tasks import places
 
 Array = NDArray[np.float64]

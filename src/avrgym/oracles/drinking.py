@@ -5,15 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import elementary, transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import norm
 from avrgym.models.cup import AXIS_X_M, RIM_RADIUS_M
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.oracles.clearance import Clearance
 from avrgym.oracles.guide import BLOCKED_S, Guide
 from avrgym.oracles.head import heading, way_out
-from avrgym.simulation import State
-from avrgym.transforms import norm
+from avrgym.simulation.worlds import State
+from avrgym.tasks.episodes import Episodes
 
 Array = NDArray[np.float64]
 

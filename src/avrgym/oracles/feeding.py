@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import elementary, transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import norm
 from avrgym.models.spoon import FOOD, OUTLINE
 from avrgym.oracles.guide import Guide
 from avrgym.oracles.head import heading, way_out
-from avrgym.simulation import State
+from avrgym.simulation.worlds import State
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.feeding import MOUTH_RADIUS_M, SUCCESS_SHARE
-from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 

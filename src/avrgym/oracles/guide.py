@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import elementary, kinematics, transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.oracles.clearance import Clearance
 from avrgym.tasks import places
+from avrgym.tasks.episodes import Episodes
 
 Array = NDArray[np.float64]
 

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models.human import GEOMS
-from avrgym.simulation import State
+from avrgym.simulation.worlds import State
 
 Array = NDArray[np.float64]
 

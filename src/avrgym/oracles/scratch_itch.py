@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import elementary, transforms
-from avrgym.episodes import Episodes
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import norm
 from avrgym.models.scratcher import RADIUS_M
 from avrgym.oracles.guide import Guide
-from avrgym.simulation import State
+from avrgym.simulation.worlds import State
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.scratch_itch import ITCH_RADIUS_M, ScratchItchMemory, itch_pos_w, limb_frame
-from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 

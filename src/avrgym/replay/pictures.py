@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from avrgym.files import write_whole
-from avrgym.rendering import Camera
+from avrgym.envs.rendering import Camera
+from avrgym.recording.files import Recording
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.trial import Trial, driven_span_s, trial_of
-from avrgym.study.recording import Recording
+from avrgym.system.files import write_whole
 
 Picture = NDArray[np.uint8]
 Progress = Callable[[], None]

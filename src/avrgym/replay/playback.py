@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import elementary
-from avrgym.episodes import Episodes
+from avrgym.geometry import elementary
 from avrgym.models.human import JOINTS, Person
+from avrgym.recording.files import Recording
+from avrgym.recording.records import Control, Event, Physics
 from avrgym.replay.trial import ReplayError
-from avrgym.study.recording import Recording
-from avrgym.study.records import Control, Event, Physics
-from avrgym.vr.attempt import control_record
-from avrgym.vr.world import ControlStep, ControlSteps
-from avrgym.world_version import WORLD_VERSIONS
+from avrgym.simulation.world_version import WORLD_VERSIONS
+from avrgym.tasks.episodes import Episodes
+from avrgym.vr.session.attempt import control_record
+from avrgym.vr.tracking.world import ControlStep, ControlSteps
 
 Array = NDArray[np.float64]
 

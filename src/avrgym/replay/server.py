@@ -9,13 +9,13 @@ from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from avrgym.models.human import Person
+from avrgym.recording.files import Recording
 from avrgym.replay.timeline import Timeline
-from avrgym.study.recording import Recording
-from avrgym.vr.access import OwnPagesOnly, Tokens
-from avrgym.vr.gate import Gate
-from avrgym.vr.rendering import render_scene
-from avrgym.vr.scenery import resting
-from avrgym.vr.web import LOOPBACK, STATIC, WebThread, check_page, listen
+from avrgym.vr.scene.rendering import render_scene
+from avrgym.vr.server.access import OwnPagesOnly, Tokens
+from avrgym.vr.server.gate import Gate
+from avrgym.vr.server.web import LOOPBACK, STATIC, WebThread, check_page, listen
+from avrgym.vr.session.scenery import resting
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:

@@ -5,14 +5,14 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
+from avrgym.recording.files import Recording
+from avrgym.recording.records import Answer
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.trial import phases, trial_of
-from avrgym.study.recording import Recording
-from avrgym.study.records import Answer
-from avrgym.vr import messages
-from avrgym.vr.reporting import STATE_EVERY_TICKS
-from avrgym.vr.webxr import Registration
-from avrgym.vr.world import poses, scene_message
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.webxr import Registration
+from avrgym.vr.session.reporting import STATE_EVERY_TICKS
+from avrgym.vr.tracking.world import poses, scene_message
 
 
 class Happening(msgspec.Struct, frozen=True):

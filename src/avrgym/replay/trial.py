@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from avrgym.study.recording import Recording
+from avrgym.recording.files import Recording
 
 
 class ReplayError(ValueError):

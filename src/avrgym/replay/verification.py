@@ -12,11 +12,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.elementary import fingerprint_of_c_library
+from avrgym.geometry.elementary import fingerprint_of_c_library
+from avrgym.recording.files import Recording
+from avrgym.recording.records import Control
 from avrgym.replay.playback import Playback, StateAgain, StepAgain
-from avrgym.study.recording import Recording
-from avrgym.study.records import Control
-from avrgym.vr.attempt import versions
+from avrgym.vr.session.attempt import versions
 
 Array = NDArray[np.float64]
 

@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 
 from avrgym.models.robots import ROBOTS
+from avrgym.simulation.world_version import WORLD_VERSIONS
 from avrgym.tasks import of_world_1
 from avrgym.tasks.base import Task
 from avrgym.tasks.bed_bathing import BED_BATHING
 from avrgym.tasks.drinking import DRINKING
 from avrgym.tasks.feeding import FEEDING
 from avrgym.tasks.scratch_itch import SCRATCH_ITCH
-from avrgym.world_version import WORLD_VERSIONS
 
 TASKS: Mapping[str, Task] = {task.name: task for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING)}
 

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import people, transforms
-from avrgym.cooperation import Offered
+from avrgym.geometry import transforms
 from avrgym.models.human import JOINTS, RIGHT_ARM, SEATED_RAD, People
 from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
-from avrgym.people import Pose
-from avrgym.simulation import RightArm, Start, State
+from avrgym.people import distributions
+from avrgym.people.behaviour import Offered
+from avrgym.people.distributions import Pose
+from avrgym.simulation.worlds import RightArm, Start, State
 
 Array = NDArray[np.float64]
 Memory = Any
@@ -59,7 +60,7 @@ LIMBS = RIGHT_ARM[:2]
 """What is scratched and washed: upper arm and forearm."""
 STRONG_FORCE_N = 10.0
 """What is too much where the tool should touch (paper, section V; reference)."""
-ARM_SPREAD_RAD = np.where(people.RIGHT_ARM, np.radians(10.0), 0.0)
+ARM_SPREAD_RAD = np.where(distributions.RIGHT_ARM, np.radians(10.0), 0.0)
 """How far off its rest pose each joint of a right arm is found at most, (20,) (paper, section V)."""
 
 REACH_M = 3.0

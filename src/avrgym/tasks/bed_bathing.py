@@ -13,14 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import capsules, elementary, transforms
+from avrgym.geometry import capsules, elementary, transforms
+from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
 from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
 from avrgym.models.washcloth import NAP_M, PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
-from avrgym.people import Pose
-from avrgym.simulation import RightArm, Start, State
+from avrgym.people.distributions import Pose
+from avrgym.simulation.worlds import RightArm, Start, State
 from avrgym.tasks import places
 from avrgym.tasks.base import (
     ARM_SPREAD_RAD,
@@ -35,7 +36,6 @@ from avrgym.tasks.base import (
     quaternion,
     when_strong,
 )
-from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -6,17 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import elementary, transforms
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import norm
 from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, TABLE_HEIGHT_M
 from avrgym.models.human import People
 from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
 from avrgym.models.spoon import FOOD, SPOON
-from avrgym.simulation import Start, State
+from avrgym.simulation.worlds import Start, State
 from avrgym.tasks import places
 from avrgym.tasks.base import HEAD_TURNED, Outcome, Task, angles, force, position, quaternion, when_strong
 from avrgym.tasks.particles import GROUND_M, count, touching_person
-from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

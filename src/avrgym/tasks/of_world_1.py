@@ -10,14 +10,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import transforms
-from avrgym.simulation import State
+from avrgym.geometry import transforms
+from avrgym.geometry.transforms import norm
+from avrgym.simulation.worlds import State
 from avrgym.tasks.base import Memory, Outcome, Task
 from avrgym.tasks.bed_bathing import BED_BATHING
 from avrgym.tasks.drinking import DRINKING, tilt_rad
 from avrgym.tasks.feeding import FEEDING
 from avrgym.tasks.scratch_itch import SCRATCH_ITCH
-from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import capsules
-from avrgym.simulation import State
-from avrgym.transforms import norm
+from avrgym.geometry import capsules
+from avrgym.geometry.transforms import norm
+from avrgym.simulation.worlds import State
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

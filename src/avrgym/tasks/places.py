@@ -7,15 +7,16 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import base_search, elementary, kinematics, transforms
-from avrgym.base_search import BasePoses
+from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.models import human
 from avrgym.models.furniture import JACO_MOUNT_M, NIGHTSTAND_BODY, NIGHTSTAND_TOP_M
 from avrgym.models.human import RECLINED, SEATED, People, Posture
 from avrgym.models.robots import Robot, Side
 from avrgym.models.scene import TOOL_BODY, BaseRange, Stage, robot_with_tool
 from avrgym.models.tools import Tool
-from avrgym.simulation import Start
+from avrgym.simulation import base_search
+from avrgym.simulation.base_search import BasePoses
+from avrgym.simulation.worlds import Start
 
 Array = NDArray[np.float64]
 

@@ -6,14 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym import elementary, transforms
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import People
 from avrgym.models.robots import Robot
 from avrgym.models.scene import Stage
 from avrgym.models.scratcher import SCRATCHER
-from avrgym.people import Pose
-from avrgym.simulation import RightArm, Start, State
+from avrgym.people.distributions import Pose
+from avrgym.simulation.worlds import RightArm, Start, State
 from avrgym.tasks import places
 from avrgym.tasks.base import (
     ARM_SPREAD_RAD,
@@ -29,7 +30,6 @@ from avrgym.tasks.base import (
     quaternion,
     when_strong,
 )
-from avrgym.transforms import norm
 
 Array = NDArray[np.float64]
 

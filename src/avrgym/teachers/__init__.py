@@ -7,7 +7,7 @@ tool straight on, by a rule that changes evenly from state to state.
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from avrgym.episodes import Episodes
+from avrgym.tasks.episodes import Episodes
 from avrgym.teachers.reactive import Array, Reactive
 from avrgym.teachers.rules import feed, give_drink
 from avrgym.teachers.scratching import scratch

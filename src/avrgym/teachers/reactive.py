@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.episodes import Episodes
+from avrgym.geometry.transforms import norm
 from avrgym.oracles.guide import Guide
-from avrgym.simulation import State
+from avrgym.simulation.worlds import State
 from avrgym.tasks.base import Memory
-from avrgym.transforms import norm
+from avrgym.tasks.episodes import Episodes
 
 Array = NDArray[np.float64]
 Aim = tuple[Array, Array, Array]

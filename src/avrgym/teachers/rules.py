@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from avrgym import elementary, transforms
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import norm
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.oracles import drinking, feeding
 from avrgym.oracles.guide import Guide
 from avrgym.oracles.head import heading
-from avrgym.simulation import State
+from avrgym.simulation.worlds import State
 from avrgym.tasks.base import Memory
 from avrgym.teachers.reactive import TURN_RAD_S, Aim, funnel_m, speed_m_s
-from avrgym.transforms import norm
 
 TILT_RAD_S = 0.12
 """How fast a cup is tilted that pours."""

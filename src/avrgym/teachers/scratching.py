@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from avrgym import elementary, transforms
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import norm
 from avrgym.oracles import scratch_itch
 from avrgym.oracles.bed_bathing import FOREARM
 from avrgym.oracles.guide import Guide
-from avrgym.simulation import State
+from avrgym.simulation.worlds import State
 from avrgym.tasks.scratch_itch import ScratchItchMemory, itch_pos_w, limb_frame
 from avrgym.teachers.reactive import Aim, Array, before_m, speed_m_s
-from avrgym.transforms import norm
 
 SLANT_RAD, ASKEW_RAD = 1.2, 0.4
 """How far from straight out of the skin the hand may be drawn, and how far the rod may point beside it."""

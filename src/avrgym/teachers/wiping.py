@@ -6,7 +6,8 @@ counted along both limbs: 0 to 1 on the upper arm, 1 to 2 across the elbow, 2 to
 
 import numpy as np
 
-from avrgym import elementary, transforms
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import norm
 from avrgym.oracles import bed_bathing
 from avrgym.oracles.bed_bathing import (
     CARRY_M_S,
@@ -19,10 +20,9 @@ from avrgym.oracles.bed_bathing import (
     limb_frame,
 )
 from avrgym.oracles.guide import Guide
-from avrgym.simulation import State
+from avrgym.simulation.worlds import State
 from avrgym.tasks.base import Memory
 from avrgym.teachers.reactive import Aim, Array, funnel_m
-from avrgym.transforms import norm
 
 TOP_RAD, SIDE_RAD = np.radians([12.0, 75.0])
 """Where around the arm the cloth goes down and back, from its top outwards."""

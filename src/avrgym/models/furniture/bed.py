@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from avrgym import transforms
+from avrgym.geometry import transforms
 from avrgym.models import contacts
 from avrgym.models.furniture.bars import rounded
 from avrgym.models.furniture.finishes import finish

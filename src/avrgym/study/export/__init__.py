@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from avrgym.files import make_private, make_private_folder
 from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attempts, verified
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.system.files import make_private, make_private_folder
 
 FORMATS: Mapping[str, str] = {
     "csv": "tables",

@@ -10,13 +10,13 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from avrgym.study.answers import answer_moments
+from avrgym.recording.questionnaire import Item
+from avrgym.recording.records import Event, Pose, TrackingFrame
 from avrgym.study.export import LEFT_OUT, NOTICE
 from avrgym.study.export.tables import neutral
 from avrgym.study.export.trials import ExportedAttempt
-from avrgym.study.questionnaire import Item
-from avrgym.study.records import Event, Pose, TrackingFrame
-from avrgym.study.store import Store
+from avrgym.study.storage.answers import answer_moments
+from avrgym.study.storage.store import Store
 
 VERSION = "1.10.0"
 TRACKED = {"head": "head", "left": "left_hand", "right": "right_hand"}

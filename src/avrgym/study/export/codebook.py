@@ -4,13 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from avrgym.episodes import ACTIONS
 from avrgym.models.human import SEXES
 from avrgym.models.robots import ROBOTS
-from avrgym.study.design import Design
-from avrgym.study.questionnaire import ITEM_ORDERS, MOMENTS
-from avrgym.study.states import ATTEMPT, PARTICIPANT, TRIAL
+from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS
+from avrgym.study.design.design import Design
+from avrgym.study.storage.states import ATTEMPT, PARTICIPANT, TRIAL
 from avrgym.tasks import TASKS, terms_ever
+from avrgym.tasks.episodes import ACTIONS
 
 TEXT, WHOLE, NUMBER, TRUTH, TIME = "text", "whole number", "number", "truth", "time"
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from avrgym.study.export import NOTICE
 from avrgym.study.export.trials import ExportedAttempt, scenes
-from avrgym.study.store import Store
+from avrgym.study.storage.store import Store
 
 VERSION = "v3.0"
 STEPS_PER_S = 10

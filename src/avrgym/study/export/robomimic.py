@@ -13,7 +13,7 @@ import numpy as np
 
 from avrgym.study.export import NOTICE
 from avrgym.study.export.trials import ExportedAttempt, scenes
-from avrgym.study.store import Store
+from avrgym.study.storage.store import Store
 
 GYM_TYPE = 2
 """robomimic's number for environments of Gymnasium."""

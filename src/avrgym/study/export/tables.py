@@ -6,14 +6,14 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from avrgym.episodes import ACTIONS
-from avrgym.study.answers import answer_moments
-from avrgym.study.design import Design
+from avrgym.study.design.design import Design
 from avrgym.study.export import NOTICE
 from avrgym.study.export.codebook import TABLES, codebook, reward_terms
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
+from avrgym.study.storage.answers import answer_moments
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.tasks.episodes import ACTIONS
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 """How text begins that a spreadsheet would take for a formula."""

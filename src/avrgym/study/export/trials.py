@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from avrgym.study.attempts import sha256_of
-from avrgym.study.recording import Recording, RecordingError, read_configuration, read_recording
-from avrgym.study.records import Control
-from avrgym.study.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
-from avrgym.study.states import StudyError
-from avrgym.study.store import Store
+from avrgym.recording.files import Recording, RecordingError, read_configuration, read_recording
+from avrgym.recording.records import Control
+from avrgym.study.storage.attempts import sha256_of
+from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
 from avrgym.tasks import find_environment
 
 

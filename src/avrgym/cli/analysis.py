@@ -1,0 +1,34 @@
+"""The command ``avrgym analyze``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from avrgym.cli.terminal import JsonFile, check_json, plain_errors, progress_bar, say, write_json
+from avrgym.study.storage.manifest import FOLDER
+
+
+def analyze(
+    folder: Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")],
+    out: Annotated[
+        Path | None, typer.Option(help="A folder for the analysis; without one, a folder of the study's.")
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Analyse a study: report, tables, figures and results; an earlier analysis in the folder is replaced."""
+    from avrgym.analysis.output import check_out, write_analysis
+    from avrgym.analysis.study import analyse
+    from avrgym.study.storage.store import Store
+
+    place = out or folder / FOLDER
+    with plain_errors(), Store(folder) as store:
+        check_json(json_file)
+        check_out(place)
+        with progress_bar("recordings") as bar:
+            analysis = analyse(store, bar.show)
+        report = write_analysis(analysis, folder, place)
+        write_json(json_file, analysis.results())
+    say(f"report    {report}")
+    if analysis.observed.problems:
+        say(f"not as it should be: {len(analysis.observed.problems)}; the report names each")

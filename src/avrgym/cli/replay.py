@@ -1,0 +1,156 @@
+"""The command ``avrgym replay``."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, progress_bar, say, write_json
+
+if TYPE_CHECKING:
+    from avrgym.recording.files import Recording
+    from avrgym.replay.verification import Verification
+
+
+def replay(
+    file: Annotated[Path, typer.Argument(help="The recording of an attempt, an .mcap file.", metavar="FILE")],
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Step it again and compare whatever it holds, bit by bit.")
+    ] = False,
+    video: Annotated[
+        Path | None, typer.Option(help="Render it into a new .mp4 file.", metavar="OUT.mp4")
+    ] = None,
+    frames: Annotated[
+        int | None, typer.Option(help="Draw so many pictures side by side into --out.", min=1, max=20)
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="A new .png or .jpg file for --frames.", metavar="OUT.png")
+    ] = None,
+    first_person: Annotated[
+        bool, typer.Option("--first-person", help="Videos and pictures with the participant's eyes.")
+    ] = False,
+    port: Annotated[
+        int, typer.Option(help="The port of the page; 0 takes a free one.", min=0, max=65535)
+    ] = 8000,
+    json_file: JsonFile = None,
+) -> None:
+    """Replay a recorded trial in a browser; or verify it, render a video, or draw a sequence of pictures."""
+    with plain_errors():
+        if (frames is None) != (out is None):
+            raise ValueError("--frames and --out go together, as in --frames 4 --out strip.png")
+        if json_file is not None and not verify:
+            raise ValueError("--json writes the figures of --verify; give both")
+        if first_person and video is None and frames is None:
+            raise ValueError("--first-person goes with --video or --frames; on the page V changes the view")
+        check_json(json_file)
+        with _naming(file):
+            recording = _read(file)
+            if verify:
+                _verify(recording, json_file)
+            if video is not None:
+                _write_video(recording, video, first_person)
+            if frames is not None and out is not None:
+                _draw_strip(recording, frames, out, first_person)
+            if not verify and video is None and frames is None:
+                _show(recording, port)
+
+
+@contextmanager
+def _naming(file: Path) -> Iterator[None]:
+    """Say which recording cannot be read or replayed."""
+    from avrgym.recording.files import RecordingError
+    from avrgym.replay.trial import ReplayError
+
+    try:
+        yield
+    except RecordingError as error:  # which names its file
+        raise ValueError(str(error)) from error
+    except ReplayError as error:
+        raise ValueError(f"{file}: {error}") from error
+
+
+def _read(file: Path) -> "Recording":
+    from avrgym.recording.files import read_recording
+    from avrgym.replay.trial import trial_of
+
+    recording = read_recording(file)
+    trial = trial_of(recording)
+    say(f"{trial.title}, {trial.result or 'broken off'} after {trial.seconds:.2f} s")
+    return recording
+
+
+@contextmanager
+def _progress(recording: "Recording", words: str) -> Iterator[Callable[[], None]]:
+    """A bar that each recorded state moves on."""
+    with progress_bar(words, len(recording.topics["/physics"])) as bar:
+        yield bar.advance
+
+
+def _verify(recording: "Recording", json_file: Path | None) -> None:
+    from avrgym.replay.verification import verify
+
+    with _progress(recording, "stepping again") as advance:
+        found = verify(recording, advance)
+    write_json(json_file, asdict(found))
+    if not found.complete:
+        say(f"The recording is not complete: it is compared up to its end at {found.until_s:.2f} s.")
+    if found.identical:
+        say(f"{found.states} states bit-identical, {found.steps} control steps identical")
+    else:
+        _tell_differences(found)
+
+
+def _tell_differences(found: "Verification") -> None:
+    """Say what differs; where nothing but rounding may, more than that is an error."""
+    from avrgym.replay.trial import ReplayError
+    from avrgym.vr.session.attempt import versions
+
+    say(
+        f"{found.states - found.identical_states} of {found.states} states differ, "
+        f"{found.steps - found.identical_steps} of {found.steps} control steps"
+    )
+    print_table([asdict(difference) for difference in found.differences])
+    with_versions = ", ".join(f"{name} {number}" for name, number in found.recorded_with.items())
+    if found.agrees and not found.same_rounding:
+        say(
+            f"It agrees: from each recorded state a tick leads to the next within {found.tick_error:.1g}. "
+            "The C library rounds otherwise here than where it was recorded."
+        )
+        return
+    if found.same_versions:
+        raise ReplayError(
+            f"it differs although it was recorded with the versions that run here, {with_versions}"
+        )
+    here = ", ".join(f"{name} {number}" for name, number in versions().items())
+    say(f"It was recorded with {with_versions or 'versions that it does not name'}; here runs {here}.")
+
+
+def _write_video(recording: "Recording", video: Path, first_person: bool) -> None:
+    from avrgym.replay.pictures import write_video
+
+    with _progress(recording, "rendering") as advance:
+        write_video(recording, video, first_person=first_person, progress=advance)
+    say(f"video     {video}")
+
+
+def _draw_strip(recording: "Recording", count: int, out: Path, first_person: bool) -> None:
+    from avrgym.replay.pictures import draw_strip
+
+    with _progress(recording, "drawing") as advance:
+        times_s = draw_strip(recording, count, out, first_person=first_person, progress=advance)
+    say(f"pictures  {out}, at {', '.join(f'{time_s:.1f}' for time_s in times_s)} s")
+
+
+def _show(recording: "Recording", port: int) -> None:
+    from avrgym.replay.server import ReplayServer
+    from avrgym.replay.timeline import timeline_of
+
+    with _progress(recording, "stepping again") as advance:
+        timeline, poses = timeline_of(recording, advance)
+    with ReplayServer(recording, timeline, poses, port) as server:
+        say("Open this address in a browser; Space plays and pauses. Stop with Ctrl+C.")
+        say(f"    {server.url}")
+        server.wait()

@@ -1,0 +1,235 @@
+"""The program ``avrgym study``."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from avrgym.cli.terminal import (
+    Jobs,
+    JsonFile,
+    check_json,
+    confirm,
+    plain_errors,
+    print_table,
+    progress_bar,
+    say,
+    write_json,
+)
+from avrgym.models.human import SEXES
+
+if TYPE_CHECKING:
+    from avrgym.study.storage.store import Store
+
+app = typer.Typer(no_args_is_help=True, help="Lead a study from its design to the export of its data.")
+Folder = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
+Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
+
+
+@app.command()
+def new(folder: Folder) -> None:
+    """Write study.toml: the paper's protocol with comments, to be changed as you like."""
+    from avrgym.study.storage.store import create_study
+
+    with plain_errors():
+        path = create_study(folder)
+    say(f"design    {path}")
+
+
+@app.command()
+def status(folder: Folder, json_file: JsonFile = None) -> None:
+    """Show how a study stands: its participants, their trials and how the orders are filled."""
+    from avrgym.study.checking.summary import summarise_study
+    from avrgym.study.storage.store import Store
+
+    with plain_errors():
+        check_json(json_file)
+        with Store(folder) as store:
+            summary = summarise_study(store)
+        write_json(json_file, asdict(summary))
+    say(f"{summary.title}")
+    say(
+        f"{summary.completed} of {summary.planned} participants completed, {summary.withdrawn} withdrew, "
+        f"{summary.excluded} excluded, {summary.deleted} deleted; {summary.simulated} are simulated"
+    )
+    say(f"participants per order  {', '.join(map(str, summary.filled))}")
+    if summary.participants:
+        print_table([asdict(participant) for participant in summary.participants])
+
+
+@app.command()
+def enrol(
+    folder: Folder,
+    body: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")],
+    age: Annotated[int | None, typer.Option(help="In years.")] = None,
+    name: Annotated[str, typer.Option(help="Kept in private/key.json and nowhere else.")] = "",
+    contact: Annotated[str, typer.Option(help="Kept in private/key.json and nowhere else.")] = "",
+) -> None:
+    """Take someone in under a new pseudonym."""
+    from avrgym.study.people.participants import enrol as take_in
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        if body not in SEXES:
+            raise ValueError(f"unknown body model {body!r}; allowed: {', '.join(SEXES)}")
+        pseudonym = take_in(store, body, age_years=age, name=name, contact=contact)
+    say(f"enrolled  {pseudonym}")
+
+
+@app.command()
+def consent(folder: Folder, participant: Pseudonym) -> None:
+    """Ask a participant for consent, then the inclusion questions, and give them an order if they can take part."""
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        if store.participant(participant).state != "consented":
+            _ask_for_consent(store, participant)
+        _ask_for_inclusion(store, participant)
+
+
+def _ask_for_consent(store: "Store", participant: str) -> None:
+    from avrgym.study.people.participants import record_consent
+    from avrgym.study.storage.states import check_transition
+
+    person, text = store.participant(participant), store.design.consent
+    check_transition("participant", participant, person.state, "consented")
+    say(f"Consent, version {text.version}\n\n{text.text.strip()}\n")
+    if not confirm("Do you agree?"):
+        raise RuntimeError(f"{participant} does not agree; nothing was stored")
+    record_consent(store, participant)
+
+
+def _ask_for_inclusion(store: "Store", participant: str) -> None:
+    from avrgym.study.people.participants import record_inclusion
+
+    answers = {question.id: confirm(question.text) for question in store.design.inclusion}
+    fits = record_inclusion(store, participant, answers)
+    say(f"{participant} takes part" if fits else f"{participant} cannot take part")
+
+
+@app.command()
+def withdraw(
+    folder: Folder,
+    participant: Pseudonym,
+    reason: Annotated[str, typer.Option(help="Without names.")] = "",
+) -> None:
+    """Store that somebody takes part no longer. This is final; a session that runs anywhere ends within a second."""
+    from avrgym.study.people.participants import withdraw as end_participation
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        end_participation(store, participant, reason)
+    say(f"{participant} takes part no longer")
+
+
+@app.command()
+def simulate(
+    folder: Folder,
+    participants: Annotated[
+        int, typer.Option(help="How many simulated participants the study shall have.", min=1)
+    ] = 8,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same study.", min=0)] = 0,
+    jobs: Jobs = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Let simulated participants complete the study, in simulated time; what an earlier run left is finished."""
+    from avrgym.study.checking.summary import summarise_study
+    from avrgym.study.sessions.simulation import simulate_study
+    from avrgym.study.storage.store import Store
+
+    with plain_errors():
+        check_json(json_file)
+        with progress_bar("trials") as bar:
+            simulate_study(folder, participants, seed, bar.show, jobs)
+        with Store(folder) as store:
+            summary = summarise_study(store)
+        write_json(json_file, asdict(summary))
+    say(
+        f"{summary.completed} of {summary.planned} planned participants completed, {summary.simulated} simulated"
+    )
+
+
+@app.command()
+def check(
+    folder: Folder,
+    fix_permissions: Annotated[
+        bool, typer.Option("--fix-permissions", help="Take the study's data away from all but their owner.")
+    ] = False,
+    json_file: JsonFile = None,
+) -> None:
+    """Check that the study can run with its policies, and that whatever it stored is there, whole and unchanged."""
+    from avrgym.study.checking.checks import check_study
+    from avrgym.study.checking.database_checks import fix_permissions as fix
+    from avrgym.study.storage.store import Store
+
+    with plain_errors():
+        check_json(json_file)
+        with Store(folder) as store:
+            if fix_permissions:
+                fix(store)
+            findings = check_study(store)
+            head = store.database.head()
+        write_json(json_file, [asdict(finding) for finding in findings])
+    for finding in findings:
+        say(f"{'wrong' if finding.wrong else 'note '}  {finding.where}: {finding.what}")
+    say(f"ledger {head.number} entries, ending with {head.digest or 'nothing'}")
+    wrong = sum(finding.wrong for finding in findings)
+    say(f"{wrong} things are wrong" if wrong else "nothing is wrong")
+    if wrong:
+        raise typer.Exit(1)
+
+
+@app.command()
+def rebuild(folder: Folder) -> None:
+    """Make a lost database anew from the recordings; what they do not tell is listed. Names and recordings stay."""
+    from avrgym.study.checking.rebuilding import LOST, rebuild_study
+
+    with plain_errors():
+        rebuilt = rebuild_study(folder)
+    say(f"{rebuilt.participants} participants, {rebuilt.attempts} attempts, {rebuilt.answers} answers")
+    say(f"lost      {LOST}")
+    for each in rebuilt.left_out:
+        say(f"left out  {each}")
+
+
+@app.command()
+def export(
+    folder: Folder,
+    out: Annotated[Path, typer.Option(help="A folder for the export; it must not hold anything yet.")],
+    data_format: Annotated[str, typer.Option("--format", help="csv, bids, hdf5 or lerobot.")],
+    skip_damaged: Annotated[
+        bool,
+        typer.Option(
+            "--skip-damaged", help="Leave out damaged and missing recordings; left_out.csv lists them."
+        ),
+    ] = False,
+) -> None:
+    """Export a study, pseudonymised: movements of head and hands may still identify a person."""
+    from avrgym.study.export import export_study
+    from avrgym.study.storage.store import Store
+
+    left_out: list[str] = []
+    with plain_errors(), Store(folder) as store, progress_bar("verifying recordings") as bar:
+        files = export_study(
+            store, data_format, out, skip_damaged=skip_damaged, progress=bar.show, tell=left_out.append
+        )
+    for why in left_out:
+        say(f"left out  {why}")
+    say(f"{files} files in {out}. They are pseudonymised, not anonymous.")
+
+
+@app.command("delete-participant")
+def delete_participant(
+    folder: Folder,
+    participant: Pseudonym,
+) -> None:
+    """Delete all that a participant left: recordings, rows, key entry, and the database's backups."""
+    from avrgym.study.people.deletion import delete_participant as delete
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        delete(store, participant)
+    say(
+        f"{participant} is deleted. Exports and copies made earlier lie outside the study: delete them yourself."
+    )

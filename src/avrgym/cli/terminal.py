@@ -1,0 +1,129 @@
+"""What all commands share: errors, figures, tables and progress on the terminal.
+
+Whatever is printed is text: a title, a path or a consent may hold brackets, which rich would take for markup, and
+characters that would command the terminal.
+"""
+
+import json
+import os
+import stat
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Column, Table
+
+from avrgym.system.files import write_whole
+
+_CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
+_AS_WIDE_AS_NEEDED = 100_000
+_TEXT_ONLY: dict[str, Any] = {"markup": False, "emoji": False, "highlight": False}
+
+JsonFile = Annotated[
+    Path | None, typer.Option("--json", help="Write the figures to this file.", metavar="FILE")
+]
+
+Jobs = Annotated[
+    int | None,
+    typer.Option(help="Processes at the same time; without it one for each core. Changes no figure.", min=1),
+]
+
+
+@contextmanager
+def plain_errors() -> Iterator[None]:
+    """Turn an error that the user can mend into one clear line and exit code 1."""
+    try:
+        yield
+    except (ValueError, OSError, RuntimeError) as error:
+        line = " ".join(f"avrgym: {error}".splitlines())
+        typer.echo(printable(line, sys.stderr.encoding), err=True)
+        raise typer.Exit(1) from error
+
+
+def check_json(path: Path | None) -> None:
+    """Raise ``ValueError`` before long work whose figures could not be written.
+
+    They go into a new file, or replace a regular one: never a device, a pipe, a folder or a link.
+    """
+    if path is None:
+        return
+    if not path.parent.is_dir():
+        raise ValueError(f"cannot write {path}: there is no folder {path.parent}")
+    if not os.access(path.parent, os.W_OK):
+        raise ValueError(f"cannot write {path}: the folder {path.parent} is not to be written to")
+    if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
+        raise ValueError(f"cannot write {path}: it is no regular file, and nothing else is replaced")
+
+
+def write_json(path: Path | None, figures: list[dict[str, Any]] | dict[str, Any]) -> None:
+    """Write figures to the file that was asked for, if one was."""
+    check_json(path)
+    if path is not None:
+        write_whole(path, (json.dumps(figures, indent=2) + "\n").encode())
+
+
+def printable(text: str, encoding: str | None = None) -> str:
+    """A text as a terminal of this encoding can show it: line breaks and tabs stay, other control characters are named.
+
+    So are characters that the encoding lacks, such as the bytes of a file name that is no text.
+    """
+    known = encoding or sys.stdout.encoding or "utf-8"
+    return text.translate(_CONTROLS).encode(known, "backslashreplace").decode(known)
+
+
+def say(text: str) -> None:
+    """Print a line as it is, so that paths and addresses can be copied."""
+    typer.echo(printable(text))
+
+
+def confirm(question: str) -> bool:
+    """Ask a question that is answered with yes or no."""
+    return typer.confirm(printable(question))
+
+
+def print_table(rows: list[dict[str, Any]]) -> None:
+    """Print rows of equal keys as a table that is never cut at the terminal's edge."""
+    table = Table(*(Column(_cell(name), no_wrap=True) for name in rows[0]), box=SIMPLE)
+    for row in rows:
+        table.add_row(*(_cell(value) for value in row.values()))
+    Console(width=_AS_WIDE_AS_NEEDED, **_TEXT_ONLY).print(table, soft_wrap=True)
+
+
+class Bar:
+    """How far long work is."""
+
+    def __init__(self, progress: Progress, words: str, total: float | None) -> None:
+        self._progress = progress
+        self._task = progress.add_task(printable(words), total=total)
+
+    def advance(self, by: float = 1) -> None:
+        """So many more are done."""
+        self._progress.advance(self._task, by)
+
+    def show(self, done: float, total: float | None = None, words: str | None = None) -> None:
+        """So many are done, of so many where that was not known, in other words where they changed."""
+        description = None if words is None else printable(words)
+        self._progress.update(self._task, completed=done, total=total, description=description)
+
+
+@contextmanager
+def progress_bar(words: str, total: float | None = None) -> Iterator[Bar]:
+    """A bar that is there while long work goes on; it sways where nobody knows the ``total``."""
+    left = TimeRemainingColumn(elapsed_when_finished=True)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), left)
+    with Progress(*columns, console=Console(**_TEXT_ONLY), transient=True) as progress:
+        yield Bar(progress, words, total)
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(_cell(item) for item in value)
+    return printable(str(value)).expandtabs()

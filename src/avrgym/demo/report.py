@@ -1,0 +1,287 @@
+"""The report of recorded trials: one HTML file that holds everything, for any browser, from disk."""
+
+import base64
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import msgspec
+
+from avrgym.analysis.charts import trial_charts
+from avrgym.analysis.page import (
+    Markup,
+    badge,
+    count,
+    definitions,
+    figure,
+    join,
+    listing,
+    notice,
+    quantity,
+    table,
+    tag,
+    write_page,
+)
+from avrgym.demo.events import folded
+from avrgym.recording.files import Recording, RecordingError, read_recording
+from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.recording.records import Answer, TrackingFrame
+
+PICTURE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
+
+
+@dataclass(frozen=True)
+class TrialSummary:
+    """One trial in figures; what was never recorded is ``None``."""
+
+    reward: float
+    success: bool
+    steps: int
+    closest_m: float | None
+    peak_force_n: float | None
+    frames: int
+    frames_held: int
+    frames_missing: int
+    frame_rate_hz: float | None
+
+
+def summarise(recording: Recording) -> TrialSummary:
+    """The figures of one trial, complete or not."""
+    control = [record for _, record in recording.topics["/control"]]
+    frames = [record for _, record in recording.topics["/tracking"]]
+    return TrialSummary(
+        reward=sum(record.reward for record in control),
+        success=bool(control) and control[-1].success,
+        steps=len(control),
+        closest_m=min((record.distance_m for record in control), default=None),
+        peak_force_n=max((record.force_on_person_n for record in control), default=None),
+        frames=len(frames),
+        frames_held=sum(frame.held or bool(frame.held_parts) for frame in frames),
+        frames_missing=_missing(frames),
+        frame_rate_hz=_rate_hz(frames),
+    )
+
+
+def write_report(
+    out_dir: str | Path, recordings: Sequence[str | Path], pictures: Sequence[str | Path], title: str
+) -> Path:
+    """Write ``out_dir/report/index.html`` about recordings, with pictures of what the participant saw.
+
+    The same input gives the same bytes. Recordings that cannot be read are named in the report; a picture of
+    an unknown type raises ``ValueError``.
+    """
+    readable, unreadable = _read_all([Path(path) for path in recordings])
+    shown = [_picture(Path(path)) for path in pictures]
+    trials = [_trial(number, recording) for number, recording in enumerate(readable, start=1)]
+    header = [_counts(readable, unreadable), _simulated_notice(readable)]
+    main = [_overview(readable), _gallery(shown), *trials]
+    return write_page(Path(out_dir) / "report" / "index.html", title, header, main)
+
+
+def _read_all(paths: list[Path]) -> tuple[list[Recording], list[str]]:
+    readable, unreadable = [], []
+    for path in paths:
+        try:
+            readable.append(read_recording(path))
+        except (OSError, RecordingError) as error:
+            unreadable.append(str(error).replace(str(path), path.name))
+    return readable, unreadable
+
+
+def _missing(frames: list[TrackingFrame]) -> int:
+    numbers = {frame.sequence for frame in frames}
+    return max(numbers) - min(numbers) + 1 - len(numbers) if numbers else 0
+
+
+def _rate_hz(frames: list[TrackingFrame]) -> float | None:
+    duration_s = frames[-1].received_time_s - frames[0].received_time_s if frames else 0
+    return (len(frames) - 1) / duration_s if duration_s > 0 else None
+
+
+# The page
+
+
+def _counts(recordings: list[Recording], unreadable: list[str]) -> Markup:
+    practice = sum(bool(recording.metadata.get("practice")) for recording in recordings)
+    incomplete = sum(not recording.complete for recording in recordings) + len(unreadable)
+    total = len(recordings) + len(unreadable)
+    line = tag("p", f"{count(total, 'recording')}, of which {practice} practice and {incomplete} incomplete.")
+    return join([line, tag("p", "Not readable:"), listing(unreadable)]) if unreadable else line
+
+
+def _simulated_notice(recordings: list[Recording]) -> Markup:
+    simulated = sum(_is_simulated(recording) for recording in recordings)
+    if not simulated:
+        return Markup()
+    which = "Every trial" if simulated == len(recordings) else f"{simulated} of {len(recordings)} trials"
+    return notice(
+        "SIMULATED PARTICIPANT.",
+        f"{which} here had no person in it: poses and answers were made up by a program.",
+    )
+
+
+def _overview(recordings: list[Recording]) -> Markup:
+    heads = ("Trial", "Environment", "Policy", "Participant", "Reward", "Success", "Steps")
+    rows = [_overview_row(number, recording) for number, recording in enumerate(recordings, start=1)]
+    return tag(
+        "section",
+        tag("h2", "Trials"),
+        table("The reward is the sum over all steps", heads, rows, numbers=(4, 6)),
+    )
+
+
+def _overview_row(number: int, recording: Recording) -> tuple:
+    summary = summarise(recording)
+    return (
+        tag("a", number, href=f"#trial-{number}"),
+        _text(recording, "environment"),
+        _text(recording, "policy") + (" (practice)" if recording.metadata.get("practice") else ""),
+        "simulated" if _is_simulated(recording) else "person",
+        quantity(summary.reward),
+        _success(recording, summary),
+        summary.steps,
+    )
+
+
+def _gallery(pictures: list[Markup]) -> Markup:
+    if not pictures:
+        return Markup()
+    return tag("section", tag("h2", "What the participant saw"), tag("div", *pictures, class_="figures"))
+
+
+def _picture(path: Path) -> Markup:
+    if path.suffix.lower() not in PICTURE_TYPES:
+        raise ValueError(f"{path}: not a picture; allowed: {', '.join(PICTURE_TYPES)}")
+    caption = re.sub(r"[-_]+", " ", path.stem)
+    data = base64.b64encode(path.read_bytes()).decode()
+    source = f"data:{PICTURE_TYPES[path.suffix.lower()]};base64,{data}"
+    image = Markup(f'<img src="{source}" alt="{escape(caption)}">')
+    return figure(image, caption)
+
+
+# One trial
+
+
+def _trial(number: int, recording: Recording) -> Markup:
+    heading = f"Trial {number}: {_text(recording, 'environment')}, {_text(recording, 'policy')} policy"
+    return tag(
+        "article",
+        tag("h2", heading),
+        _badges(recording),
+        _figures(recording, summarise(recording)),
+        _plots(recording),
+        _reward_terms(recording),
+        _answers(recording),
+        _events(recording),
+        id=f"trial-{number}",
+    )
+
+
+def _badges(recording: Recording) -> Markup:
+    marks = {
+        "SIMULATED PARTICIPANT": _is_simulated(recording),
+        "practice": recording.metadata.get("practice"),
+        "incomplete recording": not recording.complete,
+    }
+    return join([badge(text) for text, holds in marks.items() if holds])
+
+
+def _figures(recording: Recording, summary: TrialSummary) -> Markup:
+    held = f"{count(summary.frames_held, 'frame')} of {summary.frames}"
+    figures = {
+        "Reward": quantity(summary.reward),
+        "Success": _success(recording, summary),
+        "Steps": summary.steps,
+        "Closest to the target": quantity(summary.closest_m, "m"),
+        "Peak force on the person": quantity(summary.peak_force_n, "N"),
+        "Tracking rate": quantity(summary.frame_rate_hz, "Hz", digits=0),
+        "Tracking held": held if summary.frames else "no frames",
+        "Tracking lost": count(summary.frames_missing, "frame"),
+    }
+    return definitions(figures)
+
+
+def _plots(recording: Recording) -> Markup:
+    control = recording.topics["/control"]
+    if not control:
+        return tag("p", "No step of the robot was recorded.", class_="faint")
+    times_s = [log_time_ns / 1e9 for log_time_ns, _ in control]
+    weights = recording.metadata.get("reward_weights") or {}
+    return trial_charts(times_s, [record for _, record in control], weights)
+
+
+def _reward_terms(recording: Recording) -> Markup:
+    control = [record for _, record in recording.topics["/control"]]
+    names = dict.fromkeys(name for record in control for name in record.reward_terms)
+    if not names:
+        return Markup()
+    weights = recording.metadata.get("reward_weights") or {}
+    rows = [
+        _term_row(name, sum(record.reward_terms.get(name, 0.0) for record in control), weights.get(name))
+        for name in names
+    ]
+    heads = ("Term", "Sum", "Weight", "Weighted sum")
+    return table("Reward terms, summed over the steps", heads, rows, numbers=(1, 2, 3))
+
+
+def _term_row(name: str, total: float, weight: float | None) -> tuple[str, str, str, str]:
+    if weight is None:
+        return (name, quantity(total), "", "")
+    return (name, quantity(total), quantity(weight), quantity(weight * total))
+
+
+def _answers(recording: Recording) -> Markup:
+    rows = [
+        (answer.item, *_asked(recording, answer), quantity(answer.response_time_s, "s"))
+        for _, answer in recording.topics["/answers"]
+    ]
+    if not rows:
+        return tag("p", "No answers were recorded.", class_="faint")
+    return table("Answers", ("Item", "Statement", "Scale", "Answer", "Time"), rows, numbers=(3, 4))
+
+
+def _asked(recording: Recording, answer: Answer) -> tuple[str, str, str]:
+    """Statement, scale and value of an answer, in the words of its recording as far as it has them."""
+    items = {item.id: msgspec.structs.asdict(item) for item in LIKERT_ITEMS}
+    items |= {item["id"]: item for item in recording.metadata.get("items") or ()}
+    item = items.get(answer.item)
+    if item is None:
+        return "", "", str(answer.value)
+    points, ends = item["points"], (item.get("low"), item.get("high"))
+    low, high = (f" ({end})" if end else "" for end in ends)
+    return item["text"], f"1{low} to {points}{high}", f"{answer.value} of {points}"
+
+
+def _events(recording: Recording) -> Markup:
+    until_s = max((time_ns for _, time_ns, _ in recording.messages), default=0) / 1e9
+    rows = [
+        (
+            quantity(each.at_s, "s"),
+            each.name,
+            each.times,
+            quantity(each.lasted_s, "s", absent=""),
+            each.detail,
+        )
+        for each in folded(recording.topics["/events"], until_s)
+    ]
+    if not rows:
+        return Markup()
+    heads = ("First at", "Event", "Times", "Lasted in all", "Detail")
+    return table("Events", heads, rows, numbers=(0, 2, 3))
+
+
+# Parts
+
+
+def _is_simulated(recording: Recording) -> bool:
+    return bool(recording.metadata.get("simulated"))
+
+
+def _text(recording: Recording, name: str) -> str:
+    return str(recording.metadata.get(name, f"unknown {name}"))
+
+
+def _success(recording: Recording, summary: TrialSummary) -> str:
+    return "yes" if summary.success else "no" if recording.complete else "not yet (incomplete)"

@@ -1,0 +1,101 @@
+"""How fast the simulation is, against the bare physics of the same worlds."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from avrgym.models.scene import SUBSTEPS
+from avrgym.tasks.episodes import ACTIONS, EPISODE_STEPS, Episodes
+
+Array = NDArray[np.float64]
+
+RUNS = 5
+
+
+@dataclass(frozen=True)
+class SimulationSpeed:
+    """Medians over runs of whole episodes with random actions and static people.
+
+    ``steps_per_second`` are control steps of 0.1 s, with resets, observations and rewards;
+    ``physics_steps_per_second`` are steps of 10 ms of the same models, from the same starts, under the same
+    commands and nothing else; ``ratio`` is the first over the second, in the same unit, per run.
+    """
+
+    env: str
+    num_envs: int
+    threads: int
+    steps_per_second: float
+    reset_ms_per_env: float
+    physics_steps_per_second: float
+    ratio: float
+
+
+@dataclass(frozen=True)
+class _Run:
+    reset_s: float
+    episode_s: float
+    physics_s: float
+
+
+def measure_simulation(
+    environment_id: str, num_envs: int, progress: Callable[[], None] = lambda: None
+) -> SimulationSpeed:
+    """Measure an environment, ``RUNS`` times; ``progress`` is told after each run.
+
+    Raises:
+        ValueError: for an unknown environment or fewer than one world, naming what is allowed.
+    """
+    if num_envs < 1:
+        raise ValueError(f"{num_envs} environments; at least 1 is needed")
+    episodes = Episodes(environment_id, num_envs, distribution="revised")
+    _run(episodes, seed=0, steps=2)
+    runs = []
+    for seed in range(RUNS):
+        runs.append(_run(episodes, seed, EPISODE_STEPS))
+        progress()
+    steps = num_envs * EPISODE_STEPS
+    return SimulationSpeed(
+        env=environment_id,
+        num_envs=num_envs,
+        threads=episodes.simulation.batch.nthread,
+        steps_per_second=median(steps / (run.reset_s + run.episode_s) for run in runs),
+        reset_ms_per_env=median(1000.0 * run.reset_s / num_envs for run in runs),
+        physics_steps_per_second=median(SUBSTEPS * steps / run.physics_s for run in runs),
+        ratio=median(run.physics_s / (run.reset_s + run.episode_s) for run in runs),
+    )
+
+
+def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
+    """One episode of all worlds, then its physics alone."""
+    worlds = episodes.simulation.num_worlds
+    actions = np.random.default_rng(seed).uniform(-1.0, 1.0, (steps, worlds, ACTIONS))
+    generators = [np.random.default_rng([seed, world]) for world in range(worlds)]
+    began = perf_counter()
+    episodes.begin(np.arange(worlds), generators)
+    reset_s = perf_counter() - began
+    bare = _bare(episodes.simulation.batch)
+    began = perf_counter()
+    commands = []
+    for action in actions:
+        episodes.step(action)
+        commands.append(episodes.simulation.controls())
+    episode_s = perf_counter() - began
+    ctrl = bare.bind("ctrl")
+    began = perf_counter()
+    for command in commands:
+        ctrl[:] = command
+        bare.step(nstep=SUBSTEPS)
+    return _Run(reset_s, episode_s, perf_counter() - began)
+
+
+def _bare(batch: Batch) -> Batch:
+    """The worlds of a batch as they are, without anything that reads them."""
+    bare = Batch(batch.get_model(0), batch.nsim, batch.nthread, persistent=True)
+    bare.set_models([batch.get_model(world) for world in range(batch.nsim)])
+    bare.state[:] = batch.state
+    return bare

@@ -1,0 +1,180 @@
+"""Pictures of a world: the scene with the person's clothed body, seen by a camera."""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models import human
+from avrgym.models.contacts import VISUAL_GROUP
+from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_AHEAD_M, Person
+from avrgym.models.human_shape import HEAD_PARTS
+from avrgym.models.scene import build_spec
+from avrgym.tasks.episodes import Episodes
+
+HEIGHT_PX, WIDTH_PX = 480, 640
+SHADOW_PX = 2048
+"""Half of MuJoCo's own size, and fine enough for a scene of 2 m: without a graphics card it saves a quarter."""
+EYES, EYES_FIELD_DEG = "eyes", 96.0
+"""As high as a Quest 3 shows it."""
+HIDDEN_GROUP = 5
+
+
+@dataclass(frozen=True)
+class View:
+    """From where a scene is seen: a point (3,), world frame, and the camera's distance and angles from it."""
+
+    look_at_w: tuple[float, float, float]
+    distance_m: float
+    azimuth_deg: float
+    elevation_deg: float
+
+
+_BESIDE_WHEELCHAIR = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
+VIEWS: Mapping[tuple[str, bool], View] = {
+    ("Feeding", False): View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
+    ("Drinking", False): View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
+    ("ScratchItch", False): View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
+    ("BedBathing", False): View((-0.25, -0.02, 0.92), 1.85, 70.0, -28.0),
+    ("Feeding", True): _BESIDE_WHEELCHAIR,
+    ("Drinking", True): _BESIDE_WHEELCHAIR,
+    ("ScratchItch", True): View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
+    ("BedBathing", True): View((-0.35, -0.05, 0.85), 2.6, 112.0, -28.0),
+}
+"""By task, and whether the robot is mobile; what the robot does is not hidden by its arm or the person."""
+
+
+class Camera:
+    """A camera on one world for as long as its person stays."""
+
+    def __init__(
+        self,
+        episodes: Episodes,
+        world: int,
+        *,
+        width_px: int = WIDTH_PX,
+        height_px: int = HEIGHT_PX,
+        first_person: bool = False,
+    ) -> None:
+        """Build the scene of the present episode as it looks, from beside or with the person's own eyes.
+
+        Raises:
+            RuntimeError: where no picture can be drawn, naming what to set.
+        """
+        self._episodes, self._world = episodes, world
+        stage, simulation = episodes.stage, episodes.simulation
+        spec = build_spec(stage, episodes.person_in(world), moving=simulation.moving, appearance=True)
+        _add_surroundings(spec)
+        _add_eyes(spec, episodes.person_in(world))
+        self._model = spec.compile()
+        self._model.vis.global_.offheight, self._model.vis.global_.offwidth = height_px, width_px
+        self._model.vis.quality.shadowsize = SHADOW_PX
+        placed = simulation.batch.get_model(world)
+        self._model.body_pos[:], self._model.body_quat[:] = placed.body_pos, placed.body_quat
+        self._data = mujoco.MjData(self._model)
+        self._eye: mujoco.MjvCamera | str = EYES
+        if first_person:
+            _hide_head(self._model)
+        else:
+            self._eye = _camera(VIEWS[episodes.task.name, stage.robot.mobile])
+        self._renderer = _renderer(self._model, width_px, height_px)
+
+    def picture(self) -> NDArray[np.uint8]:
+        """The world as it stands, (``height_px``, ``width_px``, 3)."""
+        self._data.qpos[:] = self._episodes.simulation.qpos(self._world)
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+        self._renderer.update_scene(self._data, self._eye, _shown())
+        self._add_marks()
+        return self._renderer.render()
+
+    def _add_marks(self) -> None:
+        marks, scene = self._episodes.task.marks, self._renderer.scene
+        if marks is None:
+            return
+        for place in self._episodes.marks_w()[self._world]:
+            mujoco.mjv_initGeom(
+                scene.geoms[scene.ngeom],
+                mujoco.mjtGeom.mjGEOM_SPHERE,
+                np.full(3, marks.radius_m),
+                place,
+                np.eye(3).ravel(),
+                np.array([*marks.rgb, 1.0], dtype=np.float32),
+            )
+            scene.ngeom += 1
+
+    def close(self) -> None:
+        """Give the graphics memory back."""
+        self._renderer.close()
+
+
+def _add_surroundings(spec: mujoco.MjSpec) -> None:
+    """A floor and a sky that can be seen, and light from above and before the person."""
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20.0, 20.0, 0.1], rgba=[0.72, 0.71, 0.68, 1.0],
+        group=VISUAL_GROUP, contype=0, conaffinity=0,
+    )  # fmt: skip
+    spec.worldbody.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0.4, -2.6, 3.2], dir=[-0.15, 0.7, -1.0],
+        diffuse=[0.6] * 3, specular=[0.2] * 3, castshadow=True,
+    )  # fmt: skip
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.35] * 3, [0.35] * 3
+    spec.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.86, 0.89, 0.92], rgb2=[0.62, 0.66, 0.70], width=64, height=384,
+    )  # fmt: skip
+
+
+def _add_eyes(spec: mujoco.MjSpec, person: Person) -> None:
+    """A camera where a headset of the person would be."""
+    sites = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m])).site_pos
+    x, y, z = sites["head_centre"][0]
+    spec.body(human.PREFIX + "head").add_camera(
+        name=EYES, pos=[x, y - HEADSET_AHEAD_M, z], quat=BODY_FROM_DEVICE_AXES, fovy=EYES_FIELD_DEG
+    )
+
+
+def _hide_head(model: mujoco.MjModel) -> None:
+    for part in HEAD_PARTS:
+        model.skin_group[model.skin(human.PREFIX + part).id] = HIDDEN_GROUP
+
+
+def _camera(view: View) -> mujoco.MjvCamera:
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = view.look_at_w
+    camera.distance, camera.azimuth, camera.elevation = view.distance_m, view.azimuth_deg, view.elevation_deg
+    return camera
+
+
+def _shown() -> mujoco.MjvOption:
+    option = mujoco.MjvOption()
+    option.geomgroup[:] = 0
+    option.geomgroup[VISUAL_GROUP] = 1
+    option.sitegroup[:] = 0
+    return option
+
+
+def _renderer(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.Renderer:
+    error = _graphics_error()
+    if error is not None:
+        raise RuntimeError(
+            "no picture can be drawn here: set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa "
+            f"(software) in the environment before Python starts; {error}"
+        )
+    return mujoco.Renderer(model, height_px, width_px)
+
+
+@cache
+def _graphics_error() -> str | None:
+    """Why nothing can be drawn, found out once: a second try without a graphics library would end the process."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            mujoco.Renderer(mujoco.MjSpec().compile(), 1, 1).close()
+    except Exception as error:  # each graphics library has exceptions of its own
+        return f"{type(error).__name__}: {error}"
+    return None

@@ -1,0 +1,119 @@
+"""The Gymnasium environment of one world."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+from numpy.typing import NDArray
+
+from avrgym.envs.rendering import Camera
+from avrgym.envs.vector_conventions import plain_seed
+from avrgym.models.human import Person
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.tasks.base import Task
+from avrgym.tasks.episodes import ACTIONS, EPISODE_STEPS, Episodes, Step, checked_actions
+
+Array = NDArray[np.float64]
+
+METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_STEP_S)}
+
+
+def spaces_of(task: Task) -> tuple[gym.Space[Array], gym.Space[NDArray[np.float32]]]:
+    """The spaces of a task's observations (O,) and actions (7,)."""
+    bound = task.observation_bound
+    observation = gym.spaces.Box(-bound, bound, dtype=np.float64)
+    return observation, gym.spaces.Box(-1.0, 1.0, (ACTIONS,), np.float32)
+
+
+class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
+    """One world. ``info``: ``success`` (so far), ``reward_terms`` (unweighted), ``force_on_person`` (N)."""
+
+    metadata = METADATA
+
+    def __init__(
+        self,
+        environment_id: str,
+        *,
+        people: str = "original",
+        person: Person | None = None,
+        impairment: str = "none",
+        render_mode: str | None = None,
+    ) -> None:
+        """See ``Episodes`` for people, person and impairment.
+
+        Raises:
+            ValueError: for an unknown name, naming what is allowed.
+        """
+        check_render_mode(render_mode, environment_id)
+        self.render_mode = render_mode
+        self.episodes = Episodes(
+            environment_id, 1, distribution=people, person=person, impairment=impairment, num_threads=1
+        )
+        self.observation_space, self.action_space = spaces_of(self.episodes.task)
+        self._steps_left = 0
+        self._camera: Camera | None = None
+
+    def reset(
+        self, *, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Begin an episode; without a seed the random stream goes on. The info is that of the start."""
+        super().reset(seed=plain_seed(seed))
+        self._steps_left = EPISODE_STEPS
+        self.episodes.begin(np.array([0]), [self.np_random])
+        self.close()
+        start = self.episodes.assess()
+        return start.observation[0], _info(start)
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """One control step of 0.1 s; the episode is truncated after 200 and never ends before.
+
+        Raises:
+            ValueError: for an action of another shape than (7,), or with numbers that are not finite.
+            gymnasium.error.ResetNeeded: before the first reset, and after an episode's end. Nothing has moved then.
+        """
+        if not self._steps_left:
+            raise ResetNeeded(f"no episode is running: reset() begins one, of {EPISODE_STEPS} steps")
+        step = self.episodes.step(checked_actions(action, (ACTIONS,))[None])
+        self._steps_left -= 1
+        return step.observation[0], float(step.reward[0]), False, self._steps_left == 0, _info(step)
+
+    def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """A picture (480, 640, 3) with the render mode ``rgb_array``, else nothing.
+
+        Raises:
+            RuntimeError: where no picture can be drawn, naming what to set.
+        """
+        if self.render_mode is None:
+            return None
+        if self._camera is None:
+            self._camera = Camera(self.episodes, 0)
+        return self._camera.picture()
+
+    def close(self) -> None:
+        """Put the camera away; the next picture takes a new one."""
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+
+def _info(step: Step) -> dict[str, Any]:
+    """Plain values: Gymnasium's vector environments make arrays of Python's bools, but not of NumPy's."""
+    return {
+        "success": bool(step.success[0]),
+        "reward_terms": {name: float(term[0]) for name, term in step.reward_terms.items()},
+        "force_on_person": float(step.force_on_person_n[0]),
+    }
+
+
+def check_render_mode(render_mode: str | None, environment_id: str) -> None:
+    """Refuse a render mode that there is not.
+
+    Raises:
+        ValueError: naming the modes there are.
+    """
+    if render_mode is not None and render_mode not in METADATA["render_modes"]:
+        raise ValueError(
+            f"unknown render mode {render_mode!r}; the modes are None, {', '.join(METADATA['render_modes'])}; "
+            f"`avrgym view {environment_id}` shows the environment live in a browser"
+        )

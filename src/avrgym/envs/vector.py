@@ -1,0 +1,231 @@
+"""The native vector environment: many worlds stepped together."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from avrgym.envs.rendering import Camera
+from avrgym.envs.single import METADATA, check_render_mode, spaces_of
+from avrgym.envs.vector_conventions import (
+    Bools,
+    RandomStreams,
+    Seeds,
+    World,
+    chosen,
+    final_infos,
+    infos,
+    reset_mask,
+)
+from avrgym.models.human import Person
+from avrgym.tasks.episodes import EPISODE_STEPS, Episodes, Step, checked_actions
+
+Array = NDArray[np.float64]
+
+
+class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
+    """N worlds stepped together; they behave as ``gymnasium.vector.SyncVectorEnv`` of N single environments does.
+
+    ``autoreset_mode`` says when a world whose episode has ended begins the next one: within the same step, which is
+    usual here, in the next step, which then ignores the world's action and rewards nothing, or when ``reset`` is told
+    by ``options={"reset_mask": mask}``.
+    """
+
+    def __init__(
+        self,
+        environment_id: str,
+        num_envs: int = 1,
+        *,
+        people: str = "original",
+        person: Person | None = None,
+        impairment: str = "none",
+        render_mode: str | None = None,
+        num_threads: int = 0,
+        max_episode_steps: int = EPISODE_STEPS,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+    ) -> None:
+        """See ``Episodes`` for people, person, impairment and threads.
+
+        Raises:
+            ValueError: for an unknown name or a number out of range, naming what is allowed.
+        """
+        check_render_mode(render_mode, environment_id)
+        _check_count("num_envs", num_envs)
+        _check_count("max_episode_steps", max_episode_steps, EPISODE_STEPS)
+        self.autoreset_mode = _autoreset_mode(autoreset_mode)
+        self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
+        self.render_mode = render_mode
+        self.num_envs = num_envs
+        self.max_episode_steps = max_episode_steps
+        self.episodes = Episodes(
+            environment_id,
+            num_envs,
+            distribution=people,
+            person=person,
+            impairment=impairment,
+            num_threads=num_threads,
+        )
+        self.single_observation_space, self.single_action_space = spaces_of(self.episodes.task)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._now: Step | None = None
+        self._steps = np.zeros(num_envs, dtype=int)
+        self._ended: Bools = np.zeros(num_envs, dtype=bool)
+        self._cameras: dict[int, Camera] = {}
+        self._random = RandomStreams(num_envs)
+        self._worlds = [World(self, index, METADATA) for index in range(num_envs)]
+        self.drawn_from = [_state(generator) for generator in self._random.generators]
+        """States of the random streams that the present episodes were drawn from, one a world."""
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The random stream of each world."""
+        return tuple(self._random.generators)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The seed that each world's random stream was made from."""
+        return tuple(self._random.seeds)
+
+    def reset(
+        self, *, seed: Seeds = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Begin episodes in all worlds, or in those of ``options["reset_mask"]``, boolean (N,).
+
+        World i with seed s is the single environment with seed s + i; a list has a seed for each world, or None where
+        the random stream goes on.
+
+        Raises:
+            ValueError: for another number of seeds than worlds, or a mask of another kind.
+            gymnasium.error.ResetNeeded: where not every world has begun an episode yet and the mask is not for all.
+        """
+        which = reset_mask(options, self.num_envs)
+        if self._now is None and not which.all():
+            raise ResetNeeded("no episode has begun yet: the first reset is for all worlds")
+        self._random.reseed(seed, which)
+        self._ended = self._ended & ~which
+        start = self._begin(which)
+        return start.observation.copy(), infos(start, which)
+
+    def step(self, actions: NDArray[np.float32]) -> tuple[Array, Array, Bools, Bools, dict[str, Any]]:
+        """One control step of all worlds.
+
+        Raises:
+            ValueError: for actions of another shape than (N, 7), or with numbers that are not finite.
+            gymnasium.error.ResetNeeded: before the first reset, and after an episode's end without automatic reset.
+                Nothing has moved then.
+        """
+        self._check_running()
+        same_step, ended = self.autoreset_mode is AutoresetMode.SAME_STEP, self._ended
+        assert self.action_space.shape is not None
+        step = self.episodes.step(checked_actions(actions, self.action_space.shape, ignored=ended))
+        self._now = step
+        self._steps += 1
+        truncated = (self._steps >= self.max_episode_steps) & ~ended
+        final = final_infos(step, truncated) if same_step and truncated.any() else {}
+        self._ended = np.zeros_like(truncated) if same_step else truncated
+        now = self._begin(truncated if same_step else ended)
+        told = infos(now, np.ones(self.num_envs, dtype=bool))
+        reward = np.where(ended, 0.0, step.reward)
+        return now.observation.copy(), reward, np.zeros(self.num_envs, dtype=bool), truncated, told | final
+
+    def _check_running(self) -> None:
+        if self._now is None:
+            raise ResetNeeded("no episode is running: reset() begins them")
+        if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
+            raise ResetNeeded(
+                f"the episodes of worlds {np.nonzero(self._ended)[0].tolist()} have ended: "
+                'reset(options={"reset_mask": mask}) begins new ones'
+            )
+
+    def _begin(self, which: Bools) -> Step:
+        """Begin episodes in some worlds (N,); what all worlds show then."""
+        ids = np.nonzero(which)[0]
+        if not len(ids) and self._now is not None:
+            return self._now
+        self._steps[ids] = 0
+        for world in ids.tolist():
+            self.drawn_from[world] = _state(self._random.generators[world])
+            if world in self._cameras:
+                self._cameras.pop(world).close()
+        self.episodes.begin(ids, [self._random.generators[world] for world in ids])
+        start = self.episodes.assess()
+        self._now = start if self._now is None else chosen(which, start, self._now)
+        return self._now
+
+    def begin_again_from(self, drawn_from: list[dict[str, Any]]) -> Array:
+        """Begin the episodes in all worlds that were drawn from these states; give their observations."""
+        for generator, state in zip(self._random.generators, drawn_from, strict=True):
+            generator.bit_generator.state = state
+        return self._begin(np.ones(self.num_envs, dtype=bool)).observation.copy()
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """What each world's method of that name gives, or its attribute of that name."""
+        found = [getattr(world, name) for world in self._worlds]
+        return tuple(each(*args, **kwargs) if callable(each) else each for each in found)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Each world's attribute of that name."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Give each world an attribute: one of a list or tuple (N,) each, or the same value all.
+
+        Raises:
+            ValueError: for another number of values than worlds.
+        """
+        each = values if isinstance(values, list | tuple) else [values] * self.num_envs
+        if len(each) != self.num_envs:
+            raise ValueError(
+                f"{len(each)} values for {self.num_envs} worlds; allowed: one for each, or one for all"
+            )
+        for world, value in zip(self._worlds, each, strict=True):
+            setattr(world, name, value)
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """One picture (480, 640, 3) of each world with the render mode ``rgb_array``, else nothing.
+
+        Every world has a model and a graphics context of its own: meant for a few worlds.
+
+        Raises:
+            RuntimeError: where no picture can be drawn, naming what to set.
+        """
+        if self.render_mode is None:
+            return None
+        return tuple(self._picture(world) for world in range(self.num_envs))
+
+    def _picture(self, world: int) -> NDArray[np.uint8]:
+        if world not in self._cameras:
+            self._cameras[world] = Camera(self.episodes, world)
+        return self._cameras[world].picture()
+
+    def picture(self, world: int) -> NDArray[np.uint8] | None:
+        """A picture (480, 640, 3) of one world with the render mode ``rgb_array``, else nothing."""
+        return None if self.render_mode is None else self._picture(world)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Put the cameras away."""
+        for camera in self._cameras.values():
+            camera.close()
+        self._cameras.clear()
+
+
+def _state(generator: np.random.Generator) -> dict[str, Any]:
+    return dict(generator.bit_generator.state)
+
+
+def _check_count(name: str, count: int, most: float = np.inf) -> None:
+    if not isinstance(count, int | np.integer) or not 1 <= count <= most:
+        allowed = "1 or more" if most == np.inf else f"1 to {most}"
+        raise ValueError(f"{name} is {count!r}; allowed: {allowed}")
+
+
+def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        allowed = ", ".join(f"{each} or {each.value!r}" for each in AutoresetMode)
+        raise ValueError(f"unknown autoreset mode {mode!r}; allowed: {allowed}") from None

@@ -1,0 +1,151 @@
+"""What vector environments share beside their worlds: seeds, infos and attributes as Gymnasium's own give them."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+
+from avrgym.tasks.episodes import Step
+
+if TYPE_CHECKING:
+    from avrgym.envs.vector import AssistiveVectorEnv
+
+Bools = NDArray[np.bool_]
+Seeds = int | np.integer | Sequence[int | None] | NDArray[np.integer] | None
+
+
+class RandomStreams:
+    """The random streams of N worlds: their ``generators`` and the ``seeds`` that these were made from."""
+
+    def __init__(self, count: int) -> None:
+        made = [seeding.np_random() for _ in range(count)]
+        self.generators = [generator for generator, _ in made]
+        self.seeds: list[int] = [seed for _, seed in made]
+
+    def reseed(self, seed: Seeds, which: Bools) -> None:
+        """Begin the streams of some worlds (N,) anew: world i with seed + i, or the i-th seed unless that is None.
+
+        Raises:
+            ValueError: for another number of seeds than worlds.
+            gymnasium.error.Error: for a negative seed.
+        """
+        wanted = self._one_each(seed)
+        made = {i: seeding.np_random(wanted[i]) for i in np.nonzero(which)[0] if wanted[i] is not None}
+        for i, (generator, made_from) in made.items():
+            self.generators[i], self.seeds[i] = generator, made_from
+
+    def _one_each(self, seed: Seeds) -> list[int | None]:
+        count = len(self.generators)
+        if seed is None:
+            return [None] * count
+        if isinstance(seed, Iterable):
+            wanted = [plain_seed(each) for each in seed]
+            if len(wanted) != count:
+                raise ValueError(f"{len(wanted)} seeds; allowed: one number, or a list of {count}")
+            return wanted
+        return [int(seed) + i for i in range(count)]
+
+
+def plain_seed(seed: int | np.integer | None) -> int | None:
+    """A seed as Gymnasium wants it, which knows no integers of NumPy."""
+    return int(seed) if isinstance(seed, np.integer) else seed
+
+
+def reset_mask(options: Mapping[str, Any] | None, count: int) -> Bools:
+    """Which worlds (N,) a reset is for: those of ``options["reset_mask"]``, without it all.
+
+    Raises:
+        ValueError: for anything but a boolean array (N,) with one ``True`` or more.
+    """
+    if options is None or "reset_mask" not in options:
+        return np.ones(count, dtype=bool)
+    mask = np.asarray(options["reset_mask"])
+    if mask.dtype != np.bool_ or mask.shape != (count,) or not mask.any():
+        raise ValueError(
+            f"options['reset_mask'] is {options['reset_mask']!r}; "
+            f"allowed: a boolean array of shape ({count},) with one True or more"
+        )
+    return mask
+
+
+def chosen(which: Bools, some: Step, others: Step) -> Step:
+    """What two steps gave: of the worlds ``which`` (N,) the first, of the others the second."""
+    parts = {field.name: (getattr(some, field.name), getattr(others, field.name)) for field in fields(Step)}
+    terms = parts.pop("reward_terms")
+    return Step(
+        reward_terms={name: _where(which, terms[0][name], terms[1][name]) for name in terms[0]},
+        **{name: _where(which, *pair) for name, pair in parts.items()},
+    )
+
+
+def _where(which: Bools, some: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:
+    return np.where(which.reshape(-1, *[1] * (some.ndim - 1)), some, others)
+
+
+def infos(step: Step, of: Bools) -> dict[str, Any]:
+    """What a step told of some worlds (N,), of the others zero: every key beside a mask of the worlds it is of."""
+    terms = {name: np.where(of, term, 0.0) for name, term in step.reward_terms.items()}
+    told = {
+        "success": step.success & of,
+        "reward_terms": _masked(terms, of),
+        "force_on_person": np.where(of, step.force_on_person_n, 0.0),
+    }
+    return _masked(told, of)
+
+
+def final_infos(step: Step, ended: Bools) -> dict[str, Any]:
+    """With what the episodes ended that did (N,), where others have begun within the same step."""
+    observations = np.full(len(ended), None, dtype=object)
+    for world in np.nonzero(ended)[0]:
+        observations[world] = step.observation[world].copy()
+    return _masked({"final_obs": observations, "final_info": infos(step, ended)}, ended)
+
+
+def _masked(values: Mapping[str, Any], of: Bools) -> dict[str, Any]:
+    return dict(values) | {f"_{name}": of.copy() for name in values}
+
+
+class World:
+    """One world of a vector environment: the attributes that Gymnasium's environments have."""
+
+    metadata: Mapping[str, Any]
+
+    def __init__(self, env: "AssistiveVectorEnv", index: int, metadata: Mapping[str, Any]) -> None:
+        self._env, self._index = env, index
+        self.metadata = metadata
+
+    def __getattr__(self, name: str) -> Any:
+        allowed = ", ".join(name for name in dir(self) if not name.startswith("_"))
+        raise AttributeError(f"a world has no attribute {name!r}; it has {allowed}")
+
+    @property
+    def observation_space(self) -> gym.Space[Any]:
+        return self._env.single_observation_space
+
+    @property
+    def action_space(self) -> gym.Space[Any]:
+        return self._env.single_action_space
+
+    @property
+    def spec(self) -> Any:
+        return self._env.spec
+
+    @property
+    def render_mode(self) -> str | None:
+        return self._env.render_mode
+
+    @property
+    def np_random(self) -> np.random.Generator:
+        return self._env.np_random[self._index]
+
+    @property
+    def np_random_seed(self) -> int:
+        return self._env.np_random_seed[self._index]
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture (480, 640, 3) with the render mode ``rgb_array``, else nothing."""
+        return self._env.picture(self._index)

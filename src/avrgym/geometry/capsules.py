@@ -1,0 +1,108 @@
+"""Distances of segments from segments, points and boxes, for any number of pairs at once.
+
+A capsule is all that lies within a radius of a segment: the distance between two capsules is that between their
+segments less both radii. Every function broadcasts over the leading axes and works element by element, so that
+a pair's result does not depend on the others. Inside, vectors have their axis first, which is faster.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+
+Array = NDArray[np.float64]
+
+
+def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
+    """The distance (...) in metres between segments a and b, given by their ends (..., 3).
+
+    The closest point of line a to line b, clamped to a; the point of b closest to it; the point of a closest to
+    that (Ericson, *Real-Time Collision Detection*, 2005, section 5.1.9). Where the lines are parallel any start
+    leads to a closest pair. Segments may be points. Exact to 1e-8 of their length.
+    """
+    a0, a1, b0, b1 = _axis_first(a0, a1, b0, b1)
+    along_a, along_b, offset = a1 - a0, b1 - b0, a0 - b0
+    aa, bb, ab = _dot(along_a, along_a), _dot(along_b, along_b), _dot(along_a, along_b)
+    a_offset, b_offset = _dot(along_a, offset), _dot(along_b, offset)
+    s = _share(ab * b_offset - a_offset * bb, aa * bb - ab * ab)
+    t = _share(ab * s + b_offset, bb)
+    s = _share(ab * t - a_offset, aa)
+    return _length(offset + s * along_a - t * along_b)
+
+
+def point_distance(point: Array, s0: Array, s1: Array) -> Array:
+    """The distance (...) of points (..., 3) from segments that begin and end at (..., 3)."""
+    point, s0, s1 = _axis_first(point, s0, s1)
+    along, offset = s1 - s0, point - s0
+    return _length(offset - _share(_dot(offset, along), _dot(along, along)) * along)
+
+
+def segment_box_distance(
+    box_pos_w: Array, box_q_w: Array, half_size_m: Array, s0_w: Array, s1_w: Array
+) -> Array:
+    """The distance (...) in metres of segments from oriented boxes; 0 where they intersect.
+
+    Args:
+        box_pos_w: the boxes' centres (..., 3).
+        box_q_w: their orientations (..., 4).
+        half_size_m: half their edges (..., 3).
+        s0_w: where the segments begin (..., 3).
+        s1_w: where they end (..., 3).
+    """
+    entries = transforms.to_matrix(box_q_w).reshape(*np.shape(box_q_w)[:-1], 9)
+    centre_w, entries, half, s0_w, s1_w = _axis_first(box_pos_w, entries, half_size_m, s0_w, s1_w)
+    to_world = entries.reshape(3, 3, *entries.shape[1:])
+    start, along = _dot(to_world, s0_w - centre_w), _dot(to_world, s1_w - s0_w)
+    nearest = start + _closest_share(start, along, half) * along
+    return _length(nearest - _clamp(nearest, -half, half))
+
+
+def _closest_share(start: Array, along: Array, half: Array) -> Array:
+    """Where along segments, 0 to 1, boxes at the origin are closest: shape (...); arguments (3, ...).
+
+    The squared distance is convex in the share. Along each axis its slope is zero between the shares at which
+    the segment enters and leaves the box's slab, and linear outside. So the zero of the whole lies between two
+    of these shares that follow each other, and one step of Newton's method from between them finds it.
+    """
+    moving = np.where(np.abs(along) > VANISHING, along, VANISHING)
+    middle, reach = -start / moving, half / np.abs(moving)
+    enter, leave, weight = middle - reach, middle + reach, along * along
+    shares = _clamp(np.concatenate([enter, leave]), 0.0, 1.0)
+    slope = _dot(weight[:, None], shares - _clamp(shares, enter[:, None], leave[:, None]))
+    last_falling = np.where(slope <= 0.0, shares, 0.0).max(axis=0)
+    first_rising = np.where(slope >= 0.0, shares, 1.0).min(axis=0)
+    between = 0.5 * (last_falling + first_rising)
+    beyond = between - _clamp(between, enter, leave)
+    curvature = _dot(weight, beyond != 0.0)
+    step = _dot(weight, beyond) / np.where(curvature > 0.0, curvature, np.inf)
+    return _clamp(between - step, 0.0, 1.0)
+
+
+def _share(numerator: Array, denominator: Array) -> Array:
+    """Their ratio clamped to 0 … 1; 0 where the denominator vanishes."""
+    usable = np.abs(denominator) > VANISHING
+    return _clamp(numerator / np.where(usable, denominator, np.inf), 0.0, 1.0)
+
+
+VANISHING = 1e-100
+
+
+def _clamp(x: Array, low: Array | float, high: Array | float) -> Array:
+    """``numpy.clip``, which takes several times as long."""
+    return np.minimum(np.maximum(x, low), high)
+
+
+def _axis_first(*vectors: Array) -> list[Array]:
+    """Vectors (..., n), as many leading axes as they have, as (n, ...) with equally many axes."""
+    axes = max(v.ndim for v in vectors)
+    order = (axes - 1, *range(axes - 1))
+    return [v.reshape((1,) * (axes - v.ndim) + v.shape).transpose(order).copy() for v in vectors]
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """The sum over the first axis of both, of vectors (3, ...) or of matrices (3, 3, ...) with vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _length(v: Array) -> Array:
+    return np.sqrt(_dot(v, v))

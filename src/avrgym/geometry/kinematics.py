@@ -1,0 +1,367 @@
+"""Kinematics of a chain of hinges for many poses at once: forward, Jacobian, isotropy, damped least squares.
+
+Public arrays have the row first, (N, ...). Inside, rows come last, so that every operation runs along
+contiguous memory, and a rotation is its three columns, (3, 3, N). Rows meet only element-wise operations: a
+row's result has the same bits alone and among others.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, reduce
+
+import mujoco
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.small_matrices import (
+    TINY,
+    combined,
+    cross,
+    diagonal,
+    eliminate,
+    norm,
+    rotation_between,
+    rows_first,
+    rows_last,
+    solved,
+    weighted_square,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """J hinges from a base frame to a tip frame.
+
+    ``pos`` (J, 3) and ``q`` (J, 4) place each hinge's body in the one before it at angle zero, the first in
+    the base; ``axis`` (J, 3) is in that body; ``tip_pos`` (3,), ``tip_q`` (4,) place the tip in the last
+    body. ``lower_rad``, ``upper_rad`` (J,) are the ranges, infinite for a hinge that turns freely.
+    """
+
+    pos: Array
+    q: Array
+    axis: Array
+    tip_pos: Array
+    tip_q: Array
+    lower_rad: Array
+    upper_rad: Array
+
+    @cached_property
+    def links(self) -> tuple[tuple[list[float], list[list[float]]], ...]:
+        """The same chain with every hinge about its z: J + 1 fixed displacements and columns of rotations.
+
+        Each leads from one hinge's frame to the next one's; the last leads to the tip.
+        """
+        turned = [np.eye(3), *(_frame_with_z(axis) for axis in self.axis)]
+        offsets, rotations = [*self.pos, self.tip_pos], transforms.to_matrix([*self.q, self.tip_q])
+        ends = [*turned[1:], np.eye(3)]
+        return tuple(
+            (_snapped(_product(before.T, offset)), _snapped(_product(_product(before.T, rotation), after).T))
+            for before, offset, rotation, after in zip(turned, offsets, rotations, ends, strict=True)
+        )
+
+
+def _frame_with_z(axis: Array) -> Array:
+    """A rotation (3, 3) whose third column is the unit vector ``axis``; a permutation where that can be."""
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    x = transforms.normalize(helper - axis * (axis * helper).sum())
+    return np.stack([x, np.cross(axis, x), axis], axis=-1)
+
+
+def _product(a: Array, b: Array) -> Array:
+    """The product of matrices (3, 3), or of a matrix and a vector (3,), summed in the order of the columns."""
+    return reduce(np.add, (np.multiply.outer(column, row) for column, row in zip(a.T, b, strict=True)))
+
+
+def _snapped(values: Array) -> list:
+    """Numbers within rounding of 0 and ±1 become these, which cost nothing to multiply by."""
+    whole = np.round(values)
+    return np.where(np.abs(values - whole) < 1e-12, whole, values).tolist()
+
+
+def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) -> Chain:
+    """Read a chain from a model: ``base`` is the body whose frame is the base frame, ``tip`` the last body.
+
+    Between two hinges there may be any number of welded bodies.
+
+    Raises:
+        ValueError: when the joints do not lie on the way from tip to base, one per body and in this order.
+    """
+    hinge_of_body = {int(model.joint(name).bodyid[0]): name for name in joints}
+    base_id, body = model.body(base).id, model.body(tip).id
+    pos, q = np.zeros(3), transforms.IDENTITY_QUATERNION
+    segments: list[tuple[str, Array, Array]] = []
+    while body != base_id:
+        if body == 0:
+            raise ValueError(f"body {tip!r} is not carried by {base!r}")
+        if body in hinge_of_body:
+            segments.insert(0, (hinge_of_body[body], pos, q))
+            pos, q = np.zeros(3), transforms.IDENTITY_QUATERNION
+        pos, q = transforms.compose(model.body_pos[body], model.body_quat[body], pos, q)
+        body = int(model.body_parentid[body])
+    names = tuple(name for name, _, _ in segments)
+    if names != tuple(joints):
+        raise ValueError(f"the hinges from {base!r} to {tip!r} are {names}, not {tuple(joints)}")
+    # What was gathered after a hinge belongs before the next one; the last piece is the tip.
+    before = [(pos, q), *((p, r) for _, p, r in segments[:-1])]
+    ranges = np.stack([_range_rad(model, name) for name in joints])
+    return Chain(
+        pos=np.stack([p for p, _ in before]),
+        q=np.stack([r for _, r in before]),
+        axis=np.stack([model.joint(name).axis for name in joints]),
+        tip_pos=segments[-1][1],
+        tip_q=segments[-1][2],
+        lower_rad=ranges[:, 0],
+        upper_rad=ranges[:, 1],
+    )
+
+
+def _range_rad(model: mujoco.MjModel, joint: str) -> Array:
+    limited = model.jnt_limited[model.joint(joint).id]
+    return model.joint(joint).range if limited else np.array([-np.inf, np.inf])
+
+
+def forward(chain: Chain, angles_rad: Array) -> tuple[Array, Array]:
+    """The tip's pose in the base frame for angles (N, J): positions (N, 3) and quaternions (N, 4), w ≥ 0."""
+    poses = _poses(chain, rows_last(angles_rad))
+    return rows_first(poses.tip), transforms.from_matrix(rows_first(poses.columns))
+
+
+def jacobian(chain: Chain, angles_rad: Array) -> tuple[Array, Array, Array]:
+    """The tip's pose and its geometric Jacobian in the base frame.
+
+    Returns:
+        positions (N, 3), quaternions (N, 4) and J (N, 6, J): rows 0–2 m/rad, rows 3–5 rad/rad.
+    """
+    poses = _poses(chain, rows_last(angles_rad))
+    q = transforms.from_matrix(rows_first(poses.columns))
+    return rows_first(poses.tip), q, rows_first(_jacobian(poses))
+
+
+def reach_m(chain: Chain) -> float:
+    """No pose has its tip farther than this from the first hinge."""
+    return float(sum(transforms.norm(offset) for offset, _ in chain.links[1:]))
+
+
+def wrapped(chain: Chain, angles_rad: Array) -> Array:
+    """Angles (..., J) with those of freely turning hinges put within ±π."""
+    free = ~np.isfinite(chain.upper_rad)
+    return np.where(free, np.mod(angles_rad + np.pi, 2.0 * np.pi) - np.pi, angles_rad)
+
+
+LIMIT_MARGIN = 0.05
+WEIGHT_FLOOR = 0.001
+
+
+def limit_weights(chain: Chain, angles_rad: Array) -> Array:
+    """How free each joint is to turn, (N, J) for angles (N, J).
+
+    Half at an end of its range, 1 away from both, 1 for a hinge that turns freely; at least 0.001, which is
+    met only outside the range. With half the range r and the lower end l (Kapusta and Kemp, "Task-centric
+    optimization of configurations for assistive robots", Autonomous Robots 43, 2019):
+    w = 1 − 0.5^((r − |r − q + l|) / (0.05 r) + 1).
+    """
+    limited = np.isfinite(chain.upper_rad)
+    lower, upper = np.where(limited, chain.lower_rad, -1.0), np.where(limited, chain.upper_rad, 1.0)
+    half = 0.5 * (upper - lower)
+    margins = (half - np.abs(half - angles_rad + lower)) / (LIMIT_MARGIN * half)
+    bounded = np.maximum(margins, -1.0)  # the floor holds from there on; powers of less would overflow
+    return np.where(limited, np.maximum(1.0 - elementary.power(0.5, bounded + 1.0), WEIGHT_FLOOR), 1.0)
+
+
+def isotropy(chain: Chain, angles_rad: Array) -> Array:
+    """Joint-limit-weighted kinematic isotropy (N,) of angles (N, J): 0 where singular, at most 1.
+
+    The geometric mean over the arithmetic mean of the eigenvalues of J W Jᵀ, with metres and radians as they
+    are: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W = diag(``limit_weights``). Kapusta and Kemp (Autonomous
+    Robots 43, 2019), after the kinematic isotropy of Kim and Khosla (IROS 1991).
+    """
+    j = _jacobian(_poses(chain, rows_last(angles_rad)))
+    square = weighted_square(j, rows_last(limit_weights(chain, angles_rad)))
+    trace = reduce(np.add, diagonal(square))
+    eliminate(square)
+    determinant = reduce(np.multiply, np.maximum(diagonal(square), 0.0))
+    return 6.0 * elementary.power(determinant, 1.0 / 6.0) / trace
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Angles (N, J) and what is left of the error: metres (N,) and radians (N,), 0 where none was asked."""
+
+    angles_rad: Array
+    position_error_m: Array
+    rotation_error_rad: Array
+
+
+ENOUGH_STEPS = 50
+MAX_TURN_RAD = 0.5
+METRES_PER_RADIAN = 0.3
+"""An error of one radian weighs as much as 0.3 m."""
+ROWS_AT_ONCE = 4096
+"""Enough rows to make up for the cost of calling NumPy, few enough for the processor's cache."""
+
+
+def solve(
+    chain: Chain,
+    target_pos: Array,
+    target_q: Array | None,
+    start_rad: Array,
+    *,
+    iterations: int = ENOUGH_STEPS,
+    tolerance: float = 1e-4,
+    precision: DTypeLike = np.float64,
+) -> Solution:
+    """Inverse kinematics by damped least squares (Wampler, IEEE Trans. SMC 16(1), 1986), within the ranges.
+
+    The damping is proportional to the squared error (Sugihara, IEEE Trans. Robotics 27(5), 2011). A joint at
+    an end of its range that the error pushes outwards stays out of the step, as in projected Newton methods
+    (Bertsekas, SIAM J. Control and Optimization 20(2), 1982). From the present angles, a few iterations
+    follow a moving target.
+
+    Args:
+        chain: the arm.
+        target_pos: (N, 3) in the base frame, metres.
+        target_q: (N, 4), or None where any rotation will do.
+        start_rad: (N, J), the angles to start from.
+        iterations: how many steps at most, none of them larger than 0.5 rad in any joint.
+        tolerance: a row stops moving when its weighted error is below this many metres.
+        precision: of the calculation; ``numpy.float32`` takes half the time and is good for 0.1 mm.
+    """
+    target, metres_per_radian = _target(target_pos, target_q)
+    target, limits = target.astype(precision), np.stack([chain.lower_rad, chain.upper_rad]).astype(precision)
+    angles = np.clip(rows_last(start_rad).astype(precision), *limits[..., None])
+    left, steps = np.empty((2, len(start_rad))), np.zeros(len(start_rad), dtype=int)
+    rows, waiting = np.split(np.arange(len(start_rad)), [ROWS_AT_ONCE])
+    while len(rows):
+        now = angles.take(rows, axis=-1)
+        poses = _poses(chain, now)
+        error = _error(poses, target.take(rows, axis=-1), metres_per_radian)
+        left[:, rows] = norm(error[:3]), norm(error[3:])
+        going = (norm(error) > tolerance) & (steps[rows] < iterations)
+        after = _moved(now, limits[..., None], _jacobian(poses, metres_per_radian), error)
+        rows, done = rows[going], len(rows) - np.count_nonzero(going)
+        angles[:, rows] = after[:, going]
+        steps[rows] += 1
+        rows, waiting = np.concatenate([rows, waiting[:done]]), waiting[done:]
+    found = np.clip(rows_first(angles), chain.lower_rad, chain.upper_rad)
+    return Solution(found, left[0], left[1] / METRES_PER_RADIAN)
+
+
+RESTARTS = 4
+RESTART_UNIFORMS = 7 * RESTARTS
+RESTART_SPREAD_RAD = 1.0
+ACCURACY_M, ACCURACY_RAD = 0.005, 0.05
+
+
+def solve_with_restarts(
+    chain: Chain, target_pos: Array, target_q: Array, seed_rad: Array, uniforms: Array
+) -> Array:
+    """Angles (N, J) for targets (N, 3), (N, 4): from one seed pose (J,), then from poses up to 1 rad around
+    it.
+
+    A row keeps the first solution within 5 mm and 0.05 rad, else the one that comes closest. ``uniforms``
+    (N, ``RESTART_UNIFORMS``) draw the restarts. Hinges that turn freely end within ±π.
+    """
+    best = solve(chain, target_pos, target_q, np.tile(seed_rad, (len(target_pos), 1)))
+    for restart in range(RESTARTS):
+        rows = np.nonzero(~accurate(best))[0]
+        if not len(rows):
+            break
+        spread = uniforms[rows, 7 * restart : 7 * restart + len(seed_rad)]
+        start = seed_rad + RESTART_SPREAD_RAD * (2.0 * spread - 1.0)
+        best = better(best, solve(chain, target_pos[rows], target_q[rows], start), rows)
+    return wrapped(chain, best.angles_rad)
+
+
+def accurate(solution: Solution) -> NDArray[np.bool_]:
+    """Which rows (N,) are within 5 mm and 0.05 rad."""
+    return (solution.position_error_m < ACCURACY_M) & (solution.rotation_error_rad < ACCURACY_RAD)
+
+
+def better(old: Solution, new: Solution, rows: NDArray[np.intp]) -> Solution:
+    """``old`` (N,), its ``rows`` replaced by ``new`` (rows,) where that leaves less of the error."""
+    cost = new.position_error_m + METRES_PER_RADIAN * new.rotation_error_rad
+    old_cost = old.position_error_m[rows] + METRES_PER_RADIAN * old.rotation_error_rad[rows]
+    improved = rows[cost < old_cost]
+    merged = Solution(old.angles_rad.copy(), old.position_error_m.copy(), old.rotation_error_rad.copy())
+    for name in ("angles_rad", "position_error_m", "rotation_error_rad"):
+        getattr(merged, name)[improved] = getattr(new, name)[cost < old_cost]
+    return merged
+
+
+# Rows last from here on.
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """In the base frame: the hinges' origins and axes (J, 3, N), the tip's place (3, N) and columns (3, 3, N)."""
+
+    origins: Array
+    axes: Array
+    tip: Array
+    columns: Array
+
+
+def _poses(chain: Chain, angles: Array) -> _Poses:
+    sine, cosine = elementary.sine_and_cosine(angles)
+    pos = np.zeros((3, angles.shape[-1]), angles.dtype)
+    columns: Sequence[Array] | Array = np.repeat(
+        np.eye(3, dtype=angles.dtype)[..., None], angles.shape[-1], axis=-1
+    )
+    origins, axes = np.empty((2, len(angles), *pos.shape), angles.dtype)
+    for i, (offset, rotation) in enumerate(chain.links[:-1]):
+        origins[i] = pos = pos + combined(columns, offset)
+        x, y, axes[i] = (combined(columns, column) for column in rotation)
+        columns = (cosine[i] * x + sine[i] * y, cosine[i] * y - sine[i] * x, axes[i])
+    offset, rotation = chain.links[-1]
+    tip = pos + combined(columns, offset)
+    return _Poses(origins, axes, tip, np.stack([combined(columns, column) for column in rotation]))
+
+
+def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> Array:
+    """J (J, 6, N), a column after the other, its rows 3–5 in so many metres per radian."""
+    j = np.empty((len(poses.axes), 6, poses.tip.shape[-1]), poses.tip.dtype)
+    j[:, :3] = cross(poses.axes, poses.tip - poses.origins)
+    np.multiply(metres_per_radian, poses.axes, out=j[:, 3:])
+    return j
+
+
+def _target(pos: Array, q: Array | None) -> tuple[Array, float]:
+    """A place and the columns of a rotation, (4, 3, N), and the weight of the rotation."""
+    place = rows_last(pos)[None]
+    if q is None:
+        return np.concatenate([place, np.repeat(np.eye(3)[..., None], len(pos), axis=-1)]), 0.0
+    return np.concatenate([place, rows_last(transforms.to_matrix(q))]), METRES_PER_RADIAN
+
+
+def _error(poses: _Poses, target: Array, metres_per_radian: float) -> Array:
+    turn = metres_per_radian * rotation_between(poses.columns, target[1:])
+    return np.concatenate([target[0] - poses.tip, turn])
+
+
+DAMPING_PER_SQUARED_ERROR = 0.3
+LEAST_DAMPING_M2 = 1e-5
+
+
+def _moved(angles: Array, limits: Array, j: Array, error: Array) -> Array:
+    """The angles (J, N) after the step W Jᵀ (J W Jᵀ + damping)⁻¹ error; W is 0 for joints that must stay."""
+    free = _free(angles, limits, _times_error(j, error))
+    system = np.concatenate([weighted_square(j, free), error[:, None]], axis=1)
+    diagonal(system)[...] += DAMPING_PER_SQUARED_ERROR * norm(error) ** 2 + LEAST_DAMPING_M2
+    step = free * _times_error(j, solved(system))
+    step *= np.minimum(1.0, MAX_TURN_RAD / np.maximum(np.abs(step).max(axis=0), TINY))
+    return np.clip(angles + step, *limits)
+
+
+def _free(angles: Array, limits: Array, pull: Array) -> Array:
+    """1 for joints (J, N) that may turn the way the error pulls them, 0 for others."""
+    lower, upper = limits
+    stuck = ((angles <= lower) & (pull < 0.0)) | ((angles >= upper) & (pull > 0.0))
+    return (~stuck).astype(pull.dtype)
+
+
+def _times_error(j: Array, error: Array) -> Array:
+    """Jᵀ error, (J, N)."""
+    return reduce(np.add, (j[:, i] * error[i] for i in range(6)))

@@ -1,0 +1,221 @@
+"""How well a policy does: many episodes at once, the same figures for the same seed."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.oracles import ORACLES
+from avrgym.policies.trained import Policy, PolicyError, find_policy, load_policy
+from avrgym.system.jobs import cores, report, run_all
+from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks.episodes import ACTIONS, EPISODE_STEPS, Episodes
+
+Array = NDArray[np.float64]
+Act = Callable[[Array], NDArray[np.floating]]
+Progress = Callable[[int], None]
+Results = tuple[Array, NDArray[np.bool_], Array]
+"""Of n episodes: summed reward, success and mean force (n,)."""
+
+SCRIPTS = ("oracle", "random", "zero")
+MAX_WORLDS = 64
+WORTH_A_PROCESS = 16
+"""How many episodes take longer than a process to start."""
+EVALUATION_STREAM = 1_000_003
+"""Evaluation draws from streams of its own, which training never uses."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The figures of one policy in one environment; force is the mean over all steps."""
+
+    env: str
+    policy: str
+    people: str
+    episodes: int
+    reward_mean: float
+    reward_std: float
+    success_rate: float
+    success_ci95: tuple[float, float]
+    force_mean_newton: float
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Episodes of one environment that run together; numbers of ``episodes`` count from 0."""
+
+    environment_id: str
+    policy: str
+    people: str
+    seed: int
+    episodes: range
+    threads: int
+    allow_other_environment: bool
+
+
+def evaluate(
+    environment_id: str,
+    policy: str,
+    people: str,
+    episodes: int,
+    seed: int,
+    progress: Progress = lambda steps: None,
+) -> Evaluation:
+    """Run episodes of 200 steps in this process, and sum them up; see ``evaluate_all``."""
+    return evaluate_all([environment_id], policy, people, episodes, seed, progress, jobs=1)[0]
+
+
+def evaluate_all(
+    environment_ids: Sequence[str],
+    policy: str,
+    people: str,
+    episodes: int,
+    seed: int,
+    progress: Progress = lambda steps: None,
+    *,
+    jobs: int | None = None,
+    allow_other_environment: bool = False,
+) -> list[Evaluation]:
+    """Run episodes of 200 steps in each environment, and sum them up.
+
+    Args:
+        environment_ids: such as ``avrgym/FeedingJaco-v1``.
+        policy: the name of a packaged policy, ``oracle``, ``random``, ``zero``, or the path of a policy file.
+        people: whom to meet, a name in ``people.distributions.DISTRIBUTIONS`` or a file of people.
+        episodes: how many in each, 1 or more.
+        seed: of the episodes; another seed gives other people and starts.
+        progress: told again and again how many environment steps were made since it was told last.
+        jobs: how many processes share the work and the cores; without it one for each core that has enough to do.
+            It changes no figure.
+        allow_other_environment: whether to run a policy that was trained for another environment.
+
+    Raises:
+        ValueError: for an unknown name, a policy that cannot run there or fewer than one episode, naming what is
+            allowed.
+    """
+    if episodes < 1:
+        raise ValueError(f"{episodes} episodes; at least 1 is needed")
+    for environment_id in environment_ids:
+        find_environment(environment_id)
+        _check_policy(policy, environment_id, allow_other_environment)
+    every = len(environment_ids) * episodes
+    jobs = jobs or min(cores(), max(1, every // WORTH_A_PROCESS))
+    size = min(MAX_WORLDS, -(-every // jobs))
+    threads = max(1, cores() // jobs)
+    split = _split(episodes, size)
+    batches = [
+        _Batch(environment_id, policy, people, seed, numbers, threads, allow_other_environment)
+        for environment_id in environment_ids
+        for numbers in split
+    ]
+    results = _run_batches(batches, jobs, progress)
+    firsts = range(0, len(batches), len(split))
+    return [_sum_up(batches[first], results[first : first + len(split)]) for first in firsts]
+
+
+def _split(episodes: int, size: int) -> list[range]:
+    return [range(first, min(first + size, episodes)) for first in range(0, episodes, size)]
+
+
+def _run_batches(batches: list[_Batch], jobs: int, progress: Progress) -> list[Results]:
+    """The results of each batch, in their order."""
+    if jobs == 1 or len(batches) == 1:
+        return [_run_batch(batch, progress) for batch in batches]
+    told = 0
+
+    def tell(done: int) -> None:
+        nonlocal told
+        progress(done - told)
+        told = done
+
+    return run_all(_run_batch, [(batch, report) for batch in batches], jobs, tell)
+
+
+def _run_batch(batch: _Batch, progress: Progress) -> Results:
+    world = Episodes(
+        batch.environment_id, len(batch.episodes), distribution=batch.people, num_threads=batch.threads
+    )
+    generators = [np.random.default_rng([EVALUATION_STREAM, batch.seed, number]) for number in batch.episodes]
+    return _run(world, batch.policy, generators, progress, batch.allow_other_environment)
+
+
+def _sum_up(batch: _Batch, results: list[Results]) -> Evaluation:
+    """The figures of one environment from those of its batches."""
+    reward, success, force = (np.concatenate(parts) for parts in zip(*results, strict=True))
+    return Evaluation(
+        env=batch.environment_id,
+        policy=batch.policy,
+        people=batch.people,
+        episodes=len(reward),
+        reward_mean=float(reward.mean()),
+        reward_std=float(reward.std()),
+        success_rate=float(success.mean()),
+        success_ci95=wilson_interval(int(success.sum()), len(success)),
+        force_mean_newton=float(force.mean()),
+    )
+
+
+def wilson_interval(successes: int, count: int) -> tuple[float, float]:
+    """The 95 % score interval of a share (Wilson, J. Am. Stat. Assoc. 22, 1927)."""
+    z = 1.959963984540054
+    share = successes / count
+    centre = (share + z * z / (2 * count)) / (1 + z * z / count)
+    half = z * np.sqrt(share * (1 - share) / count + z * z / (4 * count * count)) / (1 + z * z / count)
+    low = 0.0 if successes == 0 else centre - half
+    high = 1.0 if successes == count else centre + half
+    return float(low), float(high)
+
+
+def actor(
+    policy: str, world: Episodes, generators: list[np.random.Generator], allow_other_environment: bool = False
+) -> Act:
+    """What turns observations (N, O) into actions (N, 7), in a world whose episodes have begun.
+
+    ``policy`` and ``allow_other_environment`` as for ``evaluate_all``.
+    """
+    if policy == "zero":
+        return lambda observation: np.zeros((len(observation), ACTIONS), np.float32)
+    if policy == "random":
+        return lambda observation: np.stack([g.uniform(-1.0, 1.0, ACTIONS) for g in generators]).astype(
+            np.float32
+        )
+    if policy == "oracle":
+        return ORACLES[world.task.name](world)
+    found = _load(policy, world.environment_id, allow_other_environment)
+    return lambda observation: found.act(observation, generators)
+
+
+def _check_policy(policy: str, environment_id: str, allow_other_environment: bool) -> None:
+    if policy not in SCRIPTS:
+        _load(policy, environment_id, allow_other_environment)
+
+
+def _load(policy: str, environment_id: str, allow_other_environment: bool) -> Policy:
+    try:
+        path = find_policy(policy, environment_id)
+    except PolicyError as error:
+        raise PolicyError(f"{error}; or oracle, random or zero") from error
+    size = TASKS[find_environment(environment_id)[0]].observation_size
+    return load_policy(path, environment_id, size, ACTIONS, allow_other_environment=allow_other_environment)
+
+
+def _run(
+    world: Episodes,
+    policy: str,
+    generators: list[np.random.Generator],
+    progress: Progress,
+    allow_other_environment: bool,
+) -> Results:
+    """One batch of episodes."""
+    count = len(generators)
+    observation = world.begin(np.arange(count), generators)
+    act = actor(policy, world, generators, allow_other_environment)
+    reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
+    for _ in range(EPISODE_STEPS):
+        step = world.step(act(observation).astype(float))
+        observation, success = step.observation, step.success
+        reward += step.reward
+        force += step.force_on_person_n / EPISODE_STEPS
+        progress(count)
+    return reward, success, force

@@ -1,0 +1,59 @@
+"""What training counts beyond a task's own reward, so that a policy is drawn the way that leads to the goal.
+
+A reward that falls with the straight distance draws a tool to the near side of a limb that itches on its far side, and
+there it stays. So it is with a hand that is where it has no room.
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import norm
+from avrgym.oracles.scratch_itch import ROD, surface
+from avrgym.simulation.worlds import State
+from avrgym.tasks.base import Memory
+from avrgym.tasks.scratch_itch import ScratchItchMemory, limb_frame
+from avrgym.teachers import scratching
+
+Array = NDArray[np.float64]
+
+SMALLEST_M = 1e-4
+HAND_M = 0.06
+"""How far from the tip the hand begins."""
+
+
+def around_limb_m(state: State, memory: ScratchItchMemory) -> Array:
+    """How much longer the tool's way to the itch is around the limb than straight on, (N,), metres.
+
+    The limb is an endless cylinder with the itch on its skin. Where the straight way would lead through it, the
+    shortest one leads along a tangent to the skin and then around it; unrolled it is straight.
+    """
+    limb_pos_w, limb_q_w = limb_frame(state, memory)
+    tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
+    along = tool[:, 2] - memory.itch[:, 2]
+    tool, itch = tool[:, :2], memory.itch[:, :2]
+    radius, from_axis = norm(itch), norm(tool)
+    away = np.maximum(from_axis, radius + SMALLEST_M)
+    cosine = (tool * itch).sum(axis=-1) / np.maximum(from_axis * radius, SMALLEST_M**2)
+    angle = elementary.arccos(np.clip(cosine, -1.0, 1.0))
+    hidden = np.maximum(0.0, angle - elementary.arccos(radius / away))
+    straight = norm(tool - itch)
+    around = np.where(hidden > 0.0, np.sqrt(away**2 - radius**2) + radius * hidden, straight)
+    return np.hypot(around, along) - np.hypot(straight, along)
+
+
+def around_arm_m(state: State, memory: ScratchItchMemory) -> Array:
+    """How much longer the way around the limb is, (N,), metres, and how far the hand has to go about the tip.
+
+    The hand is to be where it has room, as in ``teachers.scratching``.
+    """
+    _, limb_q_w = limb_frame(state, memory)
+    out_w, _ = surface(memory, limb_q_w)
+    turn_rad = scratching.turn_rad(transforms.rotate(state.tool_q_w, ROD), out_w)
+    return around_limb_m(state, memory) + HAND_M * norm(turn_rad)
+
+
+DETOURS: Mapping[str, Callable[[State, Memory], Array]] = {"ScratchItch": around_arm_m}
+"""By task, where something is in the tool's way: how much longer that makes the way of tool and hand, (N,), metres."""

@@ -1,0 +1,141 @@
+"""The native vector environment for Stable-Baselines3."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from avrgym.envs.registration import AssistiveVectorEnv
+from avrgym.learning.shaping import DETOURS
+from avrgym.tasks.base import Task
+from avrgym.tasks.episodes import ACTIONS, EPISODE_STEPS
+
+Array = NDArray[Any]
+
+FROM_GOAL = ("tool_from_mouth_m", "tool_from_itch_m")
+FROM_GOAL_SCALE_M = 0.05
+
+
+class SB3VectorEnv(VecEnv):
+    """The native vector environment as Stable-Baselines3 wants it.
+
+    The infos of a finished episode hold ``success``, ``episode_return``, the sum of the task's own rewards, and
+    ``episode_force_n``, the mean force on the person.
+    Beyond that each newton on the person takes ``force_weight_per_n`` off a step's reward, and each metre of a detour
+    that the tool has to make to its goal ``detour_weight_per_m``, but for an episode's last step.
+    """
+
+    def __init__(self, env: AssistiveVectorEnv) -> None:
+        self.env = env  # the base class asks it for its render mode
+        self.force_weight_per_n = self.detour_weight_per_m = 0.0
+        self._returns: Array = np.zeros(env.num_envs)
+        self._forces_n: Array = np.zeros(env.num_envs)
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._actions: Array = np.zeros((env.num_envs, ACTIONS))
+        self._seed: int | None = None
+
+    def seed(self, seed: int | None = None) -> list[int | None]:
+        self._seed = seed
+        return [None if seed is None else seed + i for i in range(self.num_envs)]
+
+    def reset(self) -> Array:
+        observation = self.begin(self._seed)
+        self._seed = None
+        return observation
+
+    def begin(self, seed: int | list[int | None] | None) -> Array:
+        """Begin episodes in all worlds, drawn from one seed, or from one for each; their observations (N, O)."""
+        observation, _ = self.env.reset(seed=seed)
+        self._returns[:], self._forces_n[:] = 0.0, 0.0
+        return observation
+
+    def step_async(self, actions: Array) -> None:
+        self._actions = actions
+
+    def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
+        observation, reward, _, truncated, info = self.env.step(self._actions)
+        force_n = info["force_on_person"]
+        if truncated.any():
+            force_n = np.where(truncated, info["final_info"]["force_on_person"], force_n)
+        self._returns += reward
+        self._forces_n += force_n / EPISODE_STEPS
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for i in np.nonzero(truncated)[0]:
+            infos[i] = {
+                "terminal_observation": info["final_obs"][i],
+                "TimeLimit.truncated": True,
+                "success": bool(info["final_info"]["success"][i]),
+                "episode_return": float(self._returns[i]),
+                "episode_force_n": float(self._forces_n[i]),
+            }
+        self._returns[truncated], self._forces_n[truncated] = 0.0, 0.0
+        cost = self.force_weight_per_n * force_n
+        cost = cost + self.detour_weight_per_m * np.where(truncated, 0.0, self._detour_m())
+        return observation, reward - cost, truncated, infos
+
+    def _detour_m(self) -> Array:
+        """How much longer the tool's way is than the straight one, (N,)."""
+        episodes = self.env.episodes
+        detour = DETOURS.get(episodes.task.name)
+        if detour is None or not self.detour_weight_per_m:
+            return np.zeros(self.num_envs)
+        return detour(episodes.simulation.state(), episodes.memory)
+
+    def close(self) -> None:
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        raise NotImplementedError("the worlds share their attributes")
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        raise NotImplementedError("the worlds share their methods")
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        return [False] * len(list(self._get_indices(indices)))
+
+
+def finished_episodes(infos: Sequence[dict[str, Any]]) -> list[tuple[float, bool]]:
+    """Return and success of episodes that ended, from the infos of their last step."""
+    return [(info["episode_return"], info["success"]) for info in infos]
+
+
+def normaliser_of(model: PPO) -> VecNormalize:
+    """The normaliser that a model learns over."""
+    normaliser = model.get_env()
+    assert isinstance(normaliser, VecNormalize)
+    return normaliser
+
+
+def go_on_from(model: PPO, observation: Array) -> None:
+    """Let a model's next update begin with observations (N, O) of episodes that all worlds have just begun."""
+    model._last_obs = normaliser_of(model).normalize_obs(observation)  # type: ignore[assignment]
+    model._last_episode_starts = np.ones(len(observation), dtype=bool)
+
+
+class ObservationScale(RunningMeanStd):
+    """Mean and variance of observations as they come, but a fixed scale for how far the tool is from its goal.
+
+    What a tool does depends on centimetres where it is near; by the variance of whole episodes they would hardly show.
+    """
+
+    def __init__(self, task: Task) -> None:
+        """Begin without having seen any of the task's observations."""
+        super().__init__(shape=(task.observation_size,))
+        names = np.repeat([entry.name for entry in task.observed], [entry.size for entry in task.observed])
+        self._from_goal = np.isin(names, FROM_GOAL)
+        self._fix()
+
+    def update_from_moments(self, batch_mean: np.ndarray, batch_var: np.ndarray, batch_count: float) -> None:
+        """Take in what a batch of observations was like."""
+        super().update_from_moments(batch_mean, batch_var, batch_count)
+        self._fix()
+
+    def _fix(self) -> None:
+        self.mean[self._from_goal], self.var[self._from_goal] = 0.0, FROM_GOAL_SCALE_M**2

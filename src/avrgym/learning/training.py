@@ -1,0 +1,450 @@
+"""Training: imitation of a teacher, then PPO (Stable-Baselines3) over the native vector environment.
+
+Needs the extra ``train``. What it leaves is a policy file that needs neither of them.
+"""
+
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from math import exp
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecNormalize
+
+from avrgym.envs.registration import AssistiveVectorEnv
+from avrgym.learning import checkpoint
+from avrgym.learning.evaluation import evaluate
+from avrgym.learning.hard_episodes import HardEpisodes
+from avrgym.learning.imitation import imitate
+from avrgym.learning.stable_baselines import (
+    ObservationScale,
+    SB3VectorEnv,
+    finished_episodes,
+    go_on_from,
+    normaliser_of,
+)
+from avrgym.people.distributions import DISTRIBUTIONS, people_name
+from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.system.files import write_whole
+from avrgym.system.locks import locked
+from avrgym.tasks import find_environment
+from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
+
+POLICY_FILE, CONFIGURATION_FILE, CHECKPOINT_FILE = "policy.safetensors", "configuration.json", "checkpoint.pt"
+SHOWN_FOLDER = "shown"
+"""What the teacher showed, while the policy imitates it."""
+PEOPLE_FILE = "people.toml"
+"""A copy of the file of people that a training was begun with, if it was."""
+MEASURED_EPISODES = 100
+CURVE_POINTS = 100
+
+
+@dataclass(frozen=True)
+class TrainingConfiguration:
+    """What a training run is made of. Network and algorithm are the paper's (section V); the rest is ours.
+
+    The policy first imitates its task's teacher for ``imitation_rounds`` episodes in every world, though for no more
+    than ``imitation_share`` of all steps. Then only the critic learns for ``critic_updates``.
+    ``log_std`` is how random actions are at the beginning and at the end of PPO. The ``learning_rate`` is that of its
+    beginning and falls to a hundredth, so that in the end the policy is a mean of many updates. The policy keeps the
+    chance of its last update.
+    ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
+    the task's own reward does; it grows over the second third: first the policy learns to help, then to be gentle.
+    ``detour_weight_per_m`` is what each metre takes off that the way of tool and hand is longer than straight on.
+    ``hard_share`` of the worlds, at most, begin an update of PPO with episodes that went badly before; of how training
+    stands they tell nothing.
+    """
+
+    environment: str
+    people: str = "original"
+    steps: int = 2_000_000
+    seed: int = 0
+    worlds: int = 32
+    minibatch: int = 320
+    epochs: int = 10
+    learning_rate: float = 3e-4
+    discount: float = 0.99
+    gae_lambda: float = 0.95
+    clip_range: float = 0.2
+    log_std: tuple[float, float] = (-1.5, -3.0)
+    hidden: tuple[int, ...] = (64, 64)
+    imitation_rounds: int = 8
+    imitation_share: float = 0.5
+    critic_updates: int = 5
+    force_weight_per_n: float = 0.03
+    detour_weight_per_m: float = 0.0
+    hard_share: float = 0.0
+    threads: int = 0
+
+    @property
+    def update_steps(self) -> int:
+        """Environment steps of one update: an episode in every world."""
+        return self.worlds * EPISODE_STEPS
+
+    @property
+    def imitation_steps(self) -> int:
+        """Environment steps of imitation, whole rounds."""
+        rounds = min(self.imitation_rounds, int(self.imitation_share * self.steps) // self.update_steps)
+        return rounds * self.update_steps
+
+    def _ppo_share(self, steps: float) -> float:
+        """What share of PPO is done after so many environment steps in all."""
+        return min(1.0, max(0.0, steps - self.imitation_steps) / max(1, self.steps - self.imitation_steps))
+
+    def log_std_at(self, steps: float) -> float:
+        """Logarithm of the standard deviation of random actions after so many steps."""
+        first, last = self.log_std
+        return first + self._ppo_share(steps) * (last - first)
+
+    def learning_rate_at(self, steps: float) -> float:
+        """The learning rate after so many steps."""
+        return self.learning_rate * max(0.01, 1.0 - self._ppo_share(steps))
+
+    def force_weight_at(self, steps: float) -> float:
+        """What each newton takes off the reward after so many steps, 1/N."""
+        return self.force_weight_per_n * min(max(3.0 * self._ppo_share(steps) - 1.0, 0.0), 1.0)
+
+
+TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
+    "Feeding": {"imitation_rounds": 0, "log_std": (-0.7, -2.5)},
+    "Drinking": {
+        "imitation_rounds": 24,
+        "log_std": (-2.2, -3.0),
+        "critic_updates": 3,
+        "learning_rate": 1e-4,
+    },
+    "ScratchItch": {
+        "worlds": 128,
+        "minibatch": 1280,
+        "imitation_rounds": 15,
+        "log_std": (-1.9, -2.5),
+        "force_weight_per_n": 0.05,
+        "detour_weight_per_m": 5.0,
+        "hard_share": 0.5,
+    },
+    "BedBathing": {
+        "imitation_rounds": 100,
+        "imitation_share": 1.0,
+        "log_std": (-3.0, -3.0),
+        "learning_rate": 1e-4,
+        "force_weight_per_n": 0.0,
+    },
+}
+"""Where a task does better with settings other than the usual ones."""
+
+
+def configuration_for(environment: str, people: str, steps: int, seed: int) -> TrainingConfiguration:
+    """How we train in an environment.
+
+    Raises:
+        ValueError: for an unknown environment, naming what there is.
+    """
+    task, _ = find_environment(environment)
+    return TrainingConfiguration(environment, people, steps, seed, **TASK_SETTINGS[task])
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How a training stands: environment steps so far, and mean reward and success of the latest episodes."""
+
+    steps: int
+    reward_mean: float
+    success_rate: float
+
+
+Tell = Callable[[Progress], None]
+
+
+class _Watch(BaseCallback):
+    """Gathers finished episodes, logs each update, and saves policy and checkpoint before the next.
+
+    An update's episodes are whole, so that each checkpoint lies between episodes.
+    """
+
+    def __init__(
+        self, configuration: TrainingConfiguration, out: Path, env: SB3VectorEnv, tell: Tell
+    ) -> None:
+        super().__init__()
+        self._configuration, self._out, self._env, self._tell = configuration, out, env, tell
+        self._finished: list[tuple[float, bool]] = []
+        self._curve: list[Progress] = []
+        self._hard = HardEpisodes(configuration.worlds, configuration.hard_share, configuration.seed)
+        self._seconds_before, self._began = 0.0, time.monotonic()
+
+    @property
+    def episodes(self) -> Episodes:
+        """The worlds."""
+        return self._env.env.episodes
+
+    def resume(self, notes: dict[str, Any]) -> None:
+        """Go on from the notes of a checkpoint."""
+        self._finished = [(reward, success) for reward, success in notes["finished"]]
+        self._curve = [Progress(*point) for point in notes["curve"]]
+        self._hard.kept = notes.get("hard", [])  # checkpoints of earlier versions know of none
+        self._seconds_before = notes["seconds"]
+
+    def hear(self, steps: int, finished: list[tuple[float, bool]]) -> Progress:
+        """Take return and success of episodes that ended after ``steps`` in all, and tell how training stands."""
+        self._finished = (self._finished + finished)[-2 * self._configuration.worlds :]
+        reward, success = (sum(column) / len(column) for column in zip(*self._finished, strict=True))
+        now = Progress(steps, reward, success)
+        self._curve.append(now)
+        self._tell(now)
+        return now
+
+    def imitated(self, finished: list[tuple[float, bool]]) -> None:
+        """Save a round of imitation, and tell of what the policy did meanwhile."""
+        if finished:
+            self.hear(self.model.num_timesteps, finished)
+        self.save_checkpoint()
+
+    def _on_rollout_start(self) -> None:
+        configuration = self._configuration
+        if configuration.hard_share > 0.0:
+            self._begin_episodes()
+        self.save_checkpoint()
+        assert isinstance(self.model, PPO)
+        with torch.no_grad():
+            self.model.policy.log_std.fill_(configuration.log_std_at(self.num_timesteps))
+        self._env.force_weight_per_n = configuration.force_weight_at(self.num_timesteps)
+
+    def _begin_episodes(self) -> None:
+        """Begin new episodes and hard ones instead of those that the worlds would go on with."""
+        assert isinstance(self.model, PPO)
+        go_on_from(self.model, self._env.begin([*self._hard.choose(self.num_timesteps)]))
+
+    def save_checkpoint(self) -> None:
+        """Save where the training is, between two updates."""
+        assert isinstance(self.model, PPO)
+        notes = {
+            "finished": self._finished,
+            "curve": [(now.steps, now.reward_mean, now.success_rate) for now in self._curve],
+            "hard": self._hard.kept,
+            "seconds": self._seconds,
+        }
+        checkpoint.save(self._out / CHECKPOINT_FILE, self.model, self._env.env, notes)
+        policy = export_policy(self.model, self._configuration, self._seconds, self._curve)
+        policy.save(self._out / POLICY_FILE, overwrite=True)
+
+    @property
+    def _seconds(self) -> float:
+        return self._seconds_before + time.monotonic() - self._began
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        assert isinstance(self.model, PPO)
+        infos = self.locals["infos"]
+        if self._configuration.hard_share > 0.0:
+            self._hard.judge(*([info[name] for info in infos] for name in ("success", "episode_force_n")))
+        now = self.hear(self.num_timesteps, finished_episodes(infos[self._hard.again :]))
+        self.logger.record("rollout/reward_mean", now.reward_mean)
+        self.logger.record("rollout/success_rate", now.success_rate)
+        self._free_actor(self.model)
+
+    def _free_actor(self, model: PPO) -> None:
+        """Let the actor learn too, unless the critic does not know yet what the imitated actor is worth."""
+        configuration = self._configuration
+        critic_steps = configuration.critic_updates * configuration.update_steps
+        imitated = configuration.imitation_steps
+        learns = imitated == 0 or self.num_timesteps > imitated + critic_steps
+        model.policy.mlp_extractor.policy_net.requires_grad_(learns)
+        model.policy.action_net.requires_grad_(learns)
+
+
+def train(configuration: TrainingConfiguration, out: Path, tell: Tell = lambda progress: None) -> Policy:
+    """Train, and leave ``policy.safetensors``, ``configuration.json`` and TensorBoard's log in ``out``.
+
+    The policy carries what it reaches on people that training never saw. A training that is cut off leaves its latest
+    policy and checkpoint, from which ``resume`` goes on.
+
+    Args:
+        configuration: what to train, on whom, for how long.
+        out: a folder that holds no training yet.
+        tell: told of the progress after every update.
+
+    Raises:
+        ValueError: for an unknown environment or people, or where another training is about to begin in ``out``.
+        FileExistsError: when ``out`` already holds a training.
+    """
+    _refuse_used(out)
+    env = _environment(configuration, configuration.people)
+    out.mkdir(parents=True, exist_ok=True)
+    with locked(out):
+        _refuse_used(out)
+        if configuration.people not in DISTRIBUTIONS:
+            write_whole(out / PEOPLE_FILE, Path(configuration.people).read_bytes())
+        write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
+        return _begin(configuration, env, out, tell)
+
+
+def _refuse_used(out: Path) -> None:
+    if (out / CONFIGURATION_FILE).exists():
+        raise FileExistsError(f"{out} already holds a training; choose another folder, or resume it")
+
+
+def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
+    """Go on with the training in ``out`` from its latest checkpoint, to the same weights as if never cut off.
+
+    One that was cut off before its first checkpoint begins again, with the same seed.
+
+    Raises:
+        ValueError: when there is none, when it is complete, when it goes on in another process, or when its files are
+            damaged.
+    """
+    configuration = stored_configuration(out)
+    with locked(out):
+        return _resume(configuration, out, tell)
+
+
+def _resume(configuration: TrainingConfiguration, out: Path, tell: Tell) -> Policy:
+    env = _environment(configuration, _stored_people(configuration, out))
+    if not (out / CHECKPOINT_FILE).exists():
+        return _begin(configuration, env, out, tell)
+    watch = _Watch(configuration, out, env, tell)
+    model = _ppo(configuration, env, out)
+    watch.resume(checkpoint.restore(out / CHECKPOINT_FILE, model, env.env))
+    if model.num_timesteps >= configuration.steps and Policy.load(out / POLICY_FILE).metadata.measured:
+        raise ValueError(f"the training in {out} is complete, after {model.num_timesteps} steps")
+    return _go_on(model, configuration, watch, out)
+
+
+def stored_configuration(out: Path) -> TrainingConfiguration:
+    """What the training in ``out`` is made of.
+
+    Raises:
+        ValueError: when ``out`` holds no training.
+    """
+    path = out / CONFIGURATION_FILE
+    if not path.exists():
+        raise ValueError(f"{out} holds no training to resume")
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=TrainingConfiguration)
+    except msgspec.DecodeError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _begin(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path, tell: Tell) -> Policy:
+    return _go_on(_ppo(configuration, env, out), configuration, _Watch(configuration, out, env, tell), out)
+
+
+def _go_on(model: PPO, configuration: TrainingConfiguration, watch: _Watch, out: Path) -> Policy:
+    if model.num_timesteps < configuration.imitation_steps:
+        watch.init_callback(model)
+        _imitate(model, configuration, watch, out)
+    shutil.rmtree(out / SHOWN_FOLDER, ignore_errors=True)
+    remaining = configuration.steps - model.num_timesteps
+    if remaining > 0:
+        model.learn(remaining, callback=watch, reset_num_timesteps=False)
+        watch.save_checkpoint()
+    return _measure(configuration, out)
+
+
+def _imitate(model: PPO, configuration: TrainingConfiguration, watch: _Watch, out: Path) -> None:
+    rounds = configuration.imitation_steps // configuration.update_steps
+    imitate(model, watch.episodes, rounds, configuration.seed, out / SHOWN_FOLDER, watch.imitated)
+
+
+def _stored_people(configuration: TrainingConfiguration, out: Path) -> str:
+    """Name or file of the people of the training in ``out``."""
+    return configuration.people if configuration.people in DISTRIBUTIONS else str(out / PEOPLE_FILE)
+
+
+def _environment(configuration: TrainingConfiguration, people: str) -> SB3VectorEnv:
+    native = AssistiveVectorEnv(
+        configuration.environment, configuration.worlds, people=people, num_threads=configuration.threads
+    )
+    env = SB3VectorEnv(native)
+    env.detour_weight_per_m = configuration.detour_weight_per_m
+    return env
+
+
+def _measure(configuration: TrainingConfiguration, out: Path) -> Policy:
+    """Write into the policy's file what it reaches."""
+    path, people = out / POLICY_FILE, _stored_people(configuration, out)
+    figures = evaluate(configuration.environment, str(path), people, MEASURED_EPISODES, seed=0)
+    measured = {
+        name: getattr(figures, name)
+        for name in ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
+    }
+    policy = Policy.load(path)
+    policy = replace(policy, metadata=msgspec.structs.replace(policy.metadata, measured=measured))
+    policy.save(path, overwrite=True)
+    return policy
+
+
+def _ppo(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path) -> PPO:
+    torch.set_num_threads(1)  # so small a network gains nothing from more, and its sums keep their order
+    normaliser = VecNormalize(env, gamma=configuration.discount, clip_obs=5.0)
+    normaliser.obs_rms = ObservationScale(env.env.episodes.task)
+    model = PPO(
+        "MlpPolicy",
+        normaliser,
+        learning_rate=lambda remaining: configuration.learning_rate_at(
+            (1.0 - remaining) * configuration.steps
+        ),
+        n_steps=EPISODE_STEPS,
+        batch_size=configuration.minibatch,
+        n_epochs=configuration.epochs,
+        gamma=configuration.discount,
+        gae_lambda=configuration.gae_lambda,
+        clip_range=configuration.clip_range,
+        policy_kwargs={
+            "net_arch": list(configuration.hidden),
+            "activation_fn": torch.nn.Tanh,
+        },
+        tensorboard_log=str(out / "tensorboard"),
+        seed=configuration.seed,
+        device="cpu",
+    )
+    model.policy.log_std.requires_grad_(False)
+    return model
+
+
+def export_policy(
+    model: PPO, configuration: TrainingConfiguration, seconds: float, curve: list[Progress]
+) -> Policy:
+    """The actor of a PPO model with its observation normaliser and the chance of this stage of training.
+
+    ``seconds`` it was trained for; of the ``curve`` a hundred points are kept.
+    """
+    normaliser = normaliser_of(model)
+    actor = model.policy
+    layers = [layer for layer in actor.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
+    layers.append(actor.action_net)  # type: ignore[arg-type]
+    stride = -(-len(curve) // CURVE_POINTS) or 1
+    return Policy(
+        weights=tuple(layer.weight.detach().numpy().T for layer in layers),
+        biases=tuple(layer.bias.detach().numpy() for layer in layers),
+        observation_mean=normaliser.obs_rms.mean,  # type: ignore[union-attr]
+        observation_variance=normaliser.obs_rms.var,  # type: ignore[union-attr]
+        observation_clip=normaliser.clip_obs,
+        observation_epsilon=normaliser.epsilon,
+        action_deviation=exp(configuration.log_std_at(model.num_timesteps)),
+        metadata=PolicyMetadata(
+            environment=configuration.environment,
+            people=people_name(configuration.people),
+            steps=model.num_timesteps,
+            seed=configuration.seed,
+            git_commit=_git_commit(),
+            seconds=round(seconds, 1),
+            curve=[(now.steps, now.reward_mean, now.success_rate) for now in curve[::-stride][::-1]],
+        ),
+    )
+
+
+@cache
+def _git_commit() -> str:
+    found = subprocess.run(
+        ["git", "rev-parse", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent, check=False
+    )
+    return found.stdout.strip()

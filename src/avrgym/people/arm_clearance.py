@@ -1,0 +1,98 @@
+"""How much room a person's right arm has: towards the rest of their body and towards furniture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.geometry.capsules import segment_box_distance, segment_distance
+from avrgym.models import human
+from avrgym.models.furniture import FURNITURE
+from avrgym.models.human import GEOMS, RIGHT_ARM, SEATED, People, Posture, Z
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """B boxes, alike for all people: centres (B, 3), orientations (B, 4), half edges (B, 3); world frame."""
+
+    pos_w: Array
+    q_w: Array
+    half_size_m: Array
+
+
+JOINED = frozenset({("right_upper_arm", "right_shoulder"), ("right_upper_arm", "chest")})
+"""Parts that overlap whenever the arm hangs down, which says nothing about the pose."""
+
+PAIRS = tuple(
+    (part, other)
+    for part in RIGHT_ARM
+    for other in GEOMS
+    if other not in RIGHT_ARM
+    if (part, other) not in JOINED
+)
+"""The arm's capsules, each with every capsule of the rest of the body that it must keep away from."""
+
+_NAMES = tuple(GEOMS)
+_ARM = np.array([_NAMES.index(part) for part in RIGHT_ARM])
+_PART = np.array([_NAMES.index(part) for part, _ in PAIRS])
+_OTHER = np.array([_NAMES.index(other) for _, other in PAIRS])
+
+
+def furniture_boxes(names: Sequence[str]) -> Boxes:
+    """The boxes that furniture collides with, where it stands unmoved; names of ``FURNITURE``."""
+    spec = mujoco.MjSpec()
+    for name in names:
+        FURNITURE[name](spec, False)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    boxes = model.geom_type == mujoco.mjtGeom.mjGEOM_BOX
+    rotation = data.geom_xmat[boxes].reshape(-1, 3, 3)
+    return Boxes(data.geom_xpos[boxes], transforms.from_matrix(rotation), model.geom_size[boxes])
+
+
+def person_capsules(people: People, posture: Posture = SEATED) -> tuple[Array, Array]:
+    """The bodies' capsules in the order of ``human.GEOMS``.
+
+    Returns:
+        the ends of their axes (N, G, 2, 3), world frame, and their radii (N, G), metres; a sphere is a capsule
+        whose axis is a point.
+    """
+    layout = human.layout(people.is_woman, people.torso_height_m, posture)
+    pos_w, q_w = human.body_frames(people, posture)
+    segments = []
+    for name, geom in GEOMS.items():
+        reach = layout.geom_size[name][:, 1:2] * np.array(geom.axis or Z)
+        ends = layout.geom_pos[name][:, None] + np.stack([-reach, reach], axis=1)
+        segments.append(pos_w[geom.body][:, None] + transforms.rotate(q_w[geom.body][:, None], ends))
+    radii = [layout.geom_size[name][:, 0] for name in GEOMS]
+    return np.stack(segments, axis=1), np.stack(radii, axis=1)
+
+
+def clearance(segments_w: Array, radii_m: Array, furniture: Boxes | None = None) -> Array:
+    """The smallest gap (N,) in metres between the right arm and what it must keep away from.
+
+    Negative where they overlap; it does not go on falling once an axis meets the other's axis or a box.
+
+    Args:
+        segments_w: the axes (N, G, 2, 3) of the bodies' capsules, in the order of ``human.GEOMS``.
+        radii_m: their radii (N, G).
+        furniture: boxes to keep away from too.
+    """
+    part, other = segments_w[:, _PART], segments_w[:, _OTHER]
+    apart = segment_distance(part[:, :, 0], part[:, :, 1], other[:, :, 0], other[:, :, 1])
+    gap = (apart - radii_m[:, _PART] - radii_m[:, _OTHER]).min(axis=1)
+    if furniture is None:
+        return gap
+    return np.minimum(gap, _furniture_gap(segments_w[:, _ARM], radii_m[:, _ARM], furniture))
+
+
+def _furniture_gap(segments_w: Array, radii_m: Array, boxes: Boxes) -> Array:
+    begin, end = segments_w[:, :, None, 0], segments_w[:, :, None, 1]
+    to_axis = segment_box_distance(boxes.pos_w, boxes.q_w, boxes.half_size_m, begin, end)
+    return (to_axis - radii_m[..., None]).min(axis=(1, 2))

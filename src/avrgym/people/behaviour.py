@@ -1,0 +1,171 @@
+"""How simulated people move who cooperate with a robot, as participants do (paper, section V).
+
+They see the tool as it was a reaction time ago. Whoever is fed or given a drink turns the face to the tool and
+leans towards it when it is near; whoever is scratched or washed lifts the arm towards it and holds it there. All
+sway a little. The numbers are our assumptions about unhurried adults: reactions of 0.2 to 0.4 s, slow turns,
+sway below 0.5 Hz.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import elementary, transforms
+from avrgym.models import human
+from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.people.uniform import between
+
+Array = NDArray[np.float64]
+
+Offered = Literal["mouth", "arm"]
+
+
+class Sight(Protocol):
+    """What N people see and feel of the tool and of themselves, as in ``simulation.worlds.State``; world frame."""
+
+    @property
+    def tool_pos_w(self) -> Array:
+        """The tool, (N, 3)."""
+        ...
+
+    @property
+    def head_pos_w(self) -> Array:
+        """The head's centre, (N, 3)."""
+        ...
+
+    @property
+    def mouth_pos_w(self) -> Array:
+        """The mouth, (N, 3)."""
+        ...
+
+    @property
+    def right_arm_pos_w(self) -> Array:
+        """Shoulder, elbow and wrist, (N, 3, 3)."""
+        ...
+
+
+UNIFORMS = 6
+"""How many uniform numbers a person's manner takes."""
+
+REMEMBERED_STEPS = 5
+REACTION_STEPS = (2, 4)
+FACING_SHARE = (0.3, 0.7)
+SWAY_RAD = (np.radians(0.3), np.radians(1.0))
+SWAY_HZ = (0.1, 0.3)
+
+NEAR_MOUTH_M, LEAN_RAD = 0.30, np.radians(10.0)
+NEAR_ARM_M, LIFT_RAD = 0.40, np.radians(8.0)
+HEAD_TURN_RAD = np.radians([30.0, 0.0, 40.0])
+SPEED_RAD_S = np.array(
+    [{"torso": 0.2, "head": 0.8}.get(joint.body, 0.4) for joint in JOINTS.values()], dtype=float
+)
+
+_WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
+_HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
+_LIFT = [JOINT_INDEX["right_shoulder_y"], JOINT_INDEX["right_elbow_x"]]
+
+
+@dataclass(frozen=True)
+class Mind:
+    """What N cooperating people carry from one control step to the next.
+
+    ``seen_w`` (N, ``REMEMBERED_STEPS``, 3) are the latest places of the tool, newest first; ``targets_rad``
+    (N, 20) the joints' targets without sway, ``rest_rad`` (N, 20) where they began; ``time_s`` (N,) since then.
+    The rest, (N,) each, is their manner: reaction in control steps, how far they turn to the tool, sway and its
+    phases (N, 2).
+    """
+
+    seen_w: Array
+    targets_rad: Array
+    rest_rad: Array
+    time_s: Array
+    reaction: NDArray[np.intp]
+    facing: Array
+    sway_rad: Array
+    sway_hz: Array
+    phase_rad: Array
+
+
+def begin(people: People, uniforms: Array) -> Mind:
+    """The minds of people whose episode begins, from uniform numbers (n, ``UNIFORMS``)."""
+    count = len(uniforms)
+    low, high = REACTION_STEPS
+    return Mind(
+        seen_w=np.full((count, REMEMBERED_STEPS, 3), np.inf),
+        targets_rad=people.joint_angles_rad,
+        rest_rad=people.joint_angles_rad,
+        time_s=np.zeros(count),
+        reaction=np.minimum(low + ((high - low + 1) * uniforms[:, 0]).astype(np.intp), high),
+        facing=between(FACING_SHARE, uniforms[:, 1]),
+        sway_rad=between(SWAY_RAD, uniforms[:, 2]),
+        sway_hz=between(SWAY_HZ, uniforms[:, 3]),
+        phase_rad=2.0 * np.pi * uniforms[:, 4:6],
+    )
+
+
+def see(mind: Mind, sight: Sight, offered: Offered, posture: Posture) -> Mind:
+    """They see the tool, and their targets move.
+
+    Args:
+        mind: what they carry.
+        sight: what they see now.
+        offered: what they bring to the tool.
+        posture: how they sit or lie.
+    """
+    seen = np.concatenate([sight.tool_pos_w[:, None], mind.seen_w[:, :-1]], axis=1)
+    tool = seen[np.arange(len(seen)), mind.reaction]
+    wanted = _bring_mouth(mind, sight, tool, posture) if offered == "mouth" else _bring_arm(mind, sight, tool)
+    reach = SPEED_RAD_S * CONTROL_STEP_S
+    moved = mind.targets_rad + np.clip(wanted - mind.targets_rad, -reach, reach)
+    return replace(mind, seen_w=seen, targets_rad=moved)
+
+
+def wait(mind: Mind) -> Mind:
+    """One control step passes."""
+    return replace(mind, time_s=mind.time_s + CONTROL_STEP_S)
+
+
+def sway_rad(mind: Mind) -> Array:
+    """What sway adds to the joints' targets (N, 20): the waist rocks to and fro and to the sides."""
+    angle = 2.0 * np.pi * mind.sway_hz * mind.time_s
+    phase = mind.phase_rad[:, :2].T
+    swung = elementary.sin(np.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
+    wave = np.zeros_like(mind.targets_rad)
+    wave[:, _WAIST[:2]] = (mind.sway_rad * swung).T
+    return wave
+
+
+def _bring_mouth(mind: Mind, sight: Sight, tool_w: Array, posture: Posture) -> Array:
+    """Targets that turn the face to the tool, and lean to it when it is near and in front."""
+    torso_q_w = _torso_rotation(mind.targets_rad, posture)
+    seen = np.asarray(np.isfinite(tool_w).all(axis=-1))
+    offset = np.where(seen[:, None], tool_w, sight.mouth_pos_w) - sight.head_pos_w
+    ahead = transforms.rotate(transforms.conjugate(torso_q_w), offset)
+    distance = transforms.norm(ahead)
+    facing = np.zeros((len(seen), 3))
+    facing[:, 0] = elementary.arctan2(-ahead[:, 2], -ahead[:, 1])
+    facing[:, 2] = elementary.arcsin(np.clip(ahead[:, 0] / np.maximum(distance, 1e-9), -1.0, 1.0))
+    turn = np.clip(mind.facing[:, None] * facing, -HEAD_TURN_RAD, HEAD_TURN_RAD)
+    near = seen & (distance < NEAR_MOUTH_M) & (ahead[:, 1] < 0.0)
+    wanted = mind.targets_rad.copy()
+    wanted[:, _HEAD] = np.where(seen[:, None], turn, wanted[:, _HEAD])
+    wanted[:, _WAIST[0]] = np.where(near, LEAN_RAD, wanted[:, _WAIST[0]])
+    return wanted
+
+
+def _bring_arm(mind: Mind, sight: Sight, tool_w: Array) -> Array:
+    """Targets that lift the right arm sideways and stretch it a little when the tool is near."""
+    gap = transforms.norm(sight.right_arm_pos_w - tool_w[:, None]).min(axis=-1)
+    lifted = mind.rest_rad[:, _LIFT] + LIFT_RAD
+    wanted = mind.targets_rad.copy()
+    wanted[:, _LIFT] = np.where((gap < NEAR_ARM_M)[:, None], lifted, wanted[:, _LIFT])
+    return wanted
+
+
+def _torso_rotation(joint_angles_rad: Array, posture: Posture) -> Array:
+    """The torso's rotation (N, 4) in the world for joint angles (N, 20)."""
+    hips, torso = (human.body_rotation(body, joint_angles_rad, posture) for body in ("hips", "torso"))
+    return transforms.multiply(hips, torso)

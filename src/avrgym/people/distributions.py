@@ -1,0 +1,150 @@
+"""Whom a policy meets: the distributions of people of the paper, section V, and those of files.
+
+Every person comes from one row of uniform numbers, so that a world's person does not depend on other worlds.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models import human
+from avrgym.models.human import JOINT_INDEX, JOINTS, People, Person, Posture
+from avrgym.people import arm_limits
+from avrgym.people.arm_clearance import Boxes, clearance, person_capsules
+from avrgym.people.files import PeopleFile, read_people
+from avrgym.people.uniform import between
+
+Array = NDArray[np.float64]
+
+ATTEMPTS = 8
+UNIFORMS = 2 + ATTEMPTS * len(JOINTS)
+"""How many uniform numbers a person takes: sex, torso height, and each attempt at a pose."""
+
+
+JointRanges = Mapping[str, tuple[float, float]]
+"""Lowest and highest angles in degrees, by joint."""
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """Ranges of uniform distributions: torso heights in metres, waist joints in degrees either way.
+
+    ``cooperating`` people move, see ``people.behaviour``; others keep the pose they were found in. ``poses``: by task, the
+    joints that are found at other angles than the task has it.
+    """
+
+    torso_height_man_m: tuple[float, float]
+    torso_height_woman_m: tuple[float, float]
+    waist_deg: float
+    cooperating: bool = False
+    poses: Mapping[str, JointRanges] = field(default_factory=dict)
+
+    def pose_in(self, task: str, usual: "Pose") -> "Pose":
+        """How these people are found in a task, whose own pose is the ``usual`` one."""
+        rest_rad, spread_rad = usual.rest_rad.copy(), usual.spread_rad.copy()
+        for joint, (low_deg, high_deg) in self.poses.get(task, {}).items():
+            rest_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (low_deg + high_deg))
+            spread_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (high_deg - low_deg))
+        return Pose(rest_rad, spread_rad)
+
+
+DISTRIBUTIONS: Mapping[str, Distribution] = {
+    "original": Distribution((0.60, 0.60), (0.54, 0.54), waist_deg=0.0),
+    "revised": Distribution((0.50, 0.70), (0.44, 0.64), waist_deg=10.0),
+    "participants": Distribution((0.51, 0.58), (0.51, 0.58), waist_deg=5.0, cooperating=True),
+}
+
+ROOM_M = 0.01
+"""What a random arm keeps from the rest of the body and from the furniture (reference)."""
+
+RIGHT_ARM = np.array([name.startswith("right_") for name in JOINTS])
+WAIST = np.array([joint.body == "torso" for joint in JOINTS.values()])
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """How a task finds people: joint angles ``rest_rad`` (20,) ± uniform ``spread_rad`` (20,).
+
+    Where the right arm is spread, poses are sought that its shoulder allows and that leave it room.
+    """
+
+    rest_rad: Array
+    spread_rad: Array
+
+    @property
+    def spreads_arm(self) -> bool:
+        """Whether the right arm's pose is random."""
+        return bool(self.spread_rad[RIGHT_ARM].any())
+
+
+def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution:
+    """The distribution of that name, or in that file, which may have poses for any of ``tasks``.
+
+    Raises:
+        ValueError: naming the distributions there are, or what is wrong in the file.
+    """
+    if name_or_path in DISTRIBUTIONS:
+        return DISTRIBUTIONS[name_or_path]
+    if not Path(name_or_path).is_file():
+        names = ", ".join(DISTRIBUTIONS)
+        raise ValueError(
+            f"unknown people {name_or_path!r}; the distributions are {names}, or a file of people"
+        )
+    return distribution_of(read_people(Path(name_or_path), tasks))
+
+
+def distribution_of(people: PeopleFile) -> Distribution:
+    """The distribution that a file describes."""
+    heights = people.torso_height_m
+    return Distribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses)
+
+
+def people_name(name_or_path: str) -> str:
+    """What to call people where their file is not at hand."""
+    return name_or_path if name_or_path in DISTRIBUTIONS else f"fitted: {Path(name_or_path).name}"
+
+
+def sample(
+    distribution: Distribution, pose: Pose, posture: Posture, furniture: Boxes | None, uniforms: Array
+) -> People:
+    """People from uniform numbers (n, ``UNIFORMS``) in 0..1, man or woman with equal chance.
+
+    A random arm is drawn again, up to ``ATTEMPTS`` times, until the shoulder can turn like that and nothing of
+    the arm is within 1 cm of the body or of the furniture; then the last attempt stays, its shoulder clipped.
+    """
+    is_woman = uniforms[:, 0] < 0.5
+    man = between(distribution.torso_height_man_m, uniforms[:, 1])
+    woman = between(distribution.torso_height_woman_m, uniforms[:, 1])
+    spread = pose.spread_rad + np.where(WAIST, np.radians(distribution.waist_deg), 0.0)
+    shares = uniforms[:, 2:].reshape(len(uniforms), ATTEMPTS, len(JOINTS))
+    poses = np.clip(pose.rest_rad + spread * (2.0 * shares - 1.0), human.LOWER_RAD, human.UPPER_RAD)
+    people = People.unimpaired(is_woman, np.where(is_woman, woman, man), poses[:, 0])
+    return _make_room(people, poses, posture, furniture) if pose.spreads_arm else people
+
+
+def _make_room(people: People, poses: Array, posture: Posture, furniture: Boxes | None) -> People:
+    """The people in the first of their poses (n, ``ATTEMPTS``, 20) that leaves the right arm room."""
+    angles = poses[:, 0].copy()
+    crowded = np.nonzero(~_has_room(people, posture, furniture))[0]
+    for attempt in range(1, ATTEMPTS):
+        if not len(crowded):
+            break
+        angles[crowded] = poses[crowded, attempt]
+        again = People.unimpaired(people.is_woman[crowded], people.torso_height_m[crowded], angles[crowded])
+        crowded = crowded[~_has_room(again, posture, furniture)]
+    angles[crowded] = arm_limits.clip(angles[crowded])
+    return replace(people, joint_angles_rad=angles)
+
+
+def _has_room(people: People, posture: Posture, furniture: Boxes | None) -> NDArray[np.bool_]:
+    segments_w, radii_m = person_capsules(people, posture)
+    room = clearance(segments_w, radii_m, furniture) >= ROOM_M
+    return room & arm_limits.within_limits(people.joint_angles_rad)
+
+
+def repeat(person: Person, count: int) -> People:
+    """The same person in ``count`` worlds."""
+    return People.of([person] * count)

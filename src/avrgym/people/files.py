@@ -1,0 +1,130 @@
+"""Files of people: TOML that ``avrgym fit-people`` writes and that may be changed by hand.
+
+A joint's range is given in degrees; what has no range keeps the task's own pose.
+"""
+
+import re
+import tomllib
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from avrgym.models.human import JOINTS, TORSO_HEIGHT_RANGE_M
+from avrgym.system.toml_places import Place, line_of
+
+Range = tuple[float, float]
+
+
+class PeopleFileError(ValueError):
+    """A file of people that says what cannot be; the message names file, line and what is allowed there."""
+
+
+class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where the ranges come from: a study's title, how many men, women and trials, and whether they were simulated."""
+
+    study: str
+    men: int
+    women: int
+    trials: int
+    simulated: bool
+
+    @property
+    def participants(self) -> int:
+        """How many there were."""
+        return self.men + self.women
+
+
+class TorsoHeights(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Lowest and highest torso heights in metres."""
+
+    man: Range
+    woman: Range
+
+
+class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a file holds. ``cooperating``: they move, see ``people.behaviour``; ``source``: nothing when made by hand.
+
+    ``poses``: by task and joint, the lowest and highest angle in degrees at which people sit or lie.
+    """
+
+    cooperating: bool
+    torso_height_m: TorsoHeights
+    poses: dict[str, dict[str, Range]] = {}
+    source: Source | None = None
+
+
+def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
+    """Read a file of people, who may have poses for any of ``tasks``.
+
+    Raises:
+        PeopleFileError: when it says what cannot be.
+        OSError: when it cannot be read.
+    """
+    try:
+        return parse_people(path.read_text(encoding="utf-8"), str(path), tasks)
+    except UnicodeDecodeError as error:
+        raise PeopleFileError(f"{path}: not text in UTF-8: {error.reason} at byte {error.start}") from None
+
+
+def parse_people(text: str, name: str, tasks: Collection[str]) -> PeopleFile:
+    """The people that a text holds; ``name`` stands in errors, which are ``PeopleFileError``."""
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise PeopleFileError(f"{name}: not TOML: {error}") from None
+    for place, message in _mistakes(values, tasks):
+        raise PeopleFileError(f"{name}:{_line(text, place)}: {message}")
+    try:
+        return msgspec.convert(values, PeopleFile)
+    except msgspec.ValidationError as error:
+        message, _, path = str(error).partition(" - at `$")
+        place = tuple(re.findall(r"\.(\w+)", path))
+        raise PeopleFileError(f"{name}:{_line(text, place)}: {message.replace('`', '')}") from None
+
+
+def _line(text: str, place: Place) -> int:
+    try:
+        return line_of(text, place)
+    except (KeyError, TOMLKitError):  # what is missing has no line
+        return 1
+
+
+def _mistakes(values: Mapping[str, Any], tasks: Collection[str]) -> Iterator[tuple[Place, str]]:
+    """Where a value is that no type forbids but that cannot be, and what is allowed."""
+    for sex, heights in _table(values, "torso_height_m").items():
+        yield from _range_mistakes(("torso_height_m", sex), heights, TORSO_HEIGHT_RANGE_M, "m")
+    for task, joints in _table(values, "poses").items():
+        if task not in tasks:
+            yield ("poses", task), f"unknown task {task!r}; allowed: {', '.join(tasks)}"
+        for joint, angles in joints.items() if isinstance(joints, dict) else ():
+            if joint not in JOINTS:
+                yield ("poses", task, joint), f"unknown joint {joint!r}; allowed: {', '.join(JOINTS)}"
+                continue
+            limits = JOINTS[joint].lower_deg, JOINTS[joint].upper_deg
+            yield from _range_mistakes(("poses", task, joint), angles, limits, "degrees")
+
+
+def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found = values.get(name, {})
+    return found if isinstance(found, dict) else {}
+
+
+def _range_mistakes(place: Place, found: Any, limits: Range, unit: str) -> Iterator[tuple[Place, str]]:
+    numbers = isinstance(found, list) and len(found) == 2 and all(isinstance(n, int | float) for n in found)
+    if not (numbers and limits[0] <= found[0] <= found[1] <= limits[1]):
+        low, high = limits
+        yield place, f"{place[-1]} is {found}; allowed: [lowest, highest] within {low:g} to {high:g} {unit}"
+
+
+def people_text(people: PeopleFile, remarks: str) -> str:
+    """The text of a file of people, with remarks as comments at its beginning."""
+    document = tomlkit.document()
+    for line in remarks.splitlines():
+        document.add(tomlkit.comment(line))
+    document.add(tomlkit.nl())
+    document.update(msgspec.to_builtins(people))
+    return tomlkit.dumps(document)

@@ -1,0 +1,57 @@
+"""What keeps simulated people from moving as they want, as the 2020 reference offers it."""
+
+from dataclasses import replace
+from typing import Literal, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models.human import JOINTS, LOWER_RAD, UPPER_RAD, People
+from avrgym.people.uniform import between
+
+Array = NDArray[np.float64]
+
+Impairment = Literal["none", "limits", "weakness", "tremor"]
+IMPAIRMENTS: tuple[Impairment, ...] = get_args(Impairment)
+MOVING: tuple[Impairment, ...] = ("weakness", "tremor")
+"""Those that show only in people whose joints move."""
+
+UNIFORMS = 1 + len(JOINTS)
+RANGE_SHARE, STRENGTH_SHARE = (0.5, 1.0), (0.25, 1.0)
+TREMOR_RAD = np.array(
+    [np.radians({"torso": 0.0, "head": 20.0}.get(joint.body, 10.0)) for joint in JOINTS.values()]
+)
+"""How far each joint's target trembles at most, either way: head 20°, arms 10°."""
+
+
+def find_impairment(name: str) -> Impairment:
+    """The impairment of that name.
+
+    Raises:
+        ValueError: naming the impairments there are.
+    """
+    if name not in IMPAIRMENTS:
+        raise ValueError(f"unknown impairment {name!r}; the impairments are {', '.join(IMPAIRMENTS)}")
+    return cast(Impairment, name)
+
+
+def impair(people: People, impairment: Impairment, uniforms: Array) -> People:
+    """The same people with an impairment, drawn from uniform numbers (n, ``UNIFORMS``).
+
+    ``limits``: joint ranges, and the pose, shrink to a share U(0.5, 1); ``weakness``: the joints' torque to a
+    share U(0.25, 1); ``tremor``: joint targets alternate by U(0, 20°) for the head and U(0, 10°) for the arms.
+    """
+    if impairment == "limits":
+        limited = replace(people, range_share=between(RANGE_SHARE, uniforms[:, 0]))
+        return replace(limited, joint_angles_rad=limit(limited, people.joint_angles_rad))
+    if impairment == "weakness":
+        return replace(people, strength_share=between(STRENGTH_SHARE, uniforms[:, 0]))
+    if impairment == "tremor":
+        return replace(people, tremor_rad=TREMOR_RAD * uniforms[:, 1:])
+    return people
+
+
+def limit(people: People, joint_angles_rad: Array) -> Array:
+    """Joint angles (n, 20) brought into the people's ranges."""
+    share = people.range_share[:, None]
+    return np.clip(joint_angles_rad, share * LOWER_RAD, share * UPPER_RAD)

@@ -1,0 +1,339 @@
+"""Trained policies: one file each, run in NumPy.
+
+A policy is a small network of tanh layers behind an observation normaliser, and the chance that it was trained
+with. Its file is safetensors: numbers and a header of text, never code. The header says what the policy was trained on.
+"""
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import safetensors
+import safetensors.numpy
+
+from avrgym.geometry import elementary
+from avrgym.system.files import write_whole
+
+FORMAT_VERSION = 2
+PACKAGED = Path(__file__).parents[1] / "assets" / "policies"
+
+_HEADER = "avrgym_policy"
+_DEVIATION = "action.deviation"
+_BESIDE_LAYERS = (
+    "observation.mean",
+    "observation.variance",
+    "observation.clip",
+    "observation.epsilon",
+    _DEVIATION,
+)
+_DTYPES = ("F32", "F64")
+
+
+class PolicyError(ValueError):
+    """A policy that cannot be loaded, saved or used; the message names what is wrong and what is allowed."""
+
+
+class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a policy was trained on, and how well it did.
+
+    ``steps`` counts environment steps, ``seconds`` the time that training took. ``measured`` holds plain figures
+    such as ``success_rate``. ``curve`` is how training went: steps so far, and mean reward and share of successes
+    of the latest episodes.
+    """
+
+    environment: str
+    people: str
+    steps: int
+    seed: int
+    git_commit: str = ""
+    seconds: float = 0.0
+    measured: dict[str, bool | int | float | str] = {}
+    curve: list[tuple[int, float, float]] = []
+
+
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """An actor as PPO trains it: observation normaliser, hidden layers with tanh, normal chance about their output.
+
+    Where all is still, a mean action may be nothing, and chance helps on: a policy that learned with it needs it. All
+    arrays are kept as read-only float64.
+
+    Args:
+        weights: One (inputs, outputs) matrix per layer; the inputs of the first are the observation.
+        biases: One (outputs,) vector per layer.
+        observation_mean: (observation,).
+        observation_variance: (observation,), not negative.
+        observation_clip: Normalised observations are clipped to ± this, in standard deviations.
+        observation_epsilon: Added to the variance before its root is taken.
+        action_deviation: Standard deviation of every entry of an action about its mean, 0 for no chance.
+        metadata: What the policy was trained on.
+    """
+
+    weights: tuple[np.ndarray, ...]
+    biases: tuple[np.ndarray, ...]
+    observation_mean: np.ndarray
+    observation_variance: np.ndarray
+    observation_clip: float
+    observation_epsilon: float
+    action_deviation: float
+    metadata: PolicyMetadata
+
+    def __post_init__(self):
+        for name in ("weights", "biases"):
+            object.__setattr__(self, name, tuple(_frozen(array) for array in getattr(self, name)))
+        for name in ("observation_mean", "observation_variance"):
+            object.__setattr__(self, name, _frozen(getattr(self, name)))
+        _check_numbers(self)
+        _check_shapes(self)
+        _check_sums(self)
+
+    @property
+    def observation_size(self) -> int:
+        return self.weights[0].shape[0]
+
+    @property
+    def action_size(self) -> int:
+        return self.weights[-1].shape[1]
+
+    def act(self, observations: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
+        """Actions (N, action) float32 in [-1, 1] for observations (N, observation), each drawn from its generator.
+
+        Neither the size of the batch nor other rows change the bits of a row.
+        """
+        if len(generators) != len(observations):
+            raise PolicyError(
+                f"{len(generators)} generators for {len(observations)} observations; one is for each"
+            )
+        actions = self.mean(observations)
+        for row, generator in enumerate(generators if self.action_deviation else ()):
+            actions[row] += self.action_deviation * generator.standard_normal(self.action_size)
+        return np.clip(actions, -1, 1).astype(np.float32)
+
+    def mean(self, observations: np.ndarray) -> np.ndarray:
+        """The means (N, action) about which actions are drawn before they are clipped.
+
+        Sums go from the first input to the last, so that neither the size of the batch nor the processor changes the
+        bits of a row.
+        """
+        if observations.ndim != 2 or observations.shape[1] != self.observation_size:
+            raise PolicyError(
+                f"observations of shape {observations.shape}; this policy takes (N, {self.observation_size})"
+            )
+        rows = self._normalise(np.array(observations, np.float64, order="C"))
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            rows = elementary.tanh(_product(rows, weight) + bias)
+        return _product(rows, self.weights[-1]) + self.biases[-1]
+
+    def _normalise(self, observations: np.ndarray) -> np.ndarray:
+        deviation = np.sqrt(self.observation_variance + self.observation_epsilon)
+        normalised = (observations - self.observation_mean) / deviation
+        return np.clip(normalised, -self.observation_clip, self.observation_clip)
+
+    def save(self, path: str | os.PathLike, *, overwrite: bool = False) -> None:
+        """Write the whole file or nothing; an existing one is kept unless ``overwrite``."""
+        path = Path(path)
+        if path.exists() and not overwrite:
+            raise PolicyError(f"{path}: exists already; choose another name, or pass overwrite=True")
+        header = {"format_version": FORMAT_VERSION, **msgspec.to_builtins(self.metadata)}
+        data = safetensors.numpy.save(_tensors(self), {_HEADER: msgspec.json.encode(header).decode()})
+        write_whole(path, data)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> "Policy":
+        """Read a policy; anything but a sound file of this format raises ``PolicyError``."""
+        try:
+            with safetensors.safe_open(path, framework="numpy") as file:
+                return _read(file)
+        except PolicyError as error:
+            raise PolicyError(f"{path}: {error}") from error
+        except (OSError, safetensors.SafetensorError) as error:
+            raise PolicyError(f"{path}: not a readable .safetensors file ({error})") from error
+
+
+def packaged_policies(environment_id: str) -> dict[str, Path]:
+    """The policies that come with AVR Gym for an environment, by name."""
+    scene = re.sub(r"^avrgym/|-v\d+$", "", environment_id)
+    files = sorted(PACKAGED.glob(f"{scene}-*.safetensors"))
+    return {file.stem.removeprefix(f"{scene}-"): file for file in files}
+
+
+def find_policy(name_or_path: str | os.PathLike, environment_id: str) -> Path:
+    """The file of a packaged policy by its name, such as ``original``, or of any other by its path."""
+    packaged = packaged_policies(environment_id)
+    if str(name_or_path) in packaged:
+        return packaged[str(name_or_path)]
+    if Path(name_or_path).is_file():
+        return Path(name_or_path)
+    names = ", ".join(packaged) or "none is packaged"
+    raise PolicyError(
+        f"no policy {str(name_or_path)!r} for {environment_id}; "
+        f"allowed: {names}, or the path of a .safetensors file"
+    )
+
+
+def load_policy(
+    name_or_path: str | os.PathLike,
+    environment_id: str,
+    observation_size: int,
+    action_size: int,
+    *,
+    allow_other_environment: bool = False,
+) -> Policy:
+    """Find and load a policy for an environment whose observations and actions have the given sizes.
+
+    Raises:
+        PolicyError: where there is none, its file is damaged or its sizes differ; and where it was trained for another
+            environment, unless that is allowed.
+    """
+    path = find_policy(name_or_path, environment_id)
+    policy = Policy.load(path)
+    if policy.metadata.environment != environment_id and not allow_other_environment:
+        raise PolicyError(
+            f"{path}: trained for {policy.metadata.environment}, not for {environment_id}; "
+            "only `avrgym evaluate --allow-other-environment` runs it there"
+        )
+    sizes = (policy.observation_size, policy.action_size)
+    if sizes != (observation_size, action_size):
+        raise PolicyError(
+            f"{path}: made for {policy.metadata.environment} with {sizes[0]} observations and {sizes[1]} "
+            f"actions; {environment_id} has {observation_size} and {action_size}"
+        )
+    return policy
+
+
+def _product(rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """The rows (N, inputs) times (inputs, outputs); a library for matrices would sum in an order of its own."""
+    return (rows[:, :, None] * weight).sum(axis=1)
+
+
+def _frozen(array: Any) -> np.ndarray:
+    copy = np.array(array, np.float64, order="C")
+    copy.setflags(write=False)
+    return copy
+
+
+def _check_numbers(policy: Policy) -> None:
+    for name, array in _tensors(policy).items():
+        if not np.isfinite(array).all():
+            raise PolicyError(f"{name} holds numbers that are not finite; all must be")
+    positive = {
+        "observation.clip": policy.observation_clip,
+        "observation.epsilon": policy.observation_epsilon,
+    }
+    for name, number in positive.items():
+        if number <= 0:
+            raise PolicyError(f"{name} is {number}; it must be above 0")
+    if (policy.observation_variance < 0).any():
+        raise PolicyError("observation.variance holds negative numbers; 0 and above are allowed")
+    if policy.action_deviation < 0:
+        raise PolicyError(f"{_DEVIATION} is {policy.action_deviation}; 0 and above are allowed")
+
+
+def _check_sums(policy: Policy) -> None:
+    """Refuse numbers so large that an action would be none: inputs are bounded, those of later layers by ±1."""
+    largest = policy.observation_clip
+    for layer, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        with np.errstate(over="ignore"):
+            sums = largest * np.abs(weight).sum(axis=0).max(initial=0.0) + np.abs(bias).max(initial=0.0)
+        if not np.isfinite(sums):
+            raise PolicyError(f"the sums of actor.{layer} are not finite; smaller numbers are allowed")
+        largest = 1.0
+
+
+def _check_shapes(policy: Policy) -> None:
+    if not policy.weights or len(policy.weights) != len(policy.biases):
+        raise PolicyError(
+            f"{len(policy.weights)} weights and {len(policy.biases)} biases; allowed: equally many, 1 or more"
+        )
+    _check_shape("observation.mean", policy.observation_mean, (None,))
+    size = policy.observation_mean.shape
+    _check_shape("observation.variance", policy.observation_variance, size)
+    for layer, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        _check_shape(f"actor.{layer}.weight", weight, (*size, None))
+        size = weight.shape[1:]
+        _check_shape(f"actor.{layer}.bias", bias, size)
+
+
+def _check_shape(name: str, array: np.ndarray, allowed: tuple[int | None, ...]) -> None:
+    sizes = zip(array.shape, allowed, strict=False)
+    if array.ndim != len(allowed) or not all(size and wanted in (None, size) for size, wanted in sizes):
+        wanted = " × ".join("any" if size is None else str(size) for size in allowed)
+        raise PolicyError(f"{name} has the shape {array.shape}; allowed: {wanted}")
+
+
+def _tensors(policy: Policy) -> dict[str, np.ndarray]:
+    return {
+        "observation.mean": policy.observation_mean,
+        "observation.variance": policy.observation_variance,
+        "observation.clip": np.array([policy.observation_clip], np.float64),
+        "observation.epsilon": np.array([policy.observation_epsilon], np.float64),
+        _DEVIATION: np.array([policy.action_deviation], np.float64),
+        **{f"actor.{layer}.weight": weight for layer, weight in enumerate(policy.weights)},
+        **{f"actor.{layer}.bias": bias for layer, bias in enumerate(policy.biases)},
+    }
+
+
+def _read(file: Any) -> Policy:
+    metadata = _read_metadata(file.metadata() or {})
+    names = set(file.keys())
+    layers = (len(names) - len(_BESIDE_LAYERS)) // 2
+    weights = [f"actor.{layer}.weight" for layer in range(layers)]
+    biases = [f"actor.{layer}.bias" for layer in range(layers)]
+    _check_names(names, {*_BESIDE_LAYERS, *weights, *biases})
+    mean, variance, clip, epsilon, deviation = (_tensor(file, name) for name in _BESIDE_LAYERS)
+    _check_shape("observation.clip", clip, (1,))
+    _check_shape("observation.epsilon", epsilon, (1,))
+    _check_shape(_DEVIATION, deviation, (1,))
+    return Policy(
+        weights=tuple(_tensor(file, name) for name in weights),
+        biases=tuple(_tensor(file, name) for name in biases),
+        observation_mean=mean,
+        observation_variance=variance,
+        observation_clip=float(clip[0]),
+        observation_epsilon=float(epsilon[0]),
+        action_deviation=float(deviation[0]),
+        metadata=metadata,
+    )
+
+
+def _check_names(names: set[str], allowed: set[str]) -> None:
+    if names != allowed:
+        raise PolicyError(
+            f"tensors {sorted(names - allowed)} are not allowed and {sorted(allowed - names)} are missing; "
+            f"allowed: {', '.join(_BESIDE_LAYERS)}, and actor.0.weight, actor.0.bias, "
+            "actor.1.weight and so on"
+        )
+
+
+def _tensor(file: Any, name: str) -> np.ndarray:
+    dtype = file.get_slice(name).get_dtype()
+    if dtype not in _DTYPES:
+        raise PolicyError(f"{name} has the type {dtype}; allowed: {' and '.join(_DTYPES)}")
+    return file.get_tensor(name)
+
+
+class _Version(msgspec.Struct):
+    format_version: int
+
+
+class _Header(PolicyMetadata, frozen=True, kw_only=True):
+    format_version: int
+
+
+def _read_metadata(header: dict[str, str]) -> PolicyMetadata:
+    if _HEADER not in header:
+        raise PolicyError(f"not a policy of AVR Gym: the header has no {_HEADER!r}, only {sorted(header)}")
+    try:
+        version = msgspec.json.decode(header[_HEADER], type=_Version).format_version
+        if version != FORMAT_VERSION:
+            raise PolicyError(f"format version {version}; allowed: {FORMAT_VERSION}")
+        fields = msgspec.structs.asdict(msgspec.json.decode(header[_HEADER], type=_Header))
+    except msgspec.DecodeError as error:
+        raise PolicyError(f"the header's {_HEADER!r} is wrong: {error}") from error
+    fields.pop("format_version")
+    return PolicyMetadata(**fields)

@@ -1,0 +1,312 @@
+"""The recording of one trial: an MCAP file that grows while the trial runs and survives a crash."""
+
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from io import FileIO
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import IO, Any, cast
+
+import msgspec
+from mcap import records as mcap_records
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import Writer
+
+from avrgym.recording.records import TOPICS, Record, decode, encode, json_schema
+from avrgym.system.files import private_opener
+
+FLUSH_INTERVAL_S = 0.1
+STALL_S = 0.75
+CAPACITY_MESSAGES = 4000
+FEW_MESSAGES = 100
+CLOSE_TIMEOUT_S = 10.0
+
+_CONFIGURATION = "configuration"
+_OUTCOME = "outcome"
+
+
+class RecordingError(Exception):
+    """A recording that cannot be written completely, or a file that is none."""
+
+
+class RecordingWriter:
+    """Writes one trial's recording on a thread of its own, so that the caller never waits for the disk.
+
+    What was written reaches the file within half a second. A disk that fails shows in ``error`` within a
+    second, and the file is never marked complete then.
+
+    Args:
+        path: The new file; an existing one raises ``FileExistsError``.
+        metadata: The trial's whole configuration, plain values.
+    """
+
+    def __init__(self, path: str | os.PathLike, metadata: Mapping[str, Any]):
+        self.path = Path(path)
+        self._failure: Exception | None = None
+        self._queue: SimpleQueue[tuple[str, int, Record] | None] = SimpleQueue()
+        self._disk = _Disk(self.path)
+        self._mcap = Writer(cast(IO[bytes], self._disk), enable_data_crcs=True)
+        self._written = 0
+        self._channels = self._start(metadata)
+        self._alive_at = time.monotonic()
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+        self._thread.start()
+
+    @property
+    def error(self) -> Exception | None:
+        """What keeps the recording from being complete, or ``None``. Only a stall can pass."""
+        silent_s = time.monotonic() - self._alive_at
+        if self._failure is None and self._thread.is_alive() and silent_s > STALL_S:
+            return TimeoutError(f"{self.path}: the disk has taken no data for {silent_s:.1f} s")
+        return self._failure
+
+    def write(self, topic: str, log_time_ns: int, record: Record) -> None:
+        """Queue one record, without waiting; ``log_time_ns`` is on the trial's monotonic clock.
+
+        The record and its lists must not change afterwards. After a failure of the disk this does nothing.
+        """
+        if type(record) is not TOPICS.get(topic):
+            allowed = ", ".join(f"{name}: {kind.__name__}" for name, kind in TOPICS.items())
+            raise RecordingError(f"no topic {topic!r} for {type(record).__name__}; allowed: {allowed}")
+        if self._disk.closed:
+            raise RecordingError(f"{self.path}: closed; a record for {topic} came too late")
+        if self._failure is None and self._queue.qsize() >= CAPACITY_MESSAGES:
+            self._failure = RecordingError(f"{self.path}: a record is lost: the disk is too slow")
+        if self._failure is None:
+            self._queue.put((topic, log_time_ns, record))
+
+    def catch_up(self) -> None:
+        """Wait until little is queued, for callers faster than real time; no longer than the disk takes data."""
+        while self._queue.qsize() > FEW_MESSAGES and self.error is None:
+            time.sleep(0.001)
+
+    def close(self, outcome: Mapping[str, Any] | None = None) -> None:
+        """Write what is queued and end the file; with an outcome, and all data on disk, mark it complete.
+
+        Raises ``RecordingError`` when there is an outcome but the file could not be completed. Closing a
+        closed writer does nothing.
+        """
+        if self._disk.closed:
+            return
+        self._queue.put(None)
+        self._thread.join(CLOSE_TIMEOUT_S)
+        if self._thread.is_alive():
+            raise RecordingError(f"{self.path}: not complete: the disk takes no data")
+        if outcome is not None and self._failure is None:
+            self._attempt(lambda: self._complete(outcome))
+        self._disk.close()
+        if outcome is not None and self._failure is not None:
+            raise RecordingError(f"{self.path}: not complete: {self._failure}") from self._failure
+
+    def _start(self, metadata: Mapping[str, Any]) -> dict[str, int]:
+        try:
+            self._mcap.start(profile="", library="avrgym")
+            self._mcap.add_metadata(_CONFIGURATION, _to_text(metadata))
+        except BaseException:
+            self._disk.close()
+            self.path.unlink()
+            raise
+        return {topic: self._register(topic) for topic in TOPICS}
+
+    def _register(self, topic: str) -> int:
+        schema = self._mcap.register_schema(
+            name=f"avrgym.{TOPICS[topic].__name__}", encoding="jsonschema", data=json_schema(topic)
+        )
+        return self._mcap.register_channel(topic=topic, message_encoding="json", schema_id=schema)
+
+    def _run(self) -> None:
+        self._attempt(self._write_queued)
+
+    def _attempt(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except Exception as error:
+            self._failure = self._failure or error
+
+    def _write_queued(self) -> None:
+        flush_at = time.monotonic() + FLUSH_INTERVAL_S
+        going_on = True
+        while going_on:
+            with suppress(Empty):
+                going_on = self._write_next(max(0.0, flush_at - time.monotonic()))
+            self._alive_at = time.monotonic()
+            if self._alive_at >= flush_at or not going_on:
+                self._mcap.flush()
+                flush_at = time.monotonic() + FLUSH_INTERVAL_S
+
+    def _write_next(self, timeout_s: float) -> bool:
+        entry = self._queue.get(timeout=timeout_s)
+        if entry is None:
+            return False
+        topic, log_time_ns, record = entry
+        self._written += 1
+        self._mcap.add_message(
+            self._channels[topic],
+            log_time_ns,
+            encode(record),
+            publish_time=log_time_ns,
+            sequence=self._written,
+        )
+        return True
+
+    def _complete(self, outcome: Mapping[str, Any]) -> None:
+        self._disk.sync()
+        end_of_data = self._disk.tell()
+        try:
+            self._mcap.add_metadata(_OUTCOME, _to_text(outcome))
+            self._mcap.finish()
+            self._disk.sync()
+        except BaseException:
+            self._disk.cut(end_of_data)
+            raise
+
+
+class _Disk:
+    """A new file without a buffer: what fails to reach it is never tried again behind the writer's back."""
+
+    def __init__(self, path: Path):
+        self._file = FileIO(path, "x", opener=private_opener)
+
+    @property
+    def closed(self) -> bool:
+        return self._file.closed
+
+    def write(self, data: bytes) -> None:
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self._file.write(rest) :]
+
+    def flush(self) -> None:
+        """Nothing is held back."""
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def sync(self) -> None:
+        os.fsync(self._file.fileno())
+
+    def cut(self, size: int) -> None:
+        with suppress(OSError):
+            self._file.truncate(size)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a file holds: its messages (topic, log_time_ns, record) in the order of writing.
+
+    ``complete``: the trial ended with an outcome and nothing is missing.
+    """
+
+    metadata: dict[str, Any]
+    outcome: dict[str, Any] | None
+    messages: list[tuple[str, int, Any]]
+    complete: bool
+
+    @cached_property
+    def topics(self) -> dict[str, list[tuple[int, Any]]]:
+        """By topic (log_time_ns, record), every topic present."""
+        topics: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in TOPICS}
+        for topic, log_time_ns, record in self.messages:
+            topics[topic].append((log_time_ns, record))
+        return topics
+
+
+def read_recording(path: str | os.PathLike) -> Recording:
+    """Read a recording up to where a crash or damage may have ended it; ``RecordingError`` without a header."""
+    records, whole = _intact_records(path)
+    metadata = _metadata(records)
+    if _CONFIGURATION not in metadata:
+        raise RecordingError(f"{path}: not a recording, or cut off before the end of its header")
+    messages, gapless = _messages(path, records)
+    outcome = metadata.get(_OUTCOME)
+    return Recording(
+        metadata=metadata[_CONFIGURATION],
+        outcome=outcome,
+        messages=messages,
+        complete=whole and gapless and outcome is not None,
+    )
+
+
+def read_configuration(path: str | os.PathLike) -> dict[str, Any]:
+    """Read only the configuration of a trial, which begins its recording; ``RecordingError`` where there is none."""
+    with open(path, "rb") as file:
+        try:
+            for record in StreamReader(file, emit_chunks=True).records:
+                if isinstance(record, mcap_records.Metadata) and record.name == _CONFIGURATION:
+                    return _from_text(record.metadata)
+        except OSError:
+            raise
+        except Exception as error:  # the reader raises whatever damaged bytes lead to
+            raise RecordingError(f"{path}: damaged: {error}") from error
+    raise RecordingError(f"{path}: not a recording")
+
+
+def _intact_records(path: str | os.PathLike) -> tuple[list[mcap_records.McapRecord], bool]:
+    """The records before the first damage, and whether there was none.
+
+    Messages lie in chunks, each of which has a checksum: a message outside of them is damage to another record's kind.
+    """
+    records: list[mcap_records.McapRecord] = []
+    with open(path, "rb") as file:
+        reader = StreamReader(
+            file, emit_chunks=True, validate_crcs=True, record_size_limit=os.path.getsize(path)
+        )
+        try:
+            for record in reader.records:
+                if isinstance(record, mcap_records.Chunk):
+                    records += breakup_chunk(record, validate_crc=True)
+                elif isinstance(record, mcap_records.Message):
+                    return records, False
+                else:
+                    records.append(record)
+        except OSError:
+            raise
+        except Exception:  # the reader raises whatever the bytes of a cut or damaged record lead to
+            return records, False
+    return records, True
+
+
+def _metadata(records: list[mcap_records.McapRecord]) -> dict[str, dict[str, Any]]:
+    metadata = {}
+    for record in records:
+        if isinstance(record, mcap_records.Metadata):
+            with suppress(msgspec.DecodeError):
+                metadata[record.name] = _from_text(record.metadata)
+    return metadata
+
+
+def _messages(
+    path: str | os.PathLike, records: list[mcap_records.McapRecord]
+) -> tuple[list[tuple[str, int, Any]], bool]:
+    """The messages before the first gap in their numbers, and whether there was none; 0 is no number."""
+    names: dict[int, str] = {}
+    messages: list[tuple[str, int, Any]] = []
+    for record in records:
+        if isinstance(record, mcap_records.Channel):
+            names.setdefault(record.id, record.topic)
+        elif isinstance(record, mcap_records.Message):
+            if record.sequence not in (0, len(messages) + 1):
+                return messages, False
+            topic = names.get(record.channel_id, f"channel {record.channel_id}")
+            try:
+                messages.append((topic, record.log_time, decode(topic, record.data)))
+            except (KeyError, msgspec.DecodeError) as error:
+                allowed = ", ".join(TOPICS)
+                raise RecordingError(f"{path}: foreign {topic!r}: {error}; allowed: {allowed}") from error
+    return messages, True
+
+
+def _to_text(values: Mapping[str, Any]) -> dict[str, str]:
+    return {name: encode(value).decode() for name, value in values.items()}
+
+
+def _from_text(texts: Mapping[str, str]) -> dict[str, Any]:
+    return {name: msgspec.json.decode(text) for name, text in texts.items()}

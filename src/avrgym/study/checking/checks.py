@@ -1,0 +1,218 @@
+"""Checking a study: whether everything that was stored is there, whole and unchanged."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from avrgym.recording.files import Recording, RecordingError, read_recording
+from avrgym.recording.questionnaire import SESSION_MOMENTS
+from avrgym.study.checking.database_checks import check_database, check_private
+from avrgym.study.checking.finding import Finding
+from avrgym.study.checking.held import held_share, too_much_held
+from avrgym.study.checking.preflight import policy_faults
+from avrgym.study.storage.answers import answered_in_visit
+from avrgym.study.storage.attempts import sha256_of
+from avrgym.study.storage.rows import (
+    RECORDINGS,
+    GivenAnswer,
+    Participant,
+    StudySession,
+    Trial,
+    TrialAttempt,
+    pseudonym_of,
+)
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+
+FIGURES = ("steps", "reward", "success")
+"""What database and recording tell alike of an attempt."""
+
+
+def check_study(store: Store) -> list[Finding]:
+    """All that is to be said about a study; nothing is changed."""
+    findings: list[Finding] = []
+    for check in CHECKS:
+        try:
+            findings += check(store)
+        except StudyError as error:  # a damaged row keeps a check from going on
+            finding = Finding("database", str(error))
+            findings += [finding] if finding not in findings else []
+    return findings
+
+
+def check_participants(store: Store) -> Iterator[Finding]:
+    """Whether rows and recordings of each participant are there and tell the same."""
+    for participant in store.participants():
+        yield from _check_participant(store, participant, store.attempts(participant.pseudonym))
+
+
+def check_strays(store: Store) -> Iterator[Finding]:
+    """Files among the recordings that belong to nothing."""
+    people = [participant.pseudonym for participant in store.participants()]
+    expected = {attempt.recording for person in people for attempt in store.attempts(person)}
+    return (_check_stray(store, name) for name in _files(store) if name not in expected)
+
+
+def _check_stray(store: Store, name: str) -> Finding:
+    """A file without an attempt; a session leaves one that ends between opening it and storing that."""
+    sessions = [each for person in store.participants() for each in store.sessions(person.pseudonym)]
+    own = name.rpartition("/")[0] in {session.folder for session in sessions}
+    if own and not _is_completed(store.folder / name):
+        return Finding(name, "was opened for an attempt that did not begin", wrong=False)
+    return Finding(name, "belongs to no attempt of this study")
+
+
+def _is_completed(path: Path) -> bool:
+    try:
+        outcome = read_recording(path).outcome
+    except (OSError, RecordingError):
+        return False
+    return outcome is not None and outcome.get("result") == "completed"
+
+
+def check_policies(store: Store) -> Iterator[Finding]:
+    """Policies that are missing or cannot be served."""
+    return (Finding(f"policy {name}", fault) for name, fault in policy_faults(store))
+
+
+def _check_participant(
+    store: Store, participant: Participant, attempts: list[TrialAttempt]
+) -> Iterator[Finding]:
+    pseudonym = participant.pseudonym
+    if attempts and participant.consented_at is None:
+        yield Finding(pseudonym, "has attempts without consent")
+    sessions = {session.id: session for session in store.sessions(pseudonym)}
+    trials = store.trials(pseudonym)
+    by_id = {trial.id: trial for trial in trials}
+    answers = store.answers(pseudonym)
+    for attempt in attempts:
+        if attempt.trial not in by_id:
+            yield Finding(str(attempt), f"belongs to no trial of {pseudonym}")
+            continue
+        own = [answer for answer in answers if answer.attempt == attempt.id]
+        yield from _check_attempt(
+            store, participant, sessions[attempt.session], by_id[attempt.trial], attempt, own
+        )
+    for session in sessions.values():
+        yield from _check_session(store, session)
+    for trial in trials:
+        completed = [a for a in attempts if a.trial == trial.id and a.state == "completed"]
+        if len(completed) != (trial.state == "completed"):
+            yield Finding(str(trial), f"is {trial.state} with {len(completed)} completed attempts")
+
+
+def _check_session(store: Store, session: StudySession) -> Iterator[Finding]:
+    """What was asked about an ended session and not answered: whoever was asked may have left.
+
+    After a crash the rest is asked in the next session.
+    """
+    answered = answered_in_visit(store, session)
+    missing = [
+        item.id
+        for when in SESSION_MOMENTS
+        for item in store.design.items_at(when)
+        if (when, item.id) not in answered
+    ]
+    last = session.id == store.sessions(pseudonym_of(session.participant))[-1].id
+    if missing and (session.state == "closed" or (session.state == "interrupted" and last)):
+        yield Finding(str(session), f"has no answer to {', '.join(missing)}", wrong=False)
+
+
+def _check_attempt(
+    store: Store,
+    participant: Participant,
+    session: StudySession,
+    trial: Trial,
+    attempt: TrialAttempt,
+    answers: list[GivenAnswer],
+) -> Iterator[Finding]:
+    completed = attempt.state == "completed"
+    if completed and not trial.practice:
+        given = {answer.item for answer in answers}
+        missing = [item.id for item in store.design.items_at("after_trial") if item.id not in given]
+        if missing:
+            yield Finding(attempt.recording, f"completed without answers to {', '.join(missing)}")
+    try:
+        path = store.path(attempt.recording)
+    except StudyError as error:
+        yield Finding(attempt.recording, str(error))
+        return
+    if path.is_file():
+        planned = {
+            "environment": trial.environment,
+            "policy": trial.policy,
+            "seed": trial.seed,
+            "practice": trial.practice,
+            "simulated": participant.simulated,
+        }
+        yield from _check_recording(store, planned, attempt, path, answers)
+    elif session.station != store.station:
+        yield Finding(attempt.recording, f"is not here; it was recorded at {session.station}", wrong=False)
+    elif completed or attempt.sha256 is not None:
+        yield Finding(attempt.recording, "is missing")
+
+
+def _check_recording(
+    store: Store,
+    planned: Mapping[str, Any],
+    attempt: TrialAttempt,
+    path: Path,
+    answers: list[GivenAnswer],
+) -> Iterator[Finding]:
+    sealed = attempt.state == "completed" or attempt.sha256 is not None
+    if sealed and sha256_of(store, attempt.recording) != attempt.sha256:
+        yield Finding(attempt.recording, "was changed: its checksum is another")
+    try:
+        recording = read_recording(path)
+    except (OSError, RecordingError) as error:
+        yield Finding(attempt.recording, f"does not load: {error}", wrong=attempt.state == "completed")
+        return
+    if attempt.state == "completed" and not recording.complete:
+        yield Finding(attempt.recording, "is not complete though its trial is")
+    if attempt.state == "completed" and _figures(recording) != {
+        name: attempt.figures.get(name) for name in FIGURES
+    }:
+        yield Finding(attempt.recording, "tells of other figures than the database")
+    held = too_much_held(held_share(recording), store.design) if attempt.state == "completed" else None
+    if held is not None:
+        yield Finding(attempt.recording, f"{held}: the analysis leaves it out", wrong=False)
+    for name in _differences(recording, planned, answers):
+        yield Finding(attempt.recording, f"was recorded with another {name} than was planned or stored")
+
+
+def _figures(recording: Recording) -> dict[str, Any]:
+    """What an attempt gave, as its recording tells."""
+    outcome = recording.outcome or {}
+    return {name: outcome.get(name) for name in FIGURES}
+
+
+def _differences(
+    recording: Recording, planned: Mapping[str, Any], answers: list[GivenAnswer]
+) -> Iterator[str]:
+    """Names of what recording and database tell differently; the latest answers may lack where a crash cut a file."""
+    for name, value in planned.items():
+        if recording.metadata.get(name) != value:
+            yield name
+    recorded = {answer.item: answer.value for _, answer in recording.topics["/answers"]}
+    kept = [answer for answer in answers if answer.item in recorded or recording.outcome is not None]
+    if any(recorded.get(answer.item) != answer.value for answer in kept):
+        yield "answer"
+
+
+def _files(store: Store) -> list[str]:
+    """All files among the recordings, and links to anything, relative to the study's folder."""
+    found = []
+    for folder, folders, files in os.walk(store.folder / RECORDINGS):
+        links = [name for name in folders if (Path(folder) / name).is_symlink()]
+        found += [str((Path(folder) / name).relative_to(store.folder).as_posix()) for name in files + links]
+    return sorted(found)
+
+
+CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
+    check_database,
+    check_policies,
+    check_private,
+    check_participants,
+    check_strays,
+)

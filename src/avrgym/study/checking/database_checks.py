@@ -1,0 +1,59 @@
+"""Checking a study's database: that only this program wrote its rows, and that nobody else can read its files."""
+
+from collections.abc import Iterator
+
+from avrgym.study.checking.finding import Finding
+from avrgym.study.storage import keyfile
+from avrgym.study.storage.database import BACKUPS, LEDGER_BEGUN
+from avrgym.study.storage.database import FILE as DATABASE
+from avrgym.study.storage.manifest import FOLDER as ANALYSIS
+from avrgym.study.storage.manifest import unfinished_analyses
+from avrgym.study.storage.rows import RECORDINGS
+from avrgym.study.storage.seal import CHECKSUM, HEAD
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.system.files import exposed, make_private, unfinished
+
+_PRIVATE = (DATABASE, HEAD, CHECKSUM, RECORDINGS, BACKUPS, ANALYSIS)
+
+
+def check_database(store: Store) -> Iterator[Finding]:
+    """What was changed from outside or damaged, and from when on that can be told."""
+    for where, what in store.database.faults():
+        yield Finding(where, what)
+    for event in store.events():
+        if event.name == LEDGER_BEGUN:
+            yield Finding("ledger", f"vouches for earlier rows only from {event.at} on", wrong=False)
+
+
+def check_private(store: Store) -> Iterator[Finding]:
+    """Who may read what, and whether names lie where they should not."""
+    for path in exposed(store.folder / keyfile.FOLDER):
+        yield Finding(str(path.relative_to(store.folder)), "others than its owner may use it")
+    for name in _PRIVATE:
+        others = len(list(exposed(store.folder / name)))
+        if others:
+            what = f"others than their owner may use {others} files or folders; --fix-permissions ends that"
+            yield Finding(name, what, wrong=False)
+    analysis = store.folder / ANALYSIS
+    for path in [*keyfile.unfinished(store.folder), *unfinished(analysis), *unfinished_analyses(analysis)]:
+        yield Finding(str(path.relative_to(store.folder)), "was left by a broken-off write; remove it")
+    yield from _check_names(store)
+
+
+def _check_names(store: Store) -> Iterator[Finding]:
+    known = {participant.pseudonym for participant in store.participants()}
+    where = f"{keyfile.FOLDER}/{keyfile.FILE}"
+    try:
+        strangers = sorted(set(keyfile.read_key(store.folder)) - known)
+    except StudyError as error:
+        yield Finding(where, str(error))
+        return
+    for pseudonym in strangers:
+        yield Finding(where, f"names {pseudonym}, who is not in this study: delete-participant removes that")
+
+
+def fix_permissions(store: Store) -> None:
+    """Take a study's data away from everybody but their owner; ``OSError`` where that is not allowed."""
+    for name in (keyfile.FOLDER, *_PRIVATE):
+        make_private(store.folder / name)

@@ -1,0 +1,36 @@
+"""Whether a study can run: every policy that it names is loaded as a session loads it."""
+
+from collections.abc import Iterator
+from itertools import product
+
+from avrgym.policies.trained import Policy, PolicyError
+from avrgym.study.storage.store import Store
+from avrgym.vr.session.plan import load_policy_for
+
+
+def load_study_policy(store: Store, environment: str, policy: str) -> Policy:
+    """A policy of the design for one of its environments, the study's own or a packaged one.
+
+    Raises:
+        PolicyError: when it is missing, damaged, or made for something else; the message says what is allowed.
+    """
+    return load_policy_for(environment, store.policy_source(environment, policy))
+
+
+def policies_needed(store: Store) -> list[tuple[str, str]]:
+    """Environment and name of every policy that the design's trials and practice may run."""
+    design = store.design
+    names = sorted({*design.policies, design.practice_policy} - {""})
+    return [
+        (f"avrgym/{task}{robot}-v1", name)
+        for task, robot, name in product(design.tasks, design.robots, names)
+    ]
+
+
+def policy_faults(store: Store) -> Iterator[tuple[str, str]]:
+    """Name and fault of every policy with which a session could not run."""
+    for environment, name in policies_needed(store):
+        try:
+            load_study_policy(store, environment, name)
+        except PolicyError as error:
+            yield name, str(error)

@@ -1,0 +1,93 @@
+"""How a study stands: figures for the table of ``avrgym study status`` and for whoever leads it."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import sqlalchemy as sa
+
+from avrgym.study.design.allocation import cell_orders
+from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Tombstone, Trial, TrialAttempt
+from avrgym.study.storage.states import TAKES_PART
+from avrgym.study.storage.store import Store, find_all
+
+
+@dataclass(frozen=True)
+class ParticipantSummary:
+    """One participant in figures; practice trials count as trials."""
+
+    participant: str
+    state: str
+    simulated: bool
+    cell: int | None
+    consented: bool
+    sessions: int
+    trials_completed: int
+    trials: int
+    attempts: int
+    answers: int
+
+
+@dataclass(frozen=True)
+class StudySummary:
+    """A whole study. ``filled`` and ``completed_cells`` count participants per cell of the design."""
+
+    title: str
+    planned: int
+    simulated: int
+    completed: int
+    withdrawn: int
+    excluded: int
+    deleted: int
+    filled: tuple[int, ...]
+    completed_cells: tuple[int, ...]
+    participants: tuple[ParticipantSummary, ...]
+
+
+def summarise_study(store: Store) -> StudySummary:
+    """How the study stands now."""
+    with store.database.read() as connection:
+        participants = find_all(connection, Participant)
+        deleted = len(find_all(connection, Tombstone))
+        counts = _count(connection)
+    states = Counter(participant.state for participant in participants)
+    return StudySummary(
+        title=store.design.title,
+        planned=store.design.participants,
+        simulated=sum(participant.simulated for participant in participants),
+        completed=states["completed"],
+        withdrawn=states["withdrawn"],
+        excluded=states["excluded"],
+        deleted=deleted,
+        filled=_per_cell(store, participants, TAKES_PART),
+        completed_cells=_per_cell(store, participants, ("completed",)),
+        participants=tuple(_summarise(participant, counts) for participant in participants),
+    )
+
+
+def _per_cell(store: Store, participants: list[Participant], states: tuple[str, ...]) -> tuple[int, ...]:
+    count = Counter(participant.cell for participant in participants if participant.state in states)
+    return tuple(count[cell] for cell in range(len(cell_orders(store.design))))
+
+
+def _count(connection: sa.Connection) -> dict[str, Counter[int]]:
+    """How many sessions, trials, completed trials, attempts and answers there are, by their participant's number."""
+    trials = find_all(connection, Trial)
+    of_session = {session.id: session.participant for session in find_all(connection, StudySession)}
+    return {
+        "sessions": Counter(of_session.values()),
+        "trials": Counter(trial.participant for trial in trials),
+        "trials_completed": Counter(trial.participant for trial in trials if trial.state == "completed"),
+        "attempts": Counter(of_session[attempt.session] for attempt in find_all(connection, TrialAttempt)),
+        "answers": Counter(of_session[answer.session] for answer in find_all(connection, GivenAnswer)),
+    }
+
+
+def _summarise(participant: Participant, counts: dict[str, Counter[int]]) -> ParticipantSummary:
+    return ParticipantSummary(
+        participant=participant.pseudonym,
+        state=participant.state,
+        simulated=participant.simulated,
+        cell=participant.cell,
+        consented=participant.consented_at is not None,
+        **{name: count[participant.number] for name, count in counts.items()},
+    )

@@ -1,0 +1,249 @@
+"""The experimenter's dashboard: what it reads of a study and does to it, as a web application of JSON.
+
+Every route needs the experimenter's token as ``Authorization: Bearer``. Names and contacts go in and never come out.
+"""
+
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Protocol, TypeVar
+
+import msgspec
+from fastapi import Depends, FastAPI, HTTPException, Request, Response
+from fastapi.concurrency import run_in_threadpool
+
+from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.human import Sex
+from avrgym.policies.trained import PolicyError
+from avrgym.study.dashboard.views import overview, participant_view
+from avrgym.study.people.participants import (
+    add_note,
+    enrol,
+    record_consent,
+    record_inclusion,
+    set_identity,
+    withdraw,
+)
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.study.storage.texts import MOST_IN_LINE, MOST_IN_NOTE
+from avrgym.vr.server.access import Tokens
+
+MAX_BODY_BYTES = 1 << 16
+
+Line = Annotated[str, msgspec.Meta(max_length=MOST_IN_LINE)]
+Text = Annotated[str, msgspec.Meta(min_length=1, max_length=MOST_IN_NOTE)]
+
+
+class LiveSessions(Protocol):
+    """The sessions that this server runs, one at a time."""
+
+    @property
+    def participant(self) -> str | None:
+        """The pseudonym of the participant whose session runs."""
+        ...
+
+    @property
+    def furniture(self) -> RealFurniture:
+        """What participants of the next session really sit and lie on."""
+        ...
+
+    def begin(self, pseudonym: str, furniture: RealFurniture | None = None) -> None:
+        """Begin or continue a participant's session; ``StudyError`` or ``PolicyError`` when that cannot be."""
+        ...
+
+    def withdraw(self, pseudonym: str, reason: str) -> None:
+        """Stop robot and recording of the participant whose session runs, then store that they withdrew."""
+        ...
+
+
+@dataclass(frozen=True)
+class Dashboard:
+    """A study, and the sessions that this server runs, if it runs any."""
+
+    store: Store
+    live: LiveSessions | None
+
+    @property
+    def participant(self) -> str | None:
+        """Whose session runs."""
+        return self.live.participant if self.live else None
+
+    @property
+    def furniture(self) -> RealFurniture:
+        """What participants of the next session really sit and lie on."""
+        return self.live.furniture if self.live else self.store.design.furniture
+
+
+class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Somebody new."""
+
+    sex: Sex
+    age_years: int | None = None
+    name: Line = ""
+    contact: Line = ""
+
+
+class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Who a participant is."""
+
+    name: Line
+    contact: Line
+
+
+class Agreement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The version of the consent text that was read and agreed to."""
+
+    version: str
+
+
+class InclusionAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Yes or no to each inclusion question by its id."""
+
+    answers: dict[str, bool]
+
+
+class Withdrawal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """That somebody takes part no longer; the reason may be empty."""
+
+    reason: Line = ""
+
+
+class NewNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the experimenter writes down."""
+
+    text: Text
+
+
+class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """That a session shall begin or go on, with other furniture than the one before if it is given."""
+
+    furniture: RealFurniture | None = None
+
+
+def _enrol(board: Dashboard, new: Enrolment) -> dict[str, str]:
+    pseudonym = enrol(board.store, new.sex, age_years=new.age_years, name=new.name, contact=new.contact)
+    return {"participant": pseudonym}
+
+
+def _identify(board: Dashboard, pseudonym: str, who: Identification) -> None:
+    set_identity(board.store, pseudonym, who.name, who.contact)
+
+
+def _consent(board: Dashboard, pseudonym: str, agreement: Agreement) -> None:
+    present = board.store.design.consent.version
+    if agreement.version != present:
+        raise StudyError(
+            f"version {agreement.version!r} of the consent text was shown; the study's is {present!r}"
+        )
+    record_consent(board.store, pseudonym)
+
+
+def _include(board: Dashboard, pseudonym: str, inclusion: InclusionAnswers) -> None:
+    record_inclusion(board.store, pseudonym, inclusion.answers)
+
+
+def _withdraw(board: Dashboard, pseudonym: str, withdrawal: Withdrawal) -> None:
+    if board.live is not None and board.live.participant == pseudonym:
+        board.live.withdraw(pseudonym, withdrawal.reason)
+    else:
+        withdraw(board.store, pseudonym, withdrawal.reason)
+
+
+def _note(board: Dashboard, pseudonym: str, note: NewNote) -> None:
+    running = board.participant == pseudonym
+    session = board.store.sessions(pseudonym)[-1].id if running else None
+    add_note(board.store, pseudonym, note.text, session)
+
+
+def _begin(board: Dashboard, pseudonym: str, start: SessionStart) -> None:
+    if board.live is None:
+        raise StudyError("no sessions are run here; `avrgym serve --study DIR` runs them")
+    board.live.begin(pseudonym, start.furniture)
+
+
+ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any], None]]] = {
+    "identity": (Identification, _identify),
+    "consent": (Agreement, _consent),
+    "inclusion": (InclusionAnswers, _include),
+    "withdrawal": (Withdrawal, _withdraw),
+    "notes": (NewNote, _note),
+    "sessions": (SessionStart, _begin),
+}
+"""What is done to a participant, by the last part of the route: what is posted, and what it does."""
+
+
+def dashboard_app(store: Store, tokens: Tokens, live: LiveSessions | None = None) -> FastAPI:
+    """The web application of a study, to be mounted at ``/study``.
+
+    Args:
+        store: the study.
+        tokens: whose ``experimenter`` opens all routes.
+        live: the sessions that this server runs; without them only the study itself is led.
+    """
+
+    def experimenter_only(request: Request) -> None:
+        if tokens.bearer(request.headers) != "experimenter":
+            raise HTTPException(401, "this needs the experimenter's address that the server printed")
+
+    board = Dashboard(store, live)
+    app = FastAPI(openapi_url=None, dependencies=[Depends(experimenter_only)])
+    app.add_exception_handler(StudyError, _refuse(409))
+    app.add_exception_handler(PolicyError, _refuse(409))
+    app.add_exception_handler(OSError, _refuse(507))
+
+    @app.get("/overview")
+    def read_overview() -> Response:
+        return _json(overview(store, board.participant, board.furniture))
+
+    @app.get("/participants/{pseudonym}")
+    def read_participant(pseudonym: str) -> Response:
+        return _json(participant_view(store, pseudonym))
+
+    @app.post("/participants")
+    async def enrol_somebody(request: Request) -> Response:
+        return _json(await run_in_threadpool(_enrol, board, await _body(request, Enrolment)))
+
+    for name, (kind, act) in ACTIONS.items():
+        app.post(f"/participants/{{pseudonym}}/{name}")(_endpoint(board, kind, act))
+    return app
+
+
+def _endpoint(
+    board: Dashboard, kind: type[msgspec.Struct], act: Callable[[Dashboard, str, Any], None]
+) -> Callable[..., Awaitable[Response]]:
+    async def endpoint(pseudonym: str, request: Request) -> Response:
+        await run_in_threadpool(act, board, pseudonym, await _body(request, kind))
+        return Response(status_code=204)
+
+    return endpoint
+
+
+B = TypeVar("B", bound=msgspec.Struct)
+
+
+async def _body(request: Request, kind: type[B]) -> B:
+    """What was posted; refusals name fields and never repeat values, which may be names."""
+    if request.headers.get("content-type") != "application/json":
+        raise HTTPException(415, "send application/json")
+    data = bytearray()
+    async for chunk in request.stream():
+        data += chunk
+        if len(data) > MAX_BODY_BYTES:
+            raise HTTPException(413, f"that is too long; allowed: {MAX_BODY_BYTES} bytes")
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise HTTPException(422, str(error)) from None
+    except RecursionError:
+        raise HTTPException(422, "nested too deeply") from None
+
+
+def _json(value: Any) -> Response:
+    return Response(msgspec.json.encode(value), media_type="application/json")
+
+
+def _refuse(status: int) -> Callable[[Request, Exception], Response]:
+    def refuse(_request: Request, error: Exception) -> Response:
+        return Response(msgspec.json.encode({"detail": str(error)}), status, media_type="application/json")
+
+    return refuse

@@ -1,0 +1,71 @@
+"""Which participant gets which order, and the trials that follow from it."""
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from avrgym.study.design.design import Design
+from avrgym.study.design.orders import Block, Order, balanced_orders
+
+
+@dataclass(frozen=True)
+class PlannedTrial:
+    """One trial to run; ``position`` counts a participant's trials from 1, practice included."""
+
+    position: int
+    environment: str
+    policy: str
+    seed: int
+    practice: bool
+
+
+def cell_orders(design: Design) -> tuple[Order, ...]:
+    """The order of each cell of the design, from its seed."""
+    rng = np.random.default_rng(design.seed)
+    return balanced_orders(len(design.tasks), len(design.conditions), rng)
+
+
+def least_filled_cell(cells: int, taken: Iterable[int]) -> int:
+    """The first of the cells that fewest of the participants who take part or have finished are in."""
+    filled = Counter(taken)
+    return min(range(cells), key=lambda cell: (filled[cell], cell))
+
+
+def plan_trials(design: Design, cell: int, participant: int) -> tuple[PlannedTrial, ...]:
+    """All trials of a participant, by cell and number: a practice trial before each task, then its trials.
+
+    Robots for practice and the trials' seeds differ between participants; the design's seed decides on both.
+    """
+    rng = np.random.default_rng([design.seed, participant])
+    practice_robots = practice_robots_of(design, participant)
+    trials: list[PlannedTrial] = []
+    for block in cell_orders(design)[cell]:
+        for robot, policy, practice in _conditions(design, block, practice_robots[block.task]):
+            environment = f"avrgym/{design.tasks[block.task]}{robot}-v1"
+            seed = int(rng.integers(2**31))
+            trials.append(PlannedTrial(len(trials) + 1, environment, policy, seed, practice))
+    return tuple(trials)
+
+
+def practice_robots_of(design: Design, participant: int) -> tuple[str, ...]:
+    """The robot that a participant, by number from 1, practises each task of the design with.
+
+    Drawn by chance, but for balance: in each group of as many participants as there are robots every one meets another
+    robot in a task, and everybody practises with each robot in as many tasks, or one more.
+    """
+    robots = len(design.robots)
+    group, place = divmod(participant - 1, robots)
+    rng = np.random.default_rng([design.seed, _PRACTICE, group])
+    shifts = rng.permutation(np.arange(len(design.tasks)) % robots)
+    return tuple(design.robots[index] for index in (rng.permutation(robots)[place] + shifts) % robots)
+
+
+_PRACTICE = 2**32 - 1
+"""Keeps the draws of practice robots apart from those of participants."""
+
+
+def _conditions(design: Design, block: Block, practice_robot: str) -> list[tuple[str, str, bool]]:
+    practice = [(practice_robot, design.practice_policy, True)] if design.practice_policy else []
+    return practice + [(*design.conditions[index], False) for index in block.conditions]

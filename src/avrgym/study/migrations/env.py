@@ -1,8 +1,0 @@
-"""Run by Alembic on a connection that it is given, within that connection's transaction."""
-
-from alembic import context
-
-from avrgym.study.schema import METADATA
-
-context.configure(connection=context.config.attributes["connection"], target_metadata=METADATA)
-context.run_migrations()

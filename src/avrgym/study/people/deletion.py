@@ -1,0 +1,72 @@
+"""Deleting a participant: what they left is gone, and nobody else's data change."""
+
+import shutil
+
+import sqlalchemy as sa
+
+from avrgym.study.storage import keyfile, ledger, schema
+from avrgym.study.storage.database import BACKUPS
+from avrgym.study.storage.manifest import FOLDER, remove_analysis
+from avrgym.study.storage.remains import known_numbers
+from avrgym.study.storage.rows import RECORDINGS, Participant, StudySession, Tombstone, participant_number
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.sessions import may_run
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find_all, find_participant
+
+
+def delete_participant(store: Store, pseudonym: str) -> None:
+    """Delete a participant's recordings, rows and key entry, every backup of the database, and the study's analysis.
+
+    The number stays in a tombstone and is never given again. After a crash, deleting again finishes the work.
+
+    Raises:
+        StudyError: when there is no such participant, or a session of theirs is open.
+    """
+    number = participant_number(pseudonym)
+    with store.database.write() as connection:
+        if not find_all(connection, Tombstone, number=number):
+            simulated = _is_row(store, connection, number) and _delete_rows(store, connection, pseudonym)
+            ledger.insert(connection, schema.TOMBSTONE, number=number, simulated=simulated, deleted_at=now())
+        keyfile.remove_entry(store.folder, pseudonym)
+    _remove(store, f"{RECORDINGS}/{pseudonym}")
+    _remove(store, BACKUPS)
+    remove_analysis(store.folder / FOLDER)
+    store.database.erase_traces()
+
+
+def _is_row(store: Store, connection: sa.Connection, number: int) -> bool:
+    """Whether there are rows to delete, as there must be unless key file or recordings outlived them."""
+    return bool(find_all(connection, Participant, number=number)) or number not in known_numbers(store.folder)
+
+
+def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> bool:
+    """Delete all rows about a participant; whether they were simulated."""
+    participant = find_participant(connection, pseudonym)
+    sessions = find_all(connection, StudySession, participant=participant.number)
+    for session in sessions:
+        if session.state == "open" and may_run(store, session):
+            raise StudyError(f"{session} is open at {session.station}; close it there before deleting")
+    number = participant.number
+    own = schema.SESSION.c.participant == number
+    visits = sa.select(schema.SESSION.c.id).where(own)
+    for table, condition in (
+        (schema.NOTE, schema.NOTE.c.participant == number),
+        (schema.EVENT, schema.EVENT.c.participant == number),
+        (schema.ANSWER, schema.ANSWER.c.session.in_(visits)),
+        (schema.ATTEMPT, schema.ATTEMPT.c.session.in_(visits)),
+        (schema.TRIAL, schema.TRIAL.c.participant == number),
+        (schema.SESSION, own),
+        (schema.PARTICIPANT, schema.PARTICIPANT.c.number == number),
+    ):
+        ledger.delete(connection, table, condition)
+    return participant.simulated
+
+
+def _remove(store: Store, name: str) -> None:
+    """Remove a folder of the study with all it holds; of a link, only the link."""
+    path = store.folder / name
+    if path.is_symlink():
+        path.unlink()
+    elif path.exists():
+        shutil.rmtree(path)

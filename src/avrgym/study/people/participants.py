@@ -1,0 +1,165 @@
+"""Participants: enrolment, consent, inclusion, allocation, withdrawal."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict
+
+import sqlalchemy as sa
+
+from avrgym.models.human import SEXES, Sex
+from avrgym.study.design.allocation import cell_orders, least_filled_cell, plan_trials
+from avrgym.study.design.design import Design
+from avrgym.study.storage import keyfile, ledger, schema
+from avrgym.study.storage.remains import known_numbers
+from avrgym.study.storage.rows import Participant, StudySession, pseudonym_of
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.sessions import end_open_sessions
+from avrgym.study.storage.states import TAKES_PART, StudyError
+from avrgym.study.storage.store import Store, change_state, find_all, find_participant, record_event
+from avrgym.study.storage.texts import check_line, check_note
+
+
+def enrol(
+    store: Store,
+    sex: Sex,
+    *,
+    age_years: int | None = None,
+    name: str = "",
+    contact: str = "",
+    simulated: bool = False,
+) -> str:
+    """Take someone in and return their pseudonym; name and contact go into the key file and nowhere else.
+
+    Raises:
+        StudyError: for an unknown body model, an impossible age, a simulated participant with a name, or a name
+            or contact that cannot be one.
+    """
+    if sex not in SEXES:
+        raise StudyError(f"unknown body model {sex!r}; allowed: {', '.join(SEXES)}")
+    if age_years is not None and not 0 <= age_years <= 130:
+        raise StudyError(f"nobody is {age_years} years old; allowed: 0 to 130")
+    if simulated and (name or contact):
+        raise StudyError("a simulated participant has neither name nor contact")
+    _check_identity(name, contact)
+    with store.database.write() as connection:
+        number = _next_number(store, connection)
+        ledger.insert(
+            connection,
+            schema.PARTICIPANT,
+            number=number,
+            state="enrolled",
+            simulated=simulated,
+            sex=sex,
+            age_years=age_years,
+            enrolled_at=now(),
+        )
+        record_event(connection, "participant enrolled", "", {"participant": number})
+    pseudonym = pseudonym_of(number)
+    if name or contact:
+        set_identity(store, pseudonym, name, contact)
+    return pseudonym
+
+
+def set_identity(store: Store, pseudonym: str, name: str, contact: str) -> None:
+    """Store who a participant is, in the key file only; ``StudyError`` for what cannot be a name or contact."""
+    _check_identity(name, contact)
+    with store.database.write() as connection:  # one writer at a time, for the key file as well
+        find_participant(connection, pseudonym)
+        keyfile.write_entry(store.folder, pseudonym, keyfile.Identity(name, contact))
+
+
+def record_consent(store: Store, pseudonym: str) -> None:
+    """Store that a participant agreed to the consent text of the study's design."""
+    consent = store.design.consent
+    with store.database.write() as connection:
+        change_state(
+            connection,
+            participant := find_participant(connection, pseudonym),
+            "consented",
+            {"participant": participant.number},
+            f"version {consent.version}",
+            consented_at=now(),
+            consent_version=consent.version,
+            consent_sha256=hashlib.sha256(consent.text.encode()).hexdigest(),
+        )
+
+
+def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) -> bool:
+    """Store the answers to the inclusion questions; give an order and trials to whoever can take part.
+
+    Returns:
+        Whether the participant can take part; otherwise they are excluded.
+
+    Raises:
+        StudyError: when a question is not answered or not asked, or without consent.
+    """
+    questions = {question.id: question.required for question in store.design.inclusion}
+    if set(answers) != set(questions) or not all(type(answer) is bool for answer in answers.values()):
+        raise StudyError(f"each question needs a yes or no; the questions are {', '.join(questions)}")
+    fits = all(answers[question] == required for question, required in questions.items())
+    with store.database.write() as connection:
+        participant = find_participant(connection, pseudonym)
+        about, given = {"participant": participant.number}, dict(answers)
+        if not fits:
+            change_state(connection, participant, "excluded", about, inclusion=given)
+            return False
+        cell = _free_cell(connection, store.design, participant.simulated)
+        change_state(connection, participant, "allocated", about, f"cell {cell}", cell=cell, inclusion=given)
+        _plan(connection, store.design, cell, participant.number)
+    return True
+
+
+def withdraw(store: Store, pseudonym: str, reason: str = "") -> None:
+    """Store that a participant takes part no longer; a trial that runs is stopped, their sessions end.
+
+    ``StudyError`` for a reason that is too long, or when they do not take part.
+    """
+    check_line("the reason", reason)
+    with store.database.write() as connection:
+        participant = find_participant(connection, pseudonym)
+        change_state(connection, participant, "withdrawn", {"participant": participant.number}, reason)
+        end_open_sessions(store, connection, participant, attempts="stopped", sessions="closed")
+
+
+def add_note(store: Store, pseudonym: str, text: str, session: int | None = None) -> None:
+    """Store a note of the experimenter on a participant, or on one of their sessions by its id.
+
+    ``StudyError`` for an empty note or one that is too long, and for somebody else's session.
+    """
+    check_note(text)
+    with store.database.write() as connection:
+        participant = find_participant(connection, pseudonym)
+        own = find_all(connection, StudySession, participant=participant.number)
+        if session is not None and session not in {visit.id for visit in own}:
+            raise StudyError(f"session {session} is not one of {participant}")
+        note = {"at": now(), "participant": participant.number, "session": session, "text": text}
+        ledger.insert(connection, schema.NOTE, **note)
+
+
+def _check_identity(name: str, contact: str) -> None:
+    check_line("the name", name)
+    check_line("the contact", contact)
+
+
+def _next_number(store: Store, connection: sa.Connection) -> int:
+    """The first number that nobody has or had, also by key file and recordings."""
+    taken = known_numbers(store.folder)
+    for table in (schema.PARTICIPANT, schema.TOMBSTONE):
+        taken.add(connection.execute(sa.select(sa.func.max(table.c.number))).scalar() or 0)
+    return max(taken) + 1
+
+
+def _free_cell(connection: sa.Connection, design: Design, simulated: bool) -> int:
+    """The cell of the next participant; simulated ones never take the place of people."""
+    taken = [
+        participant.cell
+        for participant in find_all(connection, Participant, simulated=simulated)
+        if participant.state in TAKES_PART and participant.cell is not None
+    ]
+    return least_filled_cell(len(cell_orders(design)), taken)
+
+
+def _plan(connection: sa.Connection, design: Design, cell: int, number: int) -> None:
+    planned = plan_trials(design, cell, number)
+    for trial in planned:
+        ledger.insert(connection, schema.TRIAL, **asdict(trial), participant=number, state="planned")

@@ -1,0 +1,286 @@
+"""A participant's visit: their session in VR on the study's store. Each fact is stored before the session goes on."""
+
+import re
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import asdict
+from typing import Self
+
+from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.human import Person
+from avrgym.recording.questionnaire import Item
+from avrgym.study.checking.preflight import load_study_policy
+from avrgym.study.people.participants import withdraw
+from avrgym.study.sessions.storing import Storing
+from avrgym.study.sessions.watch import Watch
+from avrgym.study.storage.answers import answered_in_visit, record_answer, record_session_answer
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
+from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt, pseudonym_of
+from avrgym.study.storage.sessions import close_session, open_session, skip_trial, tell
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.study.storage.texts import check_line
+from avrgym.tasks import find_environment
+from avrgym.vr.protocol.messages import Command
+from avrgym.vr.session import transitions
+from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
+from avrgym.vr.session.preparation import AtOnce
+from avrgym.vr.session.session import Send, Session
+from avrgym.vr.session.transitions import Observer, Transition
+
+PATIENCE_S = 20.0
+"""How long the end of a session may take to be stored."""
+
+
+class StudyVisit:
+    """An open session of a participant in a study, as a context manager.
+
+    ``stored`` is its row, ``trials`` are all of the participant's trials in the order of ``plan``: completed ones,
+    behind which the session begins, then those that remain.
+    """
+
+    def __init__(
+        self, store: Store, pseudonym: str, *, take_over: bool = False, storing: Executor | None = None
+    ) -> None:
+        """Open the participant's session, or the next one after a break or a crash.
+
+        Args:
+            store: the study.
+            pseudonym: the participant.
+            take_over: also end a session that may still run elsewhere.
+            storing: one thread that stores what happens, so that a session in real time never waits for the database;
+                without it each fact is stored before the session goes on.
+
+        Raises:
+            StudyError: without consent and an allocated order, or while another session runs.
+            PolicyError: when a policy of the remaining trials is missing or does not fit; no session is opened.
+        """
+        self.store, self.pseudonym = store, pseudonym
+        self.policies = _policies(store, pseudonym)
+        self.stored = open_session(store, pseudonym, take_over=take_over)
+        self.trials = trials_in_order(store, pseudonym)
+        self.storing = Storing(storing or AtOnce())
+        self._watch = Watch(store, self.stored.id)
+
+    @property
+    def identifier(self) -> str:
+        """The name of the session for clients and recordings."""
+        return f"{self.pseudonym} {self.stored.name}"
+
+    @property
+    def called_off(self) -> bool:
+        """Whether somebody elsewhere has ended the session."""
+        return self._watch.called_off
+
+    def plan(self, furniture: RealFurniture | None = None) -> SessionPlan:
+        """What remains to be run; ``StudyError`` when nothing does, as after a crash at the very end."""
+        if not self.store.remaining_trials(self.pseudonym):
+            raise StudyError(f"{self.pseudonym} has completed every trial")
+        return plan_session(self.store, self.pseudonym, furniture)
+
+    def session(
+        self,
+        plan: SessionPlan,
+        send: Send,
+        workers: Executor | None = None,
+        scenes: list[tuple[str, Person]] | None = None,
+    ) -> Session:
+        """A session in VR that runs the visit's plan or the first trials of it, and is stored as it happens."""
+        return Session(
+            plan,
+            self.policies,
+            self.store.path(self.stored.folder),
+            send,
+            self.identifier,
+            observe=self._observer(),
+            kept=self.storing.done,
+            called_off=lambda: self.called_off,
+            workers=workers,
+            scenes=scenes,
+        )
+
+    def _observer(self) -> Observer:
+        keeper = Keeper(self.store, self.stored, self.trials, self._watch)
+        return lambda happened: self.storing.ask(lambda: keeper(happened))
+
+    def items(self, when: str) -> tuple[Item, ...]:
+        """What is still to be asked ``before_session`` or ``after_session``, in this participant's order.
+
+        What was answered before a crash is not asked again.
+        """
+        asked = self.store.design.items_at(when, seed=self.stored.participant)
+        answered = answered_in_visit(self.store, self.stored) if asked else set()
+        return tuple(item for item in asked if (when, item.id) not in answered)
+
+    def record(self, item: str, value: int, response_time_s: float, when: str) -> Future[None]:
+        """Store an answer about the session; the future raises ``StudyError`` for what is none or was given already."""
+        given = item, value, response_time_s, when
+        return self.storing.submit(lambda: record_session_answer(self.store, self.stored.id, *given))
+
+    def tell(self, name: str, detail: str) -> Future[None]:
+        """Store that something happened; the future tells when that is done."""
+        return self.storing.submit(lambda: tell(self.store, self.stored.id, name, detail))
+
+    def withdraw(self, session: Session | None, now_s: float, reason: str = "") -> Future[None]:
+        """Stop robot and recording, end the session in VR if there is one, then store that the participant withdrew.
+
+        The future tells when that is stored. ``StudyError`` for a reason that is too long; nothing is stopped then.
+        """
+        check_line("the reason", reason)
+        if session is not None and session.phase != "finished":
+            session.receive(Command(name="end"), now_s)
+        return self.storing.submit(lambda: withdraw(self.store, self.pseudonym, reason))
+
+    def end(self) -> Future[None]:
+        """Store after all else that the session has ended, unless that is stored; the future tells when it is.
+
+        After the last trial the participant has completed the study.
+        """
+        self._watch.close()
+        return self.storing.submit(self._end)
+
+    def close(self) -> None:
+        """End the session, and wait until that is stored.
+
+        Raises:
+            StudyError: when it cannot be; the next session of the participant then ends this one.
+        """
+        try:
+            self.end().result(PATIENCE_S)
+        except TimeoutError as error:
+            raise StudyError(f"{self.stored}: its end is not stored, the database is busy") from error
+
+    def _end(self) -> None:
+        if any(
+            row.id == self.stored.id and row.state == "open" for row in self.store.sessions(self.pseudonym)
+        ):
+            close_session(self.store, self.stored.id)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
+    """All of a participant's trials: those that a session has no more to run, then those that remain."""
+    remaining = store.remaining_trials(pseudonym)
+    over = [trial for trial in store.trials(pseudonym) if trial not in remaining]
+    return over + remaining
+
+
+def plan_session(store: Store, pseudonym: str, furniture: RealFurniture | None = None) -> SessionPlan:
+    """What a session of a participant runs now; there must be a trial that remains.
+
+    ``furniture`` is what the participant really sits and lies on, the design's unless given.
+    """
+    participant, design = store.participant(pseudonym), store.design
+    trials = trials_in_order(store, pseudonym)
+    made = [attempt.trial for attempt in store.attempts(pseudonym)]
+    return SessionPlan(
+        [_trial_plan(store, trial, made.count(trial.id)) for trial in trials],
+        participant.sex,
+        design.free_movement_s,
+        simulated=participant.simulated,
+        items=design.items_at("after_trial"),
+        trial_steps=design.trial_steps,
+        furniture=furniture or design.furniture,
+        first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
+    )
+
+
+def _trial_plan(store: Store, trial: Trial, attempts: int) -> TrialPlan:
+    return TrialPlan(
+        trial.environment,
+        trial.policy,
+        trial.seed,
+        trial.practice,
+        goal=store.design.goals.get(find_environment(trial.environment)[0], ""),
+        items=store.design.items_at("after_trial", trial.seed),
+        earlier_attempts=attempts,
+    )
+
+
+def _policies(store: Store, pseudonym: str) -> Policies:
+    """The policies of the trials that are not completed; one may still count as running that a crash broke off."""
+    wanted = {
+        (each.environment, each.policy) for each in store.trials(pseudonym) if each.state != "completed"
+    }
+    return {
+        (environment, policy): load_study_policy(store, environment, policy) for environment, policy in wanted
+    }
+
+
+class Keeper:
+    """Stores what happens in a session in VR, unless it was called off; raises what keeps it from doing so."""
+
+    def __init__(self, store: Store, session: StudySession, trials: Sequence[Trial], watch: Watch) -> None:
+        """Keep a session's transitions; ``trials`` stand in the order of its plan."""
+        self._store, self._session, self._trials, self._watch = store, session, trials, watch
+        self._pseudonym = pseudonym_of(session.participant)
+        self._attempt: TrialAttempt | None = None
+        self._began_s = 0.0
+
+    def __call__(self, happened: Transition) -> None:
+        """Store a transition; on return it is on disk."""
+        if self._watch.called_off:
+            return
+        match happened:
+            case transitions.TrialBegun():
+                self._begin(happened)
+            case transitions.Answered():
+                given = happened.item, happened.value, happened.response_time_s
+                record_answer(self._store, self._running().id, *given)
+            case transitions.TrialEnded():
+                self._end(happened)
+            case transitions.TrialSkipped():
+                self._skip(happened)
+            case _:
+                self._tell(happened)
+
+    def _begin(self, begun: transitions.TrialBegun) -> None:
+        self._settle()
+        position = self._trials[begun.trial - 1].position
+        self._attempt = begin_attempt(self._store, self._session.id, position, begun.recording)
+        self._began_s = begun.time_s
+
+    def _settle(self) -> None:
+        """End an attempt whose end could not be stored, unless somebody else did."""
+        for attempt in self._store.attempts(self._pseudonym):
+            if self._attempt is not None and attempt.id == self._attempt.id and attempt.state == "running":
+                end_attempt(self._store, attempt.id, "failed")
+        self._attempt = None
+
+    def _end(self, ended: transitions.TrialEnded) -> None:
+        if self._attempt is None:
+            return
+        figures = {
+            "steps": ended.steps,
+            "reward": ended.reward,
+            "success": ended.success,
+            "seconds": ended.time_s - self._began_s,
+        }
+        if ended.result == "completed":
+            complete_attempt(self._store, self._attempt.id, figures)
+        else:
+            end_attempt(self._store, self._attempt.id, ended.result, figures)
+        self._attempt = None
+
+    def _skip(self, skipped: transitions.TrialSkipped) -> None:
+        """Put a trial behind all others, where one that was skipped before is already."""
+        position = self._trials[skipped.trial - 1].position
+        if self._store.trials(self._pseudonym)[position - 1].state == "planned":
+            skip_trial(self._store, self._session.id, position)
+
+    def _tell(self, happened: Transition) -> None:
+        details = {name: value for name, value in asdict(happened).items() if name != "time_s"}
+        name = re.sub(r"(?<!^)(?=[A-Z])", " ", type(happened).__name__).lower()
+        detail = ", ".join(f"{key} {value}" for key, value in details.items())
+        attempt = self._attempt.id if self._attempt is not None else None
+        tell(self._store, self._session.id, name, detail, attempt)
+
+    def _running(self) -> TrialAttempt:
+        if self._attempt is None:
+            raise StudyError("no attempt runs that an answer could belong to")
+        return self._attempt

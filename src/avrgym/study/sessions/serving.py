@@ -1,0 +1,262 @@
+"""Sessions of a study's participants, one after another, as a real-time loop runs them."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from queue import Empty, SimpleQueue
+
+from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.human import Person
+from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.sessions.session_questions import SessionQuestions
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol.messages import PROTOCOL, Phase, Problem, Role, Welcome
+from avrgym.vr.server.inbox import Received
+from avrgym.vr.session.session import Send, Session
+
+CLIENTS = 64
+"""How many connections are remembered, to be told of the next session."""
+PATIENCE_S = 60.0
+
+RETRY_S = 5.0
+"""How long until the end of a session is stored again that could not be."""
+
+Action = Callable[[float], Future[None] | None]
+"""What the loop does when asked; with a future it is done when that is."""
+
+
+class StudySessions:
+    """Runs at most one participant's session at a time; until one begins, clients wait.
+
+    A session goes from the questions before it through the trials in VR to the questions after it. The loop's thread
+    ticks; ``begin`` and ``withdraw`` may be called from any other, and return when it is done.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        send: Send,
+        workers: Executor | None = None,
+        *,
+        first: str | None = None,
+        furniture: RealFurniture | None = None,
+        storing: Executor | None = None,
+    ) -> None:
+        """Wait for a participant of a study, or begin the session of the ``first`` at once.
+
+        ``furniture`` is what participants really sit and lie on here, the design's unless given. ``send`` and
+        ``workers`` are as for ``Session``, ``storing`` as for ``StudyVisit``. Raises what ``begin`` does.
+        """
+        self._store, self._send, self._workers, self._storing = store, send, workers, storing
+        self._ended: Future[None] | None = None
+        self._retry_at_s: float | None = None
+        self._visit: StudyVisit | None = None
+        self._questions: SessionQuestions | None = None
+        self._session: Session | None = None
+        self._scenes: list[tuple[str, Person]] = []
+        self._clients: deque[tuple[Send, Role]] = deque(maxlen=CLIENTS)
+        self._asked: SimpleQueue[tuple[Action, Future[None]]] = SimpleQueue()
+        self._furniture = furniture or store.design.furniture
+        if first is not None:
+            self._begin(first, 0.0)
+
+    @property
+    def furniture(self) -> RealFurniture:
+        """What participants of the next session really sit and lie on, unless their session begins with other."""
+        return self._furniture
+
+    @property
+    def participant(self) -> str | None:
+        """The pseudonym of the participant whose session runs."""
+        return self._visit.pseudonym if self._visit is not None else None
+
+    def begin(self, pseudonym: str, furniture: RealFurniture | None = None) -> None:
+        """Begin or continue a participant's session, from now on with this furniture if it is given.
+
+        Raises:
+            StudyError: while another session runs, or when the participant can have none.
+            PolicyError: when a policy of the remaining trials is missing.
+        """
+        self._ask(lambda now_s: self._begin(pseudonym, now_s, furniture))
+
+    def withdraw(self, pseudonym: str, reason: str) -> None:
+        """Stop robot and recording of the participant whose session runs, then store that they withdrew.
+
+        Raises:
+            StudyError: when it is not their session that runs.
+        """
+        self._ask(lambda now_s: self._withdraw(pseudonym, reason, now_s))
+
+    # What the loop calls -----------------------------------------------------------------------------------------
+
+    @property
+    def scenes(self) -> Sequence[tuple[str, Person]]:
+        """Those of all sessions so far: browsers keep them by their numbers."""
+        return self._scenes
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves."""
+        return self._session is None or self._session.at_rest
+
+    def greet(self, send: Send, role: Role, now_s: float) -> None:
+        """Tell a client where things stand, now or when a session begins."""
+        self._clients.append((send, role))
+        self._greet(send, role, now_s)
+
+    def receive(self, message: Received, now_s: float) -> None:
+        """Take a message of a client."""
+        if self._questions is not None:
+            self._questions.receive(message)
+        elif self._session is not None:
+            self._session.receive(message, now_s)
+
+    def tick(self, now_s: float) -> None:
+        """Do what was asked, then advance by 10 ms."""
+        self._do_what_was_asked(now_s)
+        if self._ended is not None:
+            self._await_end(self._ended, now_s)
+        elif self._retry_at_s is not None:
+            self._end_again(self._retry_at_s, now_s)
+        elif self._questions is not None:
+            self._go_on_after(self._questions, now_s)
+        elif self._session is not None:
+            self._session.tick(now_s)
+            if self._session.phase == "finished" and self._visit is not None:
+                self._ask_last(self._visit, now_s)
+
+    def close(self, now_s: float) -> None:
+        """End the session that runs, and refuse what is still asked."""
+        try:
+            if self._session is not None:
+                self._session.close(now_s)
+            if self._visit is not None:
+                self._visit.close()
+                self._visit = None
+        finally:
+            self._do_what_was_asked(now_s)
+
+    def _ask(self, action: Action) -> None:
+        done: Future[None] = Future()
+        self._asked.put((action, done))
+        done.result(PATIENCE_S)
+
+    def _do_what_was_asked(self, now_s: float) -> None:
+        while True:
+            try:
+                action, done = self._asked.get_nowait()
+            except Empty:
+                return
+            try:
+                stored = action(now_s)
+            except Exception as error:  # the asking thread raises it
+                done.set_exception(error)
+            else:
+                _hand_on(stored, done)
+
+    def _begin(self, pseudonym: str, now_s: float, furniture: RealFurniture | None = None) -> None:
+        if self.participant is not None:
+            raise StudyError(f"the session of {self.participant} runs; end it before another begins")
+        visit = StudyVisit(self._store, pseudonym, storing=self._storing)
+        self._furniture = furniture or self._furniture
+        try:
+            self._session = self._in_vr(visit)
+        except BaseException:
+            visit.close()
+            raise
+        self._visit = visit
+        self._questions = self._questions_of(visit, "before_session" if self._session else "after_session")
+        self._greet_all(now_s)
+
+    def _in_vr(self, visit: StudyVisit) -> Session | None:
+        """The trials that remain; ``None`` where a crash left only the last questions."""
+        if visit.items("after_session") and not self._store.remaining_trials(visit.pseudonym):
+            return None
+        return visit.session(visit.plan(self._furniture), self._send, self._workers, self._scenes)
+
+    def _questions_of(self, visit: StudyVisit, when: str) -> SessionQuestions | None:
+        return SessionQuestions(visit, when, self._send) if visit.items(when) else None
+
+    def _greet(self, send: Send, role: Role, now_s: float) -> None:
+        if self._questions is not None:
+            self._questions.greet(send, role)
+        elif self._session is not None:
+            self._session.greet(send, role, now_s)
+        else:
+            send(Welcome(PROTOCOL, "", role, haptics=False, sounds=False))
+            send(_NO_SESSION)
+
+    def _greet_all(self, now_s: float) -> None:
+        for send, role in self._clients:
+            self._greet(send, role, now_s)
+
+    def _go_on_after(self, questions: SessionQuestions, now_s: float) -> None:
+        """When the questions before the session are over, the trials begin; after the last ones all is over."""
+        questions.tick()
+        if not questions.done:
+            return
+        self._questions = None
+        if questions.when == "before_session" and not questions.ended:
+            self._greet_all(now_s)
+        else:
+            self._session = None
+            self._end_visit(now_s)
+            self._send(_OVER)
+
+    def _ask_last(self, visit: StudyVisit, now_s: float) -> None:
+        """The trials are over."""
+        self._questions = None if visit.called_off else self._questions_of(visit, "after_session")
+        if self._questions is None:
+            self._end_visit(now_s)
+        else:
+            self._questions.begin()
+
+    def _withdraw(self, pseudonym: str, reason: str, now_s: float) -> Future[None]:
+        if self._visit is None or self.participant != pseudonym:
+            raise StudyError(f"no session of {pseudonym} runs here")
+        stored = self._visit.withdraw(self._session, now_s, reason)
+        self._questions = None
+        self._end_visit(now_s)
+        self._send(_OVER)
+        return stored
+
+    def _end_visit(self, now_s: float) -> None:
+        """Have the end of the visit stored; then another can begin."""
+        if self._visit is not None:
+            self._ended, self._retry_at_s = self._visit.end(), None
+            self._await_end(self._ended, now_s)
+
+    def _await_end(self, ended: Future[None], now_s: float) -> None:
+        if not ended.done():
+            return
+        self._ended, error = None, ended.exception()
+        if error is None:
+            self._visit = None
+        else:
+            self._retry_at_s = now_s + RETRY_S
+            self._send(Problem(f"the session's end cannot be stored: {error}", "experimenter"))
+
+    def _end_again(self, due_s: float, now_s: float) -> None:
+        if now_s >= due_s:
+            self._end_visit(now_s)
+
+
+def _hand_on(stored: Future[None] | None, done: Future[None]) -> None:
+    """Let ``done`` be done when ``stored`` is."""
+    if stored is None:
+        done.set_result(None)
+    else:
+        stored.add_done_callback(lambda each: _copy(each, done))
+
+
+def _copy(stored: Future[None], done: Future[None]) -> None:
+    error = stored.exception()
+    if error is None:
+        done.set_result(None)
+    else:
+        done.set_exception(error)
+
+
+_NO_SESSION = Phase("waiting", "The experimenter begins the session.", 0, 0, practice=False, seconds=None)
+_OVER = Phase("finished", "The session has ended. Thank you!", 0, 0, practice=False, seconds=None)

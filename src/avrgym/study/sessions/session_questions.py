@@ -1,0 +1,102 @@
+"""What a design asks before or after a session: on the participant's page, or in VR if they are there already."""
+
+from concurrent.futures import Future
+
+from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.storage.states import StudyError
+from avrgym.vr.protocol.messages import PROTOCOL, Answer, Command, Phase, Problem, Role, Welcome
+from avrgym.vr.server.inbox import Received
+from avrgym.vr.session.asking import Asking
+from avrgym.vr.session.session import Send
+
+WORDS = {
+    "before_session": "Before the session, please answer a few questions.",
+    "after_session": "Please answer a few last questions.",
+}
+
+
+class SessionQuestions:
+    """Asks one item after another, each when the answer before it is stored.
+
+    The experimenter may skip what is left, or end the session.
+    """
+
+    def __init__(self, visit: StudyVisit, when: str, send: Send) -> None:
+        """Ask the items of a moment; ``send`` takes every message for the clients."""
+        self.when = when
+        self._visit, self._send = visit, send
+        self._asking = Asking(visit.items(when))
+        self._skipped = self._ended = False
+        self._given: Answer | None = None
+        self._stored: Future[None] | None = None
+
+    @property
+    def done(self) -> bool:
+        """Whether there is nothing more to ask."""
+        return self._stored is None and (self._asking.done or self._skipped or self.ended)
+
+    @property
+    def ended(self) -> bool:
+        """Whether no trials follow, because the session was ended here or elsewhere."""
+        return self._ended or self._visit.called_off
+
+    def begin(self) -> None:
+        """Ask the first item."""
+        self._send(self._phase)
+        self._send(self._asking.question())
+
+    def greet(self, send: Send, role: Role) -> None:
+        """Tell a client that has just connected what is asked."""
+        send(Welcome(PROTOCOL, self._visit.identifier, role, haptics=False, sounds=False))
+        send(self._phase)
+        if not self._asking.done:
+            send(self._asking.question())
+
+    def receive(self, message: Received) -> None:
+        """Take an answer of the participant or a command of the experimenter; nothing else counts now."""
+        if self.done or self._stored is not None:
+            return
+        if isinstance(message, Answer):
+            self._take(message)
+        elif isinstance(message, Command) and message.name in ("skip", "end"):
+            self._leave(ended=message.name == "end")
+
+    def tick(self) -> None:
+        """Go on when what was given is stored; what cannot be is asked again."""
+        if self._stored is None or not self._stored.done():
+            return
+        error, given = self._stored.exception(), self._given
+        self._stored = self._given = None
+        if isinstance(error, StudyError):
+            self._skipped = self._ended = False
+            self._ask_again(str(error))
+        elif error is not None:
+            raise error
+        elif given is not None:
+            self._asking.take(given)
+            if not self._asking.done:
+                self._send(self._asking.question())
+
+    @property
+    def _phase(self) -> Phase:
+        return Phase("questionnaire", WORDS[self.when], 0, 0, practice=False, seconds=None)
+
+    def _take(self, answer: Answer) -> None:
+        """Store an answer; what is none is refused."""
+        asked = self._asking.question().item
+        if answer.item != asked:
+            self._ask_again(f"{answer.item!r} is not asked now; {asked} is")
+            return
+        self._given = answer
+        self._stored = self._visit.record(answer.item, answer.value, answer.response_time_s, self.when)
+        self.tick()
+
+    def _leave(self, *, ended: bool) -> None:
+        """Leave what is asked now, and whatever would follow, unanswered."""
+        self._skipped, self._ended = True, ended
+        self._stored = self._visit.tell(f"questions {self.when} left", self._asking.question().item)
+        self.tick()
+
+    def _ask_again(self, why: str) -> None:
+        self._send(Problem(message=why))
+        self._send(self._asking.question())

@@ -1,0 +1,132 @@
+"""Dry runs of a study: simulated participants go the way of people, through session, store and recordings.
+
+They take part in processes of their own, in simulated time. After each trial they take a break: they leave VR, come
+back and are measured again. So what a trial gives follows from the seeds alone, wherever an earlier run ended.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from avrgym.models.human import SEXES
+from avrgym.study.checking.preflight import load_study_policy, policies_needed
+from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion
+from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.storage.rows import Participant
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.system.jobs import cores, run_all
+from avrgym.vr.emulation.attendance import ANSWER_AFTER_S, InProcessAttendance
+from avrgym.vr.emulation.participants import SimulatedParticipant, Traits, draw_traits
+
+AGES_YEARS = (19, 24)
+"""Of the paper's participants."""
+GONE = ("excluded", "withdrawn")
+
+
+def simulate_study(
+    folder: Path,
+    participants: int,
+    seed: int,
+    progress: Callable[[int, int], None] = lambda completed, planned: None,
+    jobs: int | None = None,
+) -> None:
+    """Let so many simulated participants complete a study; those of an earlier run are among them and go on.
+
+    Args:
+        folder: the study's.
+        participants: how many simulated participants the study shall have, 1 or more.
+        seed: of their bodies, habits and answers; that of the earlier run, if there was one.
+        progress: told again and again how many of their trials are completed, and how many there are.
+        jobs: how many take part at the same time, each in a process; without it as many as there are cores. What
+            each gives does not depend on it.
+
+    Raises:
+        StudyError: when an earlier run had another seed, or a participant's session does not get on.
+        PolicyError: when a policy of the design is missing; nothing is stored then.
+    """
+    with Store(folder) as store:
+        for environment, policy in policies_needed(store):
+            load_study_policy(store, environment, policy)
+        pseudonyms = [simulated_participant(store, index, seed) for index in range(participants)]
+        unfinished = [name for name in pseudonyms if store.participant(name).state == "allocated"]
+        run_all(
+            simulate_participant,
+            [(store.folder, name, seed) for name in unfinished],
+            jobs or cores(),
+            lambda _: progress(*_trials(store, pseudonyms)),
+        )
+
+
+def simulate_participant(folder: Path, pseudonym: str, seed: int) -> None:
+    """Let one simulated participant go through all trials that remain, in this process."""
+    with Store(folder) as store, StudyVisit(store, pseudonym) as visit:
+        chance = _random(seed, visit.stored.participant)
+        _answer(visit, "before_session", chance)
+        for _ in store.remaining_trials(pseudonym):
+            _run_trial(visit, seed)
+            if visit.called_off:
+                raise StudyError(f"{visit.stored} was ended elsewhere")
+        _answer(visit, "after_session", chance)
+
+
+def traits_of(participant: Participant, seed: int) -> Traits:
+    """Body and habits of a simulated participant."""
+    return draw_traits(participant.sex, int(_random(seed, participant.number).integers(2**31)))
+
+
+def _answer(visit: StudyVisit, when: str, chance: np.random.Generator) -> None:
+    """Answer what is asked about the session; these answers are chance, also those that a crash left nothing to ask."""
+    asked = visit.items(when)
+    for item in visit.store.design.items_at(when, seed=visit.stored.participant):
+        value = int(chance.integers(1, item.points + 1))
+        if item in asked:
+            visit.record(item.id, value, ANSWER_AFTER_S, when).result()
+
+
+def _run_trial(visit: StudyVisit, seed: int) -> None:
+    """Run the first trial that remains as a session in VR of its own."""
+    plan = visit.plan()
+    number = plan.first_trial
+    traits = traits_of(visit.store.participant(visit.pseudonym), seed)
+    participant = SimulatedParticipant(traits, plan.trials[number - 1].seed, plan.furniture)
+    attendance = InProcessAttendance(participant, lambda text: None)
+    session = visit.session(replace(plan, trials=plan.trials[:number]), attendance.hear)
+    attendance.run(session)
+
+
+def simulated_participant(store: Store, index: int, seed: int) -> str:
+    """The pseudonym of the simulated participant with this index, who takes part from now on if not before."""
+    present = [person for person in store.participants() if person.simulated and person.state not in GONE]
+    if index < len(present):
+        pseudonym = present[index].pseudonym
+    else:
+        age_years = int(_random(seed, index).integers(AGES_YEARS[0], AGES_YEARS[1] + 1))
+        pseudonym = enrol(store, SEXES[index % len(SEXES)], age_years=age_years, simulated=True)
+    _admit(store, pseudonym, seed)
+    return pseudonym
+
+
+def _admit(store: Store, pseudonym: str, seed: int) -> None:
+    """Do what is still to be done before a first session."""
+    note = f"simulated with seed {seed}"
+    notes = [written.text for written in store.notes(pseudonym)]
+    if not notes:
+        add_note(store, pseudonym, note)
+    elif notes[0] != note:
+        raise StudyError(f"{pseudonym} is {notes[0]!r}; a run with another seed does not go on with them")
+    if store.participant(pseudonym).state == "enrolled":
+        record_consent(store, pseudonym)
+    if store.participant(pseudonym).state == "consented":
+        record_inclusion(store, pseudonym, {each.id: each.required for each in store.design.inclusion})
+
+
+def _trials(store: Store, pseudonyms: list[str]) -> tuple[int, int]:
+    trials = [trial for name in pseudonyms for trial in store.trials(name)]
+    return sum(trial.state == "completed" for trial in trials), len(trials)
+
+
+def _random(seed: int, number: int) -> np.random.Generator:
+    return np.random.default_rng([seed, number])

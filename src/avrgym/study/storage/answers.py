@@ -1,0 +1,143 @@
+"""Answers: what counts as one, and that none is ever replaced."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import sqlalchemy as sa
+
+from avrgym.recording.questionnaire import SESSION_MOMENTS, Item, validate_answer
+from avrgym.study.design.design import Design
+from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.rows import GivenAnswer, StudyEvent, StudySession, Trial, TrialAttempt, pseudonym_of
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import (
+    Store,
+    about,
+    find,
+    find_all,
+    find_open_session,
+    find_running_attempt,
+    record_event,
+)
+
+ANSWERED = "answered"
+"""With a moment after it: the event of an answer about a session, whose detail is the item."""
+
+
+def record_answer(store: Store, attempt_id: int, item_id: str, value: int, response_time_s: float) -> None:
+    """Store one answer to an item that is asked after a trial.
+
+    Raises:
+        StudyError: unless the attempt runs, or for an answer that is none or was given already.
+    """
+    with store.database.write() as connection:
+        attempt = find_running_attempt(connection, attempt_id)
+        given = find_all(connection, GivenAnswer, attempt=attempt.id)
+        items = store.design.items_at("after_trial")
+        about = {"session": attempt.session, "attempt": attempt.id}
+        _insert_answer(connection, items, given, (item_id, value, response_time_s), about)
+
+
+def record_session_answer(
+    store: Store, session_id: int, item_id: str, value: int, response_time_s: float, when: str | None = None
+) -> None:
+    """Store one answer to an item that is asked before or after a session; ``when`` is for one that is asked at both.
+
+    Raises:
+        StudyError: unless the session is open, or for an answer that is none or was given already.
+    """
+    moment = when or _only_moment(store.design, item_id)
+    with store.database.write() as connection:
+        session = find_open_session(connection, session_id)
+        answers = find_all(connection, GivenAnswer, session=session.id, attempt=None)
+        moments = answer_moments(store.design, answers, find_all(connection, StudyEvent, session=session.id))
+        given = [answer for answer in answers if moments[answer.id] == moment]
+        answer = (item_id, value, response_time_s)
+        _insert_answer(connection, store.design.items_at(moment), given, answer, {"session": session.id})
+        record_event(connection, f"{ANSWERED} {moment}", item_id, about(session))
+
+
+def answer_moments(
+    design: Design, answers: Iterable[GivenAnswer], events: Iterable[StudyEvent]
+) -> dict[int, str]:
+    """When each answer was given, one of ``MOMENTS``, by its id; answers and events in the order they were stored.
+
+    What an answer about a session was about, its event says. One of an earlier AVR Gym has none: then each item was
+    asked at one moment.
+    """
+    said: dict[tuple[int | None, str], list[str]] = {}
+    for event in events:
+        if event.name.startswith(f"{ANSWERED} "):
+            said.setdefault((event.session, event.detail), []).append(event.name.removeprefix(f"{ANSWERED} "))
+    moments = {}
+    for answer in reversed(list(answers)):
+        if answer.attempt is not None:
+            moments[answer.id] = "after_trial"
+        else:
+            own = said.get((answer.session, answer.item))
+            moments[answer.id] = own.pop() if own else _only_moment(design, answer.item)
+    return moments
+
+
+def visit_of(sessions: Sequence[StudySession], session_id: int) -> list[int]:
+    """The ids of a session and of those before it that crashes broke off: together they are one visit.
+
+    ``sessions`` are a participant's, in order.
+    """
+    ids: list[int] = []
+    for session in sessions:
+        ids.append(session.id)
+        if session.id == session_id:
+            break
+        if session.state != "interrupted":
+            ids.clear()
+    return ids
+
+
+def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str]]:
+    """Moment and item of every question about a session that was answered in its visit."""
+    pseudonym = pseudonym_of(session.participant)
+    visit = visit_of(store.sessions(pseudonym), session.id)
+    answers = [
+        answer for answer in store.answers(pseudonym) if answer.attempt is None and answer.session in visit
+    ]
+    moments = answer_moments(store.design, answers, store.events())
+    return {(moments[answer.id], answer.item) for answer in answers}
+
+
+def _only_moment(design: Design, item_id: str) -> str:
+    """The moment before or after a session at which an item is asked; the first, where it is asked at both."""
+    questionnaire = design.questionnaire_of(item_id)
+    moments = questionnaire.moments if questionnaire else ()
+    return next((moment for moment in SESSION_MOMENTS if moment in moments), SESSION_MOMENTS[-1])
+
+
+def unanswered(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> list[str]:
+    """The items that are still to be answered before an attempt completes its trial."""
+    trial = find(connection, Trial, "trial", id=attempt.trial)
+    if trial.practice:
+        return []
+    given = {answer.item for answer in find_all(connection, GivenAnswer, attempt=attempt.id)}
+    return [item.id for item in store.design.items_at("after_trial") if item.id not in given]
+
+
+def _insert_answer(
+    connection: sa.Connection,
+    items: tuple[Item, ...],
+    given: list[GivenAnswer],
+    answer: tuple[str, int, float],
+    about: Mapping[str, int],
+) -> None:
+    """Store item, value and response time, unless that is no answer or the item was answered before."""
+    item, value, response_time_s = answer
+    try:
+        validate_answer(items, item, value)
+    except ValueError as error:
+        raise StudyError(str(error)) from None
+    if any(earlier.item == item for earlier in given):
+        raise StudyError(f"{item} is answered already; an answer is never replaced")
+    if not 0 <= response_time_s < math.inf:
+        raise StudyError(f"{response_time_s!r} is no response time; allowed: seconds from 0")
+    row = {"item": item, "value": value, "response_time_s": response_time_s, "answered_at": now(), **about}
+    ledger.insert(connection, schema.ANSWER, **row)

@@ -1,0 +1,180 @@
+"""Attempts at trials: each has one recording, and completes its trial or is followed by another."""
+
+import hashlib
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import sqlalchemy as sa
+
+from avrgym.recording.files import RecordingError, read_recording
+from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.answers import unanswered
+from avrgym.study.storage.rows import Figure, StudySession, Trial, TrialAttempt
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.states import ATTEMPT, StudyError
+from avrgym.study.storage.store import (
+    Store,
+    about,
+    change_state,
+    find,
+    find_all,
+    find_open_session,
+    find_running_attempt,
+    find_session,
+    find_trial,
+    record_event,
+)
+from avrgym.system.files import make_private_folder
+
+BROKEN_OFF = tuple(state for state in ATTEMPT["running"] if state != "completed")
+"""How an attempt may end that does not complete its trial."""
+
+
+def begin_attempt(
+    store: Store, session_id: int, position: int, recording: Path | None = None
+) -> TrialAttempt:
+    """Begin the next attempt at a trial by its position.
+
+    Args:
+        store: the study.
+        session_id: the session, which must be open.
+        position: that of the trial, which must be planned or skipped.
+        recording: the file that was opened for it, within the session's folder; without one the next free
+            name there is given, the folder is made and the file is not.
+
+    Raises:
+        StudyError: when something else runs in the session, or the file lies elsewhere.
+    """
+    with store.database.write() as connection:
+        session = find_open_session(connection, session_id)
+        trial = find_trial(connection, session, position)
+        change_state(connection, trial, "running", about(session))
+        _check_idle(connection, session)
+        number = len(find_all(connection, TrialAttempt, trial=trial.id)) + 1
+        row = {
+            "trial": trial.id,
+            "session": session.id,
+            "number": number,
+            "state": "running",
+            "recording": _name(store, session, recording)
+            if recording
+            else _free_name(store, session, trial, number),
+            "figures": {},
+            "started_at": now(),
+        }
+        attempt = ledger.insert(connection, schema.ATTEMPT, **row)
+        record_event(connection, "attempt running", row["recording"], {**about(session), "attempt": attempt})
+        return find(connection, TrialAttempt, "attempt", id=attempt)
+
+
+def complete_attempt(store: Store, attempt_id: int, figures: Mapping[str, Figure]) -> None:
+    """Complete a trial: its recording is closed, its questionnaire answered.
+
+    Args:
+        store: the study.
+        attempt_id: the attempt that runs.
+        figures: what it gave, such as steps, reward and success.
+
+    Raises:
+        StudyError: unless it runs, has its recording and, but for practice, all answers.
+    """
+    with store.database.write() as connection:
+        attempt = find_running_attempt(connection, attempt_id)
+        missing = unanswered(store, connection, attempt)
+        if missing:
+            raise StudyError(f"{attempt} is not complete: {', '.join(missing)} not answered")
+        if not store.path(attempt.recording).is_file():
+            raise StudyError(f"{attempt} is not complete: there is no {attempt.recording}")
+        finish_attempt(store, connection, attempt, "completed", figures)
+
+
+def end_attempt(
+    store: Store, attempt_id: int, state: str, figures: Mapping[str, Figure] | None = None
+) -> None:
+    """End an attempt that does not complete its trial, as ``BROKEN_OFF`` names it; the trial is planned again.
+
+    Raises:
+        StudyError: unless the attempt runs, or for another state.
+    """
+    if state not in BROKEN_OFF:
+        raise StudyError(f"an attempt does not break off as {state!r}; allowed: {', '.join(BROKEN_OFF)}")
+    with store.database.write() as connection:
+        finish_attempt(store, connection, find_running_attempt(connection, attempt_id), state, figures or {})
+
+
+def finish_attempt(
+    store: Store,
+    connection: sa.Connection,
+    attempt: TrialAttempt,
+    after: str,
+    figures: Mapping[str, Figure],
+    *,
+    closed: bool = True,
+) -> None:
+    """End an attempt within a transaction; its trial is completed with it, or planned again.
+
+    The checksum is stored of a recording that is ``closed``: nobody writes it any more.
+    """
+    trial = find(connection, Trial, "trial", id=attempt.trial)
+    session = find_session(connection, attempt.session)
+    event = {**about(session), "attempt": attempt.id}
+    ended = {
+        "ended_at": now(),
+        "sha256": sha256_of(store, attempt.recording) if closed else None,
+        "figures": _finite(figures),
+    }
+    change_state(connection, attempt, after, event, attempt.recording, **ended)
+    change_state(connection, trial, "completed" if after == "completed" else "planned", event)
+
+
+def whole_figures(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> dict[str, Figure] | None:
+    """The figures of an attempt that only lacked being stored as completed; ``None`` for any other."""
+    try:
+        recording = read_recording(store.path(attempt.recording))
+    except (OSError, RecordingError):
+        return None
+    outcome = dict(recording.outcome or {})
+    finished = recording.complete and outcome.pop("result", None) == "completed"
+    return outcome if finished and not unanswered(store, connection, attempt) else None
+
+
+def sha256_of(store: Store, recording: str) -> str | None:
+    """The checksum of a recording, or ``None`` when there is none."""
+    path = store.path(recording)
+    if not path.is_file():
+        return None
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _finite(figures: Mapping[str, Figure]) -> dict[str, Figure]:
+    for name, value in figures.items():
+        if not isinstance(value, bool | int | float) or not math.isfinite(value):
+            raise StudyError(f"{name}: {value!r} is no figure; allowed: finite numbers, true and false")
+    return dict(figures)
+
+
+def _check_idle(connection: sa.Connection, session: StudySession) -> None:
+    running = find_all(connection, TrialAttempt, session=session.id, state="running")
+    if running:
+        raise StudyError(f"{running[0]} still runs; end it before another begins")
+
+
+def _name(store: Store, session: StudySession, recording: Path) -> str:
+    """The name in the study of a file that was opened for an attempt."""
+    folder = store.path(session.folder)
+    if recording.resolve().parent != folder.resolve() or not recording.is_file():
+        raise StudyError(f"{recording} is no file in {folder}, where this session's recordings are")
+    return f"{session.folder}/{recording.name}"
+
+
+def _free_name(store: Store, session: StudySession, trial: Trial, number: int) -> str:
+    """The first name, from that of the given attempt on, that no file has yet."""
+    make_private_folder(store.path(session.folder))
+    while True:
+        recording = f"{session.folder}/trial-{trial.position:02}_attempt-{number}.mcap"
+        if not os.path.lexists(store.path(recording)):
+            return recording
+        number += 1

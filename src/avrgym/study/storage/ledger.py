@@ -1,0 +1,197 @@
+"""The ledger of a study's rows: a hash chain in the database that tells what was changed by anything else.
+
+Each transaction adds an entry for every row that it wrote. An entry holds the checksum of the row as it then was, or
+none where it was deleted, and its digest covers that of the entry before. A row that differs from its latest entry, a
+row without one and an entry without its row were made by something else, and so was a chain that does not fit together.
+Rows hold a random salt, so that the checksum of a deleted one tells nothing about it.
+
+There is no secret: whoever computes the chain anew goes unnoticed, unless an earlier end of it is known elsewhere.
+"""
+
+import hashlib
+import json
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from itertools import groupby
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.exc import SQLAlchemyError
+
+from avrgym.study.storage.schema import LEDGER, METADATA, new_salt
+
+TABLES: Mapping[str, sa.Table] = {
+    table.name: table for table in METADATA.sorted_tables if table is not LEDGER
+}
+_WRITTEN = "rows that the transaction wrote"
+
+
+@dataclass(frozen=True)
+class Head:
+    """The last entry of a chain: how many there are, and its digest."""
+
+    number: int = 0
+    digest: str = ""
+
+    def after(self, table: str, key: int, content: str | None) -> "Head":
+        """The head once an entry has followed."""
+        return Head(self.number + 1, _sha256([self.digest, self.number + 1, table, key, content]))
+
+
+# Writing ------------------------------------------------------------------------------------------------------------
+
+
+def insert(connection: sa.Connection, table: sa.Table, **values: Any) -> int:
+    """Insert a row within a transaction; its key."""
+    inserted = connection.execute(sa.insert(table).values(values)).inserted_primary_key
+    assert inserted is not None
+    _wrote(connection, table, inserted[0])
+    return inserted[0]
+
+
+def update(connection: sa.Connection, table: sa.Table, key: int, **values: Any) -> None:
+    """Change a row within a transaction."""
+    connection.execute(sa.update(table).where(key_of(table) == key).values(values))
+    _wrote(connection, table, key)
+
+
+def delete(connection: sa.Connection, table: sa.Table, *conditions: sa.ColumnElement[bool]) -> None:
+    """Delete rows within a transaction."""
+    for key in connection.execute(sa.select(key_of(table)).where(*conditions)).scalars().all():
+        _wrote(connection, table, key)
+    connection.execute(sa.delete(table).where(*conditions))
+
+
+def begin(connection: sa.Connection) -> None:
+    """Begin the chain of a study that has none, with all its rows as they are."""
+    for table in TABLES.values():
+        for key in connection.execute(sa.select(key_of(table))).scalars().all():
+            update(connection, table, key, salt=new_salt())
+
+
+def open_entries(connection: sa.Connection) -> None:
+    """Begin to note what a transaction writes."""
+    connection.info[_WRITTEN] = set()
+
+
+def close_entries(connection: sa.Connection) -> Head | None:
+    """Add the entries of a transaction to the chain; its new head, if it wrote anything."""
+    rows = sorted(connection.info.pop(_WRITTEN))
+    if not rows:
+        return None
+    entries, after = [], head(connection)
+    for name, group in groupby(rows, key=lambda row: row[0]):
+        keys = [key for _, key in group]
+        contents = _contents(connection, TABLES[name], keys)
+        for key in keys:
+            content = contents.get(key)
+            after = after.after(name, key, content)
+            entries.append({"table": name, "key": key, "content": content, **asdict(after)})
+    connection.execute(sa.insert(LEDGER), entries)
+    return after
+
+
+def head(connection: sa.Connection) -> Head:
+    """The end of the chain."""
+    last = sa.select(LEDGER.c.number, LEDGER.c.digest).order_by(LEDGER.c.number.desc()).limit(1)
+    row = connection.execute(last).first()
+    return Head(*row) if row else Head()
+
+
+def lost(connection: sa.Connection, known: Collection[Head]) -> list[Head]:
+    """Which of these ends the chain never had."""
+    first = min((each.number for each in known), default=0)
+    later = sa.select(LEDGER.c.number, LEDGER.c.digest).where(LEDGER.c.number >= first)
+    held = {number: digest for number, digest in connection.execute(later)} if known else {}
+    return [each for each in known if held.get(each.number) != each.digest]
+
+
+# Checking -----------------------------------------------------------------------------------------------------------
+
+
+def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
+    """Where, and what is wrong with chain and rows."""
+    try:
+        entries = _rows(connection, LEDGER)
+    except (SQLAlchemyError, ValueError, TypeError) as error:
+        yield LEDGER.name, f"cannot be read: {_reason(error)}"
+        return
+    if (broken := _first_break(entries)) is not None:
+        yield LEDGER.name, f"entry {broken} does not follow the one before it: one was changed or is missing"
+    latest = {(entry.table, entry.key): entry.content for entry in entries}
+    for name, table in TABLES.items():
+        expected = {
+            key: content for (of, key), content in latest.items() if of == name and content is not None
+        }
+        yield from _faults_of(connection, table, expected)
+
+
+def _first_break(entries: list[sa.Row]) -> int | None:
+    """The number of the first entry that does not follow from those before it."""
+    before = Head()
+    for entry in entries:
+        after = before.after(entry.table, entry.key, entry.content)
+        if (entry.number, entry.digest) != (after.number, after.digest):
+            return before.number + 1
+        before = after
+    return None
+
+
+def _faults_of(
+    connection: sa.Connection, table: sa.Table, expected: Mapping[int, str]
+) -> Iterator[tuple[str, str]]:
+    try:
+        found = _contents(connection, table)
+    except (SQLAlchemyError, ValueError, TypeError) as error:
+        yield table.name, f"cannot be read: {_reason(error)}"
+        return
+    for key in sorted(expected.keys() | found.keys(), key=str):
+        if key not in found:
+            yield f"{table.name} {key}", "is gone: something other than AVR Gym deleted it"
+        elif key not in expected:
+            yield f"{table.name} {key}", "was added by something other than AVR Gym"
+        elif found[key] != expected[key]:
+            yield f"{table.name} {key}", "was changed by something other than AVR Gym"
+
+
+def key_of(table: sa.Table) -> sa.Column[int]:
+    """A table's primary key, which is one whole number."""
+    (key,) = table.primary_key.columns
+    return key
+
+
+def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> dict[int, str]:
+    """The checksums of a table's rows by key, or of those with these keys.
+
+    Columns without a value do not count, so that a later version may add some.
+    """
+    name = key_of(table).name
+    rows = (row._mapping for row in _rows(connection, table, keys))
+    return {
+        row[name]: _sha256(
+            [table.name, {column: value for column, value in row.items() if value is not None}]
+        )
+        for row in rows
+    }
+
+
+def _rows(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> list[sa.Row]:
+    """A table's rows; an error leaves the transaction usable."""
+    query = sa.select(table).order_by(key_of(table))
+    if keys is not None:
+        query = query.where(key_of(table).in_(keys))
+    with connection.begin_nested():
+        return list(connection.execute(query).all())
+
+
+def _wrote(connection: sa.Connection, table: sa.Table, key: int) -> None:
+    connection.info[_WRITTEN].add((table.name, key))
+
+
+def _sha256(value: Any) -> str:
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def _reason(error: Exception) -> str:
+    return str(getattr(error, "orig", None) or error).splitlines()[0]

@@ -1,0 +1,156 @@
+"""The rows of a study as plain values. Times are ISO 8601 in UTC."""
+
+import re
+from dataclasses import dataclass
+
+from avrgym.models.human import Sex
+from avrgym.study.storage.states import StudyError
+
+RECORDINGS = "recordings"
+Figure = bool | int | float
+
+
+def pseudonym_of(number: int) -> str:
+    """The name that a participant goes by everywhere."""
+    return f"sub-{number:03}"
+
+
+def participant_number(pseudonym: str) -> int:
+    """The number of a pseudonym; ``StudyError`` for anything else, such as a path."""
+    if re.fullmatch(r"sub-[0-9]{3,9}", pseudonym):
+        number = int(pseudonym.removeprefix("sub-"))
+        if number > 0 and pseudonym_of(number) == pseudonym:
+            return number
+    raise StudyError(f"{pseudonym!r} is no participant; allowed: sub-001, sub-002 and so on")
+
+
+@dataclass(frozen=True)
+class Participant:
+    """Someone who takes part. ``cell`` numbers their order, ``inclusion`` holds their answers by question."""
+
+    number: int
+    state: str
+    simulated: bool
+    sex: Sex
+    age_years: int | None
+    cell: int | None
+    enrolled_at: str
+    consented_at: str | None
+    consent_version: str | None
+    consent_sha256: str | None
+    inclusion: dict[str, bool] | None
+
+    @property
+    def pseudonym(self) -> str:
+        return pseudonym_of(self.number)
+
+    def __str__(self) -> str:
+        return self.pseudonym
+
+
+@dataclass(frozen=True)
+class StudySession:
+    """A participant's visit at a station, run by one process there."""
+
+    id: int
+    participant: int
+    number: int
+    state: str
+    station: str
+    process: int
+    opened_at: str
+    closed_at: str | None
+
+    @property
+    def folder(self) -> str:
+        """Where its recordings are, relative to the study's folder."""
+        return f"{RECORDINGS}/{pseudonym_of(self.participant)}/{self.name}"
+
+    @property
+    def name(self) -> str:
+        return f"ses-{self.number:02}"
+
+    def __str__(self) -> str:
+        return f"{self.name} of {pseudonym_of(self.participant)}"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A planned trial; ``position`` counts a participant's trials from 1, practice included."""
+
+    id: int
+    participant: int
+    position: int
+    environment: str
+    policy: str
+    seed: int
+    practice: bool
+    state: str
+
+    def __str__(self) -> str:
+        return f"trial {self.position} of {pseudonym_of(self.participant)}"
+
+
+@dataclass(frozen=True)
+class TrialAttempt:
+    """An attempt at a trial; ``recording`` is relative to the study's folder, ``figures`` sum up what it gave."""
+
+    id: int
+    trial: int
+    session: int
+    number: int
+    state: str
+    recording: str
+    sha256: str | None
+    figures: dict[str, Figure]
+    started_at: str
+    ended_at: str | None
+
+    def __str__(self) -> str:
+        return self.recording.removeprefix(f"{RECORDINGS}/").removesuffix(".mcap")
+
+
+@dataclass(frozen=True)
+class GivenAnswer:
+    """An answer after a trial, or without an attempt about a whole session."""
+
+    id: int
+    session: int
+    attempt: int | None
+    item: str
+    value: int
+    response_time_s: float
+    answered_at: str
+
+
+@dataclass(frozen=True)
+class StudyEvent:
+    """Something that happened, and to whom."""
+
+    id: int
+    at: str
+    participant: int | None
+    session: int | None
+    attempt: int | None
+    name: str
+    detail: str
+
+
+@dataclass(frozen=True)
+class Note:
+    """What the experimenter wrote down."""
+
+    id: int
+    at: str
+    participant: int
+    session: int | None
+    text: str
+
+
+@dataclass(frozen=True)
+class Tombstone:
+    """A participant whose data were deleted."""
+
+    number: int
+    simulated: bool
+    deleted_at: str

@@ -1,0 +1,127 @@
+"""A participant's sessions at a station. Whatever happens is stored before the session goes on."""
+
+import os
+
+import sqlalchemy as sa
+
+from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.attempts import finish_attempt, whole_figures
+from avrgym.study.storage.rows import Participant, StudySession, Trial, TrialAttempt
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import (
+    Store,
+    about,
+    change_state,
+    find,
+    find_all,
+    find_open_session,
+    find_participant,
+    find_session,
+    find_trial,
+    record_event,
+)
+from avrgym.system.processes import is_running
+
+
+def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> StudySession:
+    """Begin a session of a participant at this station.
+
+    What a session that crashed left open is ended first: an attempt whose recording and answers are whole
+    completes its trial, any other is kept as interrupted.
+
+    Args:
+        store: the study.
+        pseudonym: the participant.
+        take_over: also end a session that may still run elsewhere.
+
+    Raises:
+        StudyError: without consent and an allocated order, or while another session runs.
+    """
+    with store.database.write() as connection:
+        participant = find_participant(connection, pseudonym)
+        if participant.state != "allocated" or participant.consented_at is None:
+            raise StudyError(f"{participant} is {participant.state}; only the allocated have sessions")
+        own = find_all(connection, StudySession, participant=participant.number)
+        for session in own:
+            if session.state == "open" and not take_over and may_run(store, session):
+                raise StudyError(
+                    f"{session} is open at {session.station} since {session.opened_at}; close it there, or take over"
+                )
+        end_open_sessions(store, connection, participant, attempts="interrupted", sessions="interrupted")
+        return _insert_session(store, connection, participant, len(own) + 1)
+
+
+def close_session(store: Store, session_id: int) -> None:
+    """End a session; an attempt that runs is kept as interrupted. The last trial completes the participant."""
+    with store.database.write() as connection:
+        session = find_session(connection, session_id)
+        _end_session(store, connection, session, attempts="interrupted", after="closed")
+        trials = find_all(connection, Trial, participant=session.participant)
+        participant = find(connection, Participant, "participant", number=session.participant)
+        if participant.state == "allocated" and all(trial.state == "completed" for trial in trials):
+            change_state(connection, participant, "completed", {"participant": participant.number})
+
+
+def skip_trial(store: Store, session_id: int, position: int) -> None:
+    """Put a planned trial behind all others."""
+    with store.database.write() as connection:
+        session = find_open_session(connection, session_id)
+        trial = find_trial(connection, session, position)
+        change_state(connection, trial, "skipped", about(session), f"trial {position}")
+
+
+def tell(store: Store, session_id: int, name: str, detail: str = "", attempt_id: int | None = None) -> None:
+    """Store anything else that happened in a session, such as a lost connection."""
+    with store.database.write() as connection:
+        session = find_session(connection, session_id)
+        event = about(session)
+        if attempt_id is not None:
+            attempt = find(
+                connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id, session=session_id
+            )
+            event["attempt"] = attempt.id
+        record_event(connection, name, detail, event)
+
+
+def end_open_sessions(
+    store: Store, connection: sa.Connection, participant: Participant, *, attempts: str, sessions: str
+) -> None:
+    """End all of a participant's open sessions within a transaction, and what runs in them, in these states.
+
+    With attempts ``interrupted`` nobody writes their recordings any more, and whole ones complete their trials.
+    """
+    for session in find_all(connection, StudySession, participant=participant.number, state="open"):
+        _end_session(store, connection, session, attempts=attempts, after=sessions)
+
+
+def may_run(store: Store, session: StudySession) -> bool:
+    """Whether the process behind an open session may still run; only of this station's can that be known."""
+    return session.station != store.station or is_running(session.process)
+
+
+def _insert_session(
+    store: Store, connection: sa.Connection, participant: Participant, number: int
+) -> StudySession:
+    row = {
+        "participant": participant.number,
+        "number": number,
+        "state": "open",
+        "station": store.station,
+        "process": os.getpid(),
+        "opened_at": now(),
+    }
+    session = find_session(connection, ledger.insert(connection, schema.SESSION, **row))
+    record_event(connection, "session open", session.name, about(session))
+    return session
+
+
+def _end_session(
+    store: Store, connection: sa.Connection, session: StudySession, *, attempts: str, after: str
+) -> None:
+    for attempt in find_all(connection, TrialAttempt, session=session.id, state="running"):
+        closed = attempts == "interrupted"
+        figures = whole_figures(store, connection, attempt) if closed else None
+        ended = attempts if figures is None else "completed"
+        finish_attempt(store, connection, attempt, ended, figures or {}, closed=closed)
+    change_state(connection, session, after, about(session), closed_at=now())

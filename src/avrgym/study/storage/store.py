@@ -1,0 +1,295 @@
+"""A study's folder and database: opening it, and reading what it holds."""
+
+import os
+import socket
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self, TypeVar, get_type_hints
+
+import msgspec
+import sqlalchemy as sa
+
+from avrgym.policies.trained import PolicyError, packaged_policies
+from avrgym.study.design.design import FILE, Design, default_text, read_design
+from avrgym.study.storage import keyfile, ledger, schema
+from avrgym.study.storage.database import FILE as DATABASE_FILE
+from avrgym.study.storage.database import Database, database_url
+from avrgym.study.storage.rows import (
+    RECORDINGS,
+    GivenAnswer,
+    Note,
+    Participant,
+    StudyEvent,
+    StudySession,
+    Tombstone,
+    Trial,
+    TrialAttempt,
+    participant_number,
+)
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.states import TRANSITIONS, StudyError, check_transition
+from avrgym.system.files import make_private_folder, private_opener
+from avrgym.tasks import find_environment
+
+Row = TypeVar("Row")
+TABLES: Mapping[type, sa.Table] = {
+    Participant: schema.PARTICIPANT,
+    StudySession: schema.SESSION,
+    Trial: schema.TRIAL,
+    TrialAttempt: schema.ATTEMPT,
+    GivenAnswer: schema.ANSWER,
+    StudyEvent: schema.EVENT,
+    Note: schema.NOTE,
+    Tombstone: schema.TOMBSTONE,
+}
+
+
+def create_study(folder: Path) -> Path:
+    """Write ``study.toml`` with the paper's protocol into a folder, which is made when it is missing.
+
+    Raises:
+        StudyError: when the folder holds a study already; nothing in it is changed.
+        OSError: when it cannot be written.
+    """
+    held = [name for name in (FILE, DATABASE_FILE, RECORDINGS, keyfile.FOLDER) if (folder / name).exists()]
+    if held:
+        raise StudyError(f"{folder} holds {held[0]} already; choose another folder")
+    make_private_folder(folder)
+    path = folder / FILE
+    with open(path, "x", encoding="utf-8", opener=private_opener) as file:
+        file.write(default_text())
+    return path
+
+
+class Store:
+    """An open study. What takes part in it changes through ``participants`` and ``sessions``; here one reads.
+
+    ``folder`` is the study's, ``station`` this machine's name. Where the folder cannot be written, as on a read-only
+    medium, the study can be read and nothing else. Methods may be called from any thread.
+    """
+
+    def __init__(self, folder: Path, *, anew: bool = False) -> None:
+        """Open the study in a folder.
+
+        Args:
+            folder: the study's.
+            anew: make a new database also where others were lost.
+
+        Raises:
+            DesignError: when ``study.toml`` says what cannot be.
+            StudyError: when there is no study, or its database does not fit or was lost.
+        """
+        if not (folder / FILE).is_file():
+            raise StudyError(f"{folder} holds no {FILE}; `avrgym study new {folder}` writes one")
+        self.folder = folder.resolve()
+        self.station = socket.gethostname()
+        self.design: Design = read_design(folder / FILE)
+        url = database_url(self.design.database.url)
+        self.database = Database(self.folder, url, read_only=not _can_write(self.folder), anew=anew)
+        try:
+            self._check_protocol()
+            if keyfile.unfinished(self.folder) and not self.database.read_only:
+                with self.database.write():  # one writer at a time, for the key file as well
+                    keyfile.remove_unfinished(self.folder)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the database."""
+        self.database.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def path(self, relative: str) -> Path:
+        """A file of the study; ``StudyError`` for one that lies outside, also by way of links."""
+        path = self.folder / relative
+        if not path.resolve().is_relative_to(self.folder):
+            raise StudyError(f"{relative!r} leads out of the study's folder")
+        return path
+
+    def policy_source(self, environment: str, policy: str) -> str:
+        """What to load a policy of the design from: a file in the study's folder, else the packaged one's name.
+
+        Raises:
+            PolicyError: when it is neither.
+        """
+        task, robot = find_environment(environment)
+        name = f"{policy}/{task}{robot}.safetensors"
+        if (self.folder / name).is_file():
+            return str(self.folder / name)
+        packaged = packaged_policies(environment)
+        if policy not in packaged:
+            names = ", ".join(packaged) or "none is packaged"
+            raise PolicyError(
+                f"no policy {policy!r} for {environment}; allowed: {names}, or the study's own as {name} in its folder"
+            )
+        return policy
+
+    def participants(self) -> list[Participant]:
+        """Everyone who takes or took part, in the order of their numbers."""
+        return self._rows(Participant)
+
+    def participant(self, pseudonym: str) -> Participant:
+        """One participant; ``StudyError`` when there is none of this pseudonym."""
+        with self.database.read() as connection:
+            return find_participant(connection, pseudonym)
+
+    def sessions(self, pseudonym: str) -> list[StudySession]:
+        """A participant's sessions in order."""
+        return self._rows(StudySession, participant=participant_number(pseudonym))
+
+    def trials(self, pseudonym: str) -> list[Trial]:
+        """A participant's trials in the planned order."""
+        return self._rows(Trial, participant=participant_number(pseudonym))
+
+    def remaining_trials(self, pseudonym: str) -> list[Trial]:
+        """The trials still to run, in order: those planned, then those that were skipped."""
+        trials = self.trials(pseudonym)
+        return [trial for state in ("planned", "skipped") for trial in trials if trial.state == state]
+
+    def attempts(self, pseudonym: str) -> list[TrialAttempt]:
+        """All attempts at a participant's trials, in the order they began."""
+        sessions = {session.id for session in self.sessions(pseudonym)}
+        return [attempt for attempt in self._rows(TrialAttempt) if attempt.session in sessions]
+
+    def answers(self, pseudonym: str) -> list[GivenAnswer]:
+        """All answers of a participant, in the order they were given."""
+        sessions = {session.id for session in self.sessions(pseudonym)}
+        return [answer for answer in self._rows(GivenAnswer) if answer.session in sessions]
+
+    def events(self) -> list[StudyEvent]:
+        """All that happened in the study."""
+        return self._rows(StudyEvent)
+
+    def notes(self, pseudonym: str) -> list[Note]:
+        """The experimenter's notes on a participant."""
+        return self._rows(Note, participant=participant_number(pseudonym))
+
+    def tombstones(self) -> list[Tombstone]:
+        """The participants whose data were deleted."""
+        return self._rows(Tombstone)
+
+    def _rows(self, kind: type[Row], **key: int) -> list[Row]:
+        with self.database.read() as connection:
+            return find_all(connection, kind, **key)
+
+    def _check_protocol(self) -> None:
+        """Store what orders follow from, and refuse another once someone has an order."""
+        protocol = self.design.protocol()
+        with self.database.read() as connection:
+            stored = connection.execute(sa.select(schema.STUDY.c.protocol)).scalar()
+        if stored != protocol and not (stored is None and self.database.read_only):
+            with self.database.write() as connection:
+                self._change_protocol(connection, protocol)
+
+    def _change_protocol(self, connection: sa.Connection, protocol: dict[str, Any]) -> None:
+        stored = connection.execute(sa.select(schema.STUDY.c.protocol)).scalar()
+        if stored == protocol:
+            return
+        changed = [name for name, value in protocol.items() if (stored or {}).get(name) != value]
+        taken = sa.select(schema.PARTICIPANT.c.number).where(schema.PARTICIPANT.c.cell.is_not(None))
+        if stored and connection.execute(taken.limit(1)).first():
+            raise StudyError(
+                f"{self.folder / FILE}: {', '.join(changed)} changed after the first participant; "
+                f"it was {stored[changed[0]]!r} and must stay so"
+            )
+        ledger.delete(connection, schema.STUDY)
+        ledger.insert(connection, schema.STUDY, created_at=now(), protocol=protocol)
+
+
+def _can_write(folder: Path) -> bool:
+    database = folder / DATABASE_FILE
+    return os.access(folder, os.W_OK) and (not database.exists() or os.access(database, os.W_OK))
+
+
+def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> Row:
+    """The one row with these values; ``StudyError``, saying ``what``, when there is none."""
+    rows = find_all(connection, kind, **key)
+    if not rows:
+        raise StudyError(f"there is no {what} in this study")
+    return rows[0]
+
+
+def find_participant(connection: sa.Connection, pseudonym: str) -> Participant:
+    """One participant; ``StudyError`` when there is none of this pseudonym."""
+    return find(connection, Participant, pseudonym, number=participant_number(pseudonym))
+
+
+def find_session(connection: sa.Connection, session_id: int) -> StudySession:
+    """A session by its id."""
+    return find(connection, StudySession, f"session {session_id}", id=session_id)
+
+
+def find_open_session(connection: sa.Connection, session_id: int) -> StudySession:
+    """A session by its id; ``StudyError`` when it has ended."""
+    session = find_session(connection, session_id)
+    if session.state != "open":
+        raise StudyError(f"{session} is {session.state}; it must be open")
+    return session
+
+
+def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
+    """An attempt by its id; ``StudyError`` when it has ended."""
+    attempt = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
+    if attempt.state != "running":
+        raise StudyError(f"{attempt} is {attempt.state}; it must be running")
+    return attempt
+
+
+def find_trial(connection: sa.Connection, session: StudySession, position: int) -> Trial:
+    """The trial at a position of the participant whose session it is."""
+    own = {"participant": session.participant, "position": position}
+    return find(connection, Trial, f"trial {position}", **own)
+
+
+def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row]:
+    """All rows with these values, in the order they were made."""
+    table = TABLES[kind]
+    names = list(get_type_hints(kind))
+    query = sa.select(*(table.c[name] for name in names))
+    query = query.where(*(table.c[name] == value for name, value in key.items()))
+    try:
+        rows = connection.execute(query.order_by(ledger.key_of(table))).all()
+        return [_as(kind, dict(zip(names, row, strict=True))) for row in rows]
+    except ValueError as error:
+        raise StudyError(f"the study's database: a row of {table.name} is damaged: {error}") from error
+
+
+def change_state(
+    connection: sa.Connection, row: Any, after: str, about: Mapping[str, int], detail: str = "", **values: Any
+) -> None:
+    """Move a row to a state, with what becomes known with it, and store the event.
+
+    Raises:
+        StudyError: when its present state does not allow that.
+    """
+    table = TABLES[type(row)]
+    key = getattr(row, ledger.key_of(table).name)
+    own = ledger.key_of(table) == key
+    before = connection.execute(sa.select(table.c.state).where(own)).scalar_one()
+    check_transition(table.name, str(row), before, after)
+    ledger.update(connection, table, key, state=after, **values)
+    record_event(connection, f"{table.name} {after}", detail, about)
+
+
+def about(session: StudySession) -> dict[str, int]:
+    """Whom and what an event in a session is about."""
+    return {"participant": session.participant, "session": session.id}
+
+
+def record_event(connection: sa.Connection, name: str, detail: str, about: Mapping[str, int]) -> None:
+    """Store that something happened; ``about`` names participant, session and attempt."""
+    ledger.insert(connection, schema.EVENT, at=now(), name=name, detail=detail, **about)
+
+
+def _as(kind: type[Row], row: Mapping[str, Any]) -> Row:
+    """A row as plain values; ``ValueError`` for a type or state that no row has."""
+    state, known = row.get("state"), TRANSITIONS.get(TABLES[kind].name, {})
+    if state is not None and state not in known:
+        raise ValueError(f"unknown state {state!r}; allowed: {', '.join(known)}")
+    return msgspec.convert(row, kind)

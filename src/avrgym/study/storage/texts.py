@@ -1,0 +1,30 @@
+"""What people may write into a study: how long it may be, and that it is text."""
+
+from avrgym.study.storage.states import StudyError
+
+MOST_IN_LINE, MOST_IN_NOTE = 200, 10_000
+"""Characters of a name, a contact or a reason, and of a note."""
+
+
+def check_line(what: str, text: str) -> None:
+    """``StudyError`` unless this can be a name, a contact or a reason; the words do not repeat it."""
+    _check(what, text, MOST_IN_LINE, "")
+
+
+def check_note(text: str) -> None:
+    """``StudyError`` unless this can be a note, which may have several lines."""
+    if not text:
+        raise StudyError("the note is empty; write something down")
+    _check("the note", text, MOST_IN_NOTE, "\n\r\t")
+
+
+def _check(what: str, text: str, most: int, allowed: str) -> None:
+    if len(text) > most:
+        raise StudyError(f"{what} is {len(text)} characters long; allowed: {most}")
+    if not all(character in allowed or _is_writable(character) for character in text):
+        raise StudyError(f"{what} holds control characters or what is no text; allowed: what can be written")
+
+
+def _is_writable(character: str) -> bool:
+    """Neither a control character, which not every database keeps, nor half of one, which no file does."""
+    return not (character < " " or "\x7f" <= character < "\xa0" or "\ud800" <= character < "\ue000")

@@ -1,0 +1,68 @@
+"""Files that appear whole, and that nobody but their owner may use."""
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from avrgym.system.processes import is_running
+
+PRIVATE_FILE, PRIVATE_FOLDER = 0o600, 0o700
+_OTHERS = 0o077
+_UNFINISHED = re.compile(r"\..+\.([0-9]+)\.part")
+
+
+def write_whole(path: Path, data: bytes, mode: int = 0o666) -> None:
+    """Write a file that a reader sees either whole or not at all; a failure leaves what was there before.
+
+    ``mode`` is who may read and write it, less what the process masks.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with open(temporary, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def unfinished(folder: Path) -> list[Path]:
+    """What ``write_whole`` left anywhere in a folder where its process was killed."""
+    found = ((path, _UNFINISHED.fullmatch(path.name)) for path in folder.rglob(".*.part"))
+    return sorted(path for path, match in found if match and not is_running(int(match[1])))
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what ``write_whole`` left anywhere in a folder where its process was killed."""
+    for path in unfinished(folder):
+        path.unlink(missing_ok=True)
+
+
+def private_opener(path: str, flags: int) -> int:
+    """For ``open``: a new file is its owner's alone, whatever the process masks."""
+    return os.open(path, flags, PRIVATE_FILE)
+
+
+def make_private_folder(path: Path) -> None:
+    """Make a folder with those above it; each that is new is its owner's alone, whatever the process masks."""
+    if not path.parent.exists():
+        make_private_folder(path.parent)
+    path.mkdir(mode=PRIVATE_FOLDER, exist_ok=True)
+
+
+def make_private(path: Path) -> None:
+    """Take a file, or a folder with all it holds, away from everybody but its owner."""
+    for each in exposed(path):
+        each.chmod(each.stat().st_mode & ~_OTHERS)
+
+
+def exposed(path: Path) -> Iterator[Path]:
+    """Of a file, or a folder and all it holds, what others than its owner may use; links are left alone."""
+    if os.name != "posix" or not os.path.lexists(path):
+        return
+    within = path.rglob("*") if path.is_dir() and not path.is_symlink() else ()
+    for each in (path, *within):
+        if not each.is_symlink() and each.stat().st_mode & _OTHERS:
+            yield each

@@ -1,0 +1,73 @@
+"""Work that is spread over processes."""
+
+import multiprocessing
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from multiprocessing.sharedctypes import Synchronized
+from typing import Any, TypeVar
+
+from avrgym.system.children import end_with_parent, undisturbed
+
+Result = TypeVar("Result")
+
+LOOK_EVERY_S = 0.5
+_done: "Synchronized[int] | None" = None
+"""What all processes have reported, in one that ``run_all`` started."""
+
+
+def cores() -> int:
+    """How many of the machine's cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def run_all(
+    function: Callable[..., Result],
+    arguments: Sequence[tuple[Any, ...]],
+    jobs: int,
+    tell: Callable[[int], None] = lambda done: None,
+) -> list[Result]:
+    """What a function gives of each arguments, in their order, from so many processes at the same time.
+
+    The processes end with this one, however that ends; the first error ends all.
+
+    Args:
+        function: of a module, so that the processes find it.
+        arguments: one tuple for each call.
+        jobs: how many processes, 1 or more; there are no more than calls.
+        tell: told again and again how much the calls have reported so far.
+    """
+    if not arguments:
+        return []
+    context = multiprocessing.get_context("spawn")
+    done: Synchronized[int] = context.Value("q", 0)
+    with ProcessPoolExecutor(min(jobs, len(arguments)), context, _begin, (done,)) as pool:
+        with undisturbed():
+            calls = [pool.submit(function, *each) for each in arguments]
+        try:
+            running: set[Future[Result]] = set(calls)
+            while running:
+                finished, running = wait(running, LOOK_EVERY_S)
+                for call in finished:
+                    call.result()
+                tell(done.value)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in multiprocessing.active_children():
+                process.terminate()
+            raise
+    return [call.result() for call in calls]
+
+
+def report(done: int) -> None:
+    """In a process that ``run_all`` started: so much more is done."""
+    assert _done is not None
+    with _done.get_lock():
+        _done.value += done
+
+
+def _begin(done: "Synchronized[int]") -> None:
+    """Have this process end with the one that started it; a terminal's signals are for that one."""
+    global _done
+    _done = done
+    end_with_parent()

@@ -1,0 +1,317 @@
+"""Episodes of N worlds: how they begin, one control step, what it was worth.
+
+The Gymnasium environments and the live VR trial both run on this.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from avrgym.models import robots
+from avrgym.models.human import People, Person
+from avrgym.models.robots import find_robot
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.people import arm_limits, behaviour, distributions, impairments
+from avrgym.people.arm_clearance import furniture_boxes
+from avrgym.people.impairments import Impairment
+from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
+from avrgym.simulation.world_version import WORLD_VERSION, check_world_version
+from avrgym.simulation.worlds import Ids, Simulation, Start, State
+from avrgym.tasks import TASKS, find_environment, find_task
+from avrgym.tasks.base import Memory, Outcome, merge
+
+Array = NDArray[np.float64]
+
+EPISODE_STEPS = 200
+ACTIONS = 7
+"""How many numbers an action has, one for each joint of the arm."""
+JUDGED_ACTION_LIMIT: Mapping[int, float] = {1: np.inf, 2: 1.0}
+"""By world version, what either way an action's numbers are clipped to before they are judged; arms never do more."""
+MOST_DRAWS = 100
+"""How often a start is drawn anew where things would stand in each other."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one control step gave, each with the world axis first."""
+
+    observation: Array
+    reward: Array
+    reward_terms: Mapping[str, Array]
+    success: NDArray[np.bool_]
+    distance_m: Array
+    force_on_person_n: Array
+
+
+def checked_actions(
+    actions: ArrayLike, shape: tuple[int, ...], ignored: NDArray[np.bool_] | None = None
+) -> Array:
+    """Actions as numbers; rows that are ``ignored`` (N,) may be anything and become zero.
+
+    Raises:
+        ValueError: for another shape, or numbers that are not finite.
+    """
+    try:
+        found = np.array(actions, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"{type(actions).__name__} is no array of numbers; {_allowed_actions(shape)}"
+        ) from None
+    if found.shape != shape:
+        raise ValueError(f"actions of shape {found.shape}; {_allowed_actions(shape)}")
+    if ignored is not None:
+        found[ignored] = 0.0
+    for place in np.argwhere(~np.isfinite(found))[:1].tolist():
+        raise ValueError(f"actions{place} is {found[tuple(place)]}; {_allowed_actions(shape)}")
+    return found
+
+
+def _allowed_actions(shape: tuple[int, ...]) -> str:
+    return f"allowed: finite numbers of shape {shape}, -1 to 1 (what lies beyond is clipped)"
+
+
+class Episodes:
+    """N worlds of one environment, each with a random stream of its own, so that none affects another."""
+
+    def __init__(
+        self,
+        environment_id: str,
+        num_worlds: int,
+        *,
+        distribution: str = "original",
+        person: Person | None = None,
+        impairment: str = "none",
+        moving: bool = False,
+        num_threads: int = 0,
+        world_version: int = WORLD_VERSION,
+    ) -> None:
+        """Compile the scene.
+
+        Args:
+            environment_id: such as ``avrgym/FeedingJaco-v1``.
+            num_worlds: N.
+            distribution: whom to meet, a name in ``people.distributions.DISTRIBUTIONS`` or a file of people.
+            person: one fixed person for every episode instead.
+            impairment: a name in ``people.impairments.IMPAIRMENTS``.
+            moving: whether the people's joints are driven from outside, with ``command_person``.
+            num_threads: threads for the physics; 0 takes one per core.
+            world_version: an earlier one to step recordings again that were made with it. In version 1 no start is
+                drawn again.
+
+        Raises:
+            ValueError: for an unknown environment, distribution, impairment or version, naming what there is.
+        """
+        check_world_version(world_version)
+        task, robot = find_environment(environment_id)
+        self.environment_id = environment_id
+        self._judged_limit = JUDGED_ACTION_LIMIT[world_version]
+        self.task = find_task(task, world_version)
+        self.person = person
+        self._distribution = distributions.find_distribution(distribution, TASKS)
+        self._pose = self._distribution.pose_in(self.task.name, self.task.pose)
+        self._impairment: Impairment = impairments.find_impairment(impairment)
+        self._moved_by_themselves = not moving and (
+            self._distribution.cooperating or self._impairment in impairments.MOVING
+        )
+        self.stage = self.task.stage(find_robot(robot))
+        self._furniture = furniture_boxes(self.stage.furniture)
+        self.simulation = Simulation(
+            self.stage,
+            num_worlds,
+            moving=moving or self._moved_by_themselves,
+            num_threads=num_threads,
+            braked=world_version > 1,
+            gives_way=world_version > 1,
+        )
+        self._room = None if world_version == 1 else self._room_of_scene(led=moving and person is not None)
+        self.people = distributions.repeat(person or Person(), num_worlds)
+        self.memory = self.task.remember(self.people, np.zeros((num_worlds, self.task.uniforms)))
+        self._mind = behaviour.begin(self.people, np.zeros((num_worlds, behaviour.UNIFORMS)))
+        self._arm_start_rad = np.zeros((num_worlds, len(self.stage.arm.joints)))
+        self.draws = np.zeros(num_worlds, dtype=int)
+        """How often the starts of the present episodes were drawn, (N,)."""
+
+    def begin(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
+        """Begin episodes in worlds ``ids`` (n,), each drawn from its generator; give observations (n, O).
+
+        A start where things stand in each other is drawn again from the generator's next numbers, see ``simulation.room``.
+
+        Raises:
+            NoRoomError: a ``ValueError``, when ``MOST_DRAWS`` starts of a world all were such.
+        """
+        drawn_from = dict(zip(ids.tolist(), generators, strict=True))
+        self.draws[ids] = 0
+        crowded = ids
+        while len(crowded):
+            self._draw(crowded, [drawn_from[world] for world in crowded.tolist()])
+            self.draws[crowded] += 1
+            conflicts = self._conflicts(crowded)
+            crowded = np.array(sorted(conflicts), dtype=np.intp)
+            for world in crowded[self.draws[crowded] == MOST_DRAWS].tolist():
+                raise NoRoomError(f"none of {MOST_DRAWS} starts has room: in the last one {conflicts[world]}")
+        return self.observe()[ids]
+
+    def start(self, world: int) -> dict[str, Any]:
+        """How a world's present episode began but for its person, in plain values; as long as nothing was judged."""
+        pos_w, q_w = self.simulation.robot_base()
+        return {
+            "robot_pos_w": pos_w[world].tolist(),
+            "robot_q_w": q_w[world].tolist(),
+            "arm_angles_rad": self._arm_start_rad[world].tolist(),
+            "placed_pos_w": {
+                name: pos[world].tolist() for name, pos in self.simulation.placed_pos_w().items()
+            },
+            "memory": {name: array[world].tolist() for name, array in vars(self.memory).items()},
+        }
+
+    def begin_as(self, start: Mapping[str, Any]) -> None:
+        """Begin an episode in the first world, with the fixed person, as ``start`` said.
+
+        Raises:
+            KeyError, TypeError, ValueError: for values that are no start of this environment.
+        """
+        first = np.array([0])
+        memory = {
+            name: np.array(start["memory"][name], array.dtype).reshape(array[:1].shape)
+            for name, array in vars(self.memory).items()
+        }
+        placed = {name: np.array([start["placed_pos_w"][name]]) for name in self.stage.movable}
+        pos_w, q_w, angles = (
+            np.array([start[name]], float) for name in ("robot_pos_w", "robot_q_w", "arm_angles_rad")
+        )
+        self.people = distributions.repeat(self.person or Person(), 1)
+        self._put(first, Start(self.people, pos_w, q_w, angles, placed), type(self.memory)(**memory))
+
+    def _draw(self, ids: Ids, generators: Sequence[np.random.Generator]) -> None:
+        """Draw a start for each of worlds ``ids`` (n,) and put them into it."""
+        parts = np.cumsum(
+            [distributions.UNIFORMS, impairments.UNIFORMS, behaviour.UNIFORMS, self.task.uniforms]
+        )
+        uniforms = np.stack([generator.random(parts[-1]) for generator in generators])
+        for_people, for_impairments, for_minds, for_task = np.split(uniforms, parts[:-1], axis=1)
+        who = impairments.impair(self._draw_people(for_people), self._impairment, for_impairments)
+        self.people = merge(self.people, who, ids)
+        self._mind = merge(self._mind, behaviour.begin(who, for_minds), ids)
+        self._put(ids, self.task.start(self.stage, who, for_task), self.task.remember(who, for_task))
+
+    def _put(self, ids: Ids, start: Start, memory: Memory) -> None:
+        self.simulation.reset(ids, start)
+        self._arm_start_rad[ids] = start.arm_angles_rad
+        self.memory = merge(self.memory, memory, ids)
+
+    def _conflicts(self, ids: Ids) -> dict[int, Conflict]:
+        """What lacks room, in those of worlds ``ids`` (n,) where anything does, by world.
+
+        People who tremble reach two other poses within their first moment.
+        """
+        found = self._lacking_room(ids)
+        if self._moved_by_themselves and self._room is not None:
+            swing_m = SWING_M if self._impairment == "tremor" else 0.0
+            for direction in (-1.0, 1.0):
+                trembling = self._mind.targets_rad + direction * self.people.tremor_rad
+                self.simulation.pose_people(ids, self._possible(trembling)[ids])
+                found |= self._lacking_room(ids, swing_m)
+            self.simulation.pose_people(ids, self.people.joint_angles_rad[ids])
+        return found
+
+    def _lacking_room(self, ids: Ids, swing_m: float | None = None) -> dict[int, Conflict]:
+        if self._room is None:
+            return {}
+        conflicts = self._room.conflicts(self.simulation.geoms(ids), swing_m=swing_m)
+        return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
+
+    def step(self, action: Array) -> Step:
+        """One control step of 0.1 s with actions (N, 7).
+
+        Raises:
+            ValueError: for actions that ``checked_actions`` refuses; nothing has moved then.
+        """
+        self.command(action)
+        self.simulation.step()
+        return self.judge(action)
+
+    def command(self, action: Array) -> None:
+        """Give the robots their actions (N, 7), and people who move by themselves their targets.
+
+        Raises:
+            ValueError: for actions that ``checked_actions`` refuses.
+        """
+        action = checked_actions(action, (self.simulation.num_worlds, ACTIONS))
+        self.simulation.command_robot(action)
+        if self._moved_by_themselves:
+            self._command_people()
+
+    def judge(self, action: Array) -> Step:
+        """Judge the control step that ends now, and take out of play what has left the task."""
+        state = self.simulation.state()
+        judged = np.clip(action, -self._judged_limit, self._judged_limit)
+        outcome = self.task.judge(state, judged, self.memory)
+        self.memory = outcome.memory
+        if outcome.gone.any():
+            self.simulation.park(outcome.gone)
+        return self._step(state, outcome)
+
+    def assess(self) -> Step:
+        """Judge the present state as if nothing had been asked of the robots; tasks remember nothing of it."""
+        state = self.simulation.state()
+        rest = np.zeros((self.simulation.num_worlds, ACTIONS))
+        return self._step(state, self.task.judge(state, rest, self.memory))
+
+    def _step(self, state: State, outcome: Outcome) -> Step:
+        return Step(
+            observation=self.task.observe(state, self.memory),
+            reward=self.task.reward(outcome.terms),
+            reward_terms=outcome.terms,
+            success=outcome.success,
+            distance_m=outcome.distance_m,
+            force_on_person_n=outcome.force_on_person_n,
+        )
+
+    def observe(self) -> Array:
+        """Observations (N, O) of the present state."""
+        return self.task.observe(self.simulation.state(), self.memory)
+
+    def marks_w(self) -> Array:
+        """Where the task's marks are now, (N, ``task.marks.count``, 3), world frame; none without marks."""
+        if self.task.marks is None:
+            return np.zeros((self.simulation.num_worlds, 0, 3))
+        return self.task.marks.places(self.simulation.right_arm(), self.memory)
+
+    def person_in(self, world: int) -> Person:
+        """The person of a world's present episode."""
+        return self.people.person(world)
+
+    def _possible(self, joint_angles_rad: Array) -> Array:
+        """Joint angles (N, 20) brought to where these people's joints can go."""
+        return arm_limits.clip(impairments.limit(self.people, joint_angles_rad))
+
+    def _room_of_scene(self, *, led: bool) -> Room:
+        """What measures the room here; ``led`` people hold their arms as they do, whatever the furniture."""
+        robot = self.stage.robot
+        return Room(
+            self.simulation.model,
+            base=None if robot.mobile else robots.PREFIX + robot.base,
+            arms=not led,
+            offered=self.person is None and self._pose.spreads_arm,
+        )
+
+    def _draw_people(self, uniforms: Array) -> People:
+        if self.person is not None:
+            return distributions.repeat(self.person, len(uniforms))
+        return distributions.sample(
+            self._distribution, self._pose, self.stage.posture, self._furniture, uniforms
+        )
+
+    def _command_people(self) -> None:
+        """Tremor changes its direction at every control step (reference)."""
+        self._mind = behaviour.wait(self._mind)
+        direction = np.where(np.round(self._mind.time_s / CONTROL_STEP_S) % 2 == 1, 1.0, -1.0)
+        trembling = self._mind.targets_rad + direction[:, None] * self.people.tremor_rad
+        if self._distribution.cooperating:
+            state = self.simulation.state()
+            self._mind = behaviour.see(self._mind, state, self.task.offered, self.stage.posture)
+            trembling = trembling + behaviour.sway_rad(self._mind)
+        self.simulation.command_person(self._possible(trembling))

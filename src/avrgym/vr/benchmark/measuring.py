@@ -1,0 +1,330 @@
+"""How late the real server is: a session with recording, and a client in a process of its own over loopback.
+
+The client sends tracking like a headset and notes when the first state that follows each frame comes back. All clocks
+are the system's monotonic one, which every process shares.
+"""
+
+import multiprocessing
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from multiprocessing.connection import Connection
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+from numpy.typing import NDArray
+from websockets.sync.client import ClientConnection, connect
+
+from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.system.children import undisturbed
+from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks.episodes import ACTIONS
+from avrgym.vr.benchmark.standstill import Span, Standstills, outside, within_s
+from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.protocol import messages
+from avrgym.vr.server.loop import LateTick, RealTimeLoop
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
+from avrgym.vr.session.session import Session
+from avrgym.vr.tracking.world import TICK_S
+
+TRACKING_HZ = 90.0
+HIDDEN_UNITS = 64
+POLICY = "untrained"
+PATIENCE_S = 120.0
+STOLEN_COLUMN = 8
+"""Of the first line of Linux's ``/proc/stat``, after its name (proc(5))."""
+PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
+
+Spread = dict[str, float]
+"""Milliseconds by name of percentile."""
+
+
+@dataclass(frozen=True)
+class VrSpeed:
+    """A trial of one environment, live and recorded.
+
+    ``rate_hz`` are ticks per second, ``tick_ms`` what one took, ``processor_ms`` how long its thread was on a
+    processor meanwhile. ``missed_deadlines`` ended after the next one was due or were given up; of these
+    ``missed_running`` would also have been late if no processor had stood still, ``None`` where nobody can say (see
+    ``standstill``). ``round_trip_ms`` is the time from a tracking frame's sending to the first state that follows it,
+    and ``stages_ms`` its parts: from the client to the server, in the queue until the next tick, the tick until its
+    state is sent (every other tick sends one), and the way back. The ``undisturbed`` are those ticks and round trips
+    during which no processor stood still, ``None`` where there are none or nobody can say. ``stolen_s`` is how much
+    time of all processors other machines on the same host took, from before the client came until the trial was over,
+    where the system knows.
+    """
+
+    env: str
+    seconds: float
+    rate_hz: float
+    tick_ms: Spread
+    processor_ms: Spread
+    round_trip_ms: Spread
+    undisturbed_tick_ms: Spread | None
+    undisturbed_round_trip_ms: Spread | None
+    stages_ms: dict[str, Spread]
+    missed_deadlines: int
+    missed_running: int | None
+    stolen_s: float
+
+
+def measure_vr(environment_id: str, seconds: float) -> VrSpeed:
+    """Measure one environment for so long.
+
+    Raises:
+        ValueError: for an unknown environment, naming what there is.
+        ServerError: when the client is not built.
+        RuntimeError: when no trial begins.
+    """
+    plan = _plan(environment_id, seconds)
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as workers:
+        times = _Times()
+
+        def make(send: Callable[[messages.Message], None]) -> Session:
+            return _TimedSession(plan, Path(folder), send, workers, times)
+
+        with LiveServer(make, "127.0.0.1", 0) as server:
+            times.watch(server.loop)
+            before_s = _stolen_s()
+            with Standstills() as standstills:
+                trips = _attend(server, seconds)
+            times.stolen_s, times.stood_still = _stolen_s() - before_s, standstills.spans
+            times.late = list(server.loop.late)
+    return _sum_up(environment_id, times, trips)
+
+
+def _stolen_s() -> float:
+    """What other machines of the same host took so far of all processors' time, seconds; 0 where nothing says so."""
+    statistics = Path("/proc/stat")
+    if not statistics.exists():
+        return 0.0
+    return int(statistics.read_text().split(maxsplit=9)[STOLEN_COLUMN]) / os.sysconf("SC_CLK_TCK")
+
+
+def _plan(environment_id: str, seconds: float) -> SessionPlan:
+    trial = TrialPlan(environment_id, POLICY, seed=0, practice=True)
+    steps = round(seconds * 10) + 1
+    return SessionPlan([trial], "woman", 0.5, simulated=True, trial_steps=steps, countdown_s=0.5)
+
+
+def _policies(environment_id: str) -> Policies:
+    """A network of the size of trained ones, with random weights: it takes the same time."""
+    size = TASKS[find_environment(environment_id)[0]].observation_size
+    random, sizes = np.random.default_rng(0), (size, HIDDEN_UNITS, HIDDEN_UNITS, ACTIONS)
+    policy = Policy(
+        weights=tuple(random.normal(0.0, 0.1, pair) for pair in pairwise(sizes)),
+        biases=tuple(np.zeros(count) for count in sizes[1:]),
+        observation_mean=np.zeros(size),
+        observation_variance=np.ones(size),
+        observation_clip=10.0,
+        observation_epsilon=1e-8,
+        action_deviation=0.1,
+        metadata=PolicyMetadata(environment=environment_id, people="", steps=0, seed=0),
+    )
+    return {(environment_id, POLICY): policy}
+
+
+class _Times:
+    """When things happened to each tracking frame, and what ticks took, all in seconds, during the trial."""
+
+    def __init__(self) -> None:
+        self.arrived: dict[int, float] = {}
+        self.taken: dict[int, float] = {}
+        self.answered: dict[int, float] = {}
+        self.began: list[float] = []
+        self.took: list[float] = []
+        self.computed: list[float] = []
+        self.late: list[LateTick] = []
+        self.stood_still: list[Span] | None = None
+        self.stolen_s = 0.0
+
+    def watch(self, loop: RealTimeLoop) -> None:
+        """Note when frames reach a loop's inbox."""
+        post = loop.post
+
+        def note(message) -> None:
+            if isinstance(message, messages.Tracking):
+                self.arrived[message.sequence] = time.monotonic()
+            post(message)
+
+        loop.post = note
+
+    def note_tick(self, began_s: float, computed_s: float) -> None:
+        """Note a tick that ends now and its processor time."""
+        self.began.append(began_s)
+        self.took.append(time.monotonic() - began_s)
+        self.computed.append(computed_s)
+
+
+class _TimedSession(Session):
+    """A session that notes when it does what."""
+
+    def __init__(
+        self, plan: SessionPlan, folder: Path, send, workers: ThreadPoolExecutor, times: _Times
+    ) -> None:
+        self._times = times
+
+        def send_noted(message: messages.ServerMessage) -> None:
+            if isinstance(message, messages.State):
+                times.answered.setdefault(message.tracking_sequence, time.monotonic())
+            send(message)
+
+        policies = _policies(plan.trials[0].environment)
+        super().__init__(plan, policies, folder, send_noted, "bench", workers=workers)
+
+    def receive(self, message, now_s: float) -> None:
+        if isinstance(message, messages.Tracking):
+            self._times.taken[message.sequence] = time.monotonic()
+        super().receive(message, now_s)
+
+    def tick(self, now_s: float) -> None:
+        began, computed_before, driving = time.monotonic(), time.thread_time(), self.phase == "trial"
+        super().tick(now_s)
+        if driving:
+            self._times.note_tick(began, time.thread_time() - computed_before)
+
+
+Trips = dict[int, tuple[float, float]]
+"""By number of the tracking frame: when it was sent, and when the first state came that follows it."""
+
+
+def _attend(server: LiveServer, seconds: float) -> Trips:
+    """Let the client's process attend until the trial is over; its figures."""
+    here, there = multiprocessing.Pipe()
+    client = multiprocessing.get_context("spawn").Process(
+        target=run_client,
+        args=(
+            f"ws://127.0.0.1:{server.port}/ws",
+            server.tokens.participant,
+            server.session.scenes[0][0],
+            there,
+        ),
+    )
+    with undisturbed():
+        client.start()
+    try:
+        if not here.poll(seconds + PATIENCE_S):
+            raise RuntimeError(f"the trial does not end; the session is in phase {server.session.phase}")
+        return here.recv()
+    finally:
+        client.terminate()
+        client.join()
+
+
+def run_client(url: str, token: str, environment_id: str, results: Connection) -> None:
+    """The client's process: sits down, sends tracking, and gives the trips of the trial once it is over."""
+    with connect(url, max_size=None) as socket:
+        socket.send(messages.encode(messages.Hello(messages.PROTOCOL, token, "benchmark", emulated=True)))
+        results.send(_Client(socket, environment_id).run())
+
+
+class _Client:
+    def __init__(self, socket: ClientConnection, environment_id: str) -> None:
+        self._socket, self._environment = socket, environment_id
+        self._sent: dict[int, float] = {}
+        self._came: dict[int, float] = {}
+        self._phase = ""
+        self._over = Event()
+
+    def run(self) -> Trips:
+        self._send(messages.Entered())
+        sender = Thread(target=self._track)
+        sender.start()
+        while not self._over.is_set():
+            self._take(messages.decode_server(bytes(self._socket.recv(decode=False))))
+        sender.join()
+        return {n: (self._sent[n], came) for n, came in self._came.items() if n in self._sent}
+
+    def _take(self, message: messages.ServerMessage) -> None:
+        if isinstance(message, messages.State) and self._phase == "trial":
+            self._came.setdefault(message.tracking_sequence, time.monotonic())
+        elif isinstance(message, messages.Scene):
+            self._send(messages.SceneLoaded(message.url))
+        elif isinstance(message, messages.Phase):
+            self._phase = message.name
+            if message.name == "free_after":
+                self._over.set()
+
+    def _track(self) -> None:
+        participant = SimulatedParticipant(draw_traits("woman", 0), 0)
+        participant.take_place(self._environment)
+        began = due = time.monotonic()
+        while not self._over.is_set():
+            moving = self._phase not in ("calibration", "")
+            frame = participant.frame(due - began, moving=moving)
+            self._sent[frame.sequence] = time.monotonic()
+            self._send(frame)
+            if self._phase in ("calibration", "check", "paused") and frame.sequence % round(TRACKING_HZ) == 0:
+                self._send(messages.Ready())
+            due += 1.0 / TRACKING_HZ
+            time.sleep(max(0.0, due - time.monotonic()))
+
+    def _send(self, message: messages.Message) -> None:
+        self._socket.send(messages.encode(message))
+
+
+def _sum_up(environment_id: str, times: _Times, trips: Trips) -> VrSpeed:
+    whole = [n for n in trips if n in times.arrived and n in times.taken and n in times.answered]
+    sent, came = (np.array([trips[n][i] for n in whole]) for i in (0, 1))
+    arrived, taken, answered = (
+        np.array([when[n] for n in whole]) for when in (times.arrived, times.taken, times.answered)
+    )
+    stages = {
+        "to_server": arrived - sent,
+        "queue": taken - arrived,
+        "tick": answered - taken,
+        "return": came - answered,
+    }
+    began, took = np.array(times.began), np.array(times.took)
+    lasted_s = times.began[-1] - times.began[0] + TICK_S
+    late = [tick for tick in times.late if times.began[0] < tick.ended_s and tick.due_s <= times.began[-1]]
+    return VrSpeed(
+        env=environment_id,
+        seconds=lasted_s,
+        rate_hz=len(times.began) / lasted_s,
+        tick_ms=_spread(took),
+        processor_ms=_spread(np.array(times.computed)),
+        round_trip_ms=_spread(came - sent),
+        undisturbed_tick_ms=_undisturbed(times.stood_still, began, took),
+        undisturbed_round_trip_ms=_undisturbed(times.stood_still, sent, came - sent),
+        stages_ms={name: _spread(stage) for name, stage in stages.items()},
+        missed_deadlines=_missed(late),
+        missed_running=None if times.stood_still is None else _missed(_late_running(late, times.stood_still)),
+        stolen_s=times.stolen_s,
+    )
+
+
+def _missed(late: list[LateTick]) -> int:
+    return sum(1 + tick.lost for tick in late)
+
+
+def _late_running(late: list[LateTick], stood_still: list[Span]) -> list[LateTick]:
+    """Those ticks that were later than processors stood still since the first of them that follow one another."""
+    running, began_s, next_s = [], -np.inf, -np.inf
+    for tick in late:
+        if tick.due_s > next_s + 0.5 * TICK_S:
+            began_s = tick.due_s
+        next_s = tick.due_s + (1 + tick.lost) * TICK_S
+        if tick.ended_s - tick.due_s - TICK_S > within_s(stood_still, began_s, tick.ended_s):
+            running.append(tick)
+    return running
+
+
+def _spread(seconds: NDArray[np.float64]) -> Spread:
+    return {name: float(1000.0 * np.percentile(seconds, share)) for name, share in PERCENTILES.items()}
+
+
+def _undisturbed(
+    stood_still: list[Span] | None, began_s: NDArray[np.float64], took_s: NDArray[np.float64]
+) -> Spread | None:
+    """The spread of what took place while no processor stood still."""
+    if stood_still is None:
+        return None
+    alone = outside(stood_still, began_s, began_s + took_s)
+    return _spread(took_s[alone]) if alone.any() else None

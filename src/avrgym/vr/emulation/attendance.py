@@ -1,0 +1,84 @@
+"""A simulated participant who attends a session in process: no browser, no network, in simulated time."""
+
+from collections.abc import Callable
+
+from avrgym.vr.emulation.participants import SimulatedParticipant
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Message
+from avrgym.vr.session.session import Session
+from avrgym.vr.tracking.world import TICK_S
+
+CALIBRATION_S = 1.5
+"""How long a participant sits still before they press the trigger to be measured."""
+ANSWER_AFTER_S = 1.5
+MOST_TRIES = 4
+"""How often a participant presses the trigger to begin a trial before they give up."""
+TRACKING_EVERY_TICKS = 2
+
+
+class InProcessAttendance:
+    """A simulated participant who speaks to a session directly, in simulated time."""
+
+    def __init__(self, participant: SimulatedParticipant, say: Callable[[str], None]) -> None:
+        self._participant, self._say = participant, say
+        self._question: messages.Question | None = None
+        self._scene_url, self._problem = "", ""
+        self._trial, self._tries = 0, 0
+        self._heard_s = 0.0
+        self._now_s = 0.0
+
+    def hear(self, message: Message) -> None:
+        """Take a message that the session sends."""
+        self._participant.watch(message)
+        if isinstance(message, messages.Phase):
+            self._heard_s, self._question = self._now_s, None
+            if message.trial != self._trial:
+                self._trial, self._tries = message.trial, 0
+            self._say(f"{message.name.replace('_', ' ')} (trial {message.trial} of {message.trials})")
+        elif isinstance(message, messages.Question):
+            self._heard_s, self._question = self._now_s, message
+        elif isinstance(message, messages.Scene):
+            self._scene_url = message.url
+        elif isinstance(message, messages.Problem):
+            self._problem = message.message
+
+    def run(self, session: Session) -> None:
+        """Sit through the session until it is finished.
+
+        Raises:
+            RuntimeError: when the session does not get on with a trial, with what it says.
+        """
+        session.receive(messages.Entered(), self._now_s)
+        tick = 0
+        while session.phase != "finished":
+            self._now_s = tick * TICK_S
+            self._participant.take_place(session.plan.trials[max(self._trial - 1, 0)].environment)
+            if tick % TRACKING_EVERY_TICKS == 0:
+                frame = self._participant.frame(self._now_s, moving=session.phase != "calibration")
+                session.receive(frame, self._now_s)
+            self._respond(session)
+            session.tick(self._now_s)
+            session.catch_up()
+            tick += 1
+        session.close(self._now_s)
+
+    def _respond(self, session: Session) -> None:
+        waited_s = self._now_s - self._heard_s
+        if session.phase in ("calibration", "check", "paused") and waited_s > CALIBRATION_S:
+            self._press_trigger(session)
+        if session.phase == "loading":
+            session.receive(messages.SceneLoaded(url=self._scene_url), self._now_s)
+        question = self._question
+        if question is not None and waited_s > ANSWER_AFTER_S:
+            self._question = None
+            value = self._participant.answer(question.item, question.points, session.experience)
+            answer = messages.Answer(item=question.item, value=value, response_time_s=waited_s)
+            session.receive(answer, self._now_s)
+
+    def _press_trigger(self, session: Session) -> None:
+        self._tries += 1
+        if self._tries > MOST_TRIES:
+            session.close(self._now_s)
+            raise RuntimeError(f"trial {self._trial} does not begin: {self._problem}")
+        self._heard_s = self._now_s
+        session.receive(messages.Ready(), self._now_s)

@@ -1,0 +1,206 @@
+"""A simulated participant in a real browser: headless Chromium with an emulated headset on the client's page.
+
+It proves the logic of client, protocol and session. It says nothing about comfort or latency in a headset.
+"""
+
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from avrgym.vr.emulation.attendance import CALIBRATION_S
+from avrgym.vr.emulation.participants import SimulatedParticipant
+from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.session.session import Session
+
+CHROMIUM_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+CHROMIUM_FLAGS = (
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+FRAME_S = 1.0 / 72.0
+PATIENCE_S = 60.0
+PHASE_LIMIT_S = 600.0
+"""No phase of a session takes so long, however slow the machine."""
+
+
+class BrowserMissingError(RuntimeError):
+    """No browser can be driven; the message says what is missing."""
+
+
+def find_chromium() -> str | None:
+    """The machine's Chromium, or ``None`` for the one that Playwright may have installed."""
+    return next((path for name in CHROMIUM_NAMES if (path := shutil.which(name))), None)
+
+
+class EmulatedHeadset:
+    """A page of the client in headless Chromium whose headset and controllers Python moves."""
+
+    def __init__(self, url: str, width: int = 640, height: int = 360) -> None:
+        """Open the page of a server's address in a window that a software renderer can keep up with.
+
+        Raises:
+            BrowserMissingError: when Playwright or Chromium is missing.
+        """
+        try:
+            from playwright.sync_api import Error, sync_playwright
+        except ImportError as error:
+            raise BrowserMissingError(
+                "Playwright is not installed; `pip install avrgym[browser]` brings it"
+            ) from error
+        self._playwright = sync_playwright().start()
+        try:
+            self._browser = self._playwright.chromium.launch(
+                executable_path=find_chromium(), args=list(CHROMIUM_FLAGS)
+            )
+        except Error as error:
+            self._playwright.stop()
+            raise BrowserMissingError(
+                "no Chromium is installed, and Playwright has none of its own"
+            ) from error
+        self.page = self._browser.new_page(viewport={"width": width, "height": height})
+        self.page.set_default_timeout(1000 * PATIENCE_S)
+        self.page.goto(url.replace("/#", "/?emulate=1#"))
+        self.page.wait_for_function("() => window.avrgymEmulator !== undefined")
+
+    def __enter__(self) -> "EmulatedHeadset":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._browser.close()
+        self._playwright.stop()
+
+    def call(self, function: str, *arguments: Any) -> Any:
+        """Call a function of the page's emulator."""
+        return self.page.evaluate(
+            "([name, rest]) => window.avrgymEmulator[name](...rest)", [function, list(arguments)]
+        )
+
+    def enter_vr(self) -> None:
+        """Click Enter VR and wait until the page presents."""
+        self.page.get_by_role("button", name="Enter VR").click()
+        self.page.wait_for_function("() => window.avrgymEmulator.presenting()")
+
+    def set_poses(self, frame: Tracking, *, right: bool = True) -> None:
+        """Put headset and controllers where a tracking frame has them; optionally all but the right controller."""
+        poses = {"head": _plain(frame.head), "left": _plain(frame.left)}
+        self.call("setPoses", poses | ({"right": _plain(frame.right)} if right else {}))
+
+    def pull_trigger(self, hand: str) -> None:
+        """Press and release a trigger, each seen by at least one frame."""
+        for pressed in (True, False):
+            self.call("setTrigger", hand, pressed)
+            self.await_frames(2)
+
+    def press_menu(self, hand: str) -> None:
+        """Press and release a menu button."""
+        for pressed in (True, False):
+            self.call("holdMenu", hand, pressed)
+            self.await_frames(2)
+
+    def await_frames(self, count: int) -> None:
+        """Wait until the page has drawn some more XR frames."""
+        drawn = self.call("framesDrawn")
+        self.page.wait_for_function(
+            "([drawn]) => window.avrgymEmulator.framesDrawn() >= drawn", arg=[drawn + count]
+        )
+
+    def answer(self, value: int) -> None:
+        """Point the right controller at a button of the question that is shown and press the trigger."""
+        button = next(button for button in self.call("buttons") if button["value"] == value)
+        self.call("aimAt", "right", button["centre"])
+        self.await_frames(2)
+        self.pull_trigger("right")
+
+    def screenshot(self, path: Path) -> Path:
+        """Save what the participant sees, both eyes."""
+        self.page.screenshot(path=path, style="#card { display: none }")
+        return path
+
+
+PICTURE_AFTER_S = {"free_before": 2.0, "trial": 1.2, "questionnaire": 0.5}
+"""In which phases, and how long after their beginning, a picture is taken of what the participant sees."""
+
+
+class BrowserAttendance:
+    """A simulated participant who sits through a session in the browser.
+
+    They enter VR, hold still to be measured, press the trigger, move as people do during trials and answer the
+    questionnaire by pointing.
+    """
+
+    def __init__(
+        self,
+        headset: EmulatedHeadset,
+        session: Session,
+        participant: SimulatedParticipant,
+        pictures: Path,
+        say: Callable[[str], None],
+    ) -> None:
+        """``pictures`` is the folder for what the participant sees; ``say`` is told of each phase."""
+        self.taken: list[Path] = []
+        self._headset, self._session, self._participant = headset, session, participant
+        self._folder, self._say = pictures, say
+        self._phase: tuple[str, int] = ("", 0)
+        self._phase_began = self._changed_s = 0.0
+        self._asked = ""
+
+    def run(self) -> list[Path]:
+        """Attend until the session is finished; returns the pictures.
+
+        Raises:
+            TimeoutError: when the session stays in one phase for ten minutes.
+        """
+        headset, began = self._headset, time.monotonic()
+        headset.set_poses(self._participant.frame(0.0, moving=False))
+        headset.enter_vr()
+        while self._phase[0] != "finished":
+            now = time.monotonic() - began
+            phase, question = headset.call("standing")
+            self._notice(phase, now)
+            if now - self._changed_s > PHASE_LIMIT_S:
+                raise TimeoutError(
+                    f"the session is still in phase {self._phase[0]!r} after {PHASE_LIMIT_S:.0f} s"
+                )
+            self._act(question, now)
+            time.sleep(FRAME_S)
+        return self.taken
+
+    def _notice(self, phase: dict[str, Any], now_s: float) -> None:
+        found = phase["name"], phase["trial"]
+        if found != self._phase:
+            self._phase, self._phase_began, self._changed_s = found, now_s, now_s
+            self._asked = ""
+            self._participant.take_place(self._session.plan.trials[max(found[1] - 1, 0)].environment)
+            self._say(f"{found[0].replace('_', ' ')} (trial {found[1]} of {phase['trials']})")
+
+    def _act(self, question: dict[str, Any] | None, now_s: float) -> None:
+        name, _ = self._phase
+        frame = self._participant.frame(now_s, moving=name != "calibration")
+        self._headset.set_poses(frame, right=question is None)
+        self._take_picture(now_s)
+        if name in ("calibration", "check", "paused") and now_s - self._phase_began > CALIBRATION_S:
+            self._headset.pull_trigger("right")
+            self._phase_began = now_s
+        if question is not None and question["item"] != self._asked and self._headset.call("buttons"):
+            self._asked = question["item"]
+            experience = self._session.experience
+            self._headset.answer(self._participant.answer(question["item"], question["points"], experience))
+
+    def _take_picture(self, now_s: float) -> None:
+        name, trial = self._phase
+        path = self._folder / f"trial-{trial:02}-{name}.png"
+        if now_s - self._phase_began > PICTURE_AFTER_S.get(name, PATIENCE_S) and path not in self.taken:
+            self.taken.append(self._headset.screenshot(path))
+
+
+def _plain(pose: XRPose | None) -> dict[str, Any] | None:
+    return None if pose is None else {"position": pose.position, "orientation": pose.orientation}

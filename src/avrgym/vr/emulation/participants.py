@@ -1,0 +1,224 @@
+"""Simulated participants: they emit the tracking frames that a headset would, and answer the questionnaire.
+
+They sit or lie, sway, and bring mouth or arm to the tool as ``people.behaviour`` has it. They serve dry runs,
+demonstrations and tests. Whatever they leave behind is marked as simulated.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.models import human
+from avrgym.models.furniture.real import REAL_AS_VIRTUAL, RealFurniture
+from avrgym.models.human import LOWER_RAD, SEATED, SEATED_RAD, UPPER_RAD, Person, Sex
+from avrgym.models.robots import find_robot
+from avrgym.models.scene import CONTROL_STEP_S, TOOL
+from avrgym.people import behaviour, distributions
+from avrgym.tasks import TASKS, find_environment
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, headset_from_head
+from avrgym.vr.session.attempt import Experience
+
+Array = NDArray[np.float64]
+
+
+LENIENCY, NOISE = 0.08, 0.1
+"""Standard deviations, between participants and from answer to answer, as shares of a scale."""
+
+RATINGS: Mapping[str, Callable[[Experience], float]] = {
+    "L1": lambda experience: 0.9 if experience.success else 0.15,
+    "L2": lambda experience: 1.0 - experience.force_mean_n / 20.0 - experience.speed_mean_m_s / 1.0,
+    "L3": lambda experience: 1.0 - experience.force_max_n / 60.0,
+    "L4": lambda experience: 1.0 - abs(experience.speed_mean_m_s - 0.1) / 0.3,
+}
+"""What the paper's statements are rated by, as shares of a scale: help by success, comfort by the mean force and speed,
+safety by the strongest force, speed by how far it is from an unhurried 0.1 m/s. The numbers are our assumptions."""
+
+
+@dataclass(frozen=True)
+class Traits:
+    """How a simulated participant is built and behaves.
+
+    ``sway_m`` and ``sway_hz`` describe the slow movement of the head; ``lean_deg`` how far they bend forward at
+    rest, ``arm_deg`` how much farther back than most they hold their arms. ``people.behaviour`` (0 to 1) is how far they
+    bring mouth or arm to the tool, as they saw it ``reaction_s`` ago. ``leniency`` is by how much of the scale they
+    rate everything higher than most.
+    """
+
+    sex: Sex
+    torso_height_m: float
+    sway_deg: float
+    sway_hz: float
+    lean_deg: float
+    arm_deg: float
+    cooperation: float
+    reaction_s: float
+    leniency: float
+
+
+def draw_traits(sex: Sex, seed: int) -> Traits:
+    """Traits of a participant of the paper's range of torso heights, 0.51 to 0.58 m."""
+    random = np.random.default_rng(seed)
+    return Traits(
+        sex=sex,
+        torso_height_m=float(random.uniform(0.51, 0.58)),
+        sway_deg=float(random.uniform(0.3, 1.0)),
+        sway_hz=float(random.uniform(0.1, 0.3)),
+        lean_deg=float(random.uniform(-2.0, 5.0)),
+        arm_deg=float(random.uniform(-8.0, 8.0)),
+        cooperation=float(random.uniform(0.0, 1.0)),
+        reaction_s=float(random.uniform(0.2, 0.4)),
+        leniency=float(random.normal(0.0, LENIENCY)),
+    )
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """See ``people.behaviour.Sight``; of one person."""
+
+    tool_pos_w: Array
+    head_pos_w: Array
+    mouth_pos_w: Array
+    right_arm_pos_w: Array
+
+
+class SimulatedParticipant:
+    """A participant in a room of their own, whose origin and direction differ from the simulation's.
+
+    They sit until they are told to ``take_place`` elsewhere.
+    """
+
+    def __init__(self, traits: Traits, seed: int, furniture: RealFurniture = REAL_AS_VIRTUAL) -> None:
+        """Sit on ``furniture`` of their room: how high the head is follows from it."""
+        random = np.random.default_rng([seed, 1])
+        self.traits = traits
+        self._random = random
+        self._furniture = furniture
+        self._room = Registration(
+            np.array([*random.uniform(-0.3, 0.3, 2), 0.0]), float(random.uniform(-np.pi, np.pi))
+        )
+        self._phase = random.uniform(0.0, 2.0 * np.pi, 3)
+        self._sequence = -1
+        self._bodies: list[str] = []
+        self._environment = ""
+        self._offered: behaviour.Offered = "mouth"
+        self._rest(SEATED, SEATED_RAD)
+
+    def take_place(self, environment_id: str) -> None:
+        """Sit or lie as an environment has it; whoever is there already stays.
+
+        Raises:
+            ValueError: for an unknown environment, naming what there is.
+        """
+        if environment_id == self._environment:
+            return
+        task, robot = find_environment(environment_id)
+        self._environment, self._offered = environment_id, TASKS[task].offered
+        self._rest(TASKS[task].stage(find_robot(robot)).posture, TASKS[task].pose.rest_rad)
+
+    def watch(self, message: messages.Message) -> None:
+        """See what a client is told: where the tool is, and that a trial begins."""
+        if isinstance(message, messages.Scene):
+            self._bodies = message.bodies
+        elif isinstance(message, messages.Phase) and message.name == "free_before":
+            self._open_mind()
+        elif isinstance(message, messages.State) and TOOL in self._bodies:
+            self._see(message)
+
+    def _rest(self, posture: human.Posture, rest_rad: Array) -> None:
+        self._posture, self._rest_rad = posture, rest_rad
+        person = Person(self.traits.sex, self.traits.torso_height_m, rest_rad)
+        higher_m = self._furniture.head_rise_m(posture, person.torso_height_m)
+        self._room = replace(self._room, origin_w=np.array([*self._room.origin_w[:2], -higher_m]))
+        self._people = distributions.repeat(person, 1)
+        self._sites = human.layout(self._people.is_woman, self._people.torso_height_m).site_pos
+        self._model = human.person_model(person, posture, moving=True)
+        self._data = mujoco.MjData(self._model)
+        self._open_mind()
+
+    def _open_mind(self) -> None:
+        """Forget what was seen."""
+        mind = behaviour.begin(self._people, np.full((1, behaviour.UNIFORMS), 0.5))
+        self._mind = replace(mind, reaction=np.array([round(self.traits.reaction_s / CONTROL_STEP_S)]))
+        self._next_look_s = -np.inf
+
+    def _see(self, state: messages.State) -> None:
+        """Look at the tool ten times a second."""
+        if state.simulation_time_s < self._next_look_s:
+            return
+        self._next_look_s = state.simulation_time_s + CONTROL_STEP_S
+        poses = np.frombuffer(state.poses, "<f4").reshape(-1, 7).astype(float)
+        sight = self._sight(dict(zip(self._bodies, poses, strict=False)))
+        self._mind = behaviour.see(self._mind, sight, self._offered, self._posture)
+
+    def _sight(self, bodies: Mapping[str, Array]) -> _Sight:
+        """From the poses (7,) of bodies by name."""
+        head = bodies[human.PREFIX + "head"]
+        head_centre, mouth = (
+            head[:3] + transforms.rotate(head[3:], self._sites[name]) for name in ("head_centre", "mouth")
+        )
+        arm = np.stack([bodies[human.PREFIX + part][:3] for part in human.RIGHT_ARM])
+        return _Sight(bodies[TOOL][None, :3], head_centre, mouth, arm[None])
+
+    def frame(self, time_s: float, *, moving: bool) -> Tracking:
+        """The tracking frame at a time: at rest and still, or swaying and reacting when ``moving``."""
+        return self.frame_of(self._joint_angles(time_s, moving), time_s)
+
+    def frame_of(self, joint_angles_rad: Array, time_s: float) -> Tracking:
+        """The tracking frame of a pose, joint angles (20,)."""
+        self._data.qpos[:] = joint_angles_rad
+        mujoco.mj_kinematics(self._model, self._data)
+        self._sequence += 1
+        return Tracking(
+            sequence=self._sequence,
+            client_time_ms=1000.0 * time_s,
+            head=headset_from_head(self._room, self._pose("head_centre", "head")),
+            left=self._grip("left"),
+            right=self._grip("right"),
+            left_modality="controller",
+            right_modality="controller",
+        )
+
+    def answer(self, item: str, points: int, experience: Experience) -> int:
+        """A rating from 1 to ``points`` of how a trial was, by the item's rule; without one about the middle."""
+        wanted = RATINGS[item](experience) if item in RATINGS else 0.5
+        share = wanted + self.traits.leniency + self._random.normal(0.0, NOISE)
+        return 1 + round(min(max(share, 0.0), 1.0) * (points - 1))
+
+    def _joint_angles(self, time_s: float, moving: bool) -> Array:
+        if not moving:
+            return self._rest_rad
+        brought = self._mind.targets_rad[0] - self._rest_rad
+        angles = self._rest_rad + self.traits.cooperation * brought + self._habits(time_s)
+        return np.clip(angles, LOWER_RAD, UPPER_RAD)
+
+    def _habits(self, time_s: float) -> Array:
+        """What lean, sway and the way to hold the arms add to the joint angles (20,)."""
+        traits = self.traits
+        wave = traits.sway_deg * np.sin(
+            2.0 * np.pi * traits.sway_hz * time_s * np.array([1.0, 0.7, 0.5]) + self._phase
+        )
+        lean = traits.lean_deg * min(1.0, time_s / 2.0)
+        swaying = human.joint_angles(
+            waist_x=lean + wave[0],
+            waist_y=0.5 * wave[1],
+            head_x=-lean,
+            head_z=2.0 * wave[2],
+            right_shoulder_x=-10.0 + traits.arm_deg + wave[1],
+            left_shoulder_x=-10.0 + traits.arm_deg - wave[1],
+        )
+        return swaying - SEATED_RAD
+
+    def _grip(self, side: str) -> XRPose:
+        return grip_from_hand(self._room, self._pose(f"{side}_hand_centre", f"{side}_hand"))
+
+    def _pose(self, site: str, body: str) -> Pose:
+        return Pose(
+            self._data.site(human.PREFIX + site).xpos.copy(),
+            self._data.body(human.PREFIX + body).xquat.copy(),
+        )

@@ -1,0 +1,345 @@
+"""The wire protocol between the VR client and the server, defined once.
+
+Every WebSocket message is one MessagePack map with a ``type`` tag. The TypeScript side is generated from this
+module (``python -m avrgym.vr.protocol.typescript``). Poses of the headset and the controllers travel exactly as WebXR
+gives them: reference space ``local-floor``, metres, y up, quaternions x, y, z, w. The server converts them.
+"""
+
+from typing import Annotated, Literal, TypeVar
+
+import msgspec
+
+from avrgym.models.human import Sex
+from avrgym.recording.questionnaire import MOST_POINTS
+
+PROTOCOL = 4
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Modality = Literal["controller", "hand", "mouse", "none"]
+"""What one hand is tracked with."""
+
+
+class XRPose(msgspec.Struct, frozen=True, array_like=True):
+    """A pose in WebXR's ``local-floor`` space: position in metres (y up), orientation x, y, z, w."""
+
+    position: Vector3
+    orientation: Quaternion
+
+
+class Message(msgspec.Struct, frozen=True, tag_field="type", forbid_unknown_fields=True):
+    """Base of all messages."""
+
+
+# From the client -------------------------------------------------------------------------------------------
+
+
+class Hello(Message, frozen=True, tag="hello"):
+    """The first message of a connection. The token is the one in the fragment of the page's address."""
+
+    protocol: int
+    token: Annotated[str, msgspec.Meta(max_length=128)]
+    device: Annotated[str, msgspec.Meta(max_length=512)]
+    emulated: bool
+
+
+class Tracking(Message, frozen=True, tag="tracking"):
+    """One XR frame. ``sequence`` counts up by one; ``client_time_ms`` is the XR frame's time stamp.
+
+    Of a hand that holds a controller the pose is the grip's, of a bare hand the wrist's; a pose that is not tracked is
+    ``None``. Which of them each hand is says its modality.
+    """
+
+    sequence: Annotated[int, msgspec.Meta(ge=0)]
+    client_time_ms: float
+    head: XRPose | None
+    left: XRPose | None
+    right: XRPose | None
+    left_modality: Modality
+    right_modality: Modality
+
+
+class Entered(Message, frozen=True, tag="entered"):
+    """The participant entered VR."""
+
+
+class Left(Message, frozen=True, tag="left"):
+    """The participant left VR (the connection may stay)."""
+
+
+class Ready(Message, frozen=True, tag="ready"):
+    """The participant pressed a trigger where the phase asks for it."""
+
+
+class SceneLoaded(Message, frozen=True, tag="scene_loaded"):
+    """The client shows the scene of this address."""
+
+    url: Annotated[str, msgspec.Meta(max_length=128)]
+
+
+class Stop(Message, frozen=True, tag="stop"):
+    """The participant pressed a menu button or the stop key: the robot must hold at once."""
+
+
+class Recalibrate(Message, frozen=True, tag="recalibrate"):
+    """The participant saw that body or seat do not fit, and wants to be measured again."""
+
+
+class OriginReset(Message, frozen=True, tag="origin_reset"):
+    """The reference space's origin jumped: earlier registration is void."""
+
+
+class Answer(Message, frozen=True, tag="answer"):
+    """The answer to one item of the questionnaire, with the time from its appearance to the press."""
+
+    item: Annotated[str, msgspec.Meta(max_length=64)]
+    value: Annotated[int, msgspec.Meta(ge=1, le=MOST_POINTS)]
+    response_time_s: Annotated[float, msgspec.Meta(ge=0)]
+
+
+class ChooseBody(Message, frozen=True, tag="choose_body"):
+    """The body that the participant shall have; one of another sex is measured anew."""
+
+    sex: Sex
+    skin_tone: Annotated[str, msgspec.Meta(max_length=32)]
+
+
+ClientMessage = (
+    Hello
+    | Tracking
+    | Entered
+    | Left
+    | Ready
+    | SceneLoaded
+    | Stop
+    | Recalibrate
+    | OriginReset
+    | Answer
+    | ChooseBody
+)
+
+# From the experimenter ---------------------------------------------------------------------------------------
+
+CommandName = Literal["stop", "pause", "continue", "repeat", "skip", "end", "recalibrate"]
+
+
+class Command(Message, frozen=True, tag="command"):
+    """What the experimenter wants of the session.
+
+    ``stop``: the robot holds at once, and the participant may repeat the trial. ``pause``: the same, and no
+    trial begins before ``continue``. ``repeat``: a new attempt at the trial. ``skip``: on to the next one.
+    ``end``: the session is over. ``recalibrate``: the participant is measured again.
+    """
+
+    name: CommandName
+
+
+class ChooseTheirBody(ChooseBody, frozen=True, tag="choose_body"):
+    """The same, chosen by the experimenter."""
+
+
+class CorrectTorsoHeight(Message, frozen=True, tag="correct_torso_height"):
+    """The torso height that the experimenter measured; the body is made anew with it."""
+
+    torso_height_m: float
+
+
+ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody
+
+# From the server -------------------------------------------------------------------------------------------
+
+PhaseName = Literal[
+    "waiting",
+    "calibration",
+    "loading",
+    "check",
+    "free_before",
+    "countdown",
+    "trial",
+    "free_after",
+    "questionnaire",
+    "paused",
+    "finished",
+    "viewing",
+]
+
+
+Role = Literal["participant", "spectator", "experimenter"]
+
+
+class Welcome(Message, frozen=True, tag="welcome"):
+    """The connection is accepted, as whose; whether a touch is felt and a success heard is the plan's choice."""
+
+    protocol: int
+    session: str
+    role: Role
+    haptics: bool
+    sounds: bool
+
+
+class Body(Message, frozen=True, tag="body"):
+    """The participant's body, and which tones of skin there are: by name, and red, green, blue in 0..1 of each."""
+
+    sex: Sex
+    skin_tone: str
+    skin_tones: list[str]
+    skin_tones_rgb: list[Vector3]
+
+
+class Scene(Message, frozen=True, tag="scene"):
+    """A scene to draw: a GLB whose nodes carry ``extras.body``, and where the simulated world stands.
+
+    ``xr_from_world`` places the simulation's z-up world in the participant's ``local-floor`` space: apply it
+    to the root node as it is. ``bodies`` is the order of the poses in every following ``State``; those of
+    ``marks`` spots on the person follow, of one radius and one colour (red, green, blue in 0..1).
+    ``head_bodies`` are hidden from the participant's own eyes, which lie at ``eyes`` in the frame of the first
+    of them (x left, -y ahead, z up).
+    """
+
+    url: str
+    bodies: list[str]
+    head_bodies: list[str]
+    marks: int
+    mark_radius_m: float
+    mark_rgb: Vector3
+    eyes: Vector3
+    xr_from_world: XRPose
+
+
+class Upcoming(Message, frozen=True, tag="upcoming"):
+    """The address of a scene that comes next: a client that fetches it now shows it sooner then."""
+
+    url: str
+
+
+class State(Message, frozen=True, tag="state"):
+    """The world at one instant.
+
+    ``poses``: little-endian float32 (bodies + marks, 7): x, y, z, then w, x, y, z; world frame.
+    ``tracking_sequence`` is the newest tracking frame that this state already follows, -1 before the first.
+    """
+
+    sequence: int
+    simulation_time_s: float
+    tracking_sequence: int
+    poses: bytes
+
+
+class Phase(Message, frozen=True, tag="phase"):
+    """Where the session stands, with the words to show to the participant."""
+
+    name: PhaseName
+    text: str
+    trial: int
+    trials: int
+    practice: bool
+    seconds: float | None
+
+
+class Question(Message, frozen=True, tag="question"):
+    """One item to show and to answer by pointing and pressing the trigger."""
+
+    item: str
+    text: str
+    points: int
+    low: str
+    high: str
+    number: int
+    count: int
+
+
+class Problem(Message, frozen=True, tag="problem"):
+    """What was wrong with a message or a measurement, and what is allowed. The session goes on.
+
+    ``role``: whom it concerns. The participant never reads what was wrong with what the experimenter asked for; the
+    experimenter, who helps them, reads both.
+    """
+
+    message: str
+    role: Role = "participant"
+
+
+class Feedback(Message, frozen=True, tag="feedback"):
+    """What the participant feels and hears of one control step.
+
+    Whether robot or tool touch the left and the right arm, hands included; ``events``: how many bites or drops
+    reached the mouth, markers were wiped or scratches made.
+    """
+
+    left_touched: bool
+    right_touched: bool
+    events: int
+
+
+class Status(Message, frozen=True, tag="status"):
+    """How the session stands, several times a second, for those who watch it; never sent to the participant.
+
+    ``step`` counts the attempt's control steps, ``reward`` sums them up, ``success`` is so far; distance and
+    force are those of the latest one. ``tracking_age_s`` is the time since the newest usable frame.
+    """
+
+    phase: PhaseName
+    trial: int
+    trials: int
+    attempt: int
+    environment: str
+    paused: bool
+    torso_height_m: float
+    step: int
+    steps: int
+    reward: float
+    success: bool
+    distance_m: float
+    force_on_person_n: float
+    tracking_age_s: float | None
+    left_modality: Modality
+    right_modality: Modality
+
+
+class Timing(Message, frozen=True, tag="timing"):
+    """What the last second's ticks of 10 ms took, for those who watch; ticks given up since the beginning."""
+
+    tick_ms_median: float
+    tick_ms_max: float
+    missed_ticks: int
+
+
+ServerMessage = (
+    Welcome | Body | Scene | Upcoming | State | Phase | Question | Problem | Feedback | Status | Timing
+)
+
+_Any = TypeVar("_Any")
+
+_client_decoder = msgspec.msgpack.Decoder(ClientMessage)
+_experimenter_decoder = msgspec.msgpack.Decoder(ExperimenterMessage)
+_server_decoder = msgspec.msgpack.Decoder(ServerMessage)
+_encoder = msgspec.msgpack.Encoder()
+
+
+def encode(message: Message) -> bytes:
+    """Encode any message of the protocol."""
+    return _encoder.encode(message)
+
+
+def decode_client(data: bytes) -> ClientMessage:
+    """Decode a message from the client; raises ``msgspec.DecodeError`` when it is not one."""
+    return _decode(_client_decoder, data)
+
+
+def decode_experimenter(data: bytes) -> ExperimenterMessage:
+    """Decode a message from who watches; raises ``msgspec.DecodeError`` when it is not one."""
+    return _decode(_experimenter_decoder, data)
+
+
+def decode_server(data: bytes) -> ServerMessage:
+    """Decode a message from the server; raises ``msgspec.DecodeError`` when it is not one."""
+    return _decode(_server_decoder, data)
+
+
+def _decode(decoder: msgspec.msgpack.Decoder[_Any], data: bytes) -> _Any:
+    try:
+        return decoder.decode(data)
+    except UnicodeDecodeError as error:
+        raise msgspec.DecodeError(f"text that is not UTF-8: {error}") from error
+    except RecursionError as error:
+        raise msgspec.DecodeError("nested too deeply") from error

@@ -1,0 +1,83 @@
+"""Triangle meshes of MuJoCo's visual geoms, with normals, simplified to what a headset can show."""
+
+import mujoco
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from avrgym.geometry.transforms import to_matrix
+
+Array = NDArray[np.float64]
+
+DETAILED_TRIANGLES = 2000
+"""Meshes with more triangles keep these and a sixth of the rest: CAD meshes have far more than a headset shows."""
+SMOOTHING_ANGLE_RAD = np.radians(35.0)
+_kept: dict[bytes, trimesh.Trimesh] = {}
+
+
+def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
+    """A geom's mesh in its body's frame."""
+    mesh = _unplaced_mesh(model, geom).copy()
+    mesh.apply_transform(pose_matrix(model.geom_pos[geom], model.geom_quat[geom]))
+    return mesh
+
+
+def pose_matrix(pos: Array, q: Array) -> Array:
+    """The homogeneous matrix (4, 4) of a pose."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = to_matrix(q), pos
+    return matrix
+
+
+def _unplaced_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
+    size = model.geom_size[geom]
+    kind = mujoco.mjtGeom(model.geom_type[geom])
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        return _asset_mesh(model, int(model.geom_dataid[geom]))
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return _flat(trimesh.creation.box(extents=2.0 * size))
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return _cylinder(float(size[0]), float(size[1]))
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return trimesh.creation.capsule(radius=size[0], height=2.0 * size[1], count=(10, 10))
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return ball.apply_scale(size[0])
+    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        return ball.apply_scale(size)
+    raise ValueError(f"cannot draw a geom of type {kind.name}")
+
+
+def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
+    """A mesh of a file, simplified once for all scenes of this process."""
+    vertices = slice(model.mesh_vertadr[mesh], model.mesh_vertadr[mesh] + model.mesh_vertnum[mesh])
+    faces = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
+    key = model.mesh_vert[vertices].tobytes() + model.mesh_face[faces].tobytes()
+    if key not in _kept:
+        full = trimesh.Trimesh(model.mesh_vert[vertices], model.mesh_face[faces], process=False)
+        _kept[key] = _simplified(full)
+    return _kept[key]
+
+
+def _simplified(full: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Smooth where it is smooth, sharp at its edges."""
+    count = len(full.faces)
+    if count > DETAILED_TRIANGLES:
+        full = full.simplify_quadric_decimation(
+            face_count=DETAILED_TRIANGLES + (count - DETAILED_TRIANGLES) // 6
+        )
+    return trimesh.graph.smooth_shade(full, angle=SMOOTHING_ANGLE_RAD)
+
+
+def _flat(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    mesh.unmerge_vertices()
+    normals = np.repeat(mesh.face_normals, 3, axis=0)
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=normals, process=False)
+
+
+def _cylinder(radius_m: float, half_length_m: float) -> trimesh.Trimesh:
+    mesh = _flat(trimesh.creation.cylinder(radius=radius_m, height=2.0 * half_length_m, sections=28))
+    radial = mesh.vertices * [1.0, 1.0, 0.0] / radius_m
+    on_cap = np.abs(mesh.vertex_normals[:, 2:]) > 0.9
+    normals = np.where(on_cap, mesh.vertex_normals, radial)
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=normals, process=False)

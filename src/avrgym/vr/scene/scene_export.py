@@ -1,0 +1,257 @@
+"""The scene as a GLB file: what the client draws, from the same model that pictures use.
+
+Its nodes stand in the world's frame, z up, and say in ``extras`` what moves them:
+
+- ``body``: the node follows this body. Bodies that cannot move against each other are one node.
+- ``swing``: the node follows this body without its twist about its own z axis, ``parent`` being the body that carries
+  it; see ``skins``.
+- ``bodies``: the mesh is drawn once at each of these bodies, which look alike.
+- ``skin_of``: a skinned mesh, and the body that most of it follows.
+
+Colours are those of the vertices, so that all of one finish on one node is one mesh: a headset draws few large things
+faster than many small ones.
+"""
+
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import reduce
+
+import mujoco
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from PIL import Image
+
+from avrgym.models import human
+from avrgym.models.contacts import VISUAL_GROUP
+from avrgym.vr.scene.glb import Glb
+from avrgym.vr.scene.meshes import geom_mesh, pose_matrix
+from avrgym.vr.scene.skins import Bone, Skin, closed, joined, skins_of
+
+Array = NDArray[np.float64]
+
+Piece = tuple[trimesh.Trimesh, int]
+"""A mesh and the number of its material."""
+
+HEAD = human.PREFIX + "head"
+GAMMA = 2.2
+"""Between colours as they are chosen and light as it is computed."""
+FEWEST_ALIKE = 3
+"""So many bodies must look alike to be drawn as copies of one."""
+_SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
+
+
+@dataclass(frozen=True)
+class Finish:
+    """What distinguishes surfaces but for their colour; ``texture`` is the model's number of it, or −1."""
+
+    metallic: float
+    roughness: float
+    texture: int
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, material: int) -> "Finish":
+        """That of a material, near enough to have few of them: in steps of a half and a quarter."""
+        return cls(
+            metallic=round(2.0 * float(model.mat_metallic[material])) / 2.0,
+            roughness=round(4.0 * float(model.mat_roughness[material])) / 4.0,
+            texture=int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]),
+        )
+
+
+def export_glb(model: mujoco.MjModel) -> bytes:
+    """The visual geoms and skins of a model that was built with its appearance."""
+    return _Export(model).run()
+
+
+class _Export:
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model, self._glb = model, Glb()
+        self._data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, self._data)
+        self._roots: list[int] = []
+        self._finishes: dict[Finish, int] = {}
+        self._joints: dict[tuple[str, bool], int] = {}
+
+    def run(self) -> bytes:
+        carried = _geoms_by_carrier(self._model)
+        for bodies in _alike(self._model, carried):
+            self._add_copies(bodies, carried.pop(bodies[0]))
+            for body in bodies[1:]:
+                del carried[body]
+        for body, geoms in carried.items():
+            self._add_body(body, geoms)
+        for (_, finish), skins in self._skins_by_finish().items():
+            self._add_skin(joined(skins), finish)
+        return self._glb.finish(self._roots)
+
+    # Rigid things
+
+    def _add_body(self, body: int, geoms: list[int]) -> None:
+        children = [
+            self._glb.add("nodes", mesh=mesh, scale=[scale] * 3)
+            for finish, pieces in self._by_finish(body, geoms).items()
+            for mesh, scale in [self._add_mesh(pieces, finish)]
+        ]
+        self._add_root(body, children=children)
+
+    def _add_root(self, body: int, **content: object) -> int:
+        name = self._model.body(body).name
+        node = self._glb.add("nodes", name=name, **self._pose(body), **content, extras={"body": name})
+        self._roots.append(node)
+        return node
+
+    def _add_copies(self, bodies: list[int], geoms: list[int]) -> None:
+        ((finish, pieces),) = self._by_finish(bodies[0], geoms).items()
+        mesh, _ = self._add_mesh(pieces, finish, quantised=False)
+        names = [self._model.body(body).name for body in bodies]
+        self._roots.append(self._glb.add("nodes", mesh=mesh, extras={"bodies": names}))
+
+    def _pose(self, body: int) -> dict[str, list[float]]:
+        w, x, y, z = self._data.xquat[body].tolist()
+        return {"translation": self._data.xpos[body].tolist(), "rotation": [x, y, z, w]}
+
+    def _by_finish(self, carrier: int, geoms: Iterable[int]) -> dict[Finish, list[Piece]]:
+        """The geoms of one node by their finish, in the frame of the body that carries them."""
+        pieces: dict[Finish, list[Piece]] = {}
+        from_world = np.linalg.inv(pose_matrix(self._data.xpos[carrier], self._data.xquat[carrier]))
+        for geom in geoms:
+            body, material = self._model.geom_bodyid[geom], int(self._model.geom_matid[geom])
+            mesh = geom_mesh(self._model, geom)
+            mesh.apply_transform(from_world @ pose_matrix(self._data.xpos[body], self._data.xquat[body]))
+            pieces.setdefault(Finish.of(self._model, material), []).append((mesh, material))
+        return pieces
+
+    def _add_mesh(self, pieces: list[Piece], finish: Finish, *, quantised: bool = True) -> tuple[int, float]:
+        """A mesh of all pieces, and the scale of its numbers."""
+        mesh = trimesh.util.concatenate([piece for piece, _ in pieces])
+        assert isinstance(mesh, trimesh.Trimesh)
+        materials = np.concatenate([np.full(len(piece.vertices), material) for piece, material in pieces])
+        scale = float(np.abs(mesh.vertices).max()) if quantised else 1.0
+        surface = self._surface(mesh.vertices, mesh.vertex_normals, materials, scale, quantised=quantised)
+        return self._add_primitive(surface, mesh.faces, finish), scale
+
+    def _surface(
+        self, vertices: Array, normals: Array, materials: NDArray, scale: float, *, quantised: bool = True
+    ) -> dict[str, int]:
+        places = np.round(vertices / scale * _SHORT).astype(np.int16) if quantised else vertices.astype("<f4")
+        linear = self._model.mat_rgba[materials, :3] ** GAMMA
+        return {
+            "POSITION": self._glb.add_vertices(places, normalized=quantised),
+            "NORMAL": self._glb.add_vertices(np.round(normals * _BYTE).astype(np.int8), normalized=True),
+            "COLOR_0": self._glb.add_vertices(_full_range(linear, np.uint8), normalized=True),
+        }
+
+    def _add_primitive(self, attributes: dict[str, int], faces: NDArray, finish: Finish) -> int:
+        indices = self._glb.add_indices(faces)
+        primitive = {"attributes": attributes, "indices": indices, "material": self._material(finish)}
+        return self._glb.add("meshes", primitives=[primitive])
+
+    # Skins
+
+    def _skins_by_finish(self) -> dict[tuple[bool, Finish], list[Skin]]:
+        """The skins in groups that may be one: the head's apart from the others, because its owner does not see it.
+
+        The others are closed where the head begins.
+        """
+        groups: dict[tuple[bool, Finish], list[Skin]] = {}
+        skins = list(skins_of(self._model))
+        head = [skin for skin in skins if skin.main_body == HEAD]
+        for skin in skins:
+            of_head = skin.main_body == HEAD
+            if not of_head:
+                skin = reduce(closed, head, skin)
+            finish = Finish.of(self._model, int(skin.materials[0]))
+            groups.setdefault((of_head, finish), []).append(skin)
+        return groups
+
+    def _add_skin(self, skin: Skin, finish: Finish) -> None:
+        scale = float(np.abs(skin.vertices).max())
+        attributes = self._surface(skin.vertices, skin.normals, skin.materials, scale) | {
+            "TEXCOORD_0": self._glb.add_vertices(_full_range(skin.uv, np.uint16), normalized=True),
+            "JOINTS_0": self._glb.add_vertices(skin.bone_of.astype(np.uint8)),
+            "WEIGHTS_0": self._glb.add_vertices(_weights(skin.weight_of), normalized=True),
+        }
+        mesh = self._add_primitive(attributes, skin.faces, finish)
+        joints = [self._joint(bone) for bone in skin.bones]
+        grown = np.diag([scale, scale, scale, 1.0])
+        inverse = self._glb.add_matrices(np.stack([bone.inverse_bind @ grown for bone in skin.bones]))
+        rig = self._glb.add("skins", joints=joints, inverseBindMatrices=inverse)
+        extras = {"skin_of": skin.main_body}
+        self._roots.append(self._glb.add("nodes", name=skin.name, mesh=mesh, skin=rig, extras=extras))
+
+    def _joint(self, bone: Bone) -> int:
+        key = bone.body, bone.swing
+        if key not in self._joints:
+            body = self._model.body(bone.body).id
+            self._joints[key] = self._add_swing(body) if bone.swing else self._add_root(body)
+        return self._joints[key]
+
+    def _add_swing(self, body: int) -> int:
+        name = self._model.body(body).name
+        parent = self._model.body(self._model.body_parentid[body]).name
+        extras = {"swing": name, "parent": parent}
+        node = self._glb.add("nodes", name=f"{name}/swing", **self._pose(body), extras=extras)
+        self._roots.append(node)
+        return node
+
+    # Materials
+
+    def _material(self, finish: Finish) -> int:
+        if finish not in self._finishes:
+            surface = {
+                "metallicFactor": finish.metallic,
+                "roughnessFactor": finish.roughness,
+                **self._texture(finish.texture),
+            }
+            self._finishes[finish] = self._glb.add("materials", pbrMetallicRoughness=surface)
+        return self._finishes[finish]
+
+    def _texture(self, texture: int) -> dict[str, object]:
+        if texture < 0:
+            return {}
+        model, start = self._model, self._model.tex_adr[texture]
+        shape = model.tex_height[texture], model.tex_width[texture], model.tex_nchannel[texture]
+        pixels = model.tex_data[start : start + np.prod(shape)].reshape(shape)
+        encoded = io.BytesIO()
+        Image.fromarray(pixels).save(encoded, "JPEG", quality=88)
+        return {"baseColorTexture": {"index": self._glb.add_texture(encoded.getvalue(), "image/jpeg")}}
+
+
+def _geoms_by_carrier(model: mujoco.MjModel) -> dict[int, list[int]]:
+    """Visual geoms by the body that carries them: the outermost one that they cannot move against."""
+    found: dict[int, list[int]] = {}
+    for geom in range(model.ngeom):
+        if model.geom_group[geom] == VISUAL_GROUP:
+            found.setdefault(_carrier(model, int(model.geom_bodyid[geom])), []).append(geom)
+    return found
+
+
+def _carrier(model: mujoco.MjModel, body: int) -> int:
+    """Bodies that stand in the world are each placed anew in every episode."""
+    while model.body_jntnum[body] == 0 and model.body_parentid[body] != 0:
+        body = int(model.body_parentid[body])
+    return body
+
+
+def _alike(model: mujoco.MjModel, carried: dict[int, list[int]]) -> list[list[int]]:
+    """Bodies of one geom each that look the same, in groups."""
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for body, geoms in carried.items():
+        if len(geoms) == 1 and model.geom_type[geoms[0]] != mujoco.mjtGeom.mjGEOM_MESH:
+            (geom,) = geoms
+            place = [*model.geom_pos[geom], *model.geom_quat[geom], *model.geom_size[geom]]
+            groups.setdefault((model.geom_type[geom], model.geom_matid[geom], *place), []).append(body)
+    return [bodies for bodies in groups.values() if len(bodies) >= FEWEST_ALIKE]
+
+
+def _full_range(shares: Array, kind: type) -> NDArray:
+    return np.round(shares * np.iinfo(kind).max).astype(kind)
+
+
+def _weights(weight_of: Array) -> NDArray[np.uint8]:
+    """Weights (V, 4) in bytes that sum to 255."""
+    weights = np.round(255.0 * weight_of)
+    weights[:, 0] += 255.0 - weights.sum(axis=1)
+    return weights.astype(np.uint8)

@@ -1,0 +1,206 @@
+"""A model's skins as glTF wants them: four bones and weights per vertex, and bones that do not twist.
+
+A forearm that turns about its own axis takes the skin near the elbow with it only a little. MuJoCo's bones are the
+bodies, and their twist would wring the skin there; each upper arm and forearm has a second bone for the picture, its
+*swing*, that follows the body but not its twist about its own z axis. Along the limb the skin goes over from the
+swing to the body.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.vr.scene.meshes import pose_matrix
+
+Array = NDArray[np.float64]
+
+BONES_PER_VERTEX = 4
+TWISTING = ("upper_arm", "forearm")
+
+
+@dataclass(frozen=True)
+class Bone:
+    """A body, or its swing; ``inverse_bind`` (4, 4) takes the skin at rest into its frame."""
+
+    body: str
+    swing: bool
+    inverse_bind: Array
+
+
+@dataclass(frozen=True)
+class Skin:
+    """A skin at rest: ``vertices`` and ``normals`` (V, 3), ``uv`` (V, 2), ``faces`` (F, 3); at each vertex four of
+    its ``bones`` and their weights, (V, 4). ``materials`` (V,) are the model's numbers of them."""
+
+    name: str
+    materials: NDArray[np.int64]
+    vertices: Array
+    normals: Array
+    uv: Array
+    faces: NDArray[np.int32]
+    bones: tuple[Bone, ...]
+    bone_of: NDArray[np.int64]
+    weight_of: Array
+
+    @property
+    def main_body(self) -> str:
+        """The body that most of it follows."""
+        shares = [self.weight_of[self.bone_of == number].sum() for number in range(len(self.bones))]
+        return self.bones[int(np.argmax(shares))].body
+
+
+def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
+    """All skins of a model; where two of one material meet, their normals agree."""
+    normals = _normals(model)
+    for skin in range(model.nskin):
+        bones, weights = _bones(model, skin)
+        weights = np.pad(weights, ((0, 0), (0, max(0, BONES_PER_VERTEX - len(bones)))))
+        bone_of = np.argsort(-weights, axis=1, kind="stable")[:, :BONES_PER_VERTEX]
+        weight_of = np.take_along_axis(weights, bone_of, axis=1)
+        bone_of = np.where(weight_of > 0.0, bone_of, 0)
+        yield Skin(
+            name=model.skin(skin).name,
+            materials=np.full(model.skin_vertnum[skin], model.skin_matid[skin], int),
+            vertices=_rows(model.skin_vert, model.skin_vertadr, model.skin_vertnum, skin),
+            normals=normals[skin],
+            uv=_uv(model, skin),
+            faces=_rows(model.skin_face, model.skin_faceadr, model.skin_facenum, skin),
+            bones=bones,
+            bone_of=bone_of,
+            weight_of=weight_of / weight_of.sum(axis=1, keepdims=True),
+        )
+
+
+def joined(skins: Sequence[Skin]) -> Skin:
+    """Several skins as one, with the name of the first."""
+    bones = list({(bone.body, bone.swing): bone for skin in skins for bone in skin.bones}.values())
+    numbers = {(bone.body, bone.swing): number for number, bone in enumerate(bones)}
+    bone_of = [np.array([numbers[b.body, b.swing] for b in skin.bones])[skin.bone_of] for skin in skins]
+    starts = np.cumsum([0, *(len(skin.vertices) for skin in skins)])
+    return Skin(
+        name=skins[0].name,
+        materials=np.concatenate([skin.materials for skin in skins]),
+        vertices=np.concatenate([skin.vertices for skin in skins]),
+        normals=np.concatenate([skin.normals for skin in skins]),
+        uv=np.concatenate([skin.uv for skin in skins]),
+        faces=np.concatenate([skin.faces + start for skin, start in zip(skins, starts, strict=False)]),
+        bones=tuple(bones),
+        bone_of=np.concatenate(bone_of),
+        weight_of=np.concatenate([skin.weight_of for skin in skins]),
+    )
+
+
+def closed(skin: Skin, other: Skin) -> Skin:
+    """A skin with a lid where another one goes on, so that nobody looks into it who does not see the other."""
+    rim = _rim(skin, other)
+    if not len(rim):
+        return skin
+    centre, first = len(skin.vertices) + len(rim), rim[:, 0]
+    copies = {vertex: len(skin.vertices) + number for number, vertex in enumerate(first.tolist())}
+    ends = [copies[vertex] for vertex in rim[:, 1].tolist()]
+    lid = np.stack([ends, list(copies.values()), np.full(len(rim), centre)], axis=1)
+    vertices = np.concatenate([skin.vertices, skin.vertices[first], skin.vertices[first].mean(axis=0)[None]])
+    corners = vertices[lid]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
+    grown = np.append(first, first[0])
+    return replace(
+        skin,
+        materials=np.concatenate([skin.materials, skin.materials[grown]]),
+        vertices=vertices,
+        normals=np.concatenate([skin.normals, np.tile(normal / np.linalg.norm(normal), (len(grown), 1))]),
+        uv=np.concatenate([skin.uv, skin.uv[grown]]),
+        faces=np.concatenate([skin.faces, lid]),
+        bone_of=np.concatenate([skin.bone_of, skin.bone_of[grown]]),
+        weight_of=np.concatenate([skin.weight_of, skin.weight_of[grown]]),
+    )
+
+
+def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
+    """The edges (E, 2) at which a skin ends and another goes on, in the direction of the skin's own triangles."""
+    together = np.concatenate([skin.vertices, other.vertices]).round(5)
+    _, place = np.unique(together, axis=0, return_inverse=True)
+    own_place, other_place = np.split(place.ravel(), [len(skin.vertices)])
+    places, vertices = np.unique(own_place, return_index=True)
+    own, others = _edges(own_place[skin.faces]), _edges(other_place[other.faces])
+    turned = _edge_numbers(own[:, ::-1], len(together))
+    goes_on = np.isin(turned, _edge_numbers(others, len(together)))
+    ends = ~np.isin(turned, _edge_numbers(own, len(together)))
+    rim = np.unique(own[goes_on & ends], axis=0)
+    return vertices[np.searchsorted(places, rim)]
+
+
+def _edges(faces: NDArray) -> NDArray[np.int64]:
+    """The edges (E, 2) of triangles, each in its triangle's direction."""
+    return faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+
+
+def _edge_numbers(edges: NDArray[np.int64], places: int) -> NDArray[np.int64]:
+    """A number (E,) for each edge between so many places, in the order of the edges."""
+    return edges[:, 0] * places + edges[:, 1]
+
+
+def _rows(values: NDArray, starts: NDArray, counts: NDArray, index: int) -> NDArray:
+    return values[starts[index] : starts[index] + counts[index]]
+
+
+def _uv(model: mujoco.MjModel, skin: int) -> Array:
+    start, count = model.skin_texcoordadr[skin], model.skin_vertnum[skin]
+    return np.zeros((count, 2)) if start < 0 else model.skin_texcoord[start : start + count]
+
+
+def _bones(model: mujoco.MjModel, skin: int) -> tuple[tuple[Bone, ...], Array]:
+    """The bones of a skin and the weights (V, B) of its vertices."""
+    vertices = _rows(model.skin_vert, model.skin_vertadr, model.skin_vertnum, skin)
+    bones, weights = [], []
+    first = model.skin_boneadr[skin]
+    for bone in range(first, first + model.skin_bonenum[skin]):
+        body = model.body(model.skin_bonebodyid[bone])
+        bind = pose_matrix(model.skin_bonebindpos[bone], model.skin_bonebindquat[bone])
+        inverse_bind = np.linalg.inv(bind).astype(float)
+        weight = np.zeros(len(vertices))
+        held = _rows(model.skin_bonevertid, model.skin_bonevertadr, model.skin_bonevertnum, bone)
+        weight[held] = _rows(model.skin_bonevertweight, model.skin_bonevertadr, model.skin_bonevertnum, bone)
+        if body.name.endswith(TWISTING):
+            down = vertices @ inverse_bind[2, :3] + inverse_bind[2, 3]
+            share = np.clip(down / _end_z(model, body.id), 0.0, 1.0)
+            bones.append(Bone(body.name, True, inverse_bind))
+            weights.append((1.0 - share) * weight)
+            weight = share * weight
+        bones.append(Bone(body.name, False, inverse_bind))
+        weights.append(weight)
+    return tuple(bones), np.stack(weights, axis=1)
+
+
+def _end_z(model: mujoco.MjModel, body: int) -> float:
+    """Where the next body of a limb begins on its z axis."""
+    child = int(np.flatnonzero(model.body_parentid == body)[0])
+    return float(model.body_pos[child, 2])
+
+
+def _normals(model: mujoco.MjModel) -> list[Array]:
+    """Normals (V, 3) of each skin, area-weighted over all triangles that share a place and a material."""
+    found: list[Array] = [np.zeros((0, 3))] * model.nskin
+    for material in np.unique(model.skin_matid):
+        members = np.flatnonzero(model.skin_matid == material).tolist()
+        parts = [_rows(model.skin_vert, model.skin_vertadr, model.skin_vertnum, skin) for skin in members]
+        faces = [_rows(model.skin_face, model.skin_faceadr, model.skin_facenum, skin) for skin in members]
+        starts = np.cumsum([0, *map(len, parts)])
+        joined = np.concatenate([part + start for part, start in zip(faces, starts, strict=False)])
+        normals = _welded_normals(np.concatenate(parts), joined)
+        for skin, part in zip(members, np.split(normals, starts[1:-1]), strict=True):
+            found[skin] = part
+    return found
+
+
+def _welded_normals(vertices: Array, faces: NDArray[np.int32]) -> Array:
+    _, place = np.unique(vertices.round(5), axis=0, return_inverse=True)
+    corners = vertices[faces]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.zeros((place.max() + 1, 3))
+    for corner in range(3):
+        np.add.at(total, place.ravel()[faces[:, corner]], areas)
+    normals = total[place.ravel()]
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)

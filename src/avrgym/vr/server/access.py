@@ -1,0 +1,59 @@
+"""Who may come in: tokens by role, the names of the server, and pages of other origins kept out."""
+
+import secrets
+from dataclasses import dataclass
+
+from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from avrgym.vr.protocol.messages import Role
+
+TOKEN_BYTES = 16
+REFUSED_ORIGIN = "this page comes from elsewhere; open the address that the server printed"
+
+
+@dataclass(frozen=True)
+class Tokens:
+    """One secret for each role; each opens only what its role may do."""
+
+    participant: str
+    experimenter: str
+    spectator: str
+
+    @classmethod
+    def new(cls) -> "Tokens":
+        """Fresh secrets."""
+        return cls(*(secrets.token_urlsafe(TOKEN_BYTES) for _ in range(3)))
+
+    def role(self, token: str) -> Role | None:
+        """Whose token this is."""
+        found: Role | None = None
+        for role in ("participant", "experimenter", "spectator"):
+            if secrets.compare_digest(token.encode(), getattr(self, role).encode()):
+                found = role
+        return found
+
+    def bearer(self, headers: Headers) -> Role | None:
+        """Whose token a request presents."""
+        scheme, _, token = headers.get("authorization", "").partition(" ")
+        return self.role(token) if scheme == "Bearer" else None
+
+
+class OwnPagesOnly:
+    """Refuses requests and sockets that a page of another origin sends; programs name no origin."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request or socket."""
+        if scope["type"] in ("http", "websocket") and not _is_own(Headers(scope=scope), scope["scheme"]):
+            await PlainTextResponse(REFUSED_ORIGIN, 403)(scope, receive, send)
+            return
+        await self._app(scope, receive, send)
+
+
+def _is_own(headers: Headers, scheme: str) -> bool:
+    page_scheme = {"ws": "http", "wss": "https"}.get(scheme, scheme)
+    return headers.get("origin") in (None, f"{page_scheme}://{headers.get('host')}")

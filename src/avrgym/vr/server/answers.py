@@ -1,0 +1,119 @@
+"""What every answer of a server carries, and what becomes of failures that nobody foresaw."""
+
+import logging
+import traceback
+from contextlib import suppress
+from pathlib import Path
+
+from starlette.requests import ClientDisconnect
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketDisconnect
+
+PACKAGE = str(Path(__file__).parents[2])
+FRAMED = "/spectator"
+"""The one page that may be framed, by the dashboard."""
+BUILT = "/assets/"
+"""Files whose names change with what is in them."""
+CONTENT_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self' blob:; "
+    "frame-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors {ancestors}; "
+    "trusted-types avrgym; require-trusted-types-for 'script'"
+)
+"""Pages load and reach nothing but this server, and make no markup from texts; scenes bring pictures as blobs."""
+PERMISSIONS = (
+    "xr-spatial-tracking=(self), camera=(), display-capture=(), geolocation=(), microphone=(), payment=()"
+)
+INTERNAL_ERROR = 1011
+"""A WebSocket's closing code (RFC 6455) where the server failed."""
+
+_log = logging.getLogger(__name__)
+
+
+def headers(path: str) -> dict[str, str]:
+    """The headers of whatever is answered to a request for a path; those of the answer itself come first."""
+    ancestors, frames = ("'self'", "SAMEORIGIN") if path == FRAMED else ("'none'", "DENY")
+    return {
+        "content-security-policy": CONTENT_POLICY.format(ancestors=ancestors),
+        "x-frame-options": frames,
+        "x-content-type-options": "nosniff",
+        "referrer-policy": "no-referrer",
+        "permissions-policy": PERMISSIONS,
+        "cross-origin-opener-policy": "same-origin",
+        "cross-origin-resource-policy": "same-origin",
+        "cache-control": "no-store",
+    }
+
+
+class Answers:
+    """Gives every answer of an application its headers.
+
+    A failure is a plain 500 for the client, and one line in the log that says which kind and where, but repeats
+    nothing of what was sent.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request or socket."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        answer = _Answer(scope, receive, send)
+        try:
+            await self._app(scope, receive, answer.send)
+        except (ClientDisconnect, WebSocketDisconnect):
+            return
+        except Exception as error:
+            route = getattr(scope.get("route"), "path", "an unknown route")
+            _log.error("%s of %s failed: %s", scope["type"], route, _describe(error))
+            await answer.fail()
+
+
+class _Answer:
+    """One answer, sent with its headers."""
+
+    def __init__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        self._scope, self._receive, self._send = scope, receive, send
+        self._begun = False
+
+    async def send(self, message: Message) -> None:
+        """Send a part of it; a WebSocket that is closed before it was open is refused as a request is."""
+        if message["type"] == "websocket.close" and not self._begun:
+            await self._refuse("no WebSocket opens here", 403)
+            return
+        if message["type"].endswith("http.response.start"):
+            message["headers"] = _completed(message["headers"], self._scope["path"], message["status"])
+        self._begun = True
+        await self._send(message)
+
+    async def fail(self) -> None:
+        """Tell the client that the server failed, as far as it can still be told."""
+        with suppress(OSError, RuntimeError):  # the client is gone, or the answer is over
+            if not self._begun:
+                await self._refuse("Internal Server Error", 500)
+            elif self._scope["type"] == "websocket":
+                await self.send(
+                    {"type": "websocket.close", "code": INTERNAL_ERROR, "reason": "internal error"}
+                )
+
+    async def _refuse(self, words: str, status: int) -> None:
+        await PlainTextResponse(words, status)(self._scope, self._receive, self.send)
+
+
+def _completed(given: list[tuple[bytes, bytes]], path: str, status: int) -> list[tuple[bytes, bytes]]:
+    present = {name.lower() for name, _ in given}
+    added = headers(path)
+    if path.startswith(BUILT) and status in (200, 304):
+        added["cache-control"] = "public, max-age=31536000, immutable"
+    return [*given, *((n.encode(), v.encode()) for n, v in added.items() if n.encode() not in present)]
+
+
+def _describe(error: Exception) -> str:
+    """Kind and place of a failure, without its words, which may repeat a token or a name."""
+    walked = list(traceback.walk_tb(error.__traceback__))[1:]  # the first place is where it was caught
+    frames = [(frame.f_code.co_filename, line) for frame, line in walked]
+    own = [place for place in frames if place[0].startswith(PACKAGE)]
+    file, line = (own or frames)[-1]
+    return f"{type(error).__name__} in {Path(file).name}, line {line}"

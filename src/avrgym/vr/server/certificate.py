@@ -1,0 +1,124 @@
+"""A certificate of our own, so that headsets in the local network find a secure page.
+
+Browsers show VR only on secure pages. The certificate is signed by nobody, so that a headset's browser asks once
+whether to trust it.
+"""
+
+import datetime
+import ipaddress
+import os
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from avrgym.system.files import write_whole
+
+VALID_DAYS = 90
+RENEWED_BEFORE_DAYS = 14
+ELSEWHERE = "192.0.2.1"
+"""An address that is nobody's (RFC 5737): the way to it shows our own; nothing is sent."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Files in PEM format, and the names and addresses that the certificate is for."""
+
+    certificate_file: Path
+    key_file: Path
+    names: tuple[str, ...]
+
+
+def data_folder() -> Path:
+    """Where this user's programs keep data (XDG Base Directory Specification)."""
+    base = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    return Path(base) / "avrgym"
+
+
+def lan_names() -> tuple[str, ...]:
+    """The address and the names under which machines of the local network reach this one."""
+    host = socket.gethostname().partition(".")[0].lower()
+    return (*_lan_addresses(), host, f"{host}.local")
+
+
+def _lan_addresses() -> tuple[str, ...]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((ELSEWHERE, 9))
+        except OSError:
+            return ()
+        address = probe.getsockname()[0]
+    return () if ipaddress.ip_address(address).is_loopback else (address,)
+
+
+def certificate_for(names: Sequence[str], folder: Path) -> Certificate:
+    """The folder's certificate; a new one where there is none, it ends soon, or it is for other names."""
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    found = Certificate(folder / "certificate.pem", folder / "key.pem", tuple(names))
+    if not _serves(found):
+        _make(found)
+    return found
+
+
+def _serves(wanted: Certificate) -> bool:
+    try:
+        certificate = x509.load_pem_x509_certificate(wanted.certificate_file.read_bytes())
+        key = serialization.load_pem_private_key(wanted.key_file.read_bytes(), None)
+    except (OSError, ValueError):
+        return False
+    ends = datetime.timedelta(days=RENEWED_BEFORE_DAYS) + datetime.datetime.now(datetime.UTC)
+    return (
+        certificate.not_valid_after_utc > ends
+        and certificate.public_key() == key.public_key()
+        and set(_alternative_names(wanted.names))
+        <= set(certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
+    )
+
+
+def _make(wanted: Certificate) -> None:
+    key = ec.generate_private_key(ec.SECP256R1())
+    write_whole(
+        wanted.key_file,
+        key.private_bytes(
+            serialization.Encoding.PEM,
+            serialization.PrivateFormat.PKCS8,
+            serialization.NoEncryption(),
+        ),
+        mode=0o600,
+    )
+    certificate = _signed(key, wanted.names)
+    write_whole(wanted.certificate_file, certificate.public_bytes(serialization.Encoding.PEM), mode=0o600)
+
+
+def _signed(key: ec.EllipticCurvePrivateKey, names: Sequence[str]) -> x509.Certificate:
+    whose = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "AVR Gym")])
+    now = datetime.datetime.now(datetime.UTC)
+    return (
+        x509.CertificateBuilder()
+        .subject_name(whose)
+        .issuer_name(whose)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - datetime.timedelta(days=1))
+        .not_valid_after(now + datetime.timedelta(days=VALID_DAYS))
+        .add_extension(x509.SubjectAlternativeName(_alternative_names(names)), critical=False)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+
+
+def _alternative_names(names: Sequence[str]) -> list[x509.GeneralName]:
+    return [_alternative_name(name) for name in ("localhost", "127.0.0.1", *names)]
+
+
+def _alternative_name(name: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(name))
+    except ValueError:
+        return x509.DNSName(name)

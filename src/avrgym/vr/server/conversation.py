@@ -1,0 +1,153 @@
+"""One connection: who is let in, what is read, what is sent."""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import msgspec
+from fastapi import WebSocket, WebSocketDisconnect
+
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Hello, Message, Problem, Role
+from avrgym.vr.server.access import Tokens
+from avrgym.vr.server.gate import Gate
+from avrgym.vr.server.hub import Farewell, Hub, Outbox
+from avrgym.vr.server.inbox import is_stop
+from avrgym.vr.server.loop import RealTimeLoop
+from avrgym.vr.session.session import Disconnected
+from avrgym.vr.tracking.world import TICK_S
+
+HELLO_TIMEOUT_S = 5.0
+BURST, MESSAGES_PER_S = 1000, 250
+"""More than any headset sends: 144 frames a second, and those of seven seconds after a pause of the network."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One kind of connection: which roles it admits, and which messages it understands."""
+
+    roles: tuple[Role, ...]
+    decode: Callable[[bytes], Any]
+    union: Any
+
+    @property
+    def types(self) -> str:
+        """The tags of the messages that it understands."""
+        return ", ".join(kind.__struct_config__.tag for kind in get_args(self.union))
+
+
+class Pace:
+    """How fast a client may send: a headset's frames after a pause of the network come at once."""
+
+    def __init__(self) -> None:
+        self._left, self._asked_s = float(BURST), 0.0
+
+    def allows(self, now_s: float) -> bool:
+        """Whether one more message may come now."""
+        self._left = min(self._left + MESSAGES_PER_S * (now_s - self._asked_s), float(BURST)) - 1.0
+        self._asked_s = now_s
+        return self._left >= 0.0
+
+    def __str__(self) -> str:
+        return f"{BURST} may come at once and {MESSAGES_PER_S} a second"
+
+
+PARTICIPANT = Channel(("participant",), messages.decode_client, messages.ClientMessage)
+WATCHING = Channel(("experimenter", "spectator"), messages.decode_experimenter, messages.ExperimenterMessage)
+
+
+async def converse(
+    socket: WebSocket, channel: Channel, tokens: Tokens, gate: Gate, hub: Hub, loop: RealTimeLoop
+) -> None:
+    """Serve one connection from its hello to its end."""
+    await socket.accept()
+    role = await _admit(socket, channel, tokens, hub)
+    if role is None:
+        return
+    gate.recognise(socket.scope, role)
+    with hub.connection(role) as outbox:
+        loop.greet(hub.sender(outbox), role)
+        await _until_either(_receive(socket, channel, role, loop, outbox), _send(socket, outbox))
+    if role == "participant":
+        loop.post(Disconnected())
+
+
+async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, hub: Hub) -> Role | None:
+    """The role that the first message proves; without one, the client is told why it is refused."""
+    refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
+    with contextlib.suppress(msgspec.DecodeError, TimeoutError, KeyError, WebSocketDisconnect):
+        hello = channel.decode(await asyncio.wait_for(socket.receive_bytes(), HELLO_TIMEOUT_S))
+        if isinstance(hello, Hello) and hello.protocol == messages.PROTOCOL:
+            role = tokens.role(hello.token)
+            if role not in channel.roles:
+                refusal = 4401, _NO_TOKEN
+            elif role == "participant" and hub.taken:
+                refusal = 4409, "a participant is already connected; one at a time"
+            else:
+                return role
+    with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+        await socket.send_bytes(messages.encode(Problem(message=refusal[1])))
+        await socket.close(*refusal)
+    return None
+
+
+_NO_TOKEN = "the address of this page lacks the session's token; open the one that the server printed"
+
+
+async def _until_either(*conversations) -> None:
+    tasks = [asyncio.create_task(each) for each in conversations]
+    await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _receive(
+    socket: WebSocket, channel: Channel, role: Role, loop: RealTimeLoop, outbox: Outbox
+) -> None:
+    pace = Pace()
+    with contextlib.suppress(WebSocketDisconnect):
+        while True:
+            frame = await socket.receive()
+            if frame["type"] == "websocket.disconnect":
+                return
+            if not pace.allows(time.monotonic()):
+                await socket.close(1008, f"too many messages: {pace}")
+                return
+            message = _understand(frame.get("bytes"), channel, outbox.push)
+            if isinstance(message, Hello):
+                outbox.push(Problem(message="a hello is said once"))
+            elif message is not None and role == "spectator":
+                outbox.push(Problem(message="spectators only watch; the experimenter's address commands"))
+            elif message is not None:
+                if not is_stop(message):
+                    await _until(lambda: not loop.full)
+                loop.post(message)
+
+
+async def _until(condition: Callable[[], bool]) -> None:
+    while not condition():
+        await asyncio.sleep(TICK_S)
+
+
+def _understand(data: bytes | None, channel: Channel, complain: Callable[[Message], None]) -> Any:
+    if data is None:
+        complain(Problem(message=f"text is not understood; send MessagePack of type {channel.types}"))
+        return None
+    try:
+        return channel.decode(data)
+    except msgspec.DecodeError as error:
+        complain(Problem(message=f"not a message ({error}); the types are {channel.types}"))
+        return None
+
+
+async def _send(socket: WebSocket, outbox: Outbox) -> None:
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        try:
+            while True:
+                await socket.send_bytes(messages.encode(await outbox.next()))
+        except Farewell as farewell:
+            await socket.close(1001, str(farewell))

@@ -1,0 +1,141 @@
+"""Between the simulation's thread and the connections: the participant's one, and any number that watch."""
+
+import asyncio
+import contextlib
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import TypeVar
+
+from avrgym.vr.protocol.messages import Message, Problem, Role, State, Status, Timing, Welcome
+
+T = TypeVar("T")
+
+OUTBOX_MESSAGES = 1000
+"""What a connection may still have to send; of more, which only floods lead to, the oldest are dropped."""
+FOR_WATCHERS_ONLY = (Status, Timing)
+
+
+def concerns(message: Message, role: Role) -> bool:
+    """Whether somebody in this role is to get a message."""
+    if isinstance(message, Problem):
+        return role in ("experimenter", message.role)
+    return role != "participant" or not isinstance(message, FOR_WATCHERS_ONLY)
+
+
+FAREWELL_S = 1.0
+"""How long connections have to hear that the server ends."""
+
+
+class Farewell(Exception):
+    """A connection has nothing more to send and ends, for the reason in words."""
+
+
+class Outbox:
+    """What one connection still has to send: every message in order, but of states only the newest.
+
+    It begins with the welcome; what was on its way to others before is not for this one.
+    """
+
+    def __init__(self) -> None:
+        self._messages: deque[Message] = deque(maxlen=OUTBOX_MESSAGES)
+        self._state: State | None = None
+        self._welcomed = False
+        self._farewell = ""
+        self._filled = asyncio.Event()
+
+    def push(self, message: Message) -> None:
+        """Have a message sent."""
+        self._welcomed = self._welcomed or isinstance(message, Welcome)
+        if not self._welcomed:
+            return
+        if isinstance(message, State):
+            self._state = message
+        else:
+            self._messages.append(message)
+        self._filled.set()
+
+    def close(self, reason: str) -> None:
+        """Let the connection end when all is sent."""
+        self._farewell = reason
+        self._filled.set()
+
+    async def next(self) -> Message:
+        """Wait for the message to send next; raises ``Farewell`` when there will be none."""
+        while True:
+            if self._messages:
+                return self._messages.popleft()
+            if self._state is not None:
+                state, self._state = self._state, None
+                return state
+            if self._farewell:
+                raise Farewell(self._farewell)
+            self._filled.clear()
+            await self._filled.wait()
+
+
+class Hub:
+    """Hands each message of the simulation's thread to the connections that it concerns."""
+
+    def __init__(self) -> None:
+        self._events: asyncio.AbstractEventLoop | None = None
+        self._participant: Outbox | None = None
+        self._watchers: list[tuple[Role, Outbox]] = []
+
+    @property
+    def taken(self) -> bool:
+        """Whether a participant is connected."""
+        return self._participant is not None
+
+    def send(self, message: Message) -> None:
+        """Send a message to all whom it concerns; called from the simulation's thread."""
+        if self._participant is not None or self._watchers:
+            self._call(self._deliver, message)
+
+    def sender(self, outbox: Outbox) -> Callable[[Message], None]:
+        """Sends to one connection, from the simulation's thread."""
+        return lambda message: self._call(outbox.push, message)
+
+    @contextlib.contextmanager
+    def connection(self, role: Role) -> Iterator[Outbox]:
+        """Take a place; gives the outbox to send from."""
+        self._events, outbox = asyncio.get_running_loop(), Outbox()
+        self._join(outbox, role)
+        try:
+            yield outbox
+        finally:
+            self._leave(outbox)
+
+    def say_goodbye(self, reason: str) -> None:
+        """End all connections, for a reason in words; from any other thread than theirs."""
+        ends_s = time.monotonic() + FAREWELL_S
+        while self._participant is not None or self._watchers:
+            watching = [outbox for _, outbox in self._watchers]
+            for outbox in [self._participant, *watching] if self._participant is not None else watching:
+                self._call(outbox.close, reason)
+            if time.monotonic() > ends_s:
+                return
+            time.sleep(0.01)
+
+    def _join(self, outbox: Outbox, role: Role) -> None:
+        if role == "participant":
+            self._participant = outbox
+        else:
+            self._watchers = [*self._watchers, (role, outbox)]
+
+    def _leave(self, outbox: Outbox) -> None:
+        if outbox is self._participant:
+            self._participant = None
+        self._watchers = [each for each in self._watchers if each[1] is not outbox]
+
+    def _deliver(self, message: Message) -> None:
+        if self._participant is not None and concerns(message, "participant"):
+            self._participant.push(message)
+        for role, watcher in self._watchers:
+            if concerns(message, role):
+                watcher.push(message)
+
+    def _call(self, function: Callable[[T], None], told: T) -> None:
+        if self._events is not None:
+            with contextlib.suppress(RuntimeError):  # the event loop closed meanwhile
+                self._events.call_soon_threadsafe(function, told)

@@ -1,0 +1,83 @@
+"""What waits for the next tick: in order, but that nothing delays a stop and the newest tracking counts."""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import get_args
+
+from avrgym.vr.protocol import messages
+from avrgym.vr.session.session import Disconnected
+
+MESSAGES_PER_TICK = 64
+MESSAGES_S = 0.002
+"""How long a tick takes messages for; what is left waits for the next one."""
+FRAMES_KEPT = 100
+"""How many tracking frames may wait; of more the oldest are dropped."""
+INBOX_MESSAGES = 2000
+"""How many messages may wait in all; then their senders wait too."""
+
+
+@dataclass(frozen=True)
+class Greeting:
+    """Somebody has connected in a role and is to be told where things stand."""
+
+    send: Callable[[messages.ServerMessage], None]
+    role: messages.Role
+
+
+Received = messages.ClientMessage | messages.ExperimenterMessage | Disconnected
+
+
+class Inbox:
+    """Messages from any thread for the one that ticks."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._urgent: deque[Received | Greeting] = deque()
+        self._waiting: deque[Received | Greeting] = deque()
+        self._frames = 0
+
+    @property
+    def full(self) -> bool:
+        """Whether so much waits that senders should too."""
+        return len(self._waiting) >= INBOX_MESSAGES
+
+    def put(self, message: Received | Greeting) -> None:
+        """Add a message behind all others, a stop before them.
+
+        Of a participant whose connection is gone while more waits than a tick takes, nothing else counts any more.
+        """
+        with self._lock:
+            if is_stop(message):
+                self._urgent.append(message)
+            elif isinstance(message, Disconnected) and len(self._waiting) >= MESSAGES_PER_TICK:
+                self._waiting = deque(each for each in self._waiting if not isinstance(each, _PARTICIPANTS))
+                self._frames = 0
+                self._urgent.append(message)
+            else:
+                self._waiting.append(message)
+                self._frames += isinstance(message, messages.Tracking)
+
+    def take(self) -> Received | Greeting | None:
+        """The message to handle next, if one waits."""
+        with self._lock:
+            if self._urgent:
+                return self._urgent.popleft()
+            while self._waiting:
+                message = self._waiting.popleft()
+                if not isinstance(message, messages.Tracking):
+                    return message
+                self._frames -= 1
+                if self._frames < FRAMES_KEPT:
+                    return message
+            return None
+
+
+def is_stop(message: object) -> bool:
+    """Whether a message holds the robot at once."""
+    return isinstance(message, messages.Stop) or message == _STOP
+
+
+_STOP = messages.Command(name="stop")
+_PARTICIPANTS = get_args(messages.ClientMessage)

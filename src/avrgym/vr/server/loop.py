@@ -1,0 +1,190 @@
+"""The real-time loop: a thread that ticks a session at 100 Hz, whatever the network does."""
+
+import gc
+import os
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from statistics import median
+from typing import Generic, Protocol, TypeVar
+
+from avrgym.models.human import Person
+from avrgym.vr.protocol import messages
+from avrgym.vr.server.inbox import MESSAGES_PER_TICK, MESSAGES_S, Greeting, Inbox, Received
+from avrgym.vr.server.wakefulness import Wakefulness
+from avrgym.vr.tracking.world import TICK_S
+
+TIMING_EVERY_TICKS = 100
+TIDY_EVERY_S = 10.0
+"""How often garbage is collected, where it pauses nothing that moves: the collector itself would choose any tick."""
+CATCH_UP_TICKS = 5
+"""How far the loop may run behind before it gives up the lost ticks instead of hurrying after them."""
+LATE_TICKS_KEPT = 10_000
+PRIORITY = 10
+"""That of the loop's thread among the system's real-time ones, 1 to 99."""
+
+
+Send = Callable[[messages.ServerMessage], None]
+
+
+@dataclass(frozen=True)
+class LateTick:
+    """A tick that ended after the next one was due, on the system's monotonic clock; ``lost`` more were given up."""
+
+    due_s: float
+    ended_s: float
+    lost: int
+
+
+class Runnable(Protocol):
+    """What a loop can run and a server can serve: a participant's session, or an environment on show."""
+
+    @property
+    def scenes(self) -> Sequence[tuple[str, Person]]:
+        """Environment and person of each scene that a client was told of, by the number in its address."""
+        ...
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves, so that some milliseconds more or less harm nobody."""
+        ...
+
+    def greet(self, send: Send, role: messages.Role, now_s: float) -> None:
+        """Tell a client that has just connected where things stand."""
+        ...
+
+    def receive(self, message: Received, now_s: float) -> None:
+        """Take a message of a client."""
+        ...
+
+    def tick(self, now_s: float) -> None:
+        """Advance by 10 ms."""
+        ...
+
+    def close(self, now_s: float) -> None:
+        """End."""
+        ...
+
+
+S = TypeVar("S", bound=Runnable)
+
+
+class RealTimeLoop(Generic[S]):
+    """Owns a session while it runs: after ``start`` only its thread touches it.
+
+    ``late`` are the latest ticks that ended after the next one was due, ``missed_ticks`` counts those given up.
+    """
+
+    def __init__(self, session: S, send: Send = lambda message: None) -> None:
+        """``send`` takes, once a second, what the ticks took."""
+        self.session = session
+        self.missed_ticks = 0
+        self.late: deque[LateTick] = deque(maxlen=LATE_TICKS_KEPT)
+        self.error: Exception | None = None
+        self._send = send
+        self._took_s: list[float] = []
+        self._tidied_s = 0.0
+        self._inbox = Inbox()
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
+
+    def start(self) -> None:
+        """Begin to tick."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the session and the thread; a running trial is kept as interrupted."""
+        self._stopping.set()
+        self._thread.join()
+
+    @property
+    def full(self) -> bool:
+        """Whether so many messages wait that their sender should too."""
+        return self._inbox.full
+
+    def post(self, message: Received) -> None:
+        """Hand over a message from any thread; see ``Inbox``."""
+        self._inbox.put(message)
+
+    def greet(self, send: Send, role: messages.Role) -> None:
+        """Have the session tell a new connection where things stand."""
+        self._inbox.put(Greeting(send, role))
+
+    def _run(self) -> None:
+        _take_precedence()
+        wakefulness = Wakefulness()
+        began, due = _clock_s(), time.monotonic()
+        try:
+            while not self._stopping.is_set():
+                now = _clock_s() - began
+                self._take_messages(now)
+                self.session.tick(now)
+                self._tell_timing(_clock_s() - began - now)
+                self._tidy(now)
+                wakefulness.keep(not self.session.at_rest)
+                due = self._wait(due + TICK_S)
+        except Exception as error:
+            self.error = error
+        wakefulness.keep(False)
+        try:
+            self.session.close(_clock_s() - began)
+        except Exception as error:
+            self.error = self.error or error
+
+    def _take_messages(self, now_s: float) -> None:
+        """Handle what waits, as far as there is time in a tick."""
+        ends_s = time.monotonic() + MESSAGES_S
+        for _ in range(MESSAGES_PER_TICK):
+            message = self._inbox.take()
+            if message is None:
+                return
+            if isinstance(message, Greeting):
+                self.session.greet(message.send, message.role, now_s)
+            else:
+                self.session.receive(message, now_s)
+            if time.monotonic() > ends_s:
+                return
+
+    def _tell_timing(self, took_s: float) -> None:
+        self._took_s.append(took_s)
+        if len(self._took_s) == TIMING_EVERY_TICKS:
+            took_ms = [1000.0 * took_s for took_s in self._took_s]
+            self._took_s.clear()
+            self._send(messages.Timing(median(took_ms), max(took_ms), self.missed_ticks))
+
+    def _tidy(self, now_s: float) -> None:
+        if self.session.at_rest and now_s >= self._tidied_s + TIDY_EVERY_S:
+            self._tidied_s = now_s
+            gc.collect()
+
+    def _wait(self, due: float) -> float:
+        """Sleep until the next tick is due; return when it is due, moved on if the loop fell far behind."""
+        late = time.monotonic() - due
+        if late < 0.0:
+            time.sleep(-late)
+            return due
+        lost = int(late / TICK_S) if late > CATCH_UP_TICKS * TICK_S else 0
+        self.late.append(LateTick(due - TICK_S, due + late, lost))
+        self.missed_ticks += lost
+        return due + lost * TICK_S
+
+
+def _clock_s() -> float:
+    """Seconds on a clock that goes on while the machine sleeps, as Python's own does on Windows alone."""
+    clock = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
+    return time.monotonic() if clock is None else time.clock_gettime(clock)
+
+
+def _take_precedence() -> None:
+    """Have the system run this thread before all ordinary ones, where it can and may.
+
+    Linux lets root and whoever has a limit ``rtprio``. On a single processor the others would wait for every tick.
+    """
+    if sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1:
+        with suppress(OSError):
+            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK  # threads that it starts are ordinary ones
+            os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))

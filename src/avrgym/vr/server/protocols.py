@@ -1,0 +1,78 @@
+"""HTTP and WebSockets as uvicorn speaks them, where it would answer without headers, late, or take in without end."""
+
+from typing import Any
+
+import h11
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.frames import CloseCode, Frame
+from websockets.http11 import Response
+
+from avrgym.vr.server.answers import headers
+
+MOST_FRAGMENTS = 64
+"""How many frames a message may come in: browsers send one."""
+
+LINGER_S = 1.0
+"""How long a refused client may still send before the connection is closed."""
+
+
+class Http(H11Protocol):
+    """HTTP/1.1 whose refusals of what is no request carry the headers of every answer."""
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuse what was received, unless an answer has begun, and close."""
+        if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
+            self.transport.write(self._refusal(msg))
+        self.transport.close()
+
+    def _refusal(self, msg: str) -> bytes:
+        fields = headers("") | {"content-type": "text/plain; charset=utf-8", "connection": "close"}
+        events = (
+            h11.Response(status_code=400, headers=list(fields.items()), reason="Bad Request"),
+            h11.Data(data=msg.encode()),
+            h11.EndOfMessage(),
+        )
+        return b"".join(self.conn.send(event) or b"" for event in events)
+
+
+class Socket(WebSocketsSansIOProtocol):
+    """WebSockets whose refusals reach the client: of handshakes with the headers of all answers."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._reject = self.conn.reject
+        self.conn.reject = self._refusal  # pyright: ignore[reportAttributeAccessIssue]
+
+    def data_received(self, data: bytes) -> None:
+        """Take in what came; answer what cannot begin a WebSocket."""
+        super().data_received(data)
+        if self.conn.handshake_exc is not None and not self.transport.is_closing():
+            self.transport.write(b"".join(self.conn.data_to_send()))
+            self.transport.close()
+
+    def handle_cont(self, event: Frame) -> None:
+        """Take in a frame that continues a message, but not without end."""
+        super().handle_cont(event)
+        if len(self.frames) > MOST_FRAGMENTS:
+            self.conn.fail(CloseCode.MESSAGE_TOO_BIG, f"a message comes in at most {MOST_FRAGMENTS} frames")
+            self.handle_parser_exception()
+
+    def handle_parser_exception(self) -> None:
+        """Say why no more is taken in, and drop what still comes for a while.
+
+        Were the connection closed at once, the system would throw away what the client has not yet read.
+        """
+        if self.close_sent or self.conn.close_sent is None:
+            return
+        closed = self.conn.close_sent
+        self.queue.put_nowait({"type": "websocket.disconnect", "code": closed.code, "reason": closed.reason})
+        self.transport.write(b"".join(self.conn.data_to_send()))
+        self.transport.resume_reading()
+        self.close_sent = True
+        self.close_timer = self.loop.call_later(LINGER_S, self.transport.close)
+
+    def _refusal(self, status: int, text: str) -> Response:
+        response = self._reject(status, text)
+        response.headers.update(headers(""))
+        return response

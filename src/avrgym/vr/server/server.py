@@ -1,0 +1,180 @@
+"""The VR server: serves the client's pages, the scenes, and the WebSockets of participant and watchers."""
+
+import gc
+import sys
+from collections.abc import Callable
+from typing import Generic
+
+from fastapi import FastAPI, HTTPException, Request, Response, WebSocket
+from fastapi.responses import FileResponse
+from fastapi.staticfiles import StaticFiles
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+
+from avrgym.vr.protocol.messages import Message
+from avrgym.vr.scene.rendering import SceneRenderer
+from avrgym.vr.server.access import OwnPagesOnly, Tokens
+from avrgym.vr.server.certificate import Certificate
+from avrgym.vr.server.conversation import PARTICIPANT, WATCHING, converse
+from avrgym.vr.server.gate import Gate
+from avrgym.vr.server.hub import Hub
+from avrgym.vr.server.loop import RealTimeLoop, S
+from avrgym.vr.server.web import EVERY_ADDRESS, LOOPBACK, STATIC, ServerError, WebThread, check_page, listen
+
+SWITCH_INTERVAL_S = 0.0001
+"""How long a thread may keep the others waiting: Python's own 5 ms would be half of a tick."""
+SCENE_KEPT_S = 3600
+"""How long a browser may keep a scene: a session."""
+
+
+def create_app(
+    loop: RealTimeLoop,
+    hub: Hub,
+    tokens: Tokens,
+    gate: Gate,
+    hosts: list[str],
+    renderer: SceneRenderer,
+    study: FastAPI | None = None,
+) -> FastAPI:
+    """The web application of one session.
+
+    Args:
+        loop: the simulation that runs.
+        hub: where its messages go.
+        tokens: what clients must present.
+        gate: who lets connections in, and is told whose they are.
+        hosts: the host names under which the server may be addressed.
+        renderer: renders the scenes.
+        study: what the experimenter's dashboard reads and does.
+    """
+    app = FastAPI(openapi_url=None)
+    app.add_middleware(OwnPagesOnly)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
+
+    @app.get("/scenes/{number}.glb")
+    async def scene(number: int, request: Request) -> Response:
+        if tokens.bearer(request.headers) is None:
+            raise HTTPException(401, "the address of this page lacks the session's token")
+        known = loop.session.scenes
+        if not 0 <= number < len(known):
+            raise HTTPException(404, f"no scene {number}; there are {len(known)}")
+        try:
+            glb = await renderer.glb(number, *known[number])
+        except Exception as error:  # whatever happened in the other process
+            raise HTTPException(500, f"scene {number} cannot be rendered: {error!r}") from error
+        return Response(glb, media_type="model/gltf-binary", headers=_KEPT_BY_BROWSERS)
+
+    @app.websocket("/ws")
+    async def participant(socket: WebSocket) -> None:
+        await converse(socket, PARTICIPANT, tokens, gate, hub, loop)
+
+    @app.websocket("/watch")
+    async def watch(socket: WebSocket) -> None:
+        await converse(socket, WATCHING, tokens, gate, hub, loop)
+
+    @app.get("/spectator")
+    async def spectator() -> FileResponse:
+        return FileResponse(STATIC / "index.html")
+
+    if study is not None:
+        app.mount("/study", study)
+
+        @app.get("/dashboard")
+        async def dashboard() -> FileResponse:
+            return FileResponse(STATIC / "dashboard.html")
+
+    app.mount("/", StaticFiles(directory=STATIC, html=True))
+    return app
+
+
+_KEPT_BY_BROWSERS = {"cache-control": f"private, max-age={SCENE_KEPT_S}", "vary": "authorization"}
+
+
+class LiveServer(Generic[S]):
+    """A session with its loop and its web server, as a context manager; ``port`` 0 takes a free one."""
+
+    def __init__(
+        self,
+        make_session: Callable[[Callable[[Message], None]], S],
+        host: str,
+        port: int,
+        certificate: Certificate | None = None,
+        study: Callable[[Tokens, S], FastAPI] | None = None,
+    ) -> None:
+        """Bind the port and make the session.
+
+        Args:
+            make_session: makes the session from the function that sends its messages.
+            host: the address to listen on; without a certificate only this machine's own.
+            port: the port to listen on.
+            certificate: for TLS, with the names under which other machines reach this one.
+            study: makes what the experimenter's dashboard reads and does from tokens and session; see
+                ``study.dashboard.application``.
+
+        Raises:
+            ServerError: when the client is not built or the port cannot be had.
+        """
+        check_page("index.html")
+        listener = listen(host, port, certificate)
+        self.host, self.port = host, int(listener.getsockname()[1])
+        self.certificate = certificate
+        self.tokens = Tokens.new()
+        self._hub = hub = Hub()
+        try:
+            self.loop = RealTimeLoop(make_session(hub.send), hub.send)
+        except BaseException:
+            listener.close()
+            raise
+        self._renderer = SceneRenderer()
+        hosts = [*LOOPBACK, *(certificate.names if certificate else ())]
+        pages = study(self.tokens, self.session) if study else None
+        gate = Gate(listener, self.tokens)
+        self.app = create_app(self.loop, hub, self.tokens, gate, hosts, self._renderer, pages)
+        self._web = WebThread(self.app, gate, certificate)
+
+    @property
+    def session(self) -> S:
+        """The session that it serves."""
+        return self.loop.session
+
+    @property
+    def url(self) -> str:
+        """The address of the participant's page on this machine.
+
+        Tokens stand in the fragment, which browsers do not send.
+        """
+        return self.urls()[0]
+
+    def urls(self, page: str = "", token: str | None = None) -> list[str]:
+        """The addresses of a page, first this machine's own, then those in the local network."""
+        names = ["localhost"] if self.host in (*LOOPBACK, EVERY_ADDRESS) else []
+        names += self.certificate.names if self.certificate else ()
+        scheme = "https" if self.certificate else "http"
+        return [
+            f"{scheme}://{name}:{self.port}/{page}#token={token or self.tokens.participant}" for name in names
+        ]
+
+    def __enter__(self) -> "LiveServer[S]":
+        gc.collect()
+        gc.freeze()  # what stays for the whole session need not be looked through while it runs
+        gc.disable()  # the loop collects where nothing moves
+        self._switch_interval_s = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        self.loop.start()
+        self._web.start()
+        return self
+
+    def __exit__(self, failure: type[BaseException] | None, *_: object) -> None:
+        self._hub.say_goodbye("the server has stopped")
+        self._web.stop()
+        self.loop.stop()
+        self._renderer.close()
+        sys.setswitchinterval(self._switch_interval_s)
+        gc.enable()
+        gc.unfreeze()
+        if failure in (None, KeyboardInterrupt) and self.loop.error is not None:
+            raise ServerError(str(self.loop.error)) from self.loop.error
+
+    def wait(self) -> None:
+        """Wait until the server ends or the simulation fails."""
+        while self._web.running and self.loop.error is None:
+            self._web.wait(0.5)

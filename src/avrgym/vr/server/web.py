@@ -1,0 +1,148 @@
+"""A web application on a thread of its own: who may reach it, where it listens, how it ends."""
+
+import asyncio
+import logging
+import socket
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import uvicorn
+from fastapi import FastAPI
+from starlette.types import ASGIApp
+
+from avrgym.vr.server.answers import Answers
+from avrgym.vr.server.certificate import Certificate
+from avrgym.vr.server.gate import Gate
+from avrgym.vr.server.protocols import Http, Socket
+
+STATIC = Path(__file__).parents[1] / "static"
+LOOPBACK = ("127.0.0.1", "localhost")
+EVERY_ADDRESS = "0.0.0.0"
+PROTOCOL = socket.IPPROTO_TCP
+"""Named, because asyncio sets TCP_NODELAY only on sockets that name it; those accepted name what the listener does."""
+BACKLOG = 1024
+"""How many connections the system holds until they are accepted: a flood makes nobody else wait."""
+MAX_MESSAGE_BYTES = 1 << 16
+PING_INTERVAL_S, PING_TIMEOUT_S = 1.0, 4.0
+"""How a connection is found dead that did not say goodbye: a headset that fell asleep or left the network."""
+FAREWELL_S = 5
+
+_log = logging.getLogger(__name__)
+
+
+class ServerError(RuntimeError):
+    """The server cannot start; the message says why and what to do."""
+
+
+def check_page(name: str) -> None:
+    """``ServerError`` when a page of the client is not built."""
+    if not (STATIC / name).exists():
+        raise ServerError(
+            "the browser client is missing; `pip install --force-reinstall avrgym` brings it, "
+            "and in a clone of the repository `make client` builds it"
+        )
+
+
+def listen(host: str, port: int, certificate: Certificate | None = None) -> socket.socket:
+    """A socket that listens; ``ServerError`` where it cannot, or where others would reach it without TLS."""
+    if host not in LOOPBACK and certificate is None:
+        raise ServerError(
+            f"--host {host} is not this machine's own address; allowed: {' and '.join(LOOPBACK)}, which a "
+            "headset reaches over USB, because browsers allow VR only on secure pages; --lan serves the "
+            "local network, with a certificate"
+        )
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, PROTOCOL)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+        listener.listen(BACKLOG)
+    except OSError as error:
+        listener.close()
+        raise ServerError(
+            f"cannot listen on {host}:{port} ({error.strerror}); choose another --port; 0 takes a free one"
+        ) from error
+    return listener
+
+
+class WebThread:
+    """Serves an application behind a gate, from ``start`` to ``stop``."""
+
+    def __init__(self, app: FastAPI, gate: Gate, certificate: Certificate | None = None) -> None:
+        """With a certificate the pages are served by TLS. ``stop`` closes the gate's socket."""
+        self._gate = gate
+        self._uvicorn = _Server(_configuration(gate.attend(Answers(app)), certificate), gate)
+        self._thread = threading.Thread(target=self._uvicorn.run, daemon=True)
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Say goodbye to who is connected and end."""
+        self._uvicorn.should_exit = True
+        self._thread.join()
+        self._gate.listener.close()
+
+    @property
+    def running(self) -> bool:
+        """Whether it serves."""
+        return self._thread.is_alive()
+
+    def wait(self, seconds: float) -> None:
+        """Wait until it ends, but no longer than this."""
+        self._thread.join(seconds)
+
+
+class _Server(uvicorn.Server):
+    """Takes its connections from a gate instead of accepting any number itself."""
+
+    def __init__(self, config: uvicorn.Config, gate: Gate) -> None:
+        super().__init__(config)
+        self._gate = gate
+        self._opened: asyncio.Task[None] | None = None
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Open the gate."""
+        await super().startup(sockets=[])
+        asyncio.get_running_loop().set_exception_handler(_report)
+        self._opened = asyncio.create_task(self._gate.open(self._make_protocol, self.config.ssl))
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Close the gate, then end what is under way."""
+        if self._opened is not None:
+            self._opened.cancel()
+        self._gate.listener.close()
+        await super().shutdown(sockets=[])
+
+    def _make_protocol(self) -> asyncio.Protocol:
+        make = cast(Callable[..., asyncio.Protocol], self.config.http_protocol_class)
+        return make(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)
+
+
+def _report(_events: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """One line on a failure between requests, without words that may repeat what was sent."""
+    error = context.get("exception")
+    _log.error("a connection failed: %s", type(error).__name__ if error else context.get("message"))
+
+
+def _configuration(app: ASGIApp, certificate: Certificate | None) -> uvicorn.Config:
+    """One kind of event loop and protocols, whatever else is installed, and nothing that the client may claim."""
+    return uvicorn.Config(
+        app,
+        loop="asyncio",
+        http=Http,
+        ws=Socket,
+        proxy_headers=False,
+        server_header=False,
+        log_level="critical",
+        access_log=False,
+        ws_max_size=MAX_MESSAGE_BYTES,
+        ws_ping_interval=PING_INTERVAL_S,
+        ws_ping_timeout=PING_TIMEOUT_S,
+        timeout_graceful_shutdown=FAREWELL_S,
+        ws_per_message_deflate=False,
+        ssl_certfile=certificate.certificate_file if certificate else None,
+        ssl_keyfile=certificate.key_file if certificate else None,
+    )

@@ -1,0 +1,264 @@
+"""One attempt at a trial: its recording, as it happens, and what it gave so far."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry.elementary import fingerprint_of_c_library
+from avrgym.models import human
+from avrgym.recording import records
+from avrgym.recording.files import RecordingError, RecordingWriter
+from avrgym.simulation.world_version import WORLD_VERSION
+from avrgym.system.files import make_private_folder
+from avrgym.vr.protocol.messages import XRPose
+from avrgym.vr.session.plan import SessionPlan
+from avrgym.vr.tracking.tracking import Frame
+from avrgym.vr.tracking.world import ControlStep, LiveWorld
+
+Array = NDArray[np.float64]
+Configuration = Callable[[int], Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Experience:
+    """How an attempt has been for its participant so far.
+
+    Whether the robot succeeded; the force on the person and the speed of the robot's tool over its steps.
+    """
+
+    success: bool = False
+    force_mean_n: float = 0.0
+    force_max_n: float = 0.0
+    speed_mean_m_s: float = 0.0
+
+    def after(self, step: ControlStep, steps: int) -> "Experience":
+        """How it has been after another control step, with which there are so many ``steps``."""
+        outcome = step.outcome
+        force_n, speed_m_s = (
+            float(outcome.force_on_person_n[0]),
+            float(outcome.reward_terms[TOOL_SPEED][0]),
+        )
+        return Experience(
+            success=bool(outcome.success[0]),
+            force_mean_n=self.force_mean_n + (force_n - self.force_mean_n) / steps,
+            force_max_n=max(self.force_max_n, force_n),
+            speed_mean_m_s=self.speed_mean_m_s + (speed_m_s - self.speed_mean_m_s) / steps,
+        )
+
+
+TOOL_SPEED = "tool_speed_m_s"
+"""The reward term of every task that holds it."""
+
+
+class Attempt:
+    """The attempt that is running; times are given on the session's clock and recorded from its beginning.
+
+    ``trial`` and ``number`` (of the attempt) count from 1; ``steps``, ``reward`` and ``experience`` sum up its
+    control steps, of which ``latest`` is the last one.
+    """
+
+    def __init__(
+        self, folder: Path, trial: int, configuration: Configuration, began_s: float, *, first_number: int = 1
+    ) -> None:
+        """Open the recording of the first attempt at this trial that ``folder`` does not hold yet.
+
+        Args:
+            folder: where recordings go; made when it is missing.
+            trial: the trial's number, from 1.
+            configuration: gives what to store with an attempt of a number.
+            began_s: now.
+            first_number: that of the first attempt that this folder is for; earlier ones are elsewhere.
+
+        Raises:
+            OSError: when no recording can be opened.
+        """
+        self.began_s = began_s
+        self.steps, self.reward, self.experience = 0, 0.0, Experience()
+        self.trial = trial
+        self.latest: ControlStep | None = None
+        self._told_of_stall = False
+        self._targets_rad: Array | None = None
+        self._records: list[tuple[str, int, records.Record]] = []
+        self.number, self._recording = _open(folder, trial, configuration, first_number)
+
+    @property
+    def success(self) -> bool:
+        """Whether the robot has succeeded so far."""
+        return self.experience.success
+
+    @property
+    def path(self) -> Path:
+        """The file of the recording."""
+        return self._recording.path
+
+    @property
+    def failure(self) -> Exception | None:
+        """What keeps the recording from being complete, if anything does. A disk that pauses loses nothing."""
+        error = self._recording.error
+        return None if isinstance(error, TimeoutError) else error
+
+    def stall(self) -> TimeoutError | None:
+        """That the disk pauses, the first time it does."""
+        error = self._recording.error
+        if not isinstance(error, TimeoutError) or self._told_of_stall:
+            return None
+        self._told_of_stall = True
+        return error
+
+    def catch_up(self) -> None:
+        """Wait until little is left to be written, for sessions faster than real time."""
+        self._recording.catch_up()
+
+    def record(self, topic: str, record: records.Record, now_s: float) -> None:
+        """Record anything that happened at ``now_s``; it goes to the disk with the next ``hand_over``."""
+        self._records.append((topic, round((now_s - self.began_s) * 1e9), record))
+
+    def hand_over(self) -> None:
+        """Give what was recorded to the thread that writes it.
+
+        At the end of a tick this thread has the time before the next one. Woken in the middle, it would take turns
+        with the tick at holding the interpreter, and make it twice as long.
+        """
+        recorded, self._records = self._records, []
+        for record in recorded:
+            self._recording.write(*record)
+
+    def record_physics(self, world: LiveWorld, now_s: float) -> None:
+        """Record the simulator's whole state, and before it the action that this tick began with."""
+        if world.action_begun is not None:
+            self.record("/commands", records.Command(self.steps + 1, world.action_begun.tolist()), now_s)
+        state = records.Physics(self.steps, world.time_s, world.state_vector().tolist())
+        self.record("/physics", state, now_s)
+
+    def record_targets(self, joint_targets_rad: Array, now_s: float) -> None:
+        """Record where the person's joints are driven to, unless that was recorded last."""
+        if self._targets_rad is None or not np.array_equal(joint_targets_rad, self._targets_rad):
+            self._targets_rad = joint_targets_rad
+            self.record("/body_targets", records.BodyTargets(joint_targets_rad.tolist()), now_s)
+
+    def record_step(self, step: ControlStep, now_s: float) -> None:
+        """Count a finished control step and record it."""
+        outcome = step.outcome
+        self.latest = step
+        self.steps += 1
+        self.reward += float(outcome.reward[0])
+        self.experience = self.experience.after(step, self.steps)
+        self.record("/control", control_record(self.steps, step), now_s)
+
+    def record_frames(
+        self, frames: Sequence[Frame], followed: Frame | None, *, stale: bool, held: Sequence[str] = ()
+    ) -> None:
+        """Record tracking frames in the order they came; the person moves to ``followed`` but for what is ``held``."""
+        for frame in frames:
+            tracking = frame.tracking
+            record = records.TrackingFrame(
+                sequence=tracking.sequence,
+                client_time_ms=tracking.client_time_ms,
+                received_time_s=frame.received_s - self.began_s,
+                applied=frame is followed,
+                held=stale or not frame.usable,
+                held_parts=list(held) if frame is followed else [],
+                left_modality=tracking.left_modality,
+                right_modality=tracking.right_modality,
+                head=_recorded(tracking.head),
+                left=_recorded(tracking.left),
+                right=_recorded(tracking.right),
+            )
+            self.record("/tracking", record, frame.received_s)
+
+    def close(self, result: str, now_s: float) -> RecordingError | None:
+        """End the recording; what keeps it from being complete, if anything does."""
+        outcome = {
+            "result": result,
+            "steps": self.steps,
+            "reward": self.reward,
+            "success": self.success,
+            "seconds": now_s - self.began_s,
+        }
+        self.hand_over()
+        try:
+            self._recording.close(outcome)
+        except RecordingError as error:
+            return error
+        return None
+
+
+def control_record(number: int, step: ControlStep) -> records.Control:
+    """The record of the attempt's control step with this number, from 1."""
+    outcome = step.outcome
+    return records.Control(
+        step=number,
+        observation=step.observation.tolist(),
+        action=step.action.tolist(),
+        reward=float(outcome.reward[0]),
+        reward_terms={name: float(term[0]) for name, term in outcome.reward_terms.items()},
+        success=bool(outcome.success[0]),
+        distance_m=float(outcome.distance_m[0]),
+        force_on_person_n=float(outcome.force_on_person_n[0]),
+    )
+
+
+def versions() -> dict[str, str]:
+    """What a recording depends on to be stepped again bit by bit."""
+    return {"avrgym": version("avrgym"), "mujoco": mujoco.__version__}
+
+
+def configuration(
+    plan: SessionPlan, index: int, attempt: int, world: LiveWorld, xr_from_world: XRPose, session: str
+) -> dict[str, Any]:
+    """All that an attempt at the plan's trial ``index`` is run with, in plain values.
+
+    ``start_rad`` are the joint angles of the person that the episode began with, ``start`` is all else that it
+    began with: replay draws nothing.
+    """
+    trial = plan.trials[index]
+    return {
+        "session": session,
+        "environment": trial.environment,
+        "policy": trial.policy,
+        "seed": trial.seed,
+        "practice": trial.practice,
+        "goal": plan.goal_of(trial),
+        "trial": index + 1,
+        "attempt": attempt,
+        "steps": plan.trial_steps,
+        "simulated": plan.simulated,
+        "person": {
+            "sex": world.person.sex,
+            "torso_height_m": world.person.torso_height_m,
+            "skin_tone": world.person.skin_tone,
+        },
+        "start_rad": world.person.joint_angles_rad.tolist(),
+        "start": world.start,
+        "joints": list(human.JOINTS),
+        "bodies": list(world.bodies),
+        "xr_from_world": {"position": xr_from_world.position, "orientation": xr_from_world.orientation},
+        "furniture": msgspec.to_builtins(plan.furniture),
+        "reward_weights": dict(world.task.weights),
+        "items": [msgspec.structs.asdict(item) for item in plan.items_after(trial)],
+        "versions": versions(),
+        "world_version": WORLD_VERSION,
+        "c_library": fingerprint_of_c_library(),
+    }
+
+
+def _open(folder: Path, trial: int, configuration: Configuration, number: int) -> tuple[int, RecordingWriter]:
+    """The first attempt from ``number`` on that there is no file of, and its new recording."""
+    make_private_folder(folder)
+    while True:
+        path = folder / f"trial-{trial:02}_attempt-{number}.mcap"
+        try:
+            return number, RecordingWriter(path, configuration(number))
+        except FileExistsError:
+            number += 1
+
+
+def _recorded(pose: XRPose | None) -> records.Pose | None:
+    return None if pose is None else records.Pose(list(pose.position), list(pose.orientation))

@@ -1,0 +1,45 @@
+"""What a participant feels and hears: touches on their arms, and every success of the robot."""
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models import human, robots
+from avrgym.simulation.worlds import Simulation
+
+ARM_BODIES = ("upper_arm", "forearm", "hand")
+COUNTED_TERMS = ("food_in_mouth", "water_in_mouth", "markers_wiped")
+"""Reward terms that count successes of one control step."""
+SCRATCH_TERM = "scratch_force_n"
+"""A force that is there only when a scratch is new."""
+
+
+class ArmTouch:
+    """Which of the person's arms robot or tool touch."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        model = simulation.batch.get_model(0)
+        bodies = [model.body(int(body)).name for body in model.geom_bodyid]
+        self._batch, self._data = simulation.batch, mujoco.MjData(model)
+        self._is_robot = np.array([name.startswith(robots.PREFIX) for name in bodies])
+        self._is_arm = {
+            side: np.isin(bodies, [f"{human.PREFIX}{side}_{part}" for part in ARM_BODIES])
+            for side in ("left", "right")
+        }
+
+    def sides(self) -> tuple[bool, bool]:
+        """Whether the left and the right arm are touched now, hands included."""
+        geoms = self._batch.get_data(0, self._data).contact.geom
+        return self._touches("left", geoms), self._touches("right", geoms)
+
+    def _touches(self, side: str, geoms: NDArray[np.int32]) -> bool:
+        arm, robot = self._is_arm[side][geoms], self._is_robot[geoms]
+        return bool((arm & robot[:, ::-1]).any())
+
+
+def successes(terms: Mapping[str, NDArray[np.float64]]) -> int:
+    """How many bites, drops, wiped markers and scratches one world's reward terms (1,) of a control step tell of."""
+    counted = sum(round(float(terms[name][0])) for name in COUNTED_TERMS if name in terms)
+    return counted + int(SCRATCH_TERM in terms and terms[SCRATCH_TERM][0] > 0.0)

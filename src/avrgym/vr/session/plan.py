@@ -1,0 +1,95 @@
+"""What a session runs: its trials in order, and how they are run."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.human import Sex
+from avrgym.policies.trained import Policy, load_policy
+from avrgym.recording.questionnaire import LIKERT_ITEMS, Item
+from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks.episodes import ACTIONS, EPISODE_STEPS
+
+
+@dataclass(frozen=True)
+class TrialPlan:
+    """One trial to run: an environment, a policy by name or path, a seed; a practice trial has no questionnaire.
+
+    ``goal`` tells the participant in one sentence what the task is, the task's own unless given. ``items`` are asked
+    after it, those of its session unless given. ``earlier_attempts`` were made at it in other sessions.
+    """
+
+    environment: str
+    policy: str
+    seed: int
+    practice: bool
+    goal: str = ""
+    items: Sequence[Item] | None = None
+    earlier_attempts: int = 0
+
+
+@dataclass(frozen=True)
+class SessionPlan:
+    """A session: its trials in order, the body model, and who takes part.
+
+    ``free_movement_s`` is how long the person moves freely before and after each trial, ``countdown_s`` the wait
+    before the robot starts, ``trial_steps`` a trial's length in control steps of 0.1 s. ``first_trial`` counts
+    from 1: a session that goes on after a break begins there. ``haptics`` and ``sounds`` say whether touches are
+    felt and successes heard. ``furniture`` is what the participant really sits and lies on.
+    """
+
+    trials: Sequence[TrialPlan]
+    sex: Sex
+    free_movement_s: float
+    simulated: bool
+    items: Sequence[Item] = LIKERT_ITEMS
+    trial_steps: int = EPISODE_STEPS
+    countdown_s: float = 3.0
+    first_trial: int = 1
+    haptics: bool = True
+    sounds: bool = True
+    furniture: RealFurniture = field(default_factory=RealFurniture)
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.first_trial <= len(self.trials):
+            raise ValueError(f"first_trial is {self.first_trial}; there are trials 1 to {len(self.trials)}")
+
+    def goal_of(self, trial: TrialPlan) -> str:
+        """What the participant is told that the task is."""
+        return trial.goal or TASKS[find_environment(trial.environment)[0]].goal
+
+    def items_after(self, trial: TrialPlan) -> Sequence[Item]:
+        """What is asked after a trial, in order."""
+        if trial.practice:
+            return ()
+        return self.items if trial.items is None else trial.items
+
+
+def practised_trials(environments: Sequence[str], policy: str, trials: int, seed: int) -> list[TrialPlan]:
+    """For each environment a practice trial and then so many trials; each trial takes the next seed."""
+    order = [(environment, i == 0) for environment in environments for i in range(trials + 1)]
+    return [
+        TrialPlan(environment, policy, seed + i, practice) for i, (environment, practice) in enumerate(order)
+    ]
+
+
+Policies = Mapping[tuple[str, str], Policy]
+"""By environment and the policy's name or path: the same name means another policy in each environment."""
+
+
+def load_policies(plan: SessionPlan) -> Policies:
+    """Every policy that a plan names.
+
+    Raises:
+        ValueError: for an unknown environment or a policy that cannot be loaded.
+    """
+    return {
+        (environment, policy): load_policy_for(environment, policy)
+        for environment, policy in {(trial.environment, trial.policy) for trial in plan.trials}
+    }
+
+
+def load_policy_for(environment: str, policy: str) -> Policy:
+    """A policy by name or path; ``ValueError`` when it cannot be loaded or does not fit the environment."""
+    task, _ = find_environment(environment)
+    return load_policy(policy, environment, TASKS[task].observation_size, ACTIONS)

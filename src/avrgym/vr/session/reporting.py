@@ -1,0 +1,83 @@
+"""What a session tells all the time: the world's state, touches and successes, and how things stand."""
+
+from collections.abc import Callable
+
+from avrgym.models.scene import SUBSTEPS
+from avrgym.vr.protocol import messages
+from avrgym.vr.session.attempt import Attempt
+from avrgym.vr.session.feedback import ArmTouch, successes
+from avrgym.vr.tracking.presence import Presence
+from avrgym.vr.tracking.world import TICK_S, ControlStep, LiveWorld
+
+STATE_EVERY_TICKS = 2
+STATUS_EVERY_TICKS = 20
+
+NOTHING_FELT = messages.Feedback(left_touched=False, right_touched=False, events=0)
+
+
+class Reporter:
+    """Sends states and feedback of the world that stands; call ``tick`` once a tick."""
+
+    def __init__(self, send: Callable[[messages.ServerMessage], None]) -> None:
+        self._send = send
+        self._ticks = 0
+        self._state_due = STATE_EVERY_TICKS
+        self._felt = NOTHING_FELT
+        self._touched = False, False
+        self._world: LiveWorld | None = None
+
+    @property
+    def status_is_due(self) -> bool:
+        """Whether those who watch should hear how things stand."""
+        return self._ticks % STATUS_EVERY_TICKS == 0
+
+    def tick(self, world: LiveWorld, followed: int, step: ControlStep | None) -> None:
+        """Tell of the world after a tick, in which the body followed a tracking frame of this number.
+
+        A tick that ends a control step has judged it, which takes long enough: a state that is due then goes out with
+        the next tick, and from there on they take turns.
+        """
+        self._ticks += 1
+        if world is not self._world:
+            self._world, self._touch = world, ArmTouch(world.simulation)
+        if self._ticks % SUBSTEPS == 0:
+            self._touched = self._touch.sides()
+        self._tell_feedback(step)
+        if step is None and self._ticks >= self._state_due:
+            self._state_due = self._ticks + STATE_EVERY_TICKS
+            self._send(messages.State(self._ticks, self._ticks * TICK_S, followed, world.body_poses()))
+
+    def _tell_feedback(self, step: ControlStep | None) -> None:
+        """Touches that begin or end, and successes."""
+        events = successes(step.outcome.reward_terms) if step is not None else 0
+        felt = messages.Feedback(*self._touched, events)
+        if felt != self._felt or events:
+            self._felt = felt
+            self._send(felt)
+
+
+def status(
+    phase: messages.Phase, attempt: Attempt | None, world: LiveWorld, presence: Presence, now_s: float,
+    *, steps: int, paused: bool,
+) -> messages.Status:  # fmt: skip
+    """How a session stands that is in a phase; a trial has so many ``steps``."""
+    left, right = presence.modalities
+    latest = attempt.latest.outcome if attempt is not None and attempt.latest is not None else None
+    return messages.Status(
+        phase=phase.name,
+        trial=phase.trial,
+        trials=phase.trials,
+        attempt=attempt.number if attempt else 0,
+        environment=world.environment,
+        paused=paused,
+        torso_height_m=world.person.torso_height_m,
+        step=attempt.steps if attempt else 0,
+        steps=steps,
+        reward=attempt.reward if attempt else 0.0,
+        success=attempt.success if attempt else False,
+        distance_m=float(latest.distance_m[0]) if latest else 0.0,
+        force_on_person_n=float(latest.force_on_person_n[0]) if latest else 0.0,
+        tracking_age_s=presence.age_s(now_s),
+        left_modality=left,
+        right_modality=right,
+    )

@@ -1,0 +1,331 @@
+"""The inverse kinematics of a person's right arm, with the elbow where people hold it.
+
+The arm is a ball joint at the shoulder, a hinge at the elbow and three hinges that meet at the wrist. So a
+hand's pose leaves one freedom, the swivel of the elbow about the line from shoulder to wrist (Tolani, Goswami
+and Badler, "Real-time inverse kinematics techniques for anthropomorphic limbs", Graphical Models 62, 2000).
+Each swivel gives the joint angles in closed form; the most comfortable one near the present is taken. What the
+ranges or the speed of the joints keep from the hand, damped least squares distribute over all of them.
+
+Everything is in the shoulder's frame: its origin, the torso's axes. The left arm is the mirror image.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import acos, atan2, cos, pi, sin, sqrt
+from statistics import median
+from time import process_time
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.models import human
+from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, UPPER_RAD, Person
+from avrgym.vr.protocol import axes
+
+Array = NDArray[np.float64]
+
+ARM_PARTS = ("shoulder_y", "shoulder_x", "shoulder_z", "elbow_x", "forearm_z", "wrist_x", "wrist_y")
+_RIGHT = [JOINT_INDEX[f"right_{part}"] for part in ARM_PARTS]
+_LOWER, _UPPER = LOWER_RAD[_RIGHT], UPPER_RAD[_RIGHT]
+_FIRST, _LAST = (extreme(_LOWER + np.pi, _UPPER - np.pi) for extreme in (np.minimum, np.maximum))
+"""Around angles between these, half a turn either way lies in the joint's range or covers it."""
+
+MAX_TURN_RAD = 0.0999
+"""How far a joint turns at most in one solution."""
+DETOUR_RAD = 1.2
+"""From an aim farther than this the hand may stray on the way: none of the joints' ways there keeps it in place."""
+POLE_RAD = 0.006
+"""How near straight ahead an upper arm's direction need not be followed exactly: 3 mm for an arm of half a metre."""
+SWIVEL_STEP_RAD = np.radians(5.0)
+
+OUTSIDE, STAY = 1500.0, 1.0
+"""What a swivel costs per squared radian outside a joint's range, and per squared radian from the present angles."""
+SHOULDER_Y, SHOULDER_Z, FOREARM, WRIST = 0.006, 0.012, 0.006, 0.012
+"""Per squared radian from where these joints are at ease. Small: comfort comes slowly, so that elbows drift and
+never jump. All these numbers are ours, tuned on poses of free movement."""
+LIFT = 0.025
+"""To lift the elbow from where it rests to the other side of the shoulder costs twice this."""
+ELBOW_RESTS = transforms.normalize([-0.26, -0.1, -1.0])
+"""The direction from the shoulder to an elbow at rest: down, a little outward and to the front."""
+AT_EASE_RAD = np.radians([10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class ArmLengths:
+    """Metres from shoulder to elbow, from there to the wrist, and from there to the hand's centre."""
+
+    upper_m: float
+    fore_m: float
+    hand_m: float
+
+    @classmethod
+    def of(cls, person: Person) -> "ArmLengths":
+        """Those of a person."""
+        p = PROPORTIONS[person.sex]
+        scale = person.torso_height_m / p.torso_height
+        return cls(p.upper_arm_length * scale, p.forearm_radius + p.forearm_length * scale, p.hand_radius)
+
+
+class ArmSolver:
+    """Solves for right arms of one person. The result depends only on what is asked and the angles at the start."""
+
+    def __init__(self, person: Person) -> None:
+        self._lengths = ArmLengths.of(person)
+        self._model = human.person_model(person, moving=True)
+        self._data = mujoco.MjData(self._model)
+        self._shoulder = self._model.body(f"{human.PREFIX}right_upper_arm").id
+        self._hand = self._model.site(f"{human.PREFIX}right_hand_centre").id
+        self._jacobian = np.zeros((6, self._model.nv))
+
+    def solve(self, hand_pos: Array, hand_axes: Array, start_rad: Array) -> Array:
+        """Angles (A, 7) of the joints ``ARM_PARTS`` that bring the hands of A arms to their poses.
+
+        Args:
+            hand_pos: the hands' centres (A, 3), metres; what is out of reach is reached for.
+            hand_axes: the hands' axes (A, 3, 3) as columns.
+            start_rad: the present angles (A, 7); no joint turns by 0.1 rad from them.
+        """
+        hand_pos = _within_reach(self._lengths, hand_pos, hand_axes)
+        aim = comfortable_angles(self._lengths, hand_pos, hand_axes, start_rad)
+        lower, upper = (
+            np.maximum(_LOWER, start_rad - MAX_TURN_RAD),
+            np.minimum(_UPPER, start_rad + MAX_TURN_RAD),
+        )
+        angles = _clipped(aim, lower, upper)
+        way = np.abs(_clipped(aim, _LOWER, _UPPER) - start_rad).max(axis=1)
+        short = (way < DETOUR_RAD) & (np.abs(angles - aim).max(axis=1) > EXACT_RAD)
+        for arm in np.flatnonzero(short):
+            for _ in range(LEAST_SQUARES_STEPS):
+                step = self._step(hand_pos[arm], hand_axes[arm], angles[arm], (lower[arm], upper[arm]))
+                angles[arm] = _clipped(angles[arm] + step, lower[arm], upper[arm])
+        return angles
+
+    def _step(self, hand_pos: Array, hand_axes: Array, angles: Array, limits: tuple[Array, Array]) -> Array:
+        """A damped least-squares step (7,); a joint at a limit that the error pushes outwards stays."""
+        data = self._data
+        data.qpos[_RIGHT] = angles
+        mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_comPos(self._model, data)
+        mujoco.mj_jacSite(self._model, data, self._jacobian[:3], self._jacobian[3:], self._hand)
+        jacobian = self._jacobian[:, _RIGHT]
+        jacobian[3:] *= METRES_PER_RADIAN
+        error = np.empty(6)
+        error[:3] = hand_pos + data.xpos[self._shoulder] - data.site_xpos[self._hand]
+        error[3:] = METRES_PER_RADIAN * _turn(data.site_xmat[self._hand], hand_axes)
+        pull = error @ jacobian
+        stuck = ((angles <= limits[0]) & (pull < 0.0)) | ((angles >= limits[1]) & (pull > 0.0))
+        jacobian[:, stuck] = 0.0
+        return jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + _DAMPING, error)
+
+
+LEAST_SQUARES_STEPS = 2
+METRES_PER_RADIAN = 0.15
+EXACT_RAD = 1e-6
+_DAMPING = 0.02**2 * np.eye(6)
+
+
+def _turn(from_axes: Array, target_axes: Array) -> Array:
+    """The rotation vector (3,) from axes (9,), row by row, to others (3, 3)."""
+    difference, q, vector = np.empty(9), np.empty(4), np.empty(3)
+    mujoco.mju_mulMatMatT(difference.reshape(3, 3), target_axes, from_axes.reshape(3, 3))
+    mujoco.mju_mat2Quat(q, difference)
+    mujoco.mju_quat2Vel(vector, q, 1.0)
+    return vector
+
+
+def _within_reach(lengths: ArmLengths, hand_pos: Array, hand_axes: Array) -> Array:
+    """The hands' centres (A, 3), moved on the lines from shoulders to wrists to where elbows can bring the wrists."""
+    to_wrist = lengths.hand_m * hand_axes[:, :, 2]
+    wrist = hand_pos + to_wrist
+    distance_m = np.maximum(transforms.norm(wrist), 1e-6)
+    upper, fore = lengths.upper_m, lengths.fore_m
+    nearest_m = sqrt(upper**2 + fore**2 + 2.0 * upper * fore * _COS_MOST_BENT)
+    return wrist * (_clipped(distance_m, nearest_m, upper + fore) / distance_m)[:, None] - to_wrist
+
+
+_COS_MOST_BENT = cos(_LOWER[ARM_PARTS.index("elbow_x")])
+
+
+def comfortable_angles(lengths: ArmLengths, hand_pos: Array, hand_axes: Array, start_rad: Array) -> Array:
+    """Angles (A, 7) that bring hands to poses they can reach, whether or not shoulder and wrist can turn so.
+
+    The arguments are those of ``ArmSolver.solve``. A few arms take little longer than one.
+    """
+    elbow, coefficients = _swivelling(
+        lengths, hand_pos + lengths.hand_m * hand_axes[:, :, 2], hand_axes, start_rad
+    )
+    entries = coefficients @ _SWIVELS
+    costs = _costs(_solutions(entries, elbow, start_rad), entries[:, -1], start_rad)
+    branches, swivels = zip(*(divmod(int(of_arm.argmin()), of_arm.shape[1]) for of_arm in costs), strict=True)
+    best = [s + _vertex(of_arm[b], s) for of_arm, b, s in zip(costs, branches, swivels, strict=True)]
+    finest = np.array([_harmonics([SWIVEL_STEP_RAD * swivel]) for swivel in best])
+    return _solutions(coefficients @ finest, elbow, start_rad)[:, branches, range(len(best)), 0].T
+
+
+def _swivelling(lengths: ArmLengths, wrist: Array, hand_axes: Array, start_rad: Array) -> tuple[Array, Array]:
+    """How A arms can swivel: their elbows' angles (A,), and coefficients (A, 11, 3) for ``_harmonics``.
+
+    A swivel turns the upper arm's axes, and those of the forearm before it turns, here seen from the hand. The
+    coefficients are of what ``_ENTRIES`` takes from them.
+    """
+    wrists = wrist.tolist()
+    bends = [_elbow(lengths, sqrt(x * x + y * y + z * z)) for x, y, z in wrists]
+    towards = np.array([_towards(*arm) for arm in zip(wrists, start_rad.tolist(), strict=True)])
+    frames = np.concatenate([towards, hand_axes.transpose(0, 2, 1) @ towards], axis=1)
+    turning = np.array([[_turning_axes(below), _turning_axes(below + elbow)] for elbow, below in bends])
+    coefficients = frames.reshape(-1, 2, 3, 3) @ turning
+    return np.array([elbow for elbow, _ in bends]), _ENTRIES @ coefficients.reshape(-1, 18, 3)
+
+
+def _entries() -> Array:
+    """A matrix (11, 18) that takes from two frames what tells their angles, and how the elbow lies to its rest.
+
+    Of the angles that turn freely first the sines, then the cosines, each times a positive number; then the sines of
+    those that bend. See ``_solutions``.
+    """
+    upper_arm, forearm = np.eye(18).reshape(2, 3, 3, 18)
+    sines = upper_arm[0, 2], upper_arm[1, 0], -forearm[1, 0], -forearm[0, 2]
+    cosines = upper_arm[2, 2], upper_arm[1, 1], forearm[1, 1], forearm[2, 2]
+    return np.array([*sines, *cosines, -upper_arm[1, 2], forearm[1, 2], ELBOW_RESTS @ upper_arm[:, 2]])
+
+
+_ENTRIES = _entries()
+
+
+def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
+    """The elbow's angle for a wrist at a distance, and by how much the upper arm then points below the wrist."""
+    upper, fore = lengths.upper_m, lengths.fore_m
+    cosine = (distance_m**2 - upper**2 - fore**2) / (2.0 * upper * fore)
+    angle = -acos(min(max(cosine, -1.0), 1.0))
+    return angle, atan2(-fore * sin(angle), upper + fore * cos(angle))
+
+
+def _towards(wrist: list[float], start_rad: list[float]) -> list[list[float]]:
+    """Axes (3, 3) as columns: −z towards the wrist, x as near as can be to the elbow's hinge.
+
+    Where that points to the wrist any x serves: that of a hinge a quarter turn about the upper arm from it.
+    """
+    x, y, z = wrist
+    scale = -1.0 / max(sqrt(x * x + y * y + z * z), 1e-6)
+    zx, zy, zz = scale * x, scale * y, scale * z
+    x, y, z = _upper_arm_x(start_rad)
+    along = x * zx + y * zy + z * zz
+    x, y, z = x - along * zx, y - along * zy, z - along * zz
+    across = sqrt(x * x + y * y + z * z)
+    if across < 1e-6:
+        return _towards(wrist, [*start_rad[:2], start_rad[2] + 0.5 * pi])
+    x, y, z = x / across, y / across, z / across
+    return [[x, zy * z - zz * y, zx], [y, zz * x - zx * z, zy], [z, zx * y - zy * x, zz]]
+
+
+def _upper_arm_x(angles_rad: list[float]) -> tuple[float, float, float]:
+    """The axis of the elbow's hinge, which is the x axis of the upper arm."""
+    y, x, z = angles_rad[:3]
+    across, along = sin(x) * sin(z), cos(z)
+    return cos(y) * along + sin(y) * across, cos(x) * sin(z), cos(y) * across - sin(y) * along
+
+
+def _turning_axes(below: float) -> list[list[float]]:
+    """The axes x, y, z of a frame that swivels about z and then turns about its x: coefficients (3, 9).
+
+    Of each axis those of the swivel's cosine, of its sine, and the constant ones.
+    """
+    c, s = cos(below), sin(below)
+    return [
+        [1.0, 0.0, 0.0, 0.0, -c, 0.0, 0.0, s, 0.0],
+        [0.0, 1.0, 0.0, c, 0.0, 0.0, -s, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0, s, 0.0, 0.0, c],
+    ]
+
+
+def _harmonics(swivels_rad: Sequence[float]) -> Array:
+    """What the axes' coefficients are multiplied with, for K swivels: (3, K)."""
+    return np.array(
+        [
+            [cos(swivel) for swivel in swivels_rad],
+            [sin(swivel) for swivel in swivels_rad],
+            [1.0] * len(swivels_rad),
+        ]
+    )
+
+
+_SWIVELS = _harmonics(np.arange(0.0, 2.0 * np.pi - 1e-9, SWIVEL_STEP_RAD).tolist())
+
+
+def _solutions(entries: Array, elbow: Array, start_rad: Array) -> Array:
+    """Angles (7, 2, A, K) for the ``_ENTRIES`` (A, 11, K) of K swivels, with both ways to turn the shoulder."""
+    read = entries.transpose(1, 0, 2)
+    angles = np.empty((7, 2, *read.shape[1:]))
+    angles[::2] = np.arctan2(read[:4], read[4:8])[:, None]
+    angles[1::4] = np.arcsin(_clipped(read[8:10], -1.0, 1.0))[:, None]
+    angles[3] = elbow[:, None]
+    angles[:3, 1] = _OTHER_WAY[0] + _OTHER_WAY[1] * angles[:3, 0]
+    around = _per_arm(_clipped(start_rad, _FIRST, _LAST))
+    angles -= 2.0 * np.pi * np.rint((angles - around) / (2.0 * np.pi))
+    _rest_near_pole(angles, read[8], start_rad[:, :1])
+    return angles
+
+
+def _per_arm(angles: Array) -> Array:
+    """Angles (A, 7) to be broadcast with those of solutions, (7, 2, A, K)."""
+    return angles.T[:, None, :, None]
+
+
+_OTHER_WAY = np.pi, np.array([1.0, -1.0, 1.0])[:, None, None]
+
+
+def _rest_near_pole(angles: Array, ahead: Array, start_y_rad: Array) -> None:
+    """Where the upper arm points nearly ahead, let shoulder y stay where it is, as far as the hand hardly moves.
+
+    There y and z turn about the same axis: exactly following a hand that passes by would whirl them about. ``ahead``
+    (A, K) is how far ahead it points, −1 to 1.
+    """
+    slack = np.pi * np.minimum(POLE_RAD**2 / (1.0 + 1e-12 - ahead * ahead), 1.0)
+    rest = _clipped(start_y_rad - angles[0], -slack, slack)
+    angles[0] += rest
+    angles[2] -= rest
+
+
+def _costs(angles: Array, rests: Array, start_rad: Array) -> Array:
+    """What each of the solutions costs, (A, 2, K); ``rests`` (A, K) is the last of the ``_ENTRIES``.
+
+    That it moves and that it is not at ease are both squares about a place for each joint. Together they are, but
+    for a constant, one square about the mean of the two places.
+    """
+    outside = angles - _clipped(angles, _per_arm(_LOWER[None]), _per_arm(_UPPER[None]))
+    away = angles - _per_arm((STAY * start_rad + _EASE * AT_EASE_RAD) / (STAY + _EASE))
+    squares = OUTSIDE * (outside * outside) + _per_arm((STAY + _EASE)[None]) * (away * away)
+    return squares.sum(axis=0).transpose(1, 0, 2) + LIFT * rests[:, None]
+
+
+_EASE = np.array([SHOULDER_Y, 0.0, SHOULDER_Z, 0.0, FOREARM, WRIST, WRIST])
+
+
+def _vertex(costs: Array, lowest: int) -> float:
+    """Where the parabola through the lowest cost and its neighbours is lowest, −0.5 to 0.5 from it."""
+    before, here, after = costs[lowest - 1], costs[lowest], costs[(lowest + 1) % len(costs)]
+    curvature = before - 2.0 * here + after
+    return float(0.5 * (before - after) / curvature) if curvature > 1e-12 else 0.0
+
+
+def _clipped(x: Array, lower: Array | float, upper: Array | float) -> Array:
+    """``numpy.clip``, which takes several times as long on a few numbers."""
+    return np.minimum(np.maximum(x, lower), upper)
+
+
+def solution_ms(calls: int = 1000) -> float:
+    """The median processor time of the solution for one arm, milliseconds, while a hand circles before the chest."""
+    solver, angles, times = ArmSolver(Person()), AT_REST_RAD[None], []
+    for angle in np.linspace(0.0, 2.0 * np.pi, calls):
+        hand_pos = np.array([[0.05 + 0.1 * cos(angle), -0.3, -0.1 + 0.1 * sin(angle)]])
+        began_s = process_time()
+        angles = solver.solve(hand_pos, _FORWARD_AXES[None], angles)
+        times.append(1e3 * (process_time() - began_s))
+    return median(times)
+
+
+_FORWARD_AXES = axes.of_xyz(-0.5 * np.pi, 0.0, 0.0)
+AT_REST_RAD = np.radians([8.0, -15.0, 0.0, -90.0, 0.0, 0.0, 0.0])
+"""Hanging a little forward and outward, the elbow bent."""

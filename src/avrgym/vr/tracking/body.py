@@ -1,0 +1,166 @@
+"""From where head and hands are to the 20 joint angles of the simulated body."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import atan2, cos, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models import human
+from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, SEATED, UPPER_RAD, Person, Posture, Sex
+from avrgym.vr.protocol import axes
+from avrgym.vr.protocol.webxr import Pose
+from avrgym.vr.tracking.arm import ARM_PARTS, ArmSolver
+
+Array = NDArray[np.float64]
+
+WAIST_YAW_SHARE = 0.3
+"""The share of the head's yaw that the waist takes over (paper, section III)."""
+
+_WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
+_HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
+_WAIST_RANGES_RAD, _HEAD_RANGES_RAD = (
+    list(zip(LOWER_RAD[joints].tolist(), UPPER_RAD[joints].tolist(), strict=True))
+    for joints in (_WAIST, _HEAD)
+)
+_ARMS = {side: [JOINT_INDEX[f"{side}_{part}"] for part in ARM_PARTS] for side in ("right", "left")}
+
+
+@dataclass(frozen=True)
+class BodyPose:
+    """Where the participant's head and hands are; a hand that is not tracked is ``None``."""
+
+    head: Pose
+    left: Pose | None
+    right: Pose | None
+
+
+def resting_head_centre(person: Person, posture: Posture) -> Array:
+    """The centre of the head (3,) of a person who sits upright, or lies with their back on the bed; world frame."""
+    pos_w, axes_w = hips_frame(person, posture)
+    return pos_w + person.torso_height_m * axes_w[:, 2]
+
+
+def hips_frame(person: Person, posture: Posture) -> tuple[Array, Array]:
+    """Where the hips are in the world: their origin (3,) and their axes (3, 3) as columns."""
+    return _hips_frame(person.sex, posture)
+
+
+@lru_cache
+def _hips_frame(sex: Sex, posture: Posture) -> tuple[Array, Array]:
+    return posture.hips(PROPORTIONS[sex]), axes.of_xyz(radians(posture.hips_deg), 0.0, 0.0)
+
+
+def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> Array:
+    """Angles (6,) within their ranges of waist x, y, z and head x, y, z that bring the head to its pose.
+
+    The waist tilts so that the head joints lie on the line to where the headset puts them: with joints in the
+    order x, y, z the torso points along (sin b, −sin a cos b, cos a cos b), so a = −atan2(ψy, ψz) and
+    b = atan2(ψx cos a, ψz), ψ from waist to head joints in the hips' frame (paper, section III, which takes the
+    head's centre). Head and waist share the yaw. The head turns by what the waist leaves over, so that its
+    orientation is exact wherever its own joints allow, even where the waist is at an end of its range.
+
+    Between waist and head joints the torso is rigid, so that a head is missed by as much as these are farther from
+    each other, or nearer, than the torso is long. With the head's direction kept no other angles come nearer.
+    """
+    p = PROPORTIONS[person.sex]
+    scale = person.torso_height_m / p.torso_height
+    hips_w, hips_axes_w = hips_frame(person, posture)
+    head_axes = hips_axes_w.T @ axes.of_quaternion(head.q_w)
+    psi = hips_axes_w.T @ (head.pos_w - hips_w) - p.head_centre_rise * scale * head_axes[:, 2]
+    x, y, z = psi.tolist()
+    z -= p.waist_rise * scale
+    a = -atan2(y, z)
+    b = atan2(x * cos(a), z)
+    a, b, _ = _limited(_WAIST_RANGES_RAD, (a, b, 0.0))
+    yaw = WAIST_YAW_SHARE * axes.xyz_of(axes.of_xyz(a, b, 0.0).T @ head_axes)[2]
+    waist = _limited(_WAIST_RANGES_RAD, (a, b, yaw))
+    return np.array([*waist, *_limited(_HEAD_RANGES_RAD, axes.xyz_of(axes.of_xyz(*waist).T @ head_axes))])
+
+
+def _limited(
+    ranges_rad: list[tuple[float, float]], angles_rad: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    x, y, z = (min(max(a, lower), upper) for a, (lower, upper) in zip(angles_rad, ranges_rad, strict=True))
+    return x, y, z
+
+
+@dataclass(frozen=True, eq=False)
+class _Aim:
+    """What a pose asks for: the torso's angles (6,), and for A arms where their hands shall be.
+
+    ``arms`` (A, 7) are indices of the arms' joints; ``hand_pos`` (A, 3) and ``hand_axes`` (A, 3, 3) are seen from the
+    right shoulder, a left hand reflected. ``reflect`` (A, 7) are signs of the angles that do so.
+    """
+
+    torso_rad: Array
+    arms: list[list[int]]
+    hand_pos: Array
+    hand_axes: Array
+    reflect: Array
+
+
+class BodySolver:
+    """The inverse kinematics of one person: call ``solve`` with every tracking frame.
+
+    The result depends only on the pose and the angles it starts from.
+    """
+
+    def __init__(self, person: Person, posture: Posture = SEATED) -> None:
+        self.person, self.posture = person, posture
+        frames = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
+        self._waist_h, self._shoulder_t = frames.body_pos["torso"][0], frames.body_pos["right_upper_arm"][0]
+        self._arm = ArmSolver(person)
+        self._known: tuple[BodyPose, _Aim] | None = None
+
+    def solve(self, pose: BodyPose, start_rad: Array) -> Array:
+        """Joint angles (20,) within their ranges that bring head and hands to ``pose``.
+
+        Waist and head follow at once; arms turn by less than 0.1 rad per joint, from ``start_rad`` (20,), so
+        that no single frame makes them jump. A hand that is not tracked keeps its arm's angles. To go on towards
+        the same pose takes less time.
+        """
+        if self._known is None or self._known[0] is not pose:
+            self._known = pose, self._aim(pose)
+        aim = self._known[1]
+        angles = np.array(start_rad, float)
+        angles[_WAIST + _HEAD] = aim.torso_rad
+        if aim.arms:
+            start = aim.reflect * angles[aim.arms]
+            angles[aim.arms] = aim.reflect * self._arm.solve(aim.hand_pos, aim.hand_axes, start)
+        return angles
+
+    def _aim(self, pose: BodyPose) -> _Aim:
+        """A left hand is aimed at as the right one of the mirrored person."""
+        torso_rad = torso_angles(self.person, pose.head, self.posture)
+        waist_w, torso_axes_w = self._torso_frame(torso_rad[:3])
+        hands = {
+            side: hand for side, hand in (("right", pose.right), ("left", pose.left)) if hand is not None
+        }
+        pos_t = np.array([hand.pos_w - waist_w for hand in hands.values()]).reshape(-1, 3) @ torso_axes_w
+        axes_w = np.array([axes.of_quaternion(hand.q_w) for hand in hands.values()]).reshape(-1, 3, 3)
+        reflect = np.array([_REFLECT[side] for side in hands]).reshape(-1, 3)
+        return _Aim(
+            torso_rad,
+            [_ARMS[side] for side in hands],
+            reflect * pos_t - self._shoulder_t,
+            reflect[:, :, None] * reflect[:, None] * (torso_axes_w.T @ axes_w),
+            np.where(_ABOUT_X, 1.0, reflect[:, :1]),
+        )
+
+    def _torso_frame(self, waist_rad: Array) -> tuple[Array, Array]:
+        """Where the waist is in the world, (3,), and the torso's axes (3, 3) as columns."""
+        hips_w, hips_axes_w = hips_frame(self.person, self.posture)
+        return hips_w + hips_axes_w @ self._waist_h, hips_axes_w @ axes.of_xyz(*waist_rad.tolist())
+
+
+_REFLECT = {"right": (1.0, 1.0, 1.0), "left": (-1.0, 1.0, 1.0)}
+"""Signs of a vector's coordinates: a left hand is reflected at the plane x = 0."""
+_ABOUT_X = np.array([part.endswith("x") for part in ARM_PARTS])
+"""Which joints of an arm (7,) turn the same way in the mirror."""
+
+RELAXED_RAD = human.joint_angles(
+    right_shoulder_x=-15.0, left_shoulder_x=-15.0, right_shoulder_y=8.0, left_shoulder_y=-8.0
+)
+"""Arms hanging a little forward and outward, elbows bent."""

@@ -1,0 +1,112 @@
+"""One stay of a participant in VR: their tracking, where their floor lies, and the pose that their body follows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from avrgym.models.human import SEATED, Person, Posture
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import XRPose
+from avrgym.vr.protocol.webxr import Registration, register
+from avrgym.vr.tracking.body import BodyPose, resting_head_centre
+from avrgym.vr.tracking.jumps import Limbs, Part
+from avrgym.vr.tracking.tracking import Frame, TrackingFeed, body_pose
+from avrgym.vr.tracking.world import LiveWorld
+
+
+@dataclass(frozen=True)
+class Followed:
+    """One tick of following: the frames that came, the one that counts, and what changed.
+
+    ``newest`` is ``None`` while the tracking is lost; ``turned``: the tracking was lost or found just now. ``held`` are
+    the parts of the body that jumped and are not where they are tracked, ``held_before`` those of the tick before.
+    """
+
+    arrived: Sequence[Frame]
+    newest: Frame | None
+    lost: bool
+    turned: bool
+    held: tuple[Part, ...]
+    held_before: tuple[Part, ...]
+
+
+class Presence:
+    """``registration`` is where the participant's floor lies in the world, once that is known.
+
+    ``lost`` is whether no usable frame has come for a while.
+    """
+
+    def __init__(self) -> None:
+        self.registration: Registration | None = None
+        self._followed: Frame | None = None
+        self._limbs = Limbs()
+        self.lost = False
+        self._feed = TrackingFeed()
+        self._pose: BodyPose | None = None
+        self._resting: XRPose | None = None
+        self._posture = SEATED
+
+    def take(self, tracking: messages.Tracking, now_s: float) -> Frame:
+        """Take a frame that arrives now."""
+        return self._feed.add(tracking, now_s)
+
+    def take_arrived(self) -> list[Frame]:
+        """The frames that no tick has followed yet."""
+        return self._feed.take_arrived()
+
+    def age_s(self, now_s: float) -> float | None:
+        """How old the newest usable frame is."""
+        newest = self._feed.newest
+        return None if newest is None else now_s - newest.received_s
+
+    @property
+    def followed(self) -> int:
+        """The number of the newest tracking frame that moved the body, -1 before the first."""
+        return -1 if self._followed is None else self._followed.tracking.sequence
+
+    @property
+    def modalities(self) -> tuple[messages.Modality, messages.Modality]:
+        """What left and right hand of the newest usable frame were tracked with."""
+        newest = self._feed.newest
+        return (
+            ("none", "none")
+            if newest is None
+            else (newest.tracking.left_modality, newest.tracking.right_modality)
+        )
+
+    def place(self, head: XRPose, person: Person, posture: Posture) -> None:
+        """Put the seat or bed where it fits the headset of a participant who rests in it."""
+        self._resting, self._posture = head, posture
+        self.place_again(person)
+
+    def place_again(self, person: Person) -> None:
+        """Keep the participant's place for a person of another torso height."""
+        if self._resting is not None:
+            self.registration = register(self._resting, resting_head_centre(person, self._posture))
+            self._pose = None
+
+    def forget_place(self) -> None:
+        """Let the next usable frame say where the participant is."""
+        self.registration = self._pose = self._resting = None
+
+    def steady_head(self, now_s: float) -> XRPose:
+        """The headset at rest; see ``TrackingFeed.steady_head``."""
+        return self._feed.steady_head(now_s)
+
+    def follow(self, world: LiveWorld, now_s: float) -> Followed:
+        """Move the world's person to the newest frame, or hold them when it is stale."""
+        newest, stale = self._feed.newest, self._feed.is_stale(now_s)
+        turned, self.lost = stale != self.lost, stale
+        arrived, held_before = self._feed.take_arrived(), self._limbs.held
+        if newest is not None and not stale and self.registration is not None:
+            self._move(world, self.registration, newest, now_s)
+        return Followed(arrived, None if stale else newest, stale, turned, self._limbs.held, held_before)
+
+    def _move(self, world: LiveWorld, registration: Registration, newest: Frame, now_s: float) -> None:
+        """Give the body its targets; arms go on towards theirs while no new frame comes."""
+        if newest is not self._followed:
+            self._followed = newest
+            self._limbs.see(newest.tracking, newest.captured_s, now_s)
+            self._pose = None
+        if self._pose is None or self._limbs.held:
+            self._pose = body_pose(registration, self._limbs.follow(newest.tracking, now_s))
+        world.follow(self._pose)

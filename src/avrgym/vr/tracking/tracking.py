@@ -1,0 +1,163 @@
+"""The stream of tracking frames: which of them count, which is the newest, and whether it is fresh."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from avrgym.geometry import transforms
+from avrgym.vr.protocol.messages import Modality, Tracking, XRPose
+from avrgym.vr.protocol.webxr import Pose, Registration, hand_pose, hand_pose_from_wrist, head_pose, is_valid
+from avrgym.vr.tracking.body import BodyPose
+
+STALE_S = 0.2
+"""A frame older than this no longer moves the person."""
+CALIBRATION_S = 0.5
+CALIBRATION_FRAMES = 3
+"""As many as have a median: a page that draws in software, as where no headset is at hand, sends few."""
+STEADY_M = 0.03
+STEEPEST_GAZE = 0.85
+"""The sine of the steepest angle, up or down, at which a headset still says where somebody faces."""
+
+
+LONGEST_GAP_FRAMES = 1000
+"""By how much a frame's number may exceed the one before: ten seconds of a headset's frames."""
+RESTART_FRAMES = 10
+"""So many frames in a row that continue each other, and not those before, count as a stream that began anew."""
+
+
+class Numbering:
+    """Which frames continue a stream, by their numbers.
+
+    A frame that comes again, too late, or from far ahead is not followed, and changes nothing for those that continue
+    the stream. A client that counts anew is followed from its tenth frame on, whatever was sent before.
+    """
+
+    def __init__(self) -> None:
+        self._newest: int | None = None
+        self._stray: int | None = None
+        self._strays = 0
+
+    def follows(self, number: int) -> bool:
+        """Whether the frame of this number counts; call it for every frame that is sound."""
+        if self._newest is None or _continues(number, self._newest):
+            self._go_on(number)
+            return True
+        in_row = self._stray is not None and _continues(number, self._stray)
+        self._stray, self._strays = number, self._strays + 1 if in_row else 1
+        if self._strays == RESTART_FRAMES:
+            self._go_on(number)
+            return True
+        return False
+
+    def _go_on(self, number: int) -> None:
+        self._newest, self._stray, self._strays = number, None, 0
+
+
+def _continues(number: int, before: int) -> bool:
+    return 0 < number - before <= LONGEST_GAP_FRAMES
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A tracking frame and when it arrived; ``usable``: it may move the person.
+
+    ``captured_s`` is when it was captured by the client's own clock, which neither runs ahead of its arrival nor lags
+    far behind: frames that waited in the network and come together lie apart as they did in the headset.
+    """
+
+    tracking: Tracking
+    received_s: float
+    captured_s: float
+    usable: bool
+
+
+class TrackingFeed:
+    """The frames of one stay in VR. ``newest`` is the last usable one."""
+
+    def __init__(self) -> None:
+        self.newest: Frame | None = None
+        self._numbering = Numbering()
+        self._arrived: list[Frame] = []
+        self._recent: deque[Frame] = deque()
+
+    def add(self, tracking: Tracking, now_s: float) -> Frame:
+        """Take a frame that arrives now."""
+        frame = Frame(tracking, now_s, self._captured_s(tracking, now_s), self._is_usable(tracking))
+        self._arrived.append(frame)
+        if frame.usable:
+            self.newest = frame
+            self._recent.append(frame)
+            self._forget(now_s - CALIBRATION_S)
+        return frame
+
+    def take_arrived(self) -> list[Frame]:
+        """The frames that arrived since this was last asked."""
+        arrived, self._arrived = self._arrived, []
+        return arrived
+
+    def is_stale(self, now_s: float) -> bool:
+        """Whether frames came, but none for 200 ms."""
+        return self.newest is not None and now_s - self.newest.received_s > STALE_S
+
+    def steady_head(self, now_s: float) -> XRPose:
+        """The headset at rest: of its poses over the last half second the one of median height.
+
+        Raises:
+            ValueError: when they are too few, moved too much or look too steeply, in words for the participant.
+        """
+        self._forget(now_s - CALIBRATION_S)
+        heads = [f.tracking.head for f in self._recent if f.tracking.head is not None]
+        if len(heads) < CALIBRATION_FRAMES:
+            raise ValueError(
+                "the headset is not tracked: look around for a moment, then press the trigger again"
+            )
+        spread = np.ptp([head.position for head in heads], axis=0).max()
+        if spread > STEADY_M:
+            raise ValueError(
+                f"your head moved by {100 * spread:.1f} cm; keep it within {100 * STEADY_M:.0f} cm"
+            )
+        head = sorted(heads, key=lambda head: head.position[1])[len(heads) // 2]
+        q_w = head_pose(Registration(np.zeros(3), 0.0), head).q_w
+        if abs(transforms.rotate(q_w, [0.0, -1.0, 0.0])[2]) > STEEPEST_GAZE:
+            raise ValueError(
+                "you look up or down too steeply to tell which way you face; look straight ahead"
+            )
+        return head
+
+    def _captured_s(self, tracking: Tracking, now_s: float) -> float:
+        """No later than now, whatever time the client tells."""
+        if self.newest is None:
+            return now_s
+        passed_s = (tracking.client_time_ms - self.newest.tracking.client_time_ms) / 1000.0
+        at_least_s = max(self.newest.captured_s, now_s - STALE_S)
+        return min(now_s, max(at_least_s, self.newest.captured_s + passed_s))
+
+    def _forget(self, until_s: float) -> None:
+        while self._recent and self._recent[0].received_s <= until_s:
+            self._recent.popleft()
+
+    def _is_usable(self, frame: Tracking) -> bool:
+        """Whether a frame shows where a head is, is sound in every number, and continues those before."""
+        poses = [pose for pose in (frame.head, frame.left, frame.right) if pose is not None]
+        sound = frame.head is not None and all(is_valid(pose) for pose in poses)
+        return sound and self._numbering.follows(frame.sequence)
+
+
+def body_pose(registration: Registration, frame: Tracking) -> BodyPose:
+    """Where a usable frame puts head and hands in the world; of tracked hands a frame has the wrists."""
+    assert frame.head is not None
+
+    def hand(side: Literal["left", "right"], pose: XRPose | None, modality: Modality) -> Pose | None:
+        if pose is None:
+            return None
+        if modality == "hand":
+            return hand_pose_from_wrist(registration, pose, side)
+        return hand_pose(registration, pose)
+
+    left, right = (
+        hand("left", frame.left, frame.left_modality),
+        hand("right", frame.right, frame.right_modality),
+    )
+    return BodyPose(head_pose(registration, frame.head), left, right)

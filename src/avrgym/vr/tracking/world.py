@@ -1,0 +1,204 @@
+"""The world that a participant sits in: one scene with a moving person, stepped tick by tick."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.models import human
+from avrgym.models.human import Person
+from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, Stage
+from avrgym.policies.trained import Policy
+from avrgym.simulation.worlds import Simulation
+from avrgym.tasks.base import Task
+from avrgym.tasks.episodes import ACTIONS, Episodes, Step
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.webxr import Registration
+from avrgym.vr.tracking.body import BodyPose, BodySolver
+
+Array = NDArray[np.float64]
+
+TICK_S = PHYSICS_STEP_S
+Act = Callable[[Array], NDArray[np.floating]]
+
+
+@dataclass(frozen=True)
+class ControlStep:
+    """One finished control step: the observation (O,) and action (7,) it began with, and what it gave."""
+
+    observation: Array
+    action: Array
+    outcome: Step
+
+
+class ControlSteps:
+    """Control steps of 0.1 s of the first world, taken in ticks of 10 ms."""
+
+    def __init__(self, episodes: Episodes) -> None:
+        self._episodes = episodes
+        self._observation = np.zeros((1, episodes.task.observation_size))
+        self._action = np.zeros((1, ACTIONS))
+        self._substep = 0
+        self._seen: Array | None = None
+        """The observation (1, O) of the present state, where the last control step ended with it."""
+        self.begun: Array | None = None
+        """The action (7,) of the control step that the latest tick began, if it began one."""
+
+    def tick(self, act: Act | None) -> ControlStep | None:
+        """Advance by 10 ms. With ``act``, from observations to actions, every tenth tick gives a control step."""
+        self.begun = None
+        if act is not None and self._substep == 0:
+            self._begin_step(act)
+        self._seen = None
+        self._episodes.simulation.step(1)
+        if act is None:
+            return None
+        self._substep = (self._substep + 1) % SUBSTEPS
+        if self._substep:
+            return None
+        outcome = self._episodes.judge(self._action)
+        self._seen = outcome.observation
+        return ControlStep(self._observation[0], self._action[0], outcome)
+
+    def _begin_step(self, act: Act) -> None:
+        self._observation = self._episodes.observe() if self._seen is None else self._seen
+        self._action = act(self._observation).astype(float)
+        self._episodes.command(self._action)
+        self.begun = self._action[0]
+
+    def drop(self) -> None:
+        """Forget a control step that had begun."""
+        self._substep = 0
+        self.begun = self._seen = None
+
+
+class LiveWorld:
+    """One world whose person follows a participant and whose robot runs a policy when told to drive.
+
+    The policy acts at 10 Hz, physics and person run at 100 Hz.
+    """
+
+    def __init__(self, environment_id: str, person: Person) -> None:
+        """Compile the scene for a person.
+
+        Raises:
+            ValueError: for an unknown environment, naming what there is.
+        """
+        self._episodes = Episodes(environment_id, 1, person=person, moving=True, num_threads=1)
+        self._solver = BodySolver(person, self._episodes.stage.posture)
+        self._steps = ControlSteps(self._episodes)
+        self.person = person
+        self.joint_targets_rad = person.joint_angles_rad
+        self.ticks = 0
+        self.begin(seed=0)
+
+    @property
+    def action_begun(self) -> Array | None:
+        """The action (7,) of the control step that the latest tick began, if it began one."""
+        return self._steps.begun
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """The bodies of the scene, in the order of their poses."""
+        return self._episodes.simulation.bodies
+
+    @property
+    def simulation(self) -> Simulation:
+        """The physics."""
+        return self._episodes.simulation
+
+    @property
+    def environment(self) -> str:
+        """The environment's id."""
+        return self._episodes.environment_id
+
+    @property
+    def stage(self) -> Stage:
+        """What stands in the scene."""
+        return self._episodes.stage
+
+    @property
+    def task(self) -> Task:
+        """The task that judges the robot."""
+        return self._episodes.task
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time since the world was made; it never jumps back."""
+        return self.ticks * TICK_S
+
+    def begin(self, seed: int) -> None:
+        """Put robot, furniture and food at the start of an episode; the person stays as they sit.
+
+        ``seed`` is that of the start, and of a policy's chance.
+
+        Raises:
+            NoRoomError: a ``ValueError``, where the person is in the way of every start.
+        """
+        self._episodes.person = replace(self.person, joint_angles_rad=self.joint_targets_rad)
+        self._generators = [np.random.default_rng(seed)]
+        self._episodes.begin(np.array([0]), self._generators)
+        self.start = self._episodes.start(0)
+        self.hold()
+
+    def follow(self, pose: BodyPose) -> None:
+        """Let the person's joints go where the participant's head and hands are."""
+        self.joint_targets_rad = self._solver.solve(pose, self.joint_targets_rad)
+        self._episodes.simulation.command_person(self.joint_targets_rad[None])
+
+    def hold(self) -> None:
+        """Stop the robot where it is; a control step that had begun is dropped."""
+        self._episodes.simulation.halt_robot()
+        self._steps.drop()
+
+    def tick(self, policy: Policy | None) -> ControlStep | None:
+        """Advance by 10 ms. With a policy the robot drives; every tenth tick then gives a control step."""
+        self.ticks += 1
+        if policy is None:
+            return self._steps.tick(None)
+        return self._steps.tick(lambda observation: policy.act(observation, self._generators))
+
+    def state_vector(self) -> Array:
+        """The simulator's integration state."""
+        return self._episodes.simulation.integration_state()
+
+    def body_poses(self) -> bytes:
+        """Poses of ``bodies`` and marks as the protocol's ``State`` wants them."""
+        return poses(self._episodes)
+
+    def scene(self, number: int, registration: Registration) -> messages.Scene:
+        """What the client has to draw; ``number`` is that of the scene in its address."""
+        return scene_message(number, self._episodes, registration)
+
+
+def scene_message(number: int, episodes: Episodes, registration: Registration) -> messages.Scene:
+    """What a client has to draw of the first world; see ``messages.Scene``."""
+    marks = episodes.task.marks
+    people = episodes.people
+    head_centre = human.layout(people.is_woman, people.torso_height_m).site_pos["head_centre"][0]
+    return messages.Scene(
+        url=scene_url(number),
+        bodies=list(episodes.simulation.bodies),
+        head_bodies=[human.PREFIX + "head"],
+        marks=marks.count if marks else 0,
+        mark_radius_m=marks.radius_m if marks else 0.0,
+        mark_rgb=marks.rgb if marks else (0.0, 0.0, 0.0),
+        eyes=(float(head_centre[0]), float(head_centre[1]) - human.HEADSET_AHEAD_M, float(head_centre[2])),
+        xr_from_world=registration.xr_from_world(),
+    )
+
+
+def scene_url(number: int) -> str:
+    """The address of a scene on its server."""
+    return f"/scenes/{number}.glb"
+
+
+def poses(episodes: Episodes) -> bytes:
+    """Bodies and marks of the first world as ``messages.State`` wants them."""
+    bodies, marks_w = episodes.simulation.body_poses(0), episodes.marks_w()[0]
+    all_poses = np.empty((len(bodies) + len(marks_w), 7), "<f4")
+    all_poses[: len(bodies)] = bodies
+    all_poses[len(bodies) :, :3], all_poses[len(bodies) :, 3:] = marks_w, transforms.IDENTITY_QUATERNION
+    return all_poses.tobytes()
