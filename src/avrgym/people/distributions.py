@@ -32,8 +32,8 @@ JointRanges = Mapping[str, tuple[float, float]]
 class Distribution:
     """Ranges of uniform distributions: torso heights in metres, waist joints in degrees either way.
 
-    ``cooperating`` people move, see ``people.behaviour``; others keep the pose they were found in. ``poses``: by task, the
-    joints that are found at other angles than the task has it.
+    ``cooperating`` people move, see ``people.behaviour``; others keep the pose they were found in. ``poses``: by task,
+    the joints that are found at other angles than the task has it.
     """
 
     torso_height_man_m: tuple[float, float]

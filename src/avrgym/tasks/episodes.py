@@ -137,7 +137,8 @@ class Episodes:
     def begin(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
         """Begin episodes in worlds ``ids`` (n,), each drawn from its generator; give observations (n, O).
 
-        A start where things stand in each other is drawn again from the generator's next numbers, see ``simulation.room``.
+        A start where things stand in each other is drawn again from the generator's next numbers, see
+        ``simulation.room``.
 
         Raises:
             NoRoomError: a ``ValueError``, when ``MOST_DRAWS`` starts of a world all were such.

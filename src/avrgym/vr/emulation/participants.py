@@ -45,7 +45,7 @@ class Traits:
     """How a simulated participant is built and behaves.
 
     ``sway_m`` and ``sway_hz`` describe the slow movement of the head; ``lean_deg`` how far they bend forward at
-    rest, ``arm_deg`` how much farther back than most they hold their arms. ``people.behaviour`` (0 to 1) is how far they
+    rest, ``arm_deg`` how much farther back than most they hold their arms. ``cooperation`` (0 to 1) is how far they
     bring mouth or arm to the tool, as they saw it ``reaction_s`` ago. ``leniency`` is by how much of the scale they
     rate everything higher than most.
     """
