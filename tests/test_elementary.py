@@ -77,8 +77,8 @@ def test_numpys_own_functions_come_only_inside() -> None:
 EPISODE = """
 import hashlib
 import numpy as np
-from avrgym.episodes import Episodes
-from avrgym.policies import load_policy
+from avrgym.tasks.episodes import Episodes
+from avrgym.policies.trained import load_policy
 
 episodes = Episodes("avrgym/FeedingPR2-v1", 4, distribution="participants", num_threads=1)
 policy = load_policy("revised", "avrgym/FeedingPR2-v1", episodes.task.observation_size, 7)

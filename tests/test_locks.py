@@ -22,7 +22,7 @@ DATA = Path(__file__).parent / "data" / "training-of-0.1.0"
 HOLD = """
 import sys, time
 from pathlib import Path
-from avrgym.locks import locked
+from avrgym.system.locks import locked
 
 with locked(Path(sys.argv[1])):
     print(flush=True)

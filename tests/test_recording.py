@@ -281,8 +281,8 @@ def test_a_recording_with_another_topic_is_refused(tmp_path, monkeypatch):
 
 CHILD = """
 import os, random, resource, sys, time
-from avrgym.study.recording import RecordingError, RecordingWriter
-from avrgym.study.records import Physics
+from avrgym.recording.files import RecordingError, RecordingWriter
+from avrgym.recording.records import Physics
 path, size_limit = sys.argv[1], int(sys.argv[2])
 resource.setrlimit(resource.RLIMIT_FSIZE, (size_limit or resource.RLIM_INFINITY, resource.RLIM_INFINITY))
 writer = RecordingWriter(path, {"environment": "made up"})

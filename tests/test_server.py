@@ -630,7 +630,7 @@ def test_only_the_newest_scenes_are_kept(rendering: Rendering) -> None:
 
 ORPHAN = """
 import os, time
-from avrgym.vr.rendering import rendering_process
+from avrgym.vr.scene.rendering import rendering_process
 if __name__ == "__main__":
     print(rendering_process().submit(os.getpid).result(), flush=True)
     time.sleep(100)

@@ -223,8 +223,8 @@ def test_a_missing_head_is_named(on_sqlite: Path) -> None:
 KILLED = """
 import os, sys
 from pathlib import Path
-from avrgym.study.participants import add_note
-from avrgym.study.store import Store
+from avrgym.study.people.participants import add_note
+from avrgym.study.storage.store import Store
 store = Store(Path(sys.argv[1]))
 print("ready", flush=True)
 while True:

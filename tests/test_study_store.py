@@ -350,9 +350,9 @@ def test_the_protocol_stays_as_it_is_once_someone_has_an_order(kind: str, tmp_pa
 CRASH = """
 import os, sys
 from pathlib import Path
-from avrgym.study.attempts import begin_attempt
-from avrgym.study.sessions import open_session
-from avrgym.study.store import Store
+from avrgym.study.storage.attempts import begin_attempt
+from avrgym.study.storage.sessions import open_session
+from avrgym.study.storage.store import Store
 store = Store(Path(sys.argv[1]))
 begin_attempt(store, open_session(store, sys.argv[2]).id, 1)
 os._exit(9)
@@ -401,7 +401,7 @@ WORKER = """
 import sys
 import time
 from pathlib import Path
-from avrgym.study.store import Store
+from avrgym.study.storage.store import Store
 from studies import run_participant
 with Store(Path(sys.argv[1])) as store:
     print("ready", flush=True)
@@ -479,7 +479,7 @@ def test_of_a_deleted_participant_only_a_tombstone_stays(store: Store) -> None:
 STATION = """
 import json, sys
 from pathlib import Path
-from avrgym.study.store import Store
+from avrgym.study.storage.store import Store
 from studies import take_in
 with Store(Path(sys.argv[1])) as store:
     print(json.dumps([take_in(store) for _ in range(int(sys.argv[2]))]))
