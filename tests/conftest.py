@@ -41,11 +41,11 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="module")
 def unhurried() -> Iterator[None]:
     """For tests in real time: no trial ends because a busy machine stands still or tracks late."""
-    from avrgym.vr.session import continuity
+    from avrgym.vr.session import phases
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(continuity, "LOST_TIME_S", float("inf"))
-        patch.setattr(continuity, "UNTRACKED_S", 60.0)
+        patch.setattr(phases, "LOST_TIME_S", float("inf"))
+        patch.setattr(phases, "UNTRACKED_S", 60.0)
         yield
 
 

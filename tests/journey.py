@@ -9,7 +9,7 @@ from pathlib import Path
 from avrgym.vr.emulation.headset import EmulatedHeadset
 from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
 from avrgym.vr.server.server import LiveServer
-from avrgym.vr.session import transitions
+from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import Policies, SessionPlan
 from avrgym.vr.session.session import Session
 
@@ -74,7 +74,7 @@ class Journey:
     def __init__(self, folder: Path, plan: SessionPlan, policies: Policies, opened: ExitStack) -> None:
         """Start server and browser; ``opened`` closes them."""
         self.folder = folder
-        self.observed: list[transitions.Transition] = []
+        self.observed: list[session_events.SessionEvent] = []
         workers = opened.enter_context(ThreadPoolExecutor(1))
 
         def make(send) -> Session:
@@ -115,7 +115,7 @@ class Journey:
 
     def results(self) -> list[str]:
         """How the attempts ended that have."""
-        return [each.result for each in self.observed if isinstance(each, transitions.TrialEnded)]
+        return [each.result for each in self.observed if isinstance(each, session_events.TrialEnded)]
 
     def drop_sockets(self) -> None:
         """Break every connection to the browser without a word."""

@@ -13,7 +13,7 @@ from avrgym.models.human import SKIN_TONES
 from avrgym.recording.files import read_recording
 from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.vr.emulation.headset import BrowserAttendance
-from avrgym.vr.session import transitions
+from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from journey import PATIENCE_S, Journey, await_that
 from visit import driving
@@ -82,7 +82,7 @@ def test_a_session_with_interruptions(journey: Callable[[SessionPlan], Journey])
     headset.press_menu("left")
     visit.await_phase("paused")
     assert visit.results() == ["stopped"]
-    assert [each.by for each in visit.observed if isinstance(each, transitions.Stopped)] == ["participant"]
+    assert [each.by for each in visit.observed if isinstance(each, session_events.Stopped)] == ["participant"]
     visit.go_on("paused")
     visit.await_phase("trial")
 

@@ -19,7 +19,8 @@ from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Command, Phase, Ready, State, Tracking
 from avrgym.vr.server.loop import RealTimeLoop
 from avrgym.vr.server.server import LiveServer
-from avrgym.vr.session import continuity, transitions
+from avrgym.vr.session import events as session_events
+from avrgym.vr.session import phases
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.tracking import LONGEST_GAP_FRAMES, RESTART_FRAMES, Numbering
 from avrgym.vr.tracking.world import TICK_S
@@ -86,7 +87,7 @@ def test_who_is_no_longer_tracked_is_told_and_the_trial_is_repeated(visit: Calla
     lost.tick(130)
     assert "tracking was lost for 1 s" in lost.problems[-1]
     assert "Tracking was lost for 1 s" in lost.said(Phase)[-1].text
-    assert any(isinstance(each, transitions.TrackingTimedOut) for each in lost.observed)
+    assert any(isinstance(each, session_events.TrackingTimedOut) for each in lost.observed)
     lost.tell(Ready())
     lost.tick()
     assert lost.phase in ("paused", "loading")
@@ -155,7 +156,7 @@ def test_what_the_robot_gave_is_kept_when_tracking_is_lost_after_it_has_finished
 def test_the_robot_holds_within_a_second_when_a_headset_falls_silent(
     tmp_path: Path, answers_pings: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(continuity, "LOST_TIME_S", float("inf"))  # busy machines stand still
+    monkeypatch.setattr(phases, "LOST_TIME_S", float("inf"))  # busy machines stand still
     with make_server(tmp_path) as server, participant(server) as client:
         sit_down(client)
         client.await_message(State)
@@ -252,7 +253,7 @@ def test_no_trial_completes_in_which_time_was_lost(visit: Callable[..., Visit]) 
     assert result(recording) == "interrupted"
     assert events(recording)[-2:] == ["time_lost", "robot_holds"]
     assert recording.topics["/events"][-2][1].detail == "the computer stood still for 10.0 s"
-    (lost,) = (each for each in frozen.observed if isinstance(each, transitions.TimeLost))
+    (lost,) = (each for each in frozen.observed if isinstance(each, session_events.TimeLost))
     assert lost.seconds == pytest.approx(FROZEN_TICKS * TICK_S)
     assert "stood still for 10.0 s" in frozen.problems[-1]
     assert "The computer stood still" in frozen.said(Phase)[-1].text

@@ -29,11 +29,12 @@ from avrgym.vr.protocol.messages import (
     Status,
     Upcoming,
 )
+from avrgym.vr.protocol.received import Disconnected
+from avrgym.vr.session import events as session_events
 from avrgym.vr.session import scenery as scenery_module
-from avrgym.vr.session import transitions
 from avrgym.vr.session.feedback import ArmTouch, successes
 from avrgym.vr.session.plan import SessionPlan, practised_trials
-from avrgym.vr.session.session import Disconnected, Session
+from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.world import LiveWorld
 from starts import HAND_AT_THE_ROBOT_RAD
 from visit import Visit, driving, plan
@@ -74,7 +75,7 @@ def command(visit: Visit, name: CommandName) -> None:
 
 
 def happened(visit: Visit, kind: type) -> list:
-    return [transition for transition in visit.observed if isinstance(transition, kind)]
+    return [event for event in visit.observed if isinstance(event, kind)]
 
 
 # Several environments ----------------------------------------------------------------------------------------
@@ -94,7 +95,7 @@ def test_a_session_goes_through_all_environments(visit: Callable[..., Visit]) ->
     lying = [environment.startswith("avrgym/BedBathing") for environment in ENVIRONMENTS]
     changes = 1 + sum(a != b for a, b in pairwise(lying))
     assert session.phases.count("calibration") == changes
-    assert [calibrated.measured for calibrated in happened(session, transitions.Calibrated)] == [
+    assert [calibrated.measured for calibrated in happened(session, session_events.Calibrated)] == [
         True, *[False] * (changes - 1)
     ]  # fmt: skip
 
@@ -223,17 +224,17 @@ def test_the_observer_is_told_all_in_order(visit: Callable[..., Visit]) -> None:
     session.go_to("questionnaire")
     session.answer(7, 6, 5, 4)
     names = [
-        type(each).__name__ for each in session.observed if not isinstance(each, transitions.PhaseEntered)
+        type(each).__name__ for each in session.observed if not isinstance(each, session_events.PhaseEntered)
     ]
     assert names == ["ConnectionFound", "Calibrated", "TrialBegun", *["Answered"] * 4, "TrialEnded"]
-    entered = [each.phase for each in happened(session, transitions.PhaseEntered)]
+    entered = [each.phase for each in happened(session, session_events.PhaseEntered)]
     assert entered == session.phases[1:]
     times = [each.time_s for each in session.observed]
     assert times == sorted(times)
-    assert [(each.item, each.value) for each in happened(session, transitions.Answered)] == [
+    assert [(each.item, each.value) for each in happened(session, session_events.Answered)] == [
         ("L1", 7), ("L2", 6), ("L3", 5), ("L4", 4)
     ]  # fmt: skip
-    (ended,) = happened(session, transitions.TrialEnded)
+    (ended,) = happened(session, session_events.TrialEnded)
     assert (ended.result, ended.complete, ended.steps, ended.attempt) == ("completed", True, 3, 1)
     assert ended.recording == session.session.recordings[0]
 
@@ -248,16 +249,18 @@ def test_the_observer_is_told_of_losses(visit: Callable[..., Visit]) -> None:
     session.tell(Disconnected())
     names = [type(each).__name__ for each in session.observed]
     assert names.count("TrackingLost") == names.count("TrackingFound") == names.count("ConnectionLost") == 1
-    assert happened(session, transitions.TrialEnded)[0].result == "interrupted"
+    assert happened(session, session_events.TrialEnded)[0].result == "interrupted"
 
 
-@pytest.mark.parametrize("kind", [transitions.TrialBegun, transitions.Answered, transitions.TrialEnded])
+@pytest.mark.parametrize(
+    "kind", [session_events.TrialBegun, session_events.Answered, session_events.TrialEnded]
+)
 def test_what_an_observer_cannot_keep_is_repeated(tmp_path: Path, kind: type) -> None:
     """A study's database that fails costs the attempt, never a wrong entry."""
     failures = [1]
 
-    def fail_once(transition: transitions.Transition) -> None:
-        if isinstance(transition, kind) and failures:
+    def fail_once(event: session_events.SessionEvent) -> None:
+        if isinstance(event, kind) and failures:
             failures.pop()
             raise OSError("the database is gone")
 
@@ -288,7 +291,7 @@ def test_the_experimenter_stops_the_robot(visit: Callable[..., Visit]) -> None:
     session.go_to("trial")
     command(session, "stop")
     assert session.phase == "paused"
-    assert [each.by for each in happened(session, transitions.Stopped)] == ["experimenter"]
+    assert [each.by for each in happened(session, session_events.Stopped)] == ["experimenter"]
     session.tell(Ready())
     session.until("trial")
 
@@ -313,7 +316,7 @@ def test_while_the_experimenter_pauses_no_trial_begins(visit: Callable[..., Visi
     command(session, "continue")
     session.until("trial")
     running = phase in ("free_before", "countdown", "trial")
-    ended = happened(session, transitions.TrialEnded)
+    ended = happened(session, session_events.TrialEnded)
     assert [each.result for each in ended] == (
         ["paused"] if running else [] if phase == "check" else ["completed"]
     )
@@ -331,10 +334,10 @@ def test_a_trial_is_repeated_or_skipped(visit: Callable[..., Visit], phase: str)
     command(session, "skip")
     session.until("trial")
     assert session.session.recordings[-1].name == "trial-02_attempt-1.mcap"
-    assert [each.trial for each in happened(session, transitions.TrialSkipped)] == [1]
+    assert [each.trial for each in happened(session, session_events.TrialSkipped)] == [1]
     command(session, "skip")
     assert session.phase == "finished"
-    results = [each.result for each in happened(session, transitions.TrialEnded)]
+    results = [each.result for each in happened(session, session_events.TrialEnded)]
     assert results[-2:] == ["skipped", "skipped"]
     assert "completed" not in results
 
@@ -381,7 +384,7 @@ def test_who_comes_back_keeps_their_torso_height(visit: Callable[..., Visit]) ->
     session.sit_down()
     session.until("trial")
     assert session.session.person.torso_height_m == height_m
-    assert [each.measured for each in happened(session, transitions.Calibrated)] == [True, False]
+    assert [each.measured for each in happened(session, session_events.Calibrated)] == [True, False]
 
 
 @pytest.mark.parametrize("phase", ["waiting", "calibration", "check", "trial", "questionnaire"])

@@ -21,7 +21,7 @@ from avrgym.replay.verification import STATE_QUANTITIES, verify
 from avrgym.study.storage.store import Store
 from avrgym.tasks import ENVIRONMENTS
 from avrgym.vr.protocol.messages import Ready, Stop
-from avrgym.vr.session.session import Disconnected
+from avrgym.vr.protocol.received import Disconnected
 from studies import make_study, run_participant, take_in
 from visit import ENVIRONMENT, Visit, plan
 

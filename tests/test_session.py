@@ -39,9 +39,9 @@ from avrgym.vr.protocol.messages import (
     Tracking,
     XRPose,
 )
+from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.protocol.webxr import hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
-from avrgym.vr.session.session import Disconnected
 from avrgym.vr.tracking.world import TICK_S
 from visit import ENVIRONMENT, Visit, plan
 

@@ -9,7 +9,7 @@ import pytest
 from avrgym.models.human import PROPORTIONS, SKIN_TONES
 from avrgym.vr.emulation.participants import SimulatedParticipant
 from avrgym.vr.protocol.messages import Body, ChooseBody, Ready, Scene
-from avrgym.vr.session import transitions
+from avrgym.vr.session import events as session_events
 from visit import Visit, plan
 
 
@@ -22,7 +22,9 @@ def visit(tmp_path: Path) -> Iterator[Visit]:
 
 
 def chosen(visit: Visit) -> list[tuple[str, str]]:
-    return [(each.sex, each.skin_tone) for each in visit.observed if isinstance(each, transitions.BodyChosen)]
+    return [
+        (each.sex, each.skin_tone) for each in visit.observed if isinstance(each, session_events.BodyChosen)
+    ]
 
 
 def test_who_connects_is_told_which_bodies_there_are(visit: Visit) -> None:

@@ -22,11 +22,13 @@ from avrgym.vr.protocol.messages import (
     Ready,
     Scene,
     SceneLoaded,
+    Send,
     Stop,
 )
-from avrgym.vr.session import transitions
+from avrgym.vr.protocol.received import Disconnected
+from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
-from avrgym.vr.session.session import Disconnected, Send, Session
+from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.world import TICK_S
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
@@ -95,7 +97,7 @@ class Visit:
         self.participant = participant or SimulatedParticipant(draw_traits(plan.sex, 1), 1)
         self.tracking = self.loads = self.content = True
         self.pose_rad: NDArray[np.float64] | None = None
-        self.observed: list[transitions.Transition] = []
+        self.observed: list[session_events.SessionEvent] = []
         self.session = (
             make(self.heard.append)
             if make

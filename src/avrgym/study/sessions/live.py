@@ -21,12 +21,12 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.study.storage.texts import check_line
 from avrgym.tasks import find_environment
-from avrgym.vr.protocol.messages import Command
-from avrgym.vr.session import transitions
+from avrgym.vr.protocol.messages import Command, Send
+from avrgym.vr.session import events
+from avrgym.vr.session.events import Observer, SessionEvent
 from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.preparation import AtOnce
-from avrgym.vr.session.session import Send, Session
-from avrgym.vr.session.transitions import Observer, Transition
+from avrgym.vr.session.session import Session
 
 PATIENCE_S = 20.0
 """How long the end of a session may take to be stored."""
@@ -216,30 +216,30 @@ class Keeper:
     """Stores what happens in a session in VR, unless it was called off; raises what keeps it from doing so."""
 
     def __init__(self, store: Store, session: StudySession, trials: Sequence[Trial], watch: Watch) -> None:
-        """Keep a session's transitions; ``trials`` stand in the order of its plan."""
+        """Keep a session's events; ``trials`` stand in the order of its plan."""
         self._store, self._session, self._trials, self._watch = store, session, trials, watch
         self._pseudonym = pseudonym_of(session.participant)
         self._attempt: TrialAttempt | None = None
         self._began_s = 0.0
 
-    def __call__(self, happened: Transition) -> None:
-        """Store a transition; on return it is on disk."""
+    def __call__(self, happened: SessionEvent) -> None:
+        """Store an event; on return it is on disk."""
         if self._watch.called_off:
             return
         match happened:
-            case transitions.TrialBegun():
+            case events.TrialBegun():
                 self._begin(happened)
-            case transitions.Answered():
+            case events.Answered():
                 given = happened.item, happened.value, happened.response_time_s
                 record_answer(self._store, self._running().id, *given)
-            case transitions.TrialEnded():
+            case events.TrialEnded():
                 self._end(happened)
-            case transitions.TrialSkipped():
+            case events.TrialSkipped():
                 self._skip(happened)
             case _:
                 self._tell(happened)
 
-    def _begin(self, begun: transitions.TrialBegun) -> None:
+    def _begin(self, begun: events.TrialBegun) -> None:
         self._settle()
         position = self._trials[begun.trial - 1].position
         self._attempt = begin_attempt(self._store, self._session.id, position, begun.recording)
@@ -252,7 +252,7 @@ class Keeper:
                 end_attempt(self._store, attempt.id, "failed")
         self._attempt = None
 
-    def _end(self, ended: transitions.TrialEnded) -> None:
+    def _end(self, ended: events.TrialEnded) -> None:
         if self._attempt is None:
             return
         figures = {
@@ -267,13 +267,13 @@ class Keeper:
             end_attempt(self._store, self._attempt.id, ended.result, figures)
         self._attempt = None
 
-    def _skip(self, skipped: transitions.TrialSkipped) -> None:
+    def _skip(self, skipped: events.TrialSkipped) -> None:
         """Put a trial behind all others, where one that was skipped before is already."""
         position = self._trials[skipped.trial - 1].position
         if self._store.trials(self._pseudonym)[position - 1].state == "planned":
             skip_trial(self._store, self._session.id, position)
 
-    def _tell(self, happened: Transition) -> None:
+    def _tell(self, happened: SessionEvent) -> None:
         details = {name: value for name, value in asdict(happened).items() if name != "time_s"}
         name = re.sub(r"(?<!^)(?=[A-Z])", " ", type(happened).__name__).lower()
         detail = ", ".join(f"{key} {value}" for key, value in details.items())

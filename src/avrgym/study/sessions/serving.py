@@ -11,9 +11,9 @@ from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.sessions.session_questions import SessionQuestions
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import PROTOCOL, Phase, Problem, Role, Welcome
-from avrgym.vr.server.inbox import Received
-from avrgym.vr.session.session import Send, Session
+from avrgym.vr.protocol.messages import PROTOCOL, Phase, Problem, Role, Send, Welcome
+from avrgym.vr.protocol.received import Received
+from avrgym.vr.session.session import Session
 
 CLIENTS = 64
 """How many connections are remembered, to be told of the next session."""

@@ -4,10 +4,9 @@ from concurrent.futures import Future
 
 from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.storage.states import StudyError
-from avrgym.vr.protocol.messages import PROTOCOL, Answer, Command, Phase, Problem, Role, Welcome
-from avrgym.vr.server.inbox import Received
-from avrgym.vr.session.asking import Asking
-from avrgym.vr.session.session import Send
+from avrgym.vr.protocol.messages import PROTOCOL, Answer, Command, Phase, Problem, Role, Send, Welcome
+from avrgym.vr.protocol.received import Received
+from avrgym.vr.session.questions import Questions
 
 WORDS = {
     "before_session": "Before the session, please answer a few questions.",
@@ -25,7 +24,7 @@ class SessionQuestions:
         """Ask the items of a moment; ``send`` takes every message for the clients."""
         self.when = when
         self._visit, self._send = visit, send
-        self._asking = Asking(visit.items(when))
+        self._questions = Questions(visit.items(when))
         self._skipped = self._ended = False
         self._given: Answer | None = None
         self._stored: Future[None] | None = None
@@ -33,7 +32,7 @@ class SessionQuestions:
     @property
     def done(self) -> bool:
         """Whether there is nothing more to ask."""
-        return self._stored is None and (self._asking.done or self._skipped or self.ended)
+        return self._stored is None and (self._questions.done or self._skipped or self.ended)
 
     @property
     def ended(self) -> bool:
@@ -43,14 +42,14 @@ class SessionQuestions:
     def begin(self) -> None:
         """Ask the first item."""
         self._send(self._phase)
-        self._send(self._asking.question())
+        self._send(self._questions.question())
 
     def greet(self, send: Send, role: Role) -> None:
         """Tell a client that has just connected what is asked."""
         send(Welcome(PROTOCOL, self._visit.identifier, role, haptics=False, sounds=False))
         send(self._phase)
-        if not self._asking.done:
-            send(self._asking.question())
+        if not self._questions.done:
+            send(self._questions.question())
 
     def receive(self, message: Received) -> None:
         """Take an answer of the participant or a command of the experimenter; nothing else counts now."""
@@ -73,9 +72,9 @@ class SessionQuestions:
         elif error is not None:
             raise error
         elif given is not None:
-            self._asking.take(given)
-            if not self._asking.done:
-                self._send(self._asking.question())
+            self._questions.take(given)
+            if not self._questions.done:
+                self._send(self._questions.question())
 
     @property
     def _phase(self) -> Phase:
@@ -83,7 +82,7 @@ class SessionQuestions:
 
     def _take(self, answer: Answer) -> None:
         """Store an answer; what is none is refused."""
-        asked = self._asking.question().item
+        asked = self._questions.question().item
         if answer.item != asked:
             self._ask_again(f"{answer.item!r} is not asked now; {asked} is")
             return
@@ -94,9 +93,9 @@ class SessionQuestions:
     def _leave(self, *, ended: bool) -> None:
         """Leave what is asked now, and whatever would follow, unanswered."""
         self._skipped, self._ended = True, ended
-        self._stored = self._visit.tell(f"questions {self.when} left", self._asking.question().item)
+        self._stored = self._visit.tell(f"questions {self.when} left", self._questions.question().item)
         self.tick()
 
     def _ask_again(self, why: str) -> None:
         self._send(Problem(message=why))
-        self._send(self._asking.question())
+        self._send(self._questions.question())

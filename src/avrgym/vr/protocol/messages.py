@@ -5,6 +5,7 @@ module (``python -m avrgym.vr.protocol.typescript``). Poses of the headset and t
 gives them: reference space ``local-floor``, metres, y up, quaternions x, y, z, w. The server converts them.
 """
 
+from collections.abc import Callable
 from typing import Annotated, Literal, TypeVar
 
 import msgspec
@@ -307,6 +308,9 @@ class Timing(Message, frozen=True, tag="timing"):
 ServerMessage = (
     Welcome | Body | Scene | Upcoming | State | Phase | Question | Problem | Feedback | Status | Timing
 )
+
+Send = Callable[[ServerMessage], None]
+"""Sends a message to whom it concerns."""
 
 _Any = TypeVar("_Any")
 

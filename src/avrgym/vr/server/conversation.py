@@ -12,12 +12,12 @@ from fastapi import WebSocket, WebSocketDisconnect
 
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Hello, Message, Problem, Role
+from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.server.access import Tokens
 from avrgym.vr.server.gate import Gate
 from avrgym.vr.server.hub import Farewell, Hub, Outbox
 from avrgym.vr.server.inbox import is_stop
 from avrgym.vr.server.loop import RealTimeLoop
-from avrgym.vr.session.session import Disconnected
 from avrgym.vr.tracking.world import TICK_S
 
 HELLO_TIMEOUT_S = 5.0

@@ -2,12 +2,11 @@
 
 import threading
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import get_args
 
 from avrgym.vr.protocol import messages
-from avrgym.vr.session.session import Disconnected
+from avrgym.vr.protocol.received import Disconnected, Received
 
 MESSAGES_PER_TICK = 64
 MESSAGES_S = 0.002
@@ -22,11 +21,8 @@ INBOX_MESSAGES = 2000
 class Greeting:
     """Somebody has connected in a role and is to be told where things stand."""
 
-    send: Callable[[messages.ServerMessage], None]
+    send: messages.Send
     role: messages.Role
-
-
-Received = messages.ClientMessage | messages.ExperimenterMessage | Disconnected
 
 
 class Inbox:

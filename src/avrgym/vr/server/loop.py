@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
@@ -14,7 +14,9 @@ from typing import Generic, Protocol, TypeVar
 
 from avrgym.models.human import Person
 from avrgym.vr.protocol import messages
-from avrgym.vr.server.inbox import MESSAGES_PER_TICK, MESSAGES_S, Greeting, Inbox, Received
+from avrgym.vr.protocol.messages import Send
+from avrgym.vr.protocol.received import Received
+from avrgym.vr.server.inbox import MESSAGES_PER_TICK, MESSAGES_S, Greeting, Inbox
 from avrgym.vr.server.wakefulness import Wakefulness
 from avrgym.vr.tracking.world import TICK_S
 
@@ -26,9 +28,6 @@ CATCH_UP_TICKS = 5
 LATE_TICKS_KEPT = 10_000
 PRIORITY = 10
 """That of the loop's thread among the system's real-time ones, 1 to 99."""
-
-
-Send = Callable[[messages.ServerMessage], None]
 
 
 @dataclass(frozen=True)

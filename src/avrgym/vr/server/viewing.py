@@ -8,9 +8,9 @@ from avrgym.learning.evaluation import actor
 from avrgym.models.human import Person
 from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
 from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Send
+from avrgym.vr.protocol.received import Received
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.server.inbox import Received
-from avrgym.vr.server.loop import Send
 from avrgym.vr.session.reporting import STATE_EVERY_TICKS
 from avrgym.vr.tracking.world import TICK_S, ControlSteps, poses, scene_message
 

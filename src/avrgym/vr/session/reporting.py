@@ -1,12 +1,11 @@
 """What a session tells all the time: the world's state, touches and successes, and how things stand."""
 
-from collections.abc import Callable
-
 from avrgym.models.scene import SUBSTEPS
 from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Send
 from avrgym.vr.session.attempt import Attempt
 from avrgym.vr.session.feedback import ArmTouch, successes
-from avrgym.vr.tracking.presence import Presence
+from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import TICK_S, ControlStep, LiveWorld
 
 STATE_EVERY_TICKS = 2
@@ -18,7 +17,7 @@ NOTHING_FELT = messages.Feedback(left_touched=False, right_touched=False, events
 class Reporter:
     """Sends states and feedback of the world that stands; call ``tick`` once a tick."""
 
-    def __init__(self, send: Callable[[messages.ServerMessage], None]) -> None:
+    def __init__(self, send: Send) -> None:
         self._send = send
         self._ticks = 0
         self._state_due = STATE_EVERY_TICKS
@@ -57,11 +56,11 @@ class Reporter:
 
 
 def status(
-    phase: messages.Phase, attempt: Attempt | None, world: LiveWorld, presence: Presence, now_s: float,
+    phase: messages.Phase, attempt: Attempt | None, world: LiveWorld, tracking: TrackingState, now_s: float,
     *, steps: int, paused: bool,
 ) -> messages.Status:  # fmt: skip
     """How a session stands that is in a phase; a trial has so many ``steps``."""
-    left, right = presence.modalities
+    left, right = tracking.modalities
     latest = attempt.latest.outcome if attempt is not None and attempt.latest is not None else None
     return messages.Status(
         phase=phase.name,
@@ -77,7 +76,7 @@ def status(
         success=attempt.success if attempt else False,
         distance_m=float(latest.distance_m[0]) if latest else 0.0,
         force_on_person_n=float(latest.force_on_person_n[0]) if latest else 0.0,
-        tracking_age_s=presence.age_s(now_s),
+        tracking_age_s=tracking.age_s(now_s),
         left_modality=left,
         right_modality=right,
     )

@@ -6,7 +6,7 @@ from avrgym.recording.questionnaire import Item, validate_answer
 from avrgym.vr.protocol import messages
 
 
-class Asking:
+class Questions:
     """Asks one item after another."""
 
     def __init__(self, items: Sequence[Item]) -> None:

@@ -1,4 +1,4 @@
-"""What happens to a session, one plain record for each transition.
+"""What happens to a session, one plain record for each event.
 
 A session tells its observer of each before it goes on, so that a database can keep them. ``time_s`` counts from the
 session's beginning; trials and attempts count from 1.
@@ -19,14 +19,14 @@ Who = Literal["participant", "experimenter"]
 
 
 @dataclass(frozen=True)
-class Transition:
+class SessionEvent:
     """Something that happened at one instant."""
 
     time_s: float
 
 
 @dataclass(frozen=True)
-class PhaseEntered(Transition):
+class PhaseEntered(SessionEvent):
     """The session entered a phase; ``trial`` is the one that runs or comes next."""
 
     phase: PhaseName
@@ -34,7 +34,7 @@ class PhaseEntered(Transition):
 
 
 @dataclass(frozen=True)
-class Calibrated(Transition):
+class Calibrated(SessionEvent):
     """The participant's place is known; ``measured``: so is now their torso height, by measuring it."""
 
     torso_height_m: float
@@ -42,14 +42,14 @@ class Calibrated(Transition):
 
 
 @dataclass(frozen=True)
-class TorsoHeightCorrected(Transition):
+class TorsoHeightCorrected(SessionEvent):
     """The experimenter gave the participant's torso height."""
 
     torso_height_m: float
 
 
 @dataclass(frozen=True)
-class BodyChosen(Transition):
+class BodyChosen(SessionEvent):
     """The participant or the experimenter chose the participant's body."""
 
     sex: Sex
@@ -57,7 +57,7 @@ class BodyChosen(Transition):
 
 
 @dataclass(frozen=True)
-class TrialBegun(Transition):
+class TrialBegun(SessionEvent):
     """An attempt at a trial has begun and is recorded."""
 
     trial: int
@@ -66,7 +66,7 @@ class TrialBegun(Transition):
 
 
 @dataclass(frozen=True)
-class TrialEnded(Transition):
+class TrialEnded(SessionEvent):
     """An attempt has ended; ``complete``: its recording is closed and whole."""
 
     trial: int
@@ -80,14 +80,14 @@ class TrialEnded(Transition):
 
 
 @dataclass(frozen=True)
-class TrialSkipped(Transition):
+class TrialSkipped(SessionEvent):
     """The experimenter went on without the trial."""
 
     trial: int
 
 
 @dataclass(frozen=True)
-class Answered(Transition):
+class Answered(SessionEvent):
     """The participant answered one item, ``response_time_s`` after it appeared."""
 
     trial: int
@@ -98,52 +98,86 @@ class Answered(Transition):
 
 
 @dataclass(frozen=True)
-class Stopped(Transition):
+class Stopped(SessionEvent):
     """Somebody stopped the robot."""
 
     by: Who
 
 
 @dataclass(frozen=True)
-class Paused(Transition):
+class Paused(SessionEvent):
     """The experimenter lets no trial begin."""
 
 
 @dataclass(frozen=True)
-class Continued(Transition):
+class Continued(SessionEvent):
     """The experimenter lets trials begin again."""
 
 
 @dataclass(frozen=True)
-class TrackingLost(Transition):
+class TrackingLost(SessionEvent):
     """No usable tracking frame has come for a while: the person holds their last pose."""
 
 
 @dataclass(frozen=True)
-class TrackingFound(Transition):
+class TrackingFound(SessionEvent):
     """Usable tracking frames come again."""
 
 
 @dataclass(frozen=True)
-class TrackingTimedOut(Transition):
+class TrackingTimedOut(SessionEvent):
     """No usable tracking frame has come for so long that the attempt ends."""
 
 
 @dataclass(frozen=True)
-class TimeLost(Transition):
+class TimeLost(SessionEvent):
     """The session stood still for so many seconds during an attempt: its process was frozen, or its machine slept."""
 
     seconds: float
 
 
 @dataclass(frozen=True)
-class ConnectionLost(Transition):
+class ConnectionLost(SessionEvent):
     """The participant's connection is gone."""
 
 
 @dataclass(frozen=True)
-class ConnectionFound(Transition):
+class ConnectionFound(SessionEvent):
     """The participant's client has connected."""
 
 
-Observer = Callable[[Transition], None]
+Observer = Callable[[SessionEvent], None]
+
+
+class EventSink:
+    """Tells an observer of every event. ``failure`` is what last kept it from storing one."""
+
+    def __init__(self, observe: Observer, stored: Callable[[], bool]) -> None:
+        """``stored``: whether all that the observer was told is stored. Either may raise what keeps it from that."""
+        self.failure: Exception | None = None
+        self._observe, self._stored = observe, stored
+
+    def tell(self, event: SessionEvent) -> None:
+        """Tell the observer; should it fail, ``failure`` says why."""
+        try:
+            self._observe(event)
+        except Exception as error:  # whatever keeps a database from storing it
+            self.failure = error
+
+    def all_stored(self) -> bool:
+        """Whether all that the observer was told is stored; should it have failed, ``failure`` says why."""
+        try:
+            return self._stored()
+        except Exception as error:  # whatever keeps a database from storing it
+            self.failure = error
+            return False
+
+    def take_failure(self) -> Exception | None:
+        """What kept an event from being stored, once."""
+        failure, self.failure = self.failure, None
+        return failure
+
+    def forget_failures(self) -> None:
+        """Go on as if all had been stored."""
+        self.all_stored()
+        self.failure = None

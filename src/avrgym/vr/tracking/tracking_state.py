@@ -1,4 +1,4 @@
-"""One stay of a participant in VR: their tracking, where their floor lies, and the pose that their body follows."""
+"""The tracking of one stay in VR: its frames, where the participant's floor lies, what pose their body follows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Followed:
     held_before: tuple[Part, ...]
 
 
-class Presence:
+class TrackingState:
     """``registration`` is where the participant's floor lies in the world, once that is known.
 
     ``lost`` is whether no usable frame has come for a while.

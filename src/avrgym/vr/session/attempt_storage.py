@@ -1,0 +1,76 @@
+"""The attempts of a session: recorded, and told to its observer. What is not stored is no trial."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from avrgym.recording import records
+from avrgym.recording.files import RecordingError
+from avrgym.vr.session import events
+from avrgym.vr.session.attempt import Attempt, Configuration, Experience
+from avrgym.vr.session.events import EventSink
+from avrgym.vr.tracking.tracking import Frame
+
+
+class AttemptStorage:
+    """Stores one attempt after another; what is told to ``sink`` is stored by its observer.
+
+    ``attempt`` is the one that runs, ``recordings`` the files of all. ``completing`` is the index of a trial whose
+    completion is not stored yet; ``failing``: the last attempt could not be stored.
+    """
+
+    def __init__(self, folder: Path, sink: EventSink) -> None:
+        """``folder`` is where recordings go; none is ever overwritten."""
+        self.attempt: Attempt | None = None
+        self.recordings: list[Path] = []
+        self.completing: int | None = None
+        self.failing = False
+        self._folder, self._sink = folder, sink
+        self._latest: Attempt | None = None
+
+    @property
+    def experience(self) -> Experience:
+        """How the latest attempt has been so far."""
+        return Experience() if self._latest is None else self._latest.experience
+
+    def begin(self, trial: int, configuration: Configuration, first_number: int, now_s: float) -> Attempt:
+        """Begin an attempt at a trial, both numbers from 1; see ``Attempt``. ``OSError`` when it cannot be recorded."""
+        attempt = Attempt(self._folder, trial, configuration, now_s, first_number=first_number)
+        if self.failing:
+            self._sink.forget_failures()
+        self.attempt = self._latest = attempt
+        self.failing = False
+        self.recordings.append(attempt.path)
+        self._sink.tell(events.TrialBegun(now_s, attempt.trial, attempt.number, attempt.path))
+        return attempt
+
+    def record_event(self, name: str, detail: str, now_s: float) -> None:
+        """Record anything that happened at one instant of a running attempt."""
+        if self.attempt is not None:
+            self.attempt.record("/events", records.Event(name, detail), now_s)
+
+    def end(self, result: events.Result, arrived: Sequence[Frame], now_s: float) -> RecordingError | None:
+        """End a running attempt; what keeps its recording from being complete, if anything does.
+
+        ``arrived`` are the tracking frames that nothing has followed.
+        """
+        attempt, self.attempt = self.attempt, None
+        if attempt is None:
+            return None
+        attempt.record_frames(arrived, None, stale=False)
+        failure = attempt.close(result, now_s)
+        sums = attempt.steps, attempt.reward, attempt.success
+        whose = attempt.trial, attempt.number, attempt.path
+        kept = "failed" if result == "completed" and failure is not None else result
+        self._sink.tell(events.TrialEnded(now_s, *whose, kept, failure is None, *sums))
+        return failure
+
+    def take_failure(self) -> Exception | None:
+        """What the observer could not store, unless nothing was at stake and the participant knows already."""
+        failure = self._sink.take_failure()
+        at_stake = self.attempt is not None or self.completing is not None
+        return failure if at_stake or not self.failing else None
+
+    def give_up(self) -> None:
+        """No trial is stored until another attempt begins: whoever could not store this either is asked again then."""
+        self.completing, self.failing = None, True
+        self._sink.forget_failures()

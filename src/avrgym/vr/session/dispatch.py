@@ -1,0 +1,61 @@
+"""Which of a phase's methods takes which message; whose each message may be, the server sees to."""
+
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import CommandName
+from avrgym.vr.protocol.received import Disconnected, Received
+from avrgym.vr.session.phases import Phase
+
+
+def take_message(phase: Phase, message: Received) -> Phase:
+    """Give a message to a phase; the phase that follows."""
+    match message:
+        case messages.Tracking():
+            phase.take_tracking(message)
+        case messages.SceneLoaded():
+            phase.state.scenery.show(message.url)
+        case messages.Entered():
+            return phase.enter_vr()
+        case messages.Left():
+            return phase.leave_vr()
+        case Disconnected():
+            return phase.disconnect()
+        case messages.OriginReset():
+            return phase.reset_origin()
+        case messages.Ready():
+            return phase.ready()
+        case messages.Recalibrate():
+            return phase.recalibrate()
+        case messages.Answer():
+            return phase.answer(message)
+        case messages.Stop():
+            return phase.stop("participant")
+        case messages.ChooseTheirBody():
+            return phase.choose_body(message, "experimenter")
+        case messages.ChooseBody():
+            return phase.choose_body(message, "participant")
+        case messages.CorrectTorsoHeight():
+            return phase.correct_torso_height(message.torso_height_m)
+        case messages.Command():
+            return obey(phase, message.name)
+        case messages.Hello():
+            phase.state.problem("a message of type Hello has no place in a running session")
+    return phase
+
+
+def obey(phase: Phase, command: CommandName) -> Phase:
+    """Give a command of the experimenter to a phase; the phase that follows."""
+    match command:
+        case "stop":
+            return phase.stop("experimenter")
+        case "pause":
+            return phase.pause()
+        case "continue":
+            return phase.go_on()
+        case "repeat":
+            return phase.repeat()
+        case "skip":
+            return phase.skip()
+        case "end":
+            return phase.end()
+        case "recalibrate":
+            return phase.measure_again()

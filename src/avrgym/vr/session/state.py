@@ -1,0 +1,160 @@
+"""What all phases of a session share."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from avrgym.models import human
+from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
+from avrgym.recording.files import RecordingError
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Send
+from avrgym.vr.protocol.webxr import Registration
+from avrgym.vr.session import events
+from avrgym.vr.session.attempt import configuration
+from avrgym.vr.session.attempt_storage import AttemptStorage
+from avrgym.vr.session.events import EventSink
+from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
+from avrgym.vr.session.scenery import Scenery
+from avrgym.vr.tracking.tracking_state import TrackingState
+from avrgym.vr.tracking.world import LiveWorld
+
+
+@dataclass
+class SessionState:
+    """Where a session stands, whatever its phase.
+
+    ``trial`` counts the plan's trials from 0. ``person`` is whose body the participant has; ``height_known``: its
+    torso height is theirs, ``calibrated_for``: the posture that they have taken place in. ``on_hold`` is whether the
+    experimenter lets no trial begin, ``now_s`` the time since the session began.
+    """
+
+    plan: SessionPlan
+    policies: Policies
+    identifier: str
+    send: Send
+    sink: EventSink
+    storage: AttemptStorage
+    scenery: Scenery
+    trial: int
+    person: Person
+    tracking: TrackingState = field(default_factory=TrackingState)
+    height_known: bool = False
+    calibrated_for: human.Posture | None = None
+    on_hold: bool = False
+    now_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._told_scene = self.scene_message()
+
+    @property
+    def current(self) -> TrialPlan:
+        """The trial that runs or comes next; the last one, when all are over."""
+        return self.plan.trials[min(self.trial, len(self.plan.trials) - 1)]
+
+    @property
+    def world(self) -> LiveWorld:
+        """The world that stands."""
+        return self.scenery.world
+
+    # What goes out -----------------------------------------------------------------------------------------------
+
+    def problem(self, text: str, role: messages.Role = "participant") -> None:
+        """Tell what is wrong to whom it concerns; the experimenter is told what the participant is."""
+        self.send(messages.Problem(text, role))
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Record anything that happens now in a running attempt."""
+        self.storage.record_event(name, detail, self.now_s)
+
+    def scene_message(self) -> messages.Scene:
+        """The scene to draw, in the participant's room once that is known."""
+        registration = self.tracking.registration or Registration(np.zeros(3), 0.0)
+        return self.world.scene(self.scenery.number, registration)
+
+    def body_message(self) -> messages.Body:
+        """The participant's body, and which others there are."""
+        tones = list(SKIN_TONES), list(SKIN_TONES.values())
+        return messages.Body(self.person.sex, self.person.skin_tone, *tones)
+
+    def tell_scene(self) -> None:
+        """Send the scene, unless that is what was sent last."""
+        scene = self.scene_message()
+        if scene != self._told_scene:
+            self._told_scene = scene
+            self.send(scene)
+
+    # The participant's body --------------------------------------------------------------------------------------
+
+    def give_torso_height(self, torso_height_m: float) -> None:
+        """Change the body's size, in its place.
+
+        Raises:
+            ValueError: for a height that no adult has, naming what is allowed.
+        """
+        self.person = replace(self.person, torso_height_m=torso_height_m)
+        self.height_known = True
+        self.tracking.place_again(self.person)
+
+    def correct_torso_height(self, torso_height_m: float) -> bool:
+        """Whether the body has the torso height that the experimenter gave; if not, they are told why."""
+        try:
+            self.give_torso_height(torso_height_m)
+        except ValueError as error:
+            self.problem(str(error), "experimenter")
+            return False
+        self.sink.tell(events.TorsoHeightCorrected(self.now_s, torso_height_m))
+        return True
+
+    def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> bool:
+        """Whether the participant has the chosen body; if not, who chose is told why.
+
+        A body of the other sex is to be measured: the height of the headset says how tall a torso is only above the
+        hips, which sit higher on men.
+        """
+        try:
+            chosen = Person(choice.sex, PROPORTIONS[choice.sex].torso_height, skin_tone=choice.skin_tone)
+        except ValueError as error:
+            self.problem(str(error), by)
+            return False
+        if chosen.sex == self.person.sex:
+            chosen = replace(chosen, torso_height_m=self.person.torso_height_m)
+        else:
+            self.height_known = False
+        self.person = chosen
+        self.sink.tell(events.BodyChosen(self.now_s, chosen.sex, chosen.skin_tone))
+        self.send(self.body_message())
+        return True
+
+    # Attempts ----------------------------------------------------------------------------------------------------
+
+    def begin_attempt(self) -> None:
+        """Begin to record an attempt at the current trial; ``OSError`` when it cannot be recorded."""
+        assert self.tracking.registration is not None
+        plan, trial, world, identifier = self.plan, self.trial, self.world, self.identifier
+        place = self.tracking.registration.xr_from_world()
+        attempt = self.storage.begin(
+            trial + 1,
+            lambda number: configuration(plan, trial, number, world, place, identifier),
+            self.current.earlier_attempts + 1,
+            self.now_s,
+        )
+        self.tracking.take_arrived()
+        attempt.record_physics(world, self.now_s)
+
+    def end_attempt(self, result: events.Result) -> RecordingError | None:
+        """End a running attempt; what keeps its recording from being complete, if anything does."""
+        if self.storage.attempt is None:
+            return None
+        return self.storage.end(result, self.tracking.take_arrived(), self.now_s)
+
+    def abandon(self, result: events.Result) -> None:
+        """Hold the robot, and end a running attempt without completing its trial."""
+        self.world.hold()
+        if self.storage.attempt is None:
+            return
+        self.record_event("robot_holds", result)
+        self.storage.attempt.record_physics(self.world, self.now_s)
+        failure = self.end_attempt(result)
+        if failure is not None:
+            self.problem(f"the trial is not recorded completely: {failure}")
