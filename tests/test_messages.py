@@ -6,7 +6,8 @@ import sys
 import msgspec
 import pytest
 
-from avrgym.vr.protocol import messages, typescript
+from avrgym.vr import typescript
+from avrgym.vr.protocol import messages
 
 EXAMPLES = typescript.example_messages()
 FROM_CLIENT, FROM_SERVER = EXAMPLES["ClientMessage"], EXAMPLES["ServerMessage"]
@@ -80,7 +81,7 @@ def test_whole_numbers_stand_for_floats_as_javascript_writes_them():
 def test_the_typescript_is_current():
     if not typescript.CLIENT.is_dir():
         pytest.skip("not in a checkout")
-    assert list(typescript.stale()) == [], "run python -m avrgym.vr.protocol.typescript"
+    assert list(typescript.stale()) == [], "run python -m avrgym.vr.typescript"
 
 
 def test_check_fails_when_stale(tmp_path, monkeypatch):
@@ -98,7 +99,7 @@ def test_check_runs_as_a_module():
     if not typescript.CLIENT.is_dir():
         pytest.skip("not in a checkout")
     done = subprocess.run(
-        [sys.executable, "-m", "avrgym.vr.protocol.typescript", "--check"], capture_output=True, text=True
+        [sys.executable, "-m", "avrgym.vr.typescript", "--check"], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
 

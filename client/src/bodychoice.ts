@@ -1,4 +1,4 @@
-import type { Body, ChooseBody, Phase } from "./messages";
+import { PHASES_WHERE, type Body, type ChooseBody, type Phase } from "./messages";
 import { layoutButtons, type Box, type Button } from "./questionnaire";
 
 export const SEXES = ["woman", "man"] as const;
@@ -16,7 +16,7 @@ export interface BodyButton extends Button, Choice {}
 
 /** Whether the participant's body may be chosen: no trial runs. */
 export function mayChooseBody(phase: Phase | null): boolean {
-  return phase !== null && ["waiting", "calibration", "check", "paused"].includes(phase.name);
+  return phase !== null && PHASES_WHERE.can_choose_body.includes(phase.name);
 }
 
 /** Both bodies side by side in the upper half of an area, all tones of skin in the lower; their values count on. */

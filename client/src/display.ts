@@ -1,5 +1,5 @@
 import type { Link } from "./connection";
-import type { Body, Phase, Question } from "./messages";
+import { PHASES_WHERE, type Body, type Phase, type Question } from "./messages";
 
 /** Everything that words are shown about. */
 export interface Display {
@@ -62,7 +62,7 @@ function phaseText(phase: Phase | null): string {
 
 /** Whether a press of the trigger tells the server to go on. */
 export function awaitsReady(phase: Phase | null): boolean {
-  return phase !== null && ["calibration", "check", "paused"].includes(phase.name);
+  return phase !== null && PHASES_WHERE.awaits_ready.includes(phase.name);
 }
 
 /** Whether the participant may ask to be measured again. */
@@ -72,5 +72,5 @@ export function mayRecalibrate(phase: Phase | null): boolean {
 
 /** Whether the person and the robot may be moving, so that the stop key must work. */
 export function isRunning(phase: Phase | null): boolean {
-  return phase !== null && ["free_before", "countdown", "trial", "free_after"].includes(phase.name);
+  return phase !== null && PHASES_WHERE.moves.includes(phase.name);
 }

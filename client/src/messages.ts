@@ -1,6 +1,10 @@
-// Written by `python -m avrgym.vr.protocol.typescript` from messages.py. Do not edit.
+// Written by `python -m avrgym.vr.typescript` from the server's own definitions. Do not edit.
 
 export const PROTOCOL = 4;
+
+export const STALE_S = 0.2;
+
+export const TICK_S = 0.01;
 
 export type Sex = "man" | "woman";
 
@@ -15,6 +19,12 @@ export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat
 export type PhaseName = "calibration" | "check" | "countdown" | "finished" | "free_after" | "free_before" | "loading" | "paused" | "questionnaire" | "trial" | "viewing" | "waiting";
 
 export type Role = "experimenter" | "participant" | "spectator";
+
+export const PHASES_WHERE: Record<"moves" | "awaits_ready" | "can_choose_body", readonly PhaseName[]> = {
+  moves: ["free_before", "countdown", "trial", "free_after"],
+  awaits_ready: ["calibration", "check", "paused"],
+  can_choose_body: ["waiting", "calibration", "check", "paused"],
+};
 
 /** A pose in WebXR's `local-floor` space: position in metres (y up), orientation x, y, z, w. */
 export type XRPose = [position: Vector3, orientation: Quaternion];

@@ -1,8 +1,4 @@
-import type { Status, Timing } from "./messages";
-
-/** A frame older than this no longer moves the person: the session's own limit. */
-const STALE_S = 0.2;
-const TICK_MS = 10;
+import { STALE_S, TICK_S, type Status, type Timing } from "./messages";
 
 /** What each line about a session says, by the id of its element. */
 export function statusWords(status: Status): Record<string, string> {
@@ -27,6 +23,6 @@ function trackingWords({ tracking_age_s, left_modality, right_modality }: Status
 }
 
 export function timingWords({ tick_ms_median, tick_ms_max, missed_ticks }: Timing): string {
-  const late = tick_ms_median > TICK_MS ? "too slow: " : "";
+  const late = tick_ms_median > 1000 * TICK_S ? "too slow: " : "";
   return `${late}${tick_ms_median.toFixed(1)} ms, at most ${tick_ms_max.toFixed(1)} ms; ${missed_ticks} missed`;
 }

@@ -1,6 +1,6 @@
-"""Writes the TypeScript side of the wire protocol from ``messages.py``.
+"""Writes the TypeScript side of the wire protocol from ``messages.py``, ``phases.py`` and the loop's constants.
 
-``python -m avrgym.vr.protocol.typescript`` writes ``client/src/messages.ts`` and one example of every message as
+``python -m avrgym.vr.typescript`` writes ``client/src/messages.ts`` and one example of every message as
 Python encodes it, ``client/tests/messages.json``; ``--check`` writes nothing and fails when either is stale.
 """
 
@@ -15,10 +15,13 @@ import msgspec
 from msgspec import inspect
 
 from avrgym.vr.protocol import messages
+from avrgym.vr.session.phases import where
+from avrgym.vr.tracking.tracking import STALE_S
+from avrgym.vr.tracking.world import TICK_S
 
-CLIENT = Path(__file__).parents[4] / "client"
+CLIENT = Path(__file__).parents[3] / "client"
 
-HEADER = """// Written by `python -m avrgym.vr.protocol.typescript` from messages.py. Do not edit.
+HEADER = """// Written by `python -m avrgym.vr.typescript` from the server's own definitions. Do not edit.
 """
 
 SCALARS = {
@@ -43,6 +46,10 @@ UNIONS = {
     "ExperimenterMessage": messages.ExperimenterMessage,
     "ServerMessage": messages.ServerMessage,
 }
+
+CONSTANTS = {"PROTOCOL": messages.PROTOCOL, "STALE_S": STALE_S, "TICK_S": TICK_S}
+PHASE_FLAGS = ("moves", "awaits_ready", "can_choose_body")
+"""What the client needs to know of each phase: attributes of the classes in ``phases.py``."""
 
 
 def aliases() -> list[tuple[str, inspect.Type]]:
@@ -101,15 +108,22 @@ def struct_info(cls: type) -> inspect.StructType:
 
 def generate() -> str:
     """The whole of ``messages.ts``."""
-    parts = [HEADER, f"export const PROTOCOL = {messages.PROTOCOL};\n"]
+    parts = [HEADER, *(f"export const {name} = {value};\n" for name, value in CONSTANTS.items())]
     parts += [f"export type {name} = {type_text(info)};\n" for name, info in aliases()]
-    parts.append(struct_text(struct_info(messages.XRPose)))
+    parts += [phases_text(), struct_text(struct_info(messages.XRPose))]
     written: set[type] = set()
     for name, union in UNIONS.items():
         parts += [struct_text(struct_info(cls)) for cls in get_args(union) if cls not in written]
         written.update(get_args(union))
         parts.append(f"export type {name} = {' | '.join(cls.__name__ for cls in get_args(union))};\n")
     return "\n".join(parts)
+
+
+def phases_text() -> str:
+    """The phases in which each of the client's flags holds."""
+    sets = "".join(f"  {flag}: {json.dumps(where(flag))},\n" for flag in PHASE_FLAGS)
+    flags = " | ".join(json.dumps(flag) for flag in PHASE_FLAGS)
+    return f"export const PHASES_WHERE: Record<{flags}, readonly PhaseName[]> = {{\n{sets}}};\n"
 
 
 def example(info: inspect.Type) -> Any:
@@ -166,7 +180,7 @@ def main() -> None:
         raise SystemExit(f"{CLIENT} is missing: run this in a checkout of the project")
     for path, text in stale().items():
         if check:
-            raise SystemExit(f"{path} is stale: run python -m avrgym.vr.protocol.typescript")
+            raise SystemExit(f"{path} is stale: run python -m avrgym.vr.typescript")
         path.parent.mkdir(exist_ok=True)
         path.write_text(text, "utf-8")
 
