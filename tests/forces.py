@@ -4,18 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import kinematics, transforms
-from avrgym.models.yielding import MOST_CONTACT_FORCE_N
 from avrgym.tasks import places
 from avrgym.tasks.episodes import Episodes
 from starts import begun
 
 Array = NDArray[np.float64]
 
-MOST_FORCE_N = 5.0 * MOST_CONTACT_FORCE_N
-"""Five contacts at their most: an arm that presses tool and fingers into a person with all its motors at short levers.
-
-Torque alone bounds no force, see ``models.yielding``; the number of contacts that motors can hold at once is measured.
-"""
+MOST_FORCE_N = 400.0
+"""Of all contacts together: that of each is derived in ``models.yielding``, how many there are at once is measured."""
 
 HOW = ("random", "constant", "at the person")
 

@@ -7,20 +7,18 @@ import numpy as np
 import pytest
 
 from avrgym.models.human import LOWER_RAD, SEATED_RAD, TORSO_HEIGHT_RANGE_M, UPPER_RAD, Person
-from avrgym.models.yielding import MOST_CONTACT_FORCE_N
 from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.people.impairments import IMPAIRMENTS
 from avrgym.simulation.room import NoRoomError
-from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
+from avrgym.tasks import ENVIRONMENTS, TASKS
 from avrgym.tasks.episodes import Episodes
-from forces import HOW, pressed
+from forces import HOW, MOST_FORCE_N, pressed
 from starts import at_once, deepest_overlap_m
 
 STARTS_OF_A_KIND = 785
 PERSONS = 200
-PRESSED_WORLDS, PRESSED_STEPS = 64, 100
-MOST_OF_LONG_N = 7.0 * MOST_CONTACT_FORCE_N
-"""Measured: 659 N where arms are driven to and fro at the person for 10 s, which strikes as well as presses."""
+PRESSED_WORLDS, PRESSED_STEPS = 11, 60
+"""In each of 8 environments, 3 kinds of people and 4 impairments: 1 056 starts, and as many for each way to press."""
 
 FITTED = "\n".join(
     ["cooperating = true", "[torso_height_m]", "man = [0.45, 0.7]", "woman = [0.42, 0.66]"]
@@ -71,16 +69,15 @@ def test_fixed_people_in_any_pose_have_room_or_are_refused(environment: str) -> 
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_no_robot_presses_harder_than_its_motors(environment: str) -> None:
-    """People who tremble strike the robot with muscles of their own, and are not among them."""
-    task, _ = find_environment(environment)
+def test_no_robot_presses_harder_than_people_give_way(environment: str) -> None:
+    """People who tremble strike the robot with muscles of their own, and are among them."""
     peaks = {
         (whom, impairment, how): float(
             pressed(environment, PRESSED_WORLDS, whom, impairment, how, steps=PRESSED_STEPS).max()
         )
-        for whom, impairment, how in product(("revised", "participants"), ("none", "limits", "weakness"), HOW)
+        for whom, impairment, how in product(DISTRIBUTIONS, IMPAIRMENTS, HOW)
     }
     largest = max(peaks, key=lambda kind: peaks[kind])
     by_how = {how: round(max(peaks[kind] for kind in peaks if kind[2] == how)) for how in HOW}
-    print(f"\n{environment} ({task}): at most {peaks[largest]:.0f} N, {largest}; {by_how}")
-    assert peaks[largest] < MOST_OF_LONG_N
+    print(f"\n{environment}: at most {peaks[largest]:.0f} N, {largest}; {by_how}")
+    assert peaks[largest] < MOST_FORCE_N

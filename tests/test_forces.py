@@ -1,16 +1,21 @@
 """No motor here presses harder than it can, and a person gives way: what robots may press people with."""
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from avrgym.models import human, robots
+from avrgym.models import contacts, human, robots
 from avrgym.models.robots import ROBOTS
+from avrgym.models.scene import TOOL
 from avrgym.models.yielding import (
     GIVEN_WAY_M,
     INVERSE_MASS_PER_KG,
     MOST_CONTACT_FORCE_N,
+    TREMBLING_SHARE,
     contact_force_n,
+    soften,
+    strike_force_n,
     torque_limit_n_m,
 )
 from avrgym.simulation.worlds import MAX_LEAD_RAD, Simulation
@@ -19,16 +24,46 @@ from forces import MOST_FORCE_N, pressed
 from starts import at_once, begun
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
+STRIKE = """
+<mujoco>
+  <option gravity="0 0 0" timestep="0.01"/>
+  <worldbody>
+    <body name="head"><geom name="head" size="0.09"/></body>
+    <body name="ball" pos="0.0999999 0 0">
+      <joint type="slide" axis="1 0 0"/>
+      <geom name="ball" size="0.01"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
 
 
 def test_the_force_of_a_contact_grows_and_then_gives_way():
-    depths = np.linspace(0.0, GIVEN_WAY_M, 200)
+    depths = np.linspace(0.0, 0.12, 1201)
     force = contact_force_n(depths)
     assert force[0] == 0.0
-    assert force[1] / depths[1] == pytest.approx(40e3, rel=0.05)
-    assert pytest.approx(100.0, abs=1.0) == MOST_CONTACT_FORCE_N
-    assert (np.diff(force[depths < 0.015]) > 0.0).all()
-    assert (np.diff(force[depths > 0.02]) < 0.0).all()
+    assert contact_force_n(np.array(1e-5)) / 1e-5 == pytest.approx(45e3, rel=0.03)
+    assert pytest.approx(31.4, abs=0.1) == MOST_CONTACT_FORCE_N
+    assert force.max() < MOST_CONTACT_FORCE_N + 0.01
+    assert (np.diff(force[depths < 0.004]) > 0.0).all()
+    assert (np.diff(force[(depths > 0.005) & (depths < GIVEN_WAY_M)]) < 0.0).all()
+
+
+@pytest.mark.parametrize("mass_kg", [0.1, 1.0, 10.0, 100.0])
+@pytest.mark.parametrize("speed_m_s", [0.1, 1.0])
+def test_what_strikes_presses_as_its_energy_allows(mass_kg, speed_m_s):
+    """A ball touches a person's head that cannot move; its force is that of the speed alone."""
+    spec = mujoco.MjSpec.from_string(STRIKE)
+    soften(spec.geom("head"))
+    spec.geom("ball").mass = mass_kg
+    model = spec.compile()
+    model.body_invweight0[model.body("head").id, 0] += INVERSE_MASS_PER_KG
+    data = mujoco.MjData(model)
+    data.qvel[0] = -speed_m_s
+    mujoco.mj_forward(model, data)
+    strike = float(strike_force_n(np.array(0.5 * mass_kg * speed_m_s**2)))
+    assert data.ncon == 1
+    assert 0.0 < data.efc_force[0] <= strike
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
@@ -40,6 +75,33 @@ def test_motors_press_with_no_more_than_their_lead_nor_than_they_have(robot):
     assert_allclose(ranges, np.stack([-limit, limit], axis=-1))
     assert (limit <= stage.arm.torque_limit_n_m).all()
     assert (limit <= MAX_LEAD_RAD * stage.arm.stiffness_n_m_rad).all()
+
+
+def test_who_trembles_presses_with_a_third_of_the_strength():
+    trembling, calm = begun(SCRATCHING, 2, impairment="tremor"), begun(SCRATCHING, 2, impairment="weakness")
+    for episodes, share in ((trembling, TREMBLING_SHARE), (calm, 1.0)):
+        model = episodes.simulation.batch.get_model(1)
+        ranges = [model.actuator(human.PREFIX + joint).forcerange[1] for joint in human.JOINTS]
+        assert_allclose(ranges, share * episodes.people.strength_share[1] * human.TORQUE_N_M)
+
+
+def test_people_touch_a_box_in_place_of_the_spoons_thin_walls():
+    old, new = (
+        Simulation(TASKS["Feeding"].stage(ROBOTS["Jaco"]), 1, num_threads=1, gives_way=gives_way).model
+        for gives_way in (False, True)
+    )
+    touching = [
+        [
+            model.geom(geom).name
+            for geom in np.nonzero(
+                (model.geom_conaffinity & contacts.PERSON.contype)
+                & (model.geom_bodyid == model.body(TOOL).id)
+            )[0]
+        ]
+        for model in (old, new)
+    ]
+    assert len(touching[0]) == 6
+    assert touching[1] == ["robot/spoon_handle", "robot/hull"]
 
 
 def test_a_hand_inside_a_link_that_cannot_give_way_is_pressed_as_by_flesh():
@@ -58,6 +120,12 @@ def test_a_hand_inside_a_link_that_cannot_give_way_is_pressed_as_by_flesh():
 def test_no_jam_grows(task, robot, how):
     """Arms that push on for 6 s, every joint one way, or straight at the person."""
     peak = pressed(f"avrgym/{task}{robot}-v1", 24, "revised", "none", how, steps=60)
+    assert peak.max() < MOST_FORCE_N
+
+
+@pytest.mark.parametrize("task", ["Feeding", "BedBathing"])
+def test_people_who_tremble_are_not_jammed_either(task):
+    peak = pressed(f"avrgym/{task}PR2-v1", 24, "participants", "tremor", "at the person", steps=40)
     assert peak.max() < MOST_FORCE_N
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 COLLISION_GROUP = 3
 VISUAL_GROUP = 2
 
-_PERSON, _ROBOT, _TOOL, _PARTICLE, _FURNITURE = 1, 2, 4, 8, 16
+_PERSON, _ROBOT, _TOOL, _PARTICLE, _FURNITURE, _HULL = 1, 2, 4, 8, 16, 32
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,7 @@ class ContactBits:
 PERSON = ContactBits(_PERSON, 0)
 ROBOT = ContactBits(_ROBOT, _PERSON)
 TOOL = ContactBits(_TOOL, _PERSON)
+HULL = ContactBits(_HULL, _PERSON)
 PARTICLE = ContactBits(_PARTICLE, _PERSON | _TOOL | _PARTICLE | _FURNITURE)
 FURNITURE = ContactBits(_FURNITURE, _ROBOT | _TOOL)
 ROOM = ContactBits(0, 0)

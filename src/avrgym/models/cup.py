@@ -10,7 +10,7 @@ from avrgym.geometry import transforms
 from avrgym.models import contacts
 from avrgym.models.parts import BOX, CYLINDER, add_collision, add_material, add_skin
 from avrgym.models.shapes import revolve
-from avrgym.models.tools import Particles, Tool
+from avrgym.models.tools import Hull, Particles, Tool
 
 RIM_RADIUS_M, FOOT_RADIUS_M, HEIGHT_M = 0.047, 0.034, 0.125
 """The reference's cup, tapered like one of paper, so that every hand goes around its lower half."""
@@ -89,4 +89,15 @@ _OUTLINE = [
 ]  # fmt: skip
 """Radius and height of the cup's skin, with a rolled rim."""
 
-CUP = Tool("cup", _build_cup, grip_pos=(AXIS_X_M, 0.0, -0.075), particles=WATER)
+CUP = Tool(
+    "cup",
+    _build_cup,
+    grip_pos=(AXIS_X_M, 0.0, -0.075),
+    particles=WATER,
+    hull=Hull(
+        ("cup_floor", *(f"cup_wall_{wall}" for wall in range(_WALLS))),
+        CYLINDER,
+        pos=(AXIS_X_M, 0.0, -0.5 * HEIGHT_M),
+        size=(0.5 * (FOOT_RADIUS_M + RIM_RADIUS_M), 0.5 * HEIGHT_M, 0.0),
+    ),
+)

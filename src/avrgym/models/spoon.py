@@ -10,7 +10,7 @@ from avrgym.geometry import transforms
 from avrgym.models import contacts
 from avrgym.models.parts import BOX, CAPSULE, add_collision, add_material, add_skin
 from avrgym.models.shapes import Section, loft, tube
-from avrgym.models.tools import Particles, Tool
+from avrgym.models.tools import Hull, Particles, Tool
 
 
 def _grid(x: list[float], y: list[float], z: float) -> NDArray[np.float64]:
@@ -80,13 +80,26 @@ def _add_spoon_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, handle_end: float
     add_skin(spec, body, "spoon_handle_skin", steel, tube(np.stack([x, 0 * x, bend], axis=-1), 0.0038))
 
 
-SPOON = Tool("spoon", _build_spoon, grip_pos=(0.02 + _BOWL[0] - SPOON_LENGTH_M, 0.0, 0.0), particles=FOOD)
-
 _RIM = tuple(floor + lean + _WALL for floor, lean in zip(_FLOOR, _LEAN, strict=True))
+_BOTTOM_Z = _FLOOR_Z - _WALL
+
+SPOON = Tool(
+    "spoon",
+    _build_spoon,
+    grip_pos=(0.02 + _BOWL[0] - SPOON_LENGTH_M, 0.0, 0.0),
+    particles=FOOD,
+    hull=Hull(
+        ("spoon_floor", "spoon_left", "spoon_right", "spoon_front", "spoon_back"),
+        BOX,
+        pos=(0.0, 0.0, 0.5 * (_BOTTOM_Z + _RIM_Z)),
+        size=(_RIM[0], _RIM[1], 0.5 * (_RIM_Z - _BOTTOM_Z)),
+    ),
+)
+
 OUTLINE = np.concatenate(
     [
         _grid([share * _RIM[0] for share in (-1.0, -0.5, 0.0, 0.5, 1.0)], [-_RIM[1], 0.0, _RIM[1]], _RIM_Z),
-        _grid([-_FLOOR[0], _FLOOR[0]], [-_FLOOR[1], _FLOOR[1]], _FLOOR_Z - _WALL),
+        _grid([-_FLOOR[0], _FLOOR[0]], [-_FLOOR[1], _FLOOR[1]], _BOTTOM_Z),
     ]
 )
 """Points (P, 3) of the bowl's outside, in the tool's frame."""

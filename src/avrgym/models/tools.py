@@ -37,6 +37,16 @@ class Particles:
 
 
 @dataclass(frozen=True, eq=False)
+class Hull:
+    """What people touch instead of a tool's thin ``walls``: a shape, its centre and MuJoCo size in the tool's frame."""
+
+    walls: tuple[str, ...]
+    shape: mujoco.mjtGeom
+    pos: tuple[float, float, float]
+    size: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
 class Tool:
     """A tool: how it is built, where the hand holds it, (3,) in the tool's frame, and what it carries.
 
@@ -48,6 +58,7 @@ class Tool:
     grip_pos: tuple[float, float, float]
     particles: Particles | None
     pad: str = BODY
+    hull: Hull | None = None
 
 
 _GRAIN = {"condim": 1, "friction": [0.6, 0.005, 0.0001]}

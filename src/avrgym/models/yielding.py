@@ -1,32 +1,47 @@
 """What bounds the forces between robot and person: motors of limited torque, and a person who gives way.
 
-MuJoCo's contacts are as stiff as the things that touch are heavy to move. A static person cannot be moved at all,
-and neither can a robot's link along its own joint's axis: between those two a contact would have no limit. So a
-person's body gives way as flesh and limbs do: by 42 N/mm at the first touch, less and less the deeper it is
-pressed. A contact of one point carries at most 100 N at rest, at a depth of 15 mm, whatever presses. ISO/TS 15066 gives
-springs of 10 to 150 N/mm for skin and flesh, and 110 to 220 N as what people bear before it hurts: who can, draws
-back there.
+Torque alone bounds no force. Close to a joint's axis, along a stretched arm, or where a tool is wedged between arm and
+trunk, a motor of 24 N m presses with thousands of newtons on what cannot move, and MuJoCo's contacts are as stiff as
+the things that touch are heavy to move. What bounds the force at one point of contact is the person's own give:
+
+- At rest a person is a spring of 45 N/mm at the first touch that gives way ever more: ``MOST_CONTACT_FORCE_N`` at a
+  depth of 4 mm, less beyond, whatever presses. ISO/TS 15066 gives springs of 10 to 150 N/mm for skin and flesh, and
+  110 to 220 N as what people bear before it hurts: who can, draws back long before.
+- What strikes adds ``strike_force_n`` at most. With A the inverse mass at the contact and R the contact's own give, it
+  is b v / (A + R). What moves with an energy E closes with v ≤ √(2 E A), so that this is at most b √(2 E) / (2 √R), at
+  A = R: stiff things cannot close fast. For n contacts at once the same bounds the root of the sum of their squares.
+  All joints at full speed hold 0.5 J (Jaco) or 1.1 J (PR2).
+- What is being accelerated into a person, by motors or by furniture that it bounces off, adds as much as a strike with
+  √(τᵀ M⁻¹ τ) in place of b √(2 E), for the one or two steps until it moves along; τ are the torques on the joints.
+
+The sum over contacts grows with how many points touch. So thin walls of tools count as one shape, see ``tools.Hull``.
+Who trembles would press with full strength five times a second, and is held to ``TREMBLING_SHARE`` of it.
 """
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.models import human, robots
+from avrgym.models import contacts, human, robots, tools
+from avrgym.models.parts import add_collision
 from avrgym.models.robots import Arm
+from avrgym.models.tools import Hull, Tool
 
 Array = NDArray[np.float64]
 
-STIFFNESS_S2, DAMPING_S = 2770.0, 50.0
+STIFFNESS_S2, DAMPING_S = 3000.0, 50.0
 """MuJoCo's acceleration of a contact per metre of depth (1/s²) and per m/s (1/s)."""
-IMPEDANCE = (0.98, 0.70)
+IMPEDANCE = (0.98, 0.40)
 """At the first touch, and from ``GIVEN_WAY_M`` on; linear between."""
-GIVEN_WAY_M = 0.05
+GIVEN_WAY_M = 0.03
 INVERSE_MASS_PER_KG = 3.2
 """What the person's yielding adds to what a contact has to move; the robot's own share makes it softer still."""
-PAD_SHARE = 0.3
-"""Of the stiffness, for the washcloth, whose low friction makes MuJoCo's contact 20 times as stiff. Measured: at 0.05,
-as soft as flesh, the light pad flutters where it is caught between bed and thigh; at 1 it presses twice as hard."""
+PAD_STIFFNESS_S2, PAD_DAMPING_S, PAD_IMPEDANCE = 1400.0, 25.0, (0.70, 0.30)
+"""The same for the washcloth, whose low friction makes MuJoCo's contact 20 times as stiff: 15 N/mm at the first touch
+and 70 N at most. Its own layers are softer by far, so that gentle wiping does not tell."""
+TREMBLING_SHARE = 1 / 3
+"""Of their strength, with which people press who tremble: our assumption. It suffices for their tremor, measured
+to swing a shoulder by 6° and a head by 17° either way, and for 7° and 20° with all their strength."""
 _ALONE = 1e6
 """Mixed with other geoms' parameters, those of the person count alone."""
 
@@ -40,21 +55,46 @@ def contact_force_n(depth_m: Array) -> Array:
 MOST_CONTACT_FORCE_N = float(contact_force_n(np.linspace(0.0, GIVEN_WAY_M, 501)).max())
 
 
-def bound_forces(spec: mujoco.MjSpec, arm: Arm, lead_rad: float) -> None:
+def strike_force_n(energy_j: Array) -> Array:
+    """What the speed of things that move with this energy adds to a contact at most; any shape."""
+    give = (1.0 - IMPEDANCE[0]) / IMPEDANCE[0] * INVERSE_MASS_PER_KG
+    return 0.5 * DAMPING_S * np.sqrt(2.0 * energy_j / give)
+
+
+def bound_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: float) -> None:
     """Let a scene's person give way to whatever touches them, and an arm's motors press with no more than they aim.
 
     Args:
         spec: the scene.
         arm: the robot's moving arm.
+        tool: what it holds.
         lead_rad: how far the target of a servo may run ahead of its joint.
     """
+    if tool.hull is not None:
+        _close(spec, tool.hull)
     for geom in spec.geoms:
         if geom.name.startswith(human.PREFIX):
-            _soften(geom, 1.0)
+            soften(geom)
         elif geom.name.startswith(robots.PREFIX) and geom.priority:  # tools whose own parameters count alone
-            _soften(geom, 1.0 if geom.condim == 1 else PAD_SHARE)
+            if geom.condim == 1:
+                soften(geom)
+            else:
+                soften(geom, PAD_STIFFNESS_S2, PAD_DAMPING_S, PAD_IMPEDANCE)
     for joint, torque in zip(arm.joints, torque_limit_n_m(arm, lead_rad), strict=True):
         spec.actuator(robots.PREFIX + joint).forcerange = [-torque, torque]
+
+
+def soften(
+    geom: mujoco.MjsGeom,
+    stiffness_s2: float = STIFFNESS_S2,
+    damping_s: float = DAMPING_S,
+    impedance: tuple[float, float] = IMPEDANCE,
+) -> None:
+    """Set a geom's contact; MuJoCo takes negative numbers as stiffness and damping."""
+    last = impedance[1]
+    geom.solref = [-stiffness_s2 * last**2, -damping_s * last]
+    geom.solimp = [*impedance, GIVEN_WAY_M, 0.5, 1.0]
+    geom.solmix = _ALONE
 
 
 def torque_limit_n_m(arm: Arm, lead_rad: float) -> Array:
@@ -62,9 +102,17 @@ def torque_limit_n_m(arm: Arm, lead_rad: float) -> Array:
     return np.minimum(arm.torque_limit_n_m, lead_rad * arm.stiffness_n_m_rad)
 
 
-def _soften(geom: mujoco.MjsGeom, share: float) -> None:
-    """Set a geom's contact; MuJoCo takes negative numbers as stiffness and damping."""
-    last = IMPEDANCE[1]
-    geom.solref = [-share * STIFFNESS_S2 * last**2, -DAMPING_S * last]
-    geom.solimp = [*IMPEDANCE, GIVEN_WAY_M, 0.5, 1.0]
-    geom.solmix = _ALONE
+def muscle_torque_n_m(strength_n_m: Array, tremor_rad: Array) -> Array:
+    """What people's joints press with at most, (N, 20), of what they are able to, who tremble by so much or not."""
+    trembling = tremor_rad.any(axis=-1, keepdims=True)
+    return np.where(trembling, TREMBLING_SHARE * strength_n_m, strength_n_m)
+
+
+def _close(spec: mujoco.MjSpec, hull: Hull) -> None:
+    """Let people touch a tool's hull in place of its walls."""
+    body = spec.body(robots.PREFIX + tools.BODY)
+    for name in hull.walls:
+        spec.geom(robots.PREFIX + name).conaffinity = 0
+    add_collision(
+        body, robots.PREFIX + "hull", hull.shape, contacts.HULL, pos=hull.pos, size=hull.size, mass=0.0
+    )

@@ -133,7 +133,7 @@ class Simulation:
         self.moving = moving
         spec = build_spec(stage, Person(), moving=moving, appearance=False)
         if gives_way:
-            yielding.bound_forces(spec, stage.arm, MAX_LEAD_RAD)
+            yielding.bound_forces(spec, stage.arm, stage.tool, MAX_LEAD_RAD)
         self.model = spec.compile()
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
         self.batch = Batch(self.model, num_worlds, num_threads, persistent=True)
@@ -403,6 +403,8 @@ class _PersonFields:
             for name, field in self._inertia.items():
                 field[world, self._ids] = inertia[name]
         torque = people.strength_share[:, None] * human.TORQUE_N_M
+        if self._gives_way:
+            torque = yielding.muscle_torque_n_m(torque, people.tremor_rad)
         self._force_range[ids[:, None], self._actuators] = np.stack([-torque, torque], axis=-1)
 
 
