@@ -1,0 +1,60 @@
+"""What other installed packages register, by entry points (Python Packaging User Guide, "Entry points specification").
+
+A package that is broken must not keep AVR Gym from working: whatever fails is named in a warning of the logger
+``avrgym.plugins``, kept in a list to show, and skipped.
+"""
+
+import logging
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import TypeVar
+
+T = TypeVar("T")
+_LOG = logging.getLogger("avrgym.plugins")
+
+
+@dataclass(frozen=True)
+class Broken:
+    """What was skipped, as ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``, and why."""
+
+    name: str
+    reason: str
+
+
+def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[Broken]:
+    """Give ``add`` every object of a kind that installed packages register in a group, ordered by name.
+
+    Returns:
+        What cannot be loaded, is of another kind, or made ``add`` raise an exception.
+    """
+    broken = []
+    for entry in sorted(entry_points(group=group), key=_name):
+        try:
+            add(_object(entry, kind))
+        except Exception as error:  # other people's code may raise anything
+            broken.append(skip(_name(entry), error))
+    return broken
+
+
+def skip(name: str, error: Exception) -> Broken:
+    """Warn that something is left out because of an error."""
+    broken = Broken(name, f"{type(error).__name__}: {error}")
+    _LOG.warning("skipped %s: %s", broken.name, broken.reason)
+    return broken
+
+
+def _object(entry: EntryPoint, kind: type[T]) -> T:
+    spec = getattr(sys.modules.get(entry.module), "__spec__", None)
+    if getattr(spec, "_initializing", False):
+        raise ImportError(f"{entry.module} was imported before avrgym; import avrgym first")
+    found = entry.load()
+    if not isinstance(found, kind):
+        raise TypeError(f"{entry.value} is a {type(found).__name__}; allowed: a {kind.__name__}")
+    return found
+
+
+def _name(entry: EntryPoint) -> str:
+    package = "" if entry.dist is None else f" ({entry.dist.name} {entry.dist.version})"
+    return f"{entry.name} = {entry.value}{package}"
