@@ -59,7 +59,7 @@ def _run(environment: str, policy: str, people: str, numbers: range, seed: int) 
     observation = world.begin(np.arange(len(numbers)), generators)
     act = actor(policy, world, generators)
     tasks = [find_task(world.task.name, version) for version in WORLD_VERSIONS]
-    memories = [world.memory for _ in tasks]
+    memories = [world.task_state for _ in tasks]
     sums: list[dict[str, Array]] = [{SUCCESS: np.zeros(0), "reward": np.zeros(len(numbers))} for _ in tasks]
     for _ in range(EPISODE_STEPS):
         action = act(observation).astype(float)
@@ -67,13 +67,13 @@ def _run(environment: str, policy: str, people: str, numbers: range, seed: int) 
         world.simulation.step()
         state = world.simulation.state()
         for number, (task, found) in enumerate(zip(tasks, sums, strict=True)):
-            outcome = task.judge(state, action, memories[number])
-            memories[number] = outcome.memory
+            outcome = task.evaluate_step(state, action, memories[number])
+            memories[number] = outcome.task_state
             found[SUCCESS] = outcome.success.astype(float)
             found["reward"] += task.reward(outcome.terms)
             for name, weight in task.weights.items():
                 found[name] = found.get(name, 0.0) + weight * outcome.terms[name]
-        observation = world.judge(action).observation
+        observation = world.evaluate_step(action).observation
     return sums
 
 

@@ -12,7 +12,7 @@ import avrgym  # noqa: F401  before any test imports MuJoCo: it chooses how that
 pytest.register_assert_rewrite("killing")
 
 if TYPE_CHECKING:
-    from avrgym.models.scene import Stage
+    from avrgym.models.scene import SceneConfig
 
 
 LONG = (
@@ -50,12 +50,12 @@ def unhurried() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def feeding_stage() -> "Stage":
+def feeding_scene() -> "SceneConfig":
     """What stands in the scene when the Jaco feeds."""
     from avrgym.models.robots import JACO
     from avrgym.tasks import TASKS
 
-    return TASKS["Feeding"].stage(JACO)
+    return TASKS["Feeding"].scene(JACO)
 
 
 @pytest.fixture

@@ -45,5 +45,5 @@ def _towards(episodes: Episodes, aim: NDArray[np.intp]) -> Array:
     way_w = parts[np.arange(len(aim)), aim] - state.tool_pos_w
     _, base_q = episodes.simulation.robot_base()
     way = transforms.rotate(transforms.conjugate(base_q), way_w)
-    *_, jacobian = kinematics.jacobian(places.arm_chain(episodes.stage), state.arm_angles_rad)
+    *_, jacobian = kinematics.jacobian(places.arm_chain(episodes.scene), state.arm_angles_rad)
     return np.sign(np.einsum("nij,ni->nj", jacobian[:, :3], way))

@@ -52,7 +52,7 @@ def deepest_overlap_m(episodes: Episodes) -> float:
     geoms = simulation.geoms(np.arange(simulation.num_worlds))
     model = simulation.batch.get_model(0)
     data = mujoco.MjData(model)
-    fastened = None if episodes.stage.robot.mobile else PREFIX + episodes.stage.robot.base
+    fastened = None if episodes.scene.robot.mobile else PREFIX + episodes.scene.robot.base
     robot = [*_of(model, contacts.ROBOT), *_of(model, contacts.TOOL)]
     others = [*_of(model, contacts.PERSON), *_of(model, contacts.FURNITURE)]
     deepest = 0.0

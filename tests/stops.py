@@ -122,7 +122,7 @@ def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], A
 
 def _towards_person(episodes: Episodes, world: int) -> Array:
     """The action (7,) that moves the end effector fastest towards a person's torso or head."""
-    simulation, arm = episodes.simulation, episodes.stage.arm
+    simulation, arm = episodes.simulation, episodes.scene.arm
     model, data = simulation.batch.get_model(world), simulation.batch.get_data(world)
     effector = model.body(robots.PREFIX + arm.end_effector).id
     goal_w = data.body(human.PREFIX + ("torso" if world % 8 < 4 else "head")).xpos

@@ -14,8 +14,8 @@ from avrgym.oracles.bed_bathing import BedBathingOracle
 from avrgym.people import distributions
 from avrgym.simulation.worlds import Simulation, State
 from avrgym.tasks import TASKS, bed_bathing, places
-from avrgym.tasks.base import Outcome
-from avrgym.tasks.bed_bathing import BedBathingMemory
+from avrgym.tasks.base import StepResult
+from avrgym.tasks.bed_bathing import BedBathingState
 from avrgym.tasks.episodes import Episodes
 from worlds import still_world
 
@@ -76,32 +76,32 @@ def on_top_of_upper_arm(along_m: float, above_m: float = 0.0) -> tuple[float, fl
     return tuple(SHOULDER - along_m * BACK + (UPPER_ARM_RADIUS_M + above_m) * UP)
 
 
-def fresh(*persons: Person) -> BedBathingMemory:
+def fresh(*persons: Person) -> BedBathingState:
     who = People.of(persons or [MAN])
-    return TASK.remember(who, np.zeros((len(who.is_woman), TASK.uniforms)))
+    return TASK.init_state(who, np.zeros((len(who.is_woman), TASK.uniforms)))
 
 
-def judged(seen: State, memory: BedBathingMemory | None = None, action: np.ndarray = STILL) -> Outcome:
-    return TASK.judge(seen, action, memory or fresh())
+def judged(seen: State, task_state: BedBathingState | None = None, action: np.ndarray = STILL) -> StepResult:
+    return TASK.evaluate_step(seen, action, task_state or fresh())
 
 
-def term(outcome: Outcome, name: str) -> float:
-    return float(outcome.terms[name][0])
+def term(result: StepResult, name: str) -> float:
+    return float(result.terms[name][0])
 
 
-def marker_places(seen: State, memory: BedBathingMemory) -> np.ndarray:
+def marker_places(seen: State, task_state: BedBathingState) -> np.ndarray:
     """Where the markers (2, ``MARKERS``, 3) are on the skin, world frame."""
     pos_w, q_w = seen.right_arm_pos_w[0, :2, None], seen.right_arm_q_w[0, :2, None]
-    return pos_w + transforms.rotate(q_w, memory.marker_pos[0])
+    return pos_w + transforms.rotate(q_w, task_state.marker_pos[0])
 
 
 # Markers
 
 
 def test_markers_lie_on_the_skin_in_rings_three_centimetres_apart():
-    memory = fresh()
+    task_state = fresh()
     for limb, radius, length, around in ((0, 0.043, 0.279, 9), (1, 0.033, 0.257, 6)):
-        pos = memory.marker_pos[0, limb][memory.exists[0, limb]]
+        pos = task_state.marker_pos[0, limb][task_state.exists[0, limb]]
         assert_allclose(np.hypot(pos[:, 0], pos[:, 1]), radius)
         rings = np.unique(-pos[:, 2].round(9))
         assert_allclose(np.diff(rings), 0.03)
@@ -114,35 +114,35 @@ def test_markers_lie_on_the_skin_in_rings_three_centimetres_apart():
 
 
 def test_the_number_of_markers_follows_the_person():
-    memory = fresh(MAN, Person("woman", 0.54), Person("man", 0.75), Person("woman", 0.75))
-    counts = memory.exists.sum(axis=-1)
+    task_state = fresh(MAN, Person("woman", 0.54), Person("man", 0.75), Person("woman", 0.75))
+    counts = task_state.exists.sum(axis=-1)
     assert counts.tolist() == [[81, 48], [56, 35], [99, 60], [84, 50]]
-    assert not memory.wiped.any()
+    assert not task_state.wiped.any()
 
 
 def test_every_allowed_person_has_room_for_all_markers():
     """The next ring or the next marker around would not fit into what is there."""
     for sex in human.SEXES:
-        memory = fresh(Person(sex, human.TORSO_HEIGHT_RANGE_M[1]))
+        task_state = fresh(Person(sex, human.TORSO_HEIGHT_RANGE_M[1]))
         size = human.layout(np.array([sex == "woman"]), np.array([0.75]), RECLINED).geom_size
         for limb, name in enumerate(bed_bathing.LIMBS):
             radius, half_length = size[name][0, 0], size[name][0, 1]
             expected = int(2.0 * half_length / 0.03) * int(2.0 * np.pi * radius / 0.03)
-            assert memory.exists[0, limb].sum() == expected
+            assert task_state.exists[0, limb].sum() == expected
 
 
 def test_marks_are_drawn_above_the_skin_until_they_are_wiped():
     assert TASK.marks is not None
-    seen, memory = state(), fresh()
-    marks = TASK.marks.places(seen, memory)
+    seen, task_state = state(), fresh()
+    marks = TASK.marks.places(seen, task_state)
     assert marks.shape == (1, TASK.marks.count, 3)
-    shown = marks[0][memory.exists[0].ravel()]
+    shown = marks[0][task_state.exists[0].ravel()]
     from_axis = np.hypot(shown[:, 0] - SHOULDER[0], shown[:, 2] - SHOULDER[2])
     assert_allclose(np.unique(from_axis.round(6)), [0.033 + 0.008, 0.043 + 0.008])
-    assert ((marks[0, :, 2] < 0.0) == ~memory.exists[0].ravel()).all()
-    wiped = judged(state({on_top_of_upper_arm(0.14): 3.0})).memory
+    assert ((marks[0, :, 2] < 0.0) == ~task_state.exists[0].ravel()).all()
+    wiped = judged(state({on_top_of_upper_arm(0.14): 3.0})).task_state
     hidden = TASK.marks.places(seen, wiped)[0, :, 2] < 0.0
-    assert hidden.sum() == (~memory.exists).sum() + wiped.wiped.sum() > (~memory.exists).sum()
+    assert hidden.sum() == (~task_state.exists).sum() + wiped.wiped.sum() > (~task_state.exists).sum()
 
 
 # Wiping
@@ -150,10 +150,10 @@ def test_marks_are_drawn_above_the_skin_until_they_are_wiped():
 
 def wiped_by(seen: State) -> tuple[np.ndarray, np.ndarray]:
     """Where the markers are that one step wipes, and those that it leaves."""
-    outcome = judged(seen)
+    result = judged(seen)
     pos = marker_places(seen, fresh())
-    wiped = outcome.memory.wiped[0]
-    assert term(outcome, "markers_wiped") == wiped.sum()
+    wiped = result.task_state.wiped[0]
+    assert term(result, "markers_wiped") == wiped.sum()
     return pos[wiped], pos[fresh().exists[0] & ~wiped]
 
 
@@ -213,11 +213,11 @@ def test_only_the_face_wipes(pad_q_w):
     """Whichever way the cloth is turned: with its face and the face's rim, never with its sides or its back."""
     for about_rad in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):
         for angle_deg, wipes in ((0, True), (30, True), (70, True), (80, False), (90, False), (180, False)):
-            outcome = judged(touching(pad_q_w, angle_deg, about_rad))
-            assert (term(outcome, "markers_wiped") > 0) == wipes
+            result = judged(touching(pad_q_w, angle_deg, about_rad))
+            assert (term(result, "markers_wiped") > 0) == wipes
         for behind_m, wipes in ((0.0, True), (0.006, True), (0.012, False), (0.02, False)):
-            outcome = judged(touching(pad_q_w, 50, about_rad, behind_face_m=behind_m))
-            assert (term(outcome, "markers_wiped") > 0) == wipes
+            result = judged(touching(pad_q_w, 50, about_rad, behind_face_m=behind_m))
+            assert (term(result, "markers_wiped") > 0) == wipes
 
 
 def test_a_side_that_touches_adds_nothing_to_what_the_face_wipes():
@@ -226,13 +226,13 @@ def test_a_side_that_touches_adds_nothing_to_what_the_face_wipes():
     normals_w[0, 1] = LEFT  # a side's, where the face looks down
     alone = judged(state({on_top_of_upper_arm(0.08): 2.0}))
     both = judged(replace(seen, tool_contact_normal_w=normals_w))
-    assert_array_equal(both.memory.wiped, alone.memory.wiped)
+    assert_array_equal(both.task_state.wiped, alone.task_state.wiped)
 
 
 @pytest.mark.parametrize(("side", "wipes"), [("face", True), ("lower", False), ("upper", False)])
 def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
     """A cloth that lies along the upper arm and is pressed on it, with one of its sides or another, by a real arm."""
-    stage, who = TASK.stage(JACO), distributions.repeat(Person("man", 0.60, TASK.pose.rest_rad), 1)
+    scene, who = TASK.scene(JACO), distributions.repeat(Person("man", 0.60, TASK.pose.rest_rad), 1)
     shoulder, elbow, _ = places.right_arm(who, RECLINED)[0]
     along = transforms.normalize(elbow - shoulder)
     down = transforms.normalize(-UP + (UP @ along) * along)
@@ -243,46 +243,49 @@ def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
     pad = 0.5 * (shoulder + elbow) - (UPPER_ARM_RADIUS_M + PAD_HALF_SIZE_M[half] + 0.015) * down
     tool = (pad - transforms.rotate(tool_q, PAD_CENTRE_M))[None]
     uniforms = np.random.default_rng(0).random((1, TASK.uniforms))
-    start = places.start(stage, who, {}, tool, tool_q[None], tool[:, None], tool_q[None, None], uniforms)
-    simulation = Simulation(stage, 1, num_threads=1)
+    start = places.start(scene, who, {}, tool, tool_q[None], tool[:, None], tool_q[None, None], uniforms)
+    simulation = Simulation(scene, 1, num_threads=1)
     simulation.reset(np.array([0]), replace(start, placed_pos_w={"nightstand": start.robot_pos_w}))
-    memory, pressed_n = fresh(), 0.0
+    task_state, pressed_n = fresh(), 0.0
     for _ in range(6):
-        _, _, jacobian = kinematics.jacobian(places.arm_chain(stage), simulation.arm_angles_rad())
+        _, _, jacobian = kinematics.jacobian(places.arm_chain(scene), simulation.arm_angles_rad())
         velocity = transforms.rotate(transforms.conjugate(start.robot_q_w[0]), 0.04 * down)
         rates = np.linalg.pinv(jacobian[0]) @ np.concatenate([velocity, np.zeros(3)])
-        simulation.command_robot((rates / stage.arm.speed_limit_rad_s)[None])
+        simulation.command_robot((rates / scene.arm.speed_limit_rad_s)[None])
         simulation.step()
         seen = simulation.state()
-        memory, pressed_n = TASK.judge(seen, STILL, memory).memory, max(pressed_n, seen.total_force_n[0])
+        task_state, pressed_n = (
+            TASK.evaluate_step(seen, STILL, task_state).task_state,
+            max(pressed_n, seen.total_force_n[0]),
+        )
     assert pressed_n > 1.0
-    assert memory.wiped.any() == wipes
+    assert task_state.wiped.any() == wipes
 
 
 def test_the_force_of_a_side_on_the_arm_is_at_the_target_too():
     seen = state({on_top_of_upper_arm(0.10): 20.0}, tool_contact_normal_w=np.tile(LEFT, (1, 6, 1)))
-    outcome = judged(seen)
-    assert term(outcome, "strong_force_at_arm_n") == 20.0
-    assert term(outcome, "force_elsewhere_n") == 0.0
+    result = judged(seen)
+    assert term(result, "strong_force_at_arm_n") == 20.0
+    assert term(result, "force_elsewhere_n") == 0.0
 
 
 def test_a_marker_counts_once():
     seen = state({on_top_of_upper_arm(0.10): 3.0})
-    outcome = judged(seen)
-    assert term(outcome, "markers_wiped") > 0
-    assert term(judged(seen, outcome.memory), "markers_wiped") == 0
-    assert judged(seen, outcome.memory).memory.wiped.sum() == outcome.memory.wiped.sum()
+    result = judged(seen)
+    assert term(result, "markers_wiped") > 0
+    assert term(judged(seen, result.task_state), "markers_wiped") == 0
+    assert judged(seen, result.task_state).task_state.wiped.sum() == result.task_state.wiped.sum()
 
 
 def test_thirty_percent_of_the_markers_are_a_success():
     """39 of 129, wherever they are, and it lasts."""
-    memory = fresh()
-    existing = np.flatnonzero(memory.exists)
+    task_state = fresh()
+    existing = np.flatnonzero(task_state.exists)
     for count, success in ((38, False), (39, True)):
-        wiped = np.zeros(memory.wiped.size, dtype=bool)
+        wiped = np.zeros(task_state.wiped.size, dtype=bool)
         wiped[existing[-count:]] = True
-        outcome = judged(state(), replace(memory, wiped=wiped.reshape(memory.wiped.shape)))
-        assert outcome.success[0] == success
+        result = judged(state(), replace(task_state, wiped=wiped.reshape(task_state.wiped.shape)))
+        assert result.success[0] == success
 
 
 # The other terms
@@ -291,8 +294,8 @@ def test_thirty_percent_of_the_markers_are_a_success():
 def test_distance_is_from_the_cloth_to_the_skin():
     for above in (0.0, 0.02, 0.3):
         face = np.array(on_top_of_upper_arm(0.14, above_m=above))
-        outcome = judged(state(tool_pos_w=face[None]))
-        assert term(outcome, "distance_m") == outcome.distance_m[0] == pytest.approx(above, abs=1e-9)
+        result = judged(state(tool_pos_w=face[None]))
+        assert term(result, "distance_m") == result.distance_m[0] == pytest.approx(above, abs=1e-9)
     inside = np.array(on_top_of_upper_arm(0.14, above_m=-0.003))
     assert term(judged(state(tool_pos_w=inside[None])), "distance_m") == 0.0
 
@@ -309,9 +312,9 @@ def test_distance_is_from_the_nearest_part_of_the_cloth():
 def test_force_on_the_arm_is_at_the_target_and_any_other_is_not():
     on_arm = on_top_of_upper_arm(0.10)
     seen = state({on_arm: 4.0, tuple(FAR_AWAY): 3.0}, total_force_n=np.array([9.0]))
-    outcome = judged(seen)
-    assert term(outcome, "force_elsewhere_n") == pytest.approx(5.0)
-    assert term(outcome, "strong_force_at_arm_n") == 0.0
+    result = judged(seen)
+    assert term(result, "force_elsewhere_n") == pytest.approx(5.0)
+    assert term(result, "strong_force_at_arm_n") == 0.0
     assert term(judged(state({on_arm: 4.0})), "force_elsewhere_n") == 0.0
 
 
@@ -324,9 +327,9 @@ def test_only_strong_force_at_the_target_is_disliked():
 
 def test_action_and_speed_terms():
     seen = state(tool_velocity_w=np.array([[0.3, 0.0, -0.4]]))
-    outcome = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
-    assert term(outcome, "action_squared") == 1.5
-    assert term(outcome, "tool_speed_m_s") == pytest.approx(0.5)
+    result = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
+    assert term(result, "action_squared") == 1.5
+    assert term(result, "tool_speed_m_s") == pytest.approx(0.5)
 
 
 def test_the_weights_are_those_of_the_paper():
@@ -346,13 +349,13 @@ def test_the_reward_is_the_weighted_sum():
         tool_velocity_w=np.array([[0.0, 0.2, 0.0]]),
         total_force_n=np.array([27.0]),
     )
-    outcome = judged(seen, action=np.full((1, 7), 0.5))
-    distance, wiped = term(outcome, "distance_m"), term(outcome, "markers_wiped")
+    result = judged(seen, action=np.full((1, 7), 0.5))
+    distance, wiped = term(result, "distance_m"), term(result, "markers_wiped")
     assert distance > 0.9
     assert wiped > 0
     expected = -distance - 0.01 * 7 * 0.25 + 5 * wiped - 0.25 * 0.2 - 0.01 * 7.0 - 0.05 * 20.0
-    assert TASK.reward(outcome.terms)[0] == pytest.approx(expected)
-    assert set(outcome.terms) == set(TASK.weights)
+    assert TASK.reward(result.terms)[0] == pytest.approx(expected)
+    assert set(result.terms) == set(TASK.weights)
 
 
 def test_worlds_are_judged_apart():
@@ -362,12 +365,12 @@ def test_worlds_are_judged_apart():
         for name in vars(worlds[0])
         if name != "placed_pos_w"
     }
-    together = TASK.judge(State(**arrays, placed_pos_w={}), np.zeros((3, 7)), fresh(MAN, MAN, MAN))
+    together = TASK.evaluate_step(State(**arrays, placed_pos_w={}), np.zeros((3, 7)), fresh(MAN, MAN, MAN))
     for index, world in enumerate(worlds):
         alone = judged(world)
         for name, value in together.terms.items():
             assert value[index] == alone.terms[name][0], name
-        assert_array_equal(together.memory.wiped[index], alone.memory.wiped[0])
+        assert_array_equal(together.task_state.wiped[index], alone.task_state.wiped[0])
 
 
 # Observation
@@ -420,12 +423,12 @@ def test_episodes_begin_with_the_cloth_beside_the_arm(robot):
 
 
 def test_the_nightstand_goes_with_the_robot(rng):
-    stage = TASK.stage(JACO)
-    start = TASK.start(stage, distributions.repeat(MAN, 8), rng.random((8, TASK.uniforms)))
+    scene = TASK.scene(JACO)
+    start = TASK.start(scene, distributions.repeat(MAN, 8), rng.random((8, TASK.uniforms)))
     assert_array_equal(start.placed_pos_w["nightstand"], start.robot_pos_w)
     assert np.abs(start.robot_pos_w - [-0.75, 0.15, 0.6]).max() <= 0.1
     assert (
-        TASK.start(TASK.stage(PR2), distributions.repeat(MAN, 1), rng.random((1, TASK.uniforms))).placed_pos_w
+        TASK.start(TASK.scene(PR2), distributions.repeat(MAN, 1), rng.random((1, TASK.uniforms))).placed_pos_w
         == {}
     )
 

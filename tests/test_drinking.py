@@ -12,8 +12,8 @@ from avrgym.oracles import ORACLES
 from avrgym.people import distributions
 from avrgym.simulation.worlds import State
 from avrgym.tasks import TASKS
-from avrgym.tasks.base import Outcome
-from avrgym.tasks.drinking import CUP_Q_W, DrinkingMemory
+from avrgym.tasks.base import StepResult
+from avrgym.tasks.drinking import CUP_Q_W, DrinkingState
 from avrgym.tasks.episodes import Episodes
 from worlds import still_world
 
@@ -47,25 +47,25 @@ def state(water: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> 
     return still_world(**given | changes)
 
 
-def fresh(count: int = 1) -> DrinkingMemory:
-    return DRINKING.remember(distributions.repeat(Person(), count), np.zeros((count, DRINKING.uniforms)))
+def fresh(count: int = 1) -> DrinkingState:
+    return DRINKING.init_state(distributions.repeat(Person(), count), np.zeros((count, DRINKING.uniforms)))
 
 
-def judged(seen: State, memory: DrinkingMemory | None = None, action: np.ndarray = STILL) -> Outcome:
-    return DRINKING.judge(seen, action, memory or fresh())
+def judged(seen: State, task_state: DrinkingState | None = None, action: np.ndarray = STILL) -> StepResult:
+    return DRINKING.evaluate_step(seen, action, task_state or fresh())
 
 
-def term(outcome: Outcome, name: str) -> float:
-    return float(outcome.terms[name][0])
+def term(result: StepResult, name: str) -> float:
+    return float(result.terms[name][0])
 
 
-def counts(outcome: Outcome) -> tuple[float, float, float]:
+def counts(result: StepResult) -> tuple[float, float, float]:
     """Water that now counts as in the mouth, as spilled and as on the person."""
-    return term(outcome, "water_in_mouth"), term(outcome, "water_spilled"), term(outcome, "water_on_person")
+    return term(result, "water_in_mouth"), term(result, "water_spilled"), term(result, "water_on_person")
 
 
-def gone(outcome: Outcome) -> list[int]:
-    return np.nonzero(outcome.gone[0])[0].tolist()
+def gone(result: StepResult) -> list[int]:
+    return np.nonzero(result.gone[0])[0].tolist()
 
 
 # Water
@@ -77,10 +77,10 @@ def test_water_in_the_cup_counts_for_nothing():
 
 def test_water_in_the_mouth_counts_once_and_leaves_the_scene():
     seen = state({3: MOUTH + 0.029 * UP})
-    outcome = judged(seen)
-    assert counts(outcome) == (1, 0, 0)
-    assert gone(outcome) == [3]
-    again = judged(seen, outcome.memory)
+    result = judged(seen)
+    assert counts(result) == (1, 0, 0)
+    assert gone(result) == [3]
+    again = judged(seen, result.task_state)
     assert counts(again) == (0, 0, 0)
     assert gone(again) == []
 
@@ -107,10 +107,10 @@ def test_the_cup_is_where_the_tool_has_turned_it():
 
 
 def test_water_below_cup_and_mouth_is_spilled_once():
-    outcome = judged(state({5: FALLEN}))
-    assert counts(outcome) == (0, 1, 0)
-    assert gone(outcome) == []
-    assert counts(judged(state({5: FALLEN}), outcome.memory)) == (0, 0, 0)
+    result = judged(state({5: FALLEN}))
+    assert counts(result) == (0, 1, 0)
+    assert gone(result) == []
+    assert counts(judged(state({5: FALLEN}), result.task_state)) == (0, 0, 0)
 
 
 def test_water_that_may_still_reach_cup_or_mouth_is_not_spilled():
@@ -121,29 +121,29 @@ def test_water_that_may_still_reach_cup_or_mouth_is_not_spilled():
 
 def test_water_on_the_floor_leaves_the_scene_once():
     falling = judged(state({2: FALLEN}))
-    landed = judged(state({2: ON_FLOOR}), falling.memory)
+    landed = judged(state({2: ON_FLOOR}), falling.task_state)
     assert counts(landed) == (0, 0, 0)
     assert gone(landed) == [2]
-    assert gone(judged(state({2: ON_FLOOR}), landed.memory)) == []
+    assert gone(judged(state({2: ON_FLOOR}), landed.task_state)) == []
     assert counts(judged(state({2: ON_FLOOR}))) == (0, 1, 0)
 
 
 def test_drunk_water_is_never_spilled_and_spilled_water_never_drunk():
-    drunk = judged(state({0: MOUTH})).memory
+    drunk = judged(state({0: MOUTH})).task_state
     assert counts(judged(state({0: ON_FLOOR}), drunk)) == (0, 0, 0)
-    spilled = judged(state({0: FALLEN})).memory
+    spilled = judged(state({0: FALLEN})).task_state
     assert counts(judged(state({0: MOUTH}), spilled)) == (0, 0, 0)
 
 
 def test_water_that_hits_the_person_counts_once():
-    outcome = judged(state({1: BESIDE_THE_CHEST, 2: BESIDE_THE_CHEST - 0.003 * BACK}))
-    assert term(outcome, "water_on_person") == 1
-    assert term(judged(state({1: BESIDE_THE_CHEST}), outcome.memory), "water_on_person") == 0
+    result = judged(state({1: BESIDE_THE_CHEST, 2: BESIDE_THE_CHEST - 0.003 * BACK}))
+    assert term(result, "water_on_person") == 1
+    assert term(judged(state({1: BESIDE_THE_CHEST}), result.task_state), "water_on_person") == 0
 
 
 def test_spilled_water_may_still_hit_the_person():
     spilled = judged(state({1: FALLEN}))
-    assert counts(judged(state({1: BESIDE_THE_CHEST}), spilled.memory)) == (0, 0, 1)
+    assert counts(judged(state({1: BESIDE_THE_CHEST}), spilled.task_state)) == (0, 0, 1)
 
 
 def test_water_in_mouth_or_cup_is_not_on_the_person():
@@ -155,25 +155,25 @@ def test_water_in_mouth_or_cup_is_not_on_the_person():
 def test_the_speed_of_water_that_enters_the_mouth_adds_up():
     velocity = np.zeros((1, 64, 3))
     velocity[0, :3] = [[0.3, 0.0, 0.4], [0.0, 0.0, 2.0], [0.0, 1.0, 0.0]]
-    outcome = judged(state({0: MOUTH, 2: MOUTH}, particle_velocity_w=velocity))
-    assert term(outcome, "water_entry_speed_m_s") == pytest.approx(0.5 + 1.0)
+    result = judged(state({0: MOUTH, 2: MOUTH}, particle_velocity_w=velocity))
+    assert term(result, "water_entry_speed_m_s") == pytest.approx(0.5 + 1.0)
 
 
 def test_three_quarters_of_the_water_are_a_success():
     """Over any number of steps, and it lasts."""
     first = judged(state(dict.fromkeys(range(47), MOUTH)))
     assert not first.success[0]
-    second = judged(state({60: MOUTH}), first.memory)
+    second = judged(state({60: MOUTH}), first.task_state)
     assert second.success[0]
-    assert judged(state(), second.memory).success[0]
+    assert judged(state(), second.task_state).success[0]
 
 
 # The other terms
 
 
 def test_distance_is_from_the_pouring_edge_to_the_mouth():
-    outcome = judged(state())
-    assert term(outcome, "distance_m") == outcome.distance_m[0] == pytest.approx(np.linalg.norm(EDGE - MOUTH))
+    result = judged(state())
+    assert term(result, "distance_m") == result.distance_m[0] == pytest.approx(np.linalg.norm(EDGE - MOUTH))
 
 
 @pytest.mark.parametrize("axis", [LEFT, BACK, transforms.normalize([1.0, 2.0, 0.0])])
@@ -199,11 +199,11 @@ def test_action_speed_and_force_terms():
         links_force_n=np.array([12.0]),
         total_force_n=np.array([15.0]),
     )
-    outcome = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
-    assert term(outcome, "action_squared") == 1.5
-    assert term(outcome, "tool_speed_m_s") == pytest.approx(0.5)
-    assert term(outcome, "links_force_n") == 12.0
-    assert outcome.force_on_person_n[0] == 15.0
+    result = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
+    assert term(result, "action_squared") == 1.5
+    assert term(result, "tool_speed_m_s") == pytest.approx(0.5)
+    assert term(result, "links_force_n") == 12.0
+    assert result.force_on_person_n[0] == 15.0
 
 
 @pytest.mark.parametrize("places", [1, 3])
@@ -214,9 +214,9 @@ def test_the_tool_presses_strongly_from_ten_newtons_in_all(newtons, strong, plac
     """Nothing below, the whole force from there on; what the links press with is another term."""
     forces = np.zeros((1, TOOL_CONTACTS))
     forces[0, :places] = newtons / places
-    outcome = judged(state(tool_contact_force_n=forces, links_force_n=np.array([30.0])))
-    assert term(outcome, "strong_tool_force_n") == pytest.approx(strong)
-    assert term(outcome, "links_force_n") == 30.0
+    result = judged(state(tool_contact_force_n=forces, links_force_n=np.array([30.0])))
+    assert term(result, "strong_tool_force_n") == pytest.approx(strong)
+    assert term(result, "links_force_n") == 30.0
 
 
 def test_the_weights_are_those_of_the_paper():
@@ -243,8 +243,8 @@ def test_the_reward_is_the_weighted_sum():
         links_force_n=np.array([7.0]),
         tool_contact_force_n=np.array([[9.0, 4.0, 0.0, 0.0, 0.0, 0.0]]),
     )
-    outcome = judged(seen, action=np.full((1, 7), 0.5))
-    assert counts(outcome) == (2, 1, 1)
+    result = judged(seen, action=np.full((1, 7), 0.5))
+    assert counts(result) == (2, 1, 1)
     distance, entry = np.linalg.norm(EDGE - MOUTH), 2 * np.linalg.norm([0.1] * 3)
     expected = (
         -distance
@@ -258,17 +258,17 @@ def test_the_reward_is_the_weighted_sum():
         - 1
         - entry
     )
-    assert DRINKING.reward(outcome.terms)[0] == pytest.approx(expected)
-    assert set(outcome.terms) == set(DRINKING.weights)
+    assert DRINKING.reward(result.terms)[0] == pytest.approx(expected)
+    assert set(result.terms) == set(DRINKING.weights)
 
 
 def test_worlds_are_judged_apart():
     worlds = [state({0: MOUTH}), state({0: FALLEN}), state()]
     names = [name for name in vars(worlds[0]) if name != "placed_pos_w"]
     arrays = {name: np.concatenate([getattr(world, name) for world in worlds]) for name in names}
-    outcome = DRINKING.judge(State(**arrays, placed_pos_w={}), np.zeros((3, 7)), fresh(3))
-    assert_array_equal(outcome.terms["water_in_mouth"], [1, 0, 0])
-    assert_array_equal(outcome.terms["water_spilled"], [0, 1, 0])
+    result = DRINKING.evaluate_step(State(**arrays, placed_pos_w={}), np.zeros((3, 7)), fresh(3))
+    assert_array_equal(result.terms["water_in_mouth"], [1, 0, 0])
+    assert_array_equal(result.terms["water_spilled"], [0, 1, 0])
 
 
 # Observation
@@ -319,10 +319,10 @@ def test_water_stays_in_a_cup_that_is_carried_fast():
     episodes = begun(4)
     for step in range(60):
         action = 0.5 * np.cos(0.1 * np.pi * step) * np.array([1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-        outcome = episodes.step(np.tile(action, (4, 1)))
+        result = episodes.step(np.tile(action, (4, 1)))
         assert (in_cup_frame(episodes)[..., 2] < -0.02).all()
         assert np.abs(in_cup_frame(episodes)[..., :2] - [AXIS_X_M, 0.0]).max() < RIM_RADIUS_M
-        assert not outcome.reward_terms["water_spilled"].any()
+        assert not result.reward_terms["water_spilled"].any()
 
 
 def test_a_cup_that_is_turned_over_spills_every_sphere_once():
@@ -358,7 +358,7 @@ def assert_touch_nothing(episodes: Episodes, spheres: list[set[str]]) -> None:
 def test_episodes_begin_before_the_person_with_an_upright_cup(robot):
     episodes = begun(32, robot)
     seen = episodes.simulation.state()
-    hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.stage.tool.grip_pos)
+    hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.scene.tool.grip_pos)
     offset = hand - [-0.2, -0.5, 1.0]
     assert np.abs(offset).max() <= 0.05 + 0.01
     assert np.abs(offset).max(axis=0).min() > 0.04

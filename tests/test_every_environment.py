@@ -117,10 +117,10 @@ def _depth(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 def test_a_mobile_robot_stands_clear_of_wheelchair_and_bed_and_faces_the_person(environment):
     episodes = begun(environment, 64)
     pos_w, q_w = episodes.simulation.robot_base()
-    half = episodes.stage.robot.half_width_m
+    half = episodes.scene.robot.half_width_m
     corners = np.array([[x, y, 0.0] for x in (-half, half) for y in (-half, half)])
     reach_w = pos_w[:, None] + transforms.rotate(q_w[:, None], corners)
-    assert (reach_w[..., 0] <= FURNITURE_EDGE_M[episodes.stage.posture] + 1e-9).all()
+    assert (reach_w[..., 0] <= FURNITURE_EDGE_M[episodes.scene.posture] + 1e-9).all()
     forward_w = transforms.rotate(q_w, [1.0, 0.0, 0.0])
     assert (forward_w[:, 0] >= np.cos(np.radians(30.0)) - 1e-9).all()
     assert len(np.unique(pos_w.round(6), axis=0)) > 32

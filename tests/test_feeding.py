@@ -11,9 +11,9 @@ from avrgym.models.scene import TOOL_CONTACTS
 from avrgym.people import distributions
 from avrgym.simulation.worlds import State
 from avrgym.tasks import TASKS, find_environment
-from avrgym.tasks.base import Outcome
+from avrgym.tasks.base import StepResult
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.feeding import OBSERVED, SPOON_Q_W, FeedingMemory
+from avrgym.tasks.feeding import OBSERVED, SPOON_Q_W, FeedingState
 from worlds import still_world
 
 FEEDING = TASKS["Feeding"]
@@ -48,21 +48,21 @@ def state(food: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> S
     return still_world(**given | changes)
 
 
-def fresh(count: int = 1) -> FeedingMemory:
-    return FEEDING.remember(distributions.repeat(Person(), count), np.zeros((count, FEEDING.uniforms)))
+def fresh(count: int = 1) -> FeedingState:
+    return FEEDING.init_state(distributions.repeat(Person(), count), np.zeros((count, FEEDING.uniforms)))
 
 
-def judged(seen: State, memory: FeedingMemory | None = None, action: np.ndarray = STILL) -> Outcome:
-    return FEEDING.judge(seen, action, memory or fresh())
+def judged(seen: State, task_state: FeedingState | None = None, action: np.ndarray = STILL) -> StepResult:
+    return FEEDING.evaluate_step(seen, action, task_state or fresh())
 
 
-def term(outcome: Outcome, name: str) -> float:
-    return float(outcome.terms[name][0])
+def term(result: StepResult, name: str) -> float:
+    return float(result.terms[name][0])
 
 
-def counts(outcome: Outcome) -> tuple[float, float, float]:
+def counts(result: StepResult) -> tuple[float, float, float]:
     """Food that now counts as in the mouth, as dropped and as on the person."""
-    return term(outcome, "food_in_mouth"), term(outcome, "food_dropped"), term(outcome, "food_on_person")
+    return term(result, "food_in_mouth"), term(result, "food_dropped"), term(result, "food_on_person")
 
 
 # Food
@@ -74,10 +74,10 @@ def test_food_on_the_spoon_counts_for_nothing():
 
 def test_food_in_the_mouth_counts_once_and_leaves_the_task():
     seen = state({3: MOUTH + 0.019 * UP})
-    outcome = judged(seen)
-    assert counts(outcome) == (1, 0, 0)
-    assert_array_equal(np.nonzero(outcome.gone[0])[0], [3])
-    again = judged(seen, outcome.memory)
+    result = judged(seen)
+    assert counts(result) == (1, 0, 0)
+    assert_array_equal(np.nonzero(result.gone[0])[0], [3])
+    again = judged(seen, result.task_state)
     assert counts(again) == (0, 0, 0)
     assert not again.gone.any()
 
@@ -89,10 +89,10 @@ def test_the_mouth_is_two_centimetres_wide():
 
 @pytest.mark.parametrize("place", [ON_TABLE, IN_BOWL, ON_FLOOR, np.array([0.0, -0.2, 0.499])])
 def test_dropped_food_counts_once(place):
-    outcome = judged(state({5: place}))
-    assert counts(outcome) == (0, 1, 0)
-    assert counts(judged(state({5: place}), outcome.memory)) == (0, 0, 0)
-    assert outcome.gone.sum() == (place[2] < 0.03)
+    result = judged(state({5: place}))
+    assert counts(result) == (0, 1, 0)
+    assert counts(judged(state({5: place}), result.task_state)) == (0, 0, 0)
+    assert result.gone.sum() == (place[2] < 0.03)
 
 
 def test_food_in_the_air_above_table_and_bowl_is_not_dropped():
@@ -106,17 +106,17 @@ def test_food_in_the_air_above_table_and_bowl_is_not_dropped():
 
 
 def test_eaten_food_is_never_dropped_and_dropped_food_never_eaten():
-    eaten = judged(state({0: MOUTH})).memory
+    eaten = judged(state({0: MOUTH})).task_state
     assert counts(judged(state({0: ON_FLOOR}), eaten)) == (0, 0, 0)
-    dropped = judged(state({0: ON_TABLE})).memory
+    dropped = judged(state({0: ON_TABLE})).task_state
     assert counts(judged(state({0: MOUTH}), dropped)) == (0, 0, 0)
 
 
 def test_food_that_touches_the_person_counts_once():
-    outcome = judged(state({1: BESIDE_THE_CHEST, 2: BESIDE_THE_CHEST - [0.0, 0.003, 0.0]}))
-    assert counts(outcome) == (0, 0, 1)
-    assert counts(judged(state({1: BESIDE_THE_CHEST}), outcome.memory)) == (0, 0, 0)
-    assert counts(judged(state({1: MOUTH}), outcome.memory)) == (1, 0, 0)
+    result = judged(state({1: BESIDE_THE_CHEST, 2: BESIDE_THE_CHEST - [0.0, 0.003, 0.0]}))
+    assert counts(result) == (0, 0, 1)
+    assert counts(judged(state({1: BESIDE_THE_CHEST}), result.task_state)) == (0, 0, 0)
+    assert counts(judged(state({1: MOUTH}), result.task_state)) == (1, 0, 0)
 
 
 def test_food_in_the_mouth_is_not_on_the_person():
@@ -127,27 +127,25 @@ def test_food_in_the_mouth_is_not_on_the_person():
 def test_the_speed_of_food_that_enters_the_mouth_adds_up():
     velocity = np.zeros((1, 8, 3))
     velocity[0, :3] = [[0.3, 0.0, 0.4], [0.0, 0.0, 2.0], [0.0, 1.0, 0.0]]
-    outcome = judged(state({0: MOUTH, 2: MOUTH}, particle_velocity_w=velocity))
-    assert term(outcome, "food_entry_speed_m_s") == pytest.approx(0.5 + 1.0)
+    result = judged(state({0: MOUTH, 2: MOUTH}, particle_velocity_w=velocity))
+    assert term(result, "food_entry_speed_m_s") == pytest.approx(0.5 + 1.0)
 
 
 def test_six_of_eight_pieces_are_a_success():
     """Over any number of steps, and it lasts."""
     five = judged(state(dict.fromkeys(range(5), MOUTH)))
     assert not five.success[0]
-    six = judged(state({6: MOUTH}), five.memory)
+    six = judged(state({6: MOUTH}), five.task_state)
     assert six.success[0]
-    assert judged(state(), six.memory).success[0]
+    assert judged(state(), six.task_state).success[0]
 
 
 # The other terms
 
 
 def test_distance_is_from_spoon_to_mouth():
-    outcome = judged(state())
-    assert (
-        term(outcome, "distance_m") == outcome.distance_m[0] == pytest.approx(np.linalg.norm(SPOON - MOUTH))
-    )
+    result = judged(state())
+    assert term(result, "distance_m") == result.distance_m[0] == pytest.approx(np.linalg.norm(SPOON - MOUTH))
 
 
 def test_action_speed_and_force_terms():
@@ -156,11 +154,11 @@ def test_action_speed_and_force_terms():
         links_force_n=np.array([12.0]),
         total_force_n=np.array([15.0]),
     )
-    outcome = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
-    assert term(outcome, "action_squared") == 1.5
-    assert term(outcome, "tool_speed_m_s") == pytest.approx(0.5)
-    assert term(outcome, "links_force_n") == 12.0
-    assert outcome.force_on_person_n[0] == 15.0
+    result = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
+    assert term(result, "action_squared") == 1.5
+    assert term(result, "tool_speed_m_s") == pytest.approx(0.5)
+    assert term(result, "links_force_n") == 12.0
+    assert result.force_on_person_n[0] == 15.0
 
 
 @pytest.mark.parametrize("places", [1, 3])
@@ -171,9 +169,9 @@ def test_the_tool_presses_strongly_from_ten_newtons_in_all(newtons, strong, plac
     """Nothing below, the whole force from there on; what the links press with is another term."""
     forces = np.zeros((1, TOOL_CONTACTS))
     forces[0, :places] = newtons / places
-    outcome = judged(state(tool_contact_force_n=forces, links_force_n=np.array([30.0])))
-    assert term(outcome, "strong_tool_force_n") == pytest.approx(strong)
-    assert term(outcome, "links_force_n") == 30.0
+    result = judged(state(tool_contact_force_n=forces, links_force_n=np.array([30.0])))
+    assert term(result, "strong_tool_force_n") == pytest.approx(strong)
+    assert term(result, "links_force_n") == 30.0
 
 
 def test_the_weights_are_those_of_the_paper():
@@ -199,11 +197,11 @@ def test_the_reward_is_the_weighted_sum():
         links_force_n=np.array([7.0]),
         tool_contact_force_n=np.array([[9.0, 4.0, 0.0, 0.0, 0.0, 0.0]]),
     )
-    outcome = judged(seen, action=np.full((1, 7), 0.5))
+    result = judged(seen, action=np.full((1, 7), 0.5))
     distance, entry = np.linalg.norm(SPOON - MOUTH), 2 * np.linalg.norm([0.1] * 3)
     expected = -distance - 0.01 * 7 * 0.25 + 2 * 20 - 5 - 0.25 * 0.2 - 0.05 * 13 - 0.01 * 7 - 1 - entry
-    assert FEEDING.reward(outcome.terms)[0] == pytest.approx(expected)
-    assert set(outcome.terms) == set(FEEDING.weights)
+    assert FEEDING.reward(result.terms)[0] == pytest.approx(expected)
+    assert set(result.terms) == set(FEEDING.weights)
 
 
 def test_worlds_are_judged_apart():
@@ -218,9 +216,9 @@ def test_worlds_are_judged_apart():
         person_segment_w=np.tile(worlds[0].person_segment_w, (3, 1, 1, 1)),
         person_radius_m=np.full((3, 1), 0.1),
     )
-    outcome = FEEDING.judge(stacked, np.zeros((3, 7)), fresh(3))
-    assert_array_equal(outcome.terms["food_in_mouth"], [1, 0, 0])
-    assert_array_equal(outcome.terms["food_dropped"], [0, 1, 0])
+    result = FEEDING.evaluate_step(stacked, np.zeros((3, 7)), fresh(3))
+    assert_array_equal(result.terms["food_in_mouth"], [1, 0, 0])
+    assert_array_equal(result.terms["food_dropped"], [0, 1, 0])
 
 
 # Observation
@@ -254,16 +252,16 @@ def test_episodes_begin_above_the_bowl_with_a_level_spoon():
     bowl = seen.placed_pos_w[BOWL_BODY] - [-0.15, -0.55, 0.75]
     assert np.abs(bowl).max() <= 0.05
     assert np.abs(bowl).max(axis=0).min() > 0.04
-    hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.stage.tool.grip_pos)
+    hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.scene.tool.grip_pos)
     from_bowl = hand - seen.placed_pos_w[BOWL_BODY] - [0.0, -0.1, 0.4]
     assert np.abs(from_bowl).max() <= 0.05 + 0.01
     assert_allclose(transforms.angle_between(seen.tool_q_w, SPOON_Q_W), 0.0, atol=0.05)
     assert_allclose(transforms.rotate(SPOON_Q_W, [1.0, 0.0, 0.0]), [0.0, 1.0, 0.0], atol=1e-12)
 
 
-def test_a_start_says_where_the_bowl_is(rng, feeding_stage):
+def test_a_start_says_where_the_bowl_is(rng, feeding_scene):
     uniforms = rng.random((3, FEEDING.uniforms))
-    start = FEEDING.start(feeding_stage, distributions.repeat(Person(), 3), uniforms)
+    start = FEEDING.start(feeding_scene, distributions.repeat(Person(), 3), uniforms)
     assert_allclose(
         start.placed_pos_w[BOWL_BODY], np.array([-0.15, -0.55, 0.75]) + 0.1 * (uniforms[:, :3] - 0.5)
     )

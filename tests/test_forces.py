@@ -68,13 +68,13 @@ def test_what_strikes_presses_as_its_energy_allows(mass_kg, speed_m_s):
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
 def test_motors_press_with_no_more_than_their_lead_nor_than_they_have(robot):
-    stage = TASKS["Feeding"].stage(robot)
-    model = Simulation(stage, 1, num_threads=1).model
-    ranges = np.array([model.actuator(robots.PREFIX + joint).forcerange for joint in stage.arm.joints])
-    limit = torque_limit_n_m(stage.arm, MAX_LEAD_RAD)
+    scene = TASKS["Feeding"].scene(robot)
+    model = Simulation(scene, 1, num_threads=1).model
+    ranges = np.array([model.actuator(robots.PREFIX + joint).forcerange for joint in scene.arm.joints])
+    limit = torque_limit_n_m(scene.arm, MAX_LEAD_RAD)
     assert_allclose(ranges, np.stack([-limit, limit], axis=-1))
-    assert (limit <= stage.arm.torque_limit_n_m).all()
-    assert (limit <= MAX_LEAD_RAD * stage.arm.stiffness_n_m_rad).all()
+    assert (limit <= scene.arm.torque_limit_n_m).all()
+    assert (limit <= MAX_LEAD_RAD * scene.arm.stiffness_n_m_rad).all()
 
 
 def test_who_trembles_presses_with_a_third_of_the_strength():
@@ -87,7 +87,7 @@ def test_who_trembles_presses_with_a_third_of_the_strength():
 
 def test_people_touch_a_box_in_place_of_the_spoons_thin_walls():
     old, new = (
-        Simulation(TASKS["Feeding"].stage(ROBOTS["Jaco"]), 1, num_threads=1, gives_way=gives_way).model
+        Simulation(TASKS["Feeding"].scene(ROBOTS["Jaco"]), 1, num_threads=1, gives_way=gives_way).model
         for gives_way in (False, True)
     )
     touching = [

@@ -15,9 +15,9 @@ COUNT = 1000
 
 
 @pytest.fixture(scope="module")
-def arm(feeding_stage) -> kinematics.Chain:
+def arm(feeding_scene) -> kinematics.Chain:
     """From the Jaco's base to the spoon."""
-    return arm_chain(feeding_stage)
+    return arm_chain(feeding_scene)
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +58,8 @@ def rotation_error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 # Forward
 
 
-def test_forward_is_that_of_mujoco(rng, feeding_stage, arm):
-    model = robot_with_tool(feeding_stage, appearance=False).compile()
+def test_forward_is_that_of_mujoco(rng, feeding_scene, arm):
+    model = robot_with_tool(feeding_scene, appearance=False).compile()
     data = mujoco.MjData(model)
     angles = within_ranges(rng, arm)
     pos, q = np.empty((COUNT, 3)), np.empty((COUNT, 4))

@@ -46,11 +46,11 @@ def test_a_persons_head_and_hands_come_to_the_participants(environment: str) -> 
     person = Person("woman", 0.56, rest_rad)
     world = LiveWorld(environment, person)
     lifted = human.joint_angles(waist_x=4, head_x=10, right_shoulder_y=15, left_shoulder_y=-15)
-    wanted = pose_of(person, world.stage.posture, lifted)
+    wanted = pose_of(person, world.scene_config.posture, lifted)
     for _ in range(SETTLED_TICKS):
         world.follow(wanted)
         world.tick(None)
-    reached = pose_of(person, world.stage.posture, world.simulation.person_angles_rad()[0])
+    reached = pose_of(person, world.scene_config.posture, world.simulation.person_angles_rad()[0])
     for there, here in (
         (reached.head, wanted.head),
         (reached.left, wanted.left),
@@ -64,7 +64,7 @@ def test_a_persons_head_and_hands_come_to_the_participants(environment: str) -> 
 
 def test_a_lost_hand_keeps_its_pose() -> None:
     world = LiveWorld("avrgym/ScratchItchJaco-v1", Person())
-    raised = pose_of(world.person, world.stage.posture, human.joint_angles(right_shoulder_x=-40))
+    raised = pose_of(world.person, world.scene_config.posture, human.joint_angles(right_shoulder_x=-40))
     for _ in range(SETTLED_TICKS):
         world.follow(raised)
     before = world.joint_targets_rad

@@ -424,7 +424,7 @@ def test_touches_are_felt_on_the_arm_that_is_touched() -> None:
     touch, simulation = ArmTouch(world.simulation), world.simulation
     assert touch.sides() == (False, False)
     model = simulation.batch.get_model(0)
-    base = model.body("robot/" + world.stage.robot.base).id
+    base = model.body("robot/" + world.scene_config.robot.base).id
     body_pos, _ = simulation.batch.expand("body_pos"), None
     for side, felt in (("left", (True, False)), ("right", (False, True))):
         poses = dict(zip(simulation.bodies, simulation.body_poses(0), strict=True))

@@ -34,7 +34,7 @@ def test_a_moving_person_in_a_world_is_the_one_that_would_be_compiled(environmen
     episodes = begun(environment, moving=True)
     for world in range(WORLDS):
         person = episodes.person_in(world)
-        alone = build_spec(episodes.stage, person, moving=True, appearance=False).compile()
+        alone = build_spec(episodes.scene, person, moving=True, appearance=False).compile()
         here = episodes.simulation.batch.get_model(world)
         bodies = [alone.body(human.PREFIX + name).id for name in human.BODIES]
         for field in (*INERTIAL_FIELDS, "body_pos", "body_quat"):

@@ -86,7 +86,7 @@ def test_what_is_asked_for_does_not_run_away_from_a_blocked_arm(start):
     for _ in range(20):
         guide.toward(target, q_w, 0.2, 0.5)
     ahead = np.abs(guide.angles_rad - start.simulation.state().arm_angles_rad).max()
-    one_step = start.stage.arm.speed_limit_rad_s.max() * CONTROL_STEP_S
+    one_step = start.scene.arm.speed_limit_rad_s.max() * CONTROL_STEP_S
     assert 0.05 < ahead <= MAX_LEAD_RAD + one_step + 1e-9
 
 

@@ -89,14 +89,14 @@ def test_the_same_numbers_make_the_same_person_in_any_company(rng, name):
     "task", [task for task in TASKS.values() if task.pose.spreads_arm], ids=lambda t: t.name
 )
 def test_a_random_arm_has_room_and_a_shoulder_that_can_turn_like_that(rng, name, task):
-    stage = task.stage(JACO)
-    furniture = furniture_boxes(stage.furniture)
+    scene = task.scene(JACO)
+    furniture = furniture_boxes(scene.furniture)
     uniforms = rng.random((1000, distributions.UNIFORMS))
     group = distributions.sample(
-        distributions.find_distribution(name, TASKS), task.pose, stage.posture, furniture, uniforms
+        distributions.find_distribution(name, TASKS), task.pose, scene.posture, furniture, uniforms
     )
     assert arm_limits.within_limits(group.joint_angles_rad).all()
-    assert clearance(*person_capsules(group, stage.posture), furniture).min() >= 0.01
+    assert clearance(*person_capsules(group, scene.posture), furniture).min() >= 0.01
     offset = np.degrees(group.joint_angles_rad - task.pose.rest_rad)[:, distributions.RIGHT_ARM]
     assert (np.abs(offset) <= 10.0 + 1e-9).all()
     assert (np.abs(offset).max(axis=0) > 9.0).all()

@@ -44,8 +44,8 @@ def test_the_seed_pose_lies_within_the_ranges(jaco):
     assert (ARM.seed_pose_rad < ranges[:, 1]).all()
 
 
-def test_the_servos_are_critically_damped_for_the_inertia_at_the_seed_pose(feeding_stage):
-    model = robot_with_tool(feeding_stage, appearance=False).compile()
+def test_the_servos_are_critically_damped_for_the_inertia_at_the_seed_pose(feeding_scene):
+    model = robot_with_tool(feeding_scene, appearance=False).compile()
     data = mujoco.MjData(model)
     data.qpos[:] = ARM.seed_pose_rad
     mujoco.mj_forward(model, data)
@@ -85,9 +85,9 @@ def test_the_handle_runs_between_thumb_and_fingers(grip):
 
 
 @pytest.fixture(scope="module")
-def grip(feeding_stage) -> dict[str, np.ndarray]:
+def grip(feeding_scene) -> dict[str, np.ndarray]:
     """Points (n, 3) on the skins of the fingertips and of the spoon's handle, metres."""
-    model = robot_with_tool(feeding_stage, appearance=True).compile()
+    model = robot_with_tool(feeding_scene, appearance=True).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     points = {}

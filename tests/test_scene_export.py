@@ -27,8 +27,8 @@ PERSON = Person("man", 0.66)
 @cache
 def model_of(environment: str) -> mujoco.MjModel:
     task, robot = find_environment(environment)
-    stage = TASKS[task].stage(find_robot(robot))
-    return build_spec(stage, PERSON, moving=True, appearance=True).compile()
+    scene = TASKS[task].scene(find_robot(robot))
+    return build_spec(scene, PERSON, moving=True, appearance=True).compile()
 
 
 @cache
@@ -201,8 +201,8 @@ def corners_of(glb: GlbFile, node: dict) -> np.ndarray:
 
 
 def test_the_skin_has_the_persons_tone() -> None:
-    stage = TASKS["ScratchItch"].stage(find_robot("Jaco"))
-    model = build_spec(stage, WASHED, moving=False, appearance=True).compile()
+    scene = TASKS["ScratchItch"].scene(find_robot("Jaco"))
+    model = build_spec(scene, WASHED, moving=False, appearance=True).compile()
     glb = GlbFile(export_glb(model))
     nodes = [node for node in glb["nodes"] if node.get("extras", {}).get("skin_of") == "person/right_hand"]
     (primitive,) = (glb["meshes"][node["mesh"]]["primitives"][0] for node in nodes)

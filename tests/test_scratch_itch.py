@@ -15,9 +15,9 @@ from avrgym.oracles import ORACLES
 from avrgym.people import distributions
 from avrgym.simulation.worlds import State
 from avrgym.tasks import TASKS
-from avrgym.tasks.base import Outcome
+from avrgym.tasks.base import StepResult
 from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
-from avrgym.tasks.scratch_itch import ALONG, AROUND_RAD, LIMBS, OBSERVED, ScratchItchMemory
+from avrgym.tasks.scratch_itch import ALONG, AROUND_RAD, LIMBS, OBSERVED, ScratchItchState
 from worlds import still_world
 
 SCRATCHING = TASKS["ScratchItch"]
@@ -49,31 +49,31 @@ def state(touch: dict[tuple[float, float, float], float] | None = None, **change
     return still_world(**given | changes)
 
 
-def itching(scratches: int = 0, last: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ScratchItchMemory:
+def itching(scratches: int = 0, last: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ScratchItchState:
     """An itch on the outside of the forearm, scratched last at a place, metres from it in the limb's frame."""
     last_scratch = (ITCH + last)[None]
-    return ScratchItchMemory(np.array([1]), ITCH[None], last_scratch, np.array([scratches]))
+    return ScratchItchState(np.array([1]), ITCH[None], last_scratch, np.array([scratches]))
 
 
-def judged(seen: State, memory: ScratchItchMemory | None = None, action: np.ndarray = STILL) -> Outcome:
-    return SCRATCHING.judge(seen, action, memory or itching())
+def judged(seen: State, task_state: ScratchItchState | None = None, action: np.ndarray = STILL) -> StepResult:
+    return SCRATCHING.evaluate_step(seen, action, task_state or itching())
 
 
-def term(outcome: Outcome, name: str) -> float:
-    return float(outcome.terms[name][0])
+def term(result: StepResult, name: str) -> float:
+    return float(result.terms[name][0])
 
 
-def scratches(outcome: Outcome) -> int:
-    return int(outcome.memory.scratches[0])
+def scratches(result: StepResult) -> int:
+    return int(result.task_state.scratches[0])
 
 
 # Scratches
 
 
 def test_the_first_touch_of_the_itch_is_a_scratch():
-    outcome = judged(state({(0.0, 0.0, 0.0): 3.0}))
-    assert scratches(outcome) == 1
-    assert term(outcome, "scratch_force_n") == term(outcome, "force_at_itch_n") == 3.0
+    result = judged(state({(0.0, 0.0, 0.0): 3.0}))
+    assert scratches(result) == 1
+    assert term(result, "scratch_force_n") == term(result, "force_at_itch_n") == 3.0
 
 
 def test_no_touch_is_no_scratch():
@@ -83,21 +83,21 @@ def test_no_touch_is_no_scratch():
 @pytest.mark.parametrize(("moved_m", "counted"), [(0.0099, 0), (0.0101, 1)])
 def test_a_scratch_is_new_where_the_touch_has_moved_by_a_centimetre(moved_m, counted):
     """The forearm's axis is the world's y."""
-    outcome = judged(state({(0.0, moved_m, 0.0): 3.0}), itching(scratches=7))
-    assert scratches(outcome) - 7 == counted
-    assert term(outcome, "scratch_force_n") == 3.0 * counted
-    assert term(outcome, "force_at_itch_n") == 3.0
+    result = judged(state({(0.0, moved_m, 0.0): 3.0}), itching(scratches=7))
+    assert scratches(result) - 7 == counted
+    assert term(result, "scratch_force_n") == 3.0 * counted
+    assert term(result, "force_at_itch_n") == 3.0
 
 
 def test_the_distance_counts_from_the_last_scratch_in_the_limbs_frame():
     first = judged(state({(0.0, 0.009, 0.0): 3.0}))
-    assert_allclose(first.memory.last_scratch, [ITCH + 0.009 * UP], atol=1e-12)
-    assert scratches(judged(state({(0.0, -0.002, 0.0): 3.0}), first.memory)) == 2
-    assert scratches(judged(state({(0.0, 0.0, 0.0): 3.0}), first.memory)) == 1
+    assert_allclose(first.task_state.last_scratch, [ITCH + 0.009 * UP], atol=1e-12)
+    assert scratches(judged(state({(0.0, -0.002, 0.0): 3.0}), first.task_state)) == 2
+    assert scratches(judged(state({(0.0, 0.0, 0.0): 3.0}), first.task_state)) == 1
 
 
 def test_a_limb_that_moves_under_a_tool_that_goes_along_is_not_scratched():
-    before = judged(state({(0.0, 0.0, 0.0): 3.0})).memory
+    before = judged(state({(0.0, 0.0, 0.0): 3.0})).task_state
     moved = state({(0.1, 0.0, 0.0): 3.0})
     moved = replace(moved, right_arm_pos_w=moved.right_arm_pos_w + 0.1 * LEFT)
     assert scratches(judged(moved, before)) == 1
@@ -110,37 +110,37 @@ def test_a_scratch_is_softer_than_ten_newtons(newtons, counted):
 
 @pytest.mark.parametrize(("away_m", "counted"), [(0.0249, 1), (0.0251, 0)])
 def test_the_itch_reaches_two_and_a_half_centimetres(away_m, counted):
-    outcome = judged(state({(0.0, away_m, 0.0): 3.0}))
-    assert scratches(outcome) == counted
-    assert term(outcome, "force_at_itch_n") == 3.0 * counted
+    result = judged(state({(0.0, away_m, 0.0): 3.0}))
+    assert scratches(result) == counted
+    assert term(result, "force_at_itch_n") == 3.0 * counted
 
 
 def test_the_touch_is_where_its_forces_are_on_average():
-    outcome = judged(state({(0.0, 0.01, 0.0): 3.0, (0.0, -0.01, 0.0): 1.0, (0.0, 0.2, 0.0): 50.0}))
-    assert_allclose(outcome.memory.last_scratch, [ITCH + 0.005 * UP], atol=1e-12)
+    result = judged(state({(0.0, 0.01, 0.0): 3.0, (0.0, -0.01, 0.0): 1.0, (0.0, 0.2, 0.0): 50.0}))
+    assert_allclose(result.task_state.last_scratch, [ITCH + 0.005 * UP], atol=1e-12)
 
 
 def test_twenty_five_scratches_are_a_success_that_lasts():
     assert not judged(state({(0.0, 0.0, 0.0): 3.0}), itching(23, last=(0.0, 0.0, 0.02))).success[0]
     last = judged(state({(0.0, 0.0, 0.0): 3.0}), itching(24, last=(0.0, 0.0, 0.02)))
     assert last.success[0]
-    assert judged(state(), last.memory).success[0]
+    assert judged(state(), last.task_state).success[0]
 
 
 # The other terms
 
 
 def test_distance_is_from_tip_to_itch():
-    outcome = judged(state())
-    assert term(outcome, "distance_m") == outcome.distance_m[0] == pytest.approx(0.3)
+    result = judged(state())
+    assert term(result, "distance_m") == result.distance_m[0] == pytest.approx(0.3)
 
 
 def test_force_elsewhere_is_all_force_but_that_at_the_itch():
     seen = state({(0.0, 0.0, 0.0): 4.0, (0.1, 0.0, 0.0): 3.0}, total_force_n=np.array([12.0]))
-    outcome = judged(seen)
-    assert outcome.force_on_person_n[0] == 12.0
-    assert term(outcome, "force_at_itch_n") == 4.0
-    assert term(outcome, "force_elsewhere_n") == 8.0
+    result = judged(seen)
+    assert result.force_on_person_n[0] == 12.0
+    assert term(result, "force_at_itch_n") == 4.0
+    assert term(result, "force_elsewhere_n") == 8.0
 
 
 @pytest.mark.parametrize(("newtons", "strong"), [(9.9, 0.0), (10.0, 10.0), (25.0, 25.0)])
@@ -164,10 +164,10 @@ def test_the_reward_is_the_weighted_sum():
     seen = state(
         {(0.0, 0.0, 0.0): 4.0}, total_force_n=np.array([6.0]), tool_velocity_w=np.array([[0.3, 0.0, 0.4]])
     )
-    outcome = judged(seen, action=np.full((1, 7), 0.5))
+    result = judged(seen, action=np.full((1, 7), 0.5))
     expected = -0.3 - 0.01 * 7 * 0.25 + 0.01 * 4 + 2 * 4 - 0.25 * 0.5 - 0.01 * 2
-    assert SCRATCHING.reward(outcome.terms)[0] == pytest.approx(expected)
-    assert set(outcome.terms) == set(SCRATCHING.weights)
+    assert SCRATCHING.reward(result.terms)[0] == pytest.approx(expected)
+    assert set(result.terms) == set(SCRATCHING.weights)
 
 
 # Observation
@@ -196,17 +196,17 @@ def test_the_itch_is_marked_where_it_is_above_skin_and_sleeve():
 
 
 @pytest.fixture(scope="module")
-def itches() -> tuple[distributions.People, ScratchItchMemory]:
+def itches() -> tuple[distributions.People, ScratchItchState]:
     uniforms = np.random.default_rng(5).random((4000, SCRATCHING.uniforms))
     who = distributions.repeat(Person("man", 0.70), 4000)
-    return who, SCRATCHING.remember(who, uniforms)
+    return who, SCRATCHING.init_state(who, uniforms)
 
 
 @pytest.mark.parametrize("limb", range(len(LIMBS)))
 def test_it_itches_on_the_skin_of_either_limb(itches, limb):
     """On its cylinder, between the shares of its length and as far around as documented, evenly."""
-    who, memory = itches
-    spots = memory.itch[memory.limb == limb]
+    who, task_state = itches
+    spots = task_state.itch[task_state.limb == limb]
     assert len(spots) == pytest.approx(2000, abs=150)
     radius, half_length, _ = human.layout(who.is_woman, who.torso_height_m).geom_size[LIMBS[limb]][0]
     assert_allclose(np.hypot(spots[:, 0], spots[:, 1]), radius)
@@ -232,8 +232,8 @@ def episodes(request) -> Episodes:
 
 def test_episodes_begin_with_the_hand_beside_the_arm(episodes):
     seen = episodes.simulation.state()
-    hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.stage.tool.grip_pos)
-    x = -0.55 if episodes.stage.robot.mobile else -0.5
+    hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.scene.tool.grip_pos)
+    x = -0.55 if episodes.scene.robot.mobile else -0.5
     assert np.abs(hand - [x, 0.0, 0.8]).max() < 0.05 + 0.035
     assert_array_equal(seen.robot_force_n, 0.0)
 
@@ -251,15 +251,15 @@ def test_people_spread_their_right_arm(episodes):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_tip_is_five_centimetres_past_the_fingers(name):
-    stage = SCRATCHING.stage(ROBOTS[name])
-    model = robot_with_tool(stage, appearance=True).compile()
+    scene = SCRATCHING.scene(ROBOTS[name])
+    model = robot_with_tool(scene, appearance=True).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     tool = data.body("tool")
     farthest = -np.inf
     for geom in np.nonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)[0]:
         body = model.body(model.geom_bodyid[geom]).name
-        if "finger" in body and body.startswith(stage.arm.finger_prefix):
+        if "finger" in body and body.startswith(scene.arm.finger_prefix):
             mesh = model.mesh(model.geom_dataid[geom])
             vertices = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]]
             points_w = vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]

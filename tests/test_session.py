@@ -70,17 +70,17 @@ class Replica:
         episodes.begin(np.array([0]), [np.random.default_rng(recording.metadata["seed"])])
         self.model = episodes.simulation.batch.get_model(0)
         self.data = mujoco.MjData(self.model)
-        arm = [robots.PREFIX + joint for joint in episodes.stage.arm.joints]
+        arm = [robots.PREFIX + joint for joint in episodes.scene.arm.joints]
         self._arm = Arm(
             qpos=[self.model.joint(name).qposadr[0] for name in arm],
             act=[self.model.actuator(name).actadr[0] for name in arm],
             ctrl=[self.model.actuator(name).id for name in arm],
             dof=[self.model.joint(name).dofadr[0] for name in arm],
-            brake_n_m=episodes.stage.arm.torque_limit_n_m,
+            brake_n_m=episodes.scene.arm.torque_limit_n_m,
         )
         self._person = [self.model.actuator(human.PREFIX + name).id for name in human.JOINTS]
-        assert episodes.stage.tool.particles is not None
-        self._food = [f"{body}_{axis}" for body in episodes.stage.tool.particles.bodies for axis in "xyz"]
+        assert episodes.scene.tool.particles is not None
+        self._food = [f"{body}_{axis}" for body in episodes.scene.tool.particles.bodies for axis in "xyz"]
 
     def put(self, state: PhysicsState) -> mujoco.MjData:
         mujoco.mj_setState(self.model, self.data, np.array(state, float), mujoco.mjtState.mjSTATE_INTEGRATION)

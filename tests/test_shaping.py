@@ -8,7 +8,7 @@ from avrgym.geometry import transforms
 from avrgym.learning.shaping import HAND_M, around_arm_m, around_limb_m
 from avrgym.oracles.scratch_itch import ROD
 from avrgym.simulation.worlds import State
-from avrgym.tasks.scratch_itch import ScratchItchMemory
+from avrgym.tasks.scratch_itch import ScratchItchState
 from avrgym.teachers.scratching import turn_rad
 from worlds import still_world
 
@@ -22,7 +22,7 @@ def detour_m(tool: np.ndarray, itch: np.ndarray) -> np.ndarray:
     return around_limb_m(*seen_with(tool, itch))
 
 
-def seen_with(tool: np.ndarray, itch: np.ndarray, **changes: np.ndarray) -> tuple[State, ScratchItchMemory]:
+def seen_with(tool: np.ndarray, itch: np.ndarray, **changes: np.ndarray) -> tuple[State, ScratchItchState]:
     """What is seen of tools (N, 3) and itches (N, 3) in the frame of the limb, with other changes of the state."""
     count = len(tool)
     seen = still_world(
@@ -32,7 +32,7 @@ def seen_with(tool: np.ndarray, itch: np.ndarray, **changes: np.ndarray) -> tupl
         **changes,
     )
     zeros = np.zeros(count, dtype=np.intp)
-    return seen, ScratchItchMemory(zeros, itch, np.zeros_like(itch), zeros)
+    return seen, ScratchItchState(zeros, itch, np.zeros_like(itch), zeros)
 
 
 def on_cylinder(radius_m: np.ndarray, angle_rad: np.ndarray, along_m: np.ndarray) -> np.ndarray:

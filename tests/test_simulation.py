@@ -61,7 +61,7 @@ def test_two_halves_of_a_control_step_are_the_whole(rng):
         halves.command(action)
         halves.simulation.step(5)
         halves.simulation.step(5)
-        halves.judge(action)
+        halves.evaluate_step(action)
     assert_array_equal(states(whole.simulation), states(halves.simulation))
 
 
@@ -149,7 +149,7 @@ def test_the_arm_stops_within_half_a_second_of_full_speed(rng):
 def test_joints_move_as_fast_as_they_are_told():
     """After half a second, each within 15 % of its speed."""
     episodes = begun(1, person=Person())
-    limit = episodes.stage.arm.speed_limit_rad_s
+    limit = episodes.scene.arm.speed_limit_rad_s
     command = np.array([[0.5, -0.5, 0.5, 0.5, -0.5, 0.5, 0.5]])
     for _ in range(5):
         episodes.step(command)
@@ -163,7 +163,7 @@ def test_no_joint_is_much_faster_than_its_limit(rng):
     worlds = 6
     episodes = begun(worlds)
     simulation, model = episodes.simulation, episodes.simulation.model
-    joints = [model.joint(ROBOT + name).dofadr[0] for name in episodes.stage.arm.joints]
+    joints = [model.joint(ROBOT + name).dofadr[0] for name in episodes.scene.arm.joints]
     velocity = simulation.batch.bind("qvel")
     last_touch = np.full(worlds, -1000)
     free = fastest = 0.0
@@ -171,7 +171,7 @@ def test_no_joint_is_much_faster_than_its_limit(rng):
         if tick % 5 == 0:
             episodes.command(action)
         simulation.step(2)
-        speed = (np.abs(velocity[:, joints]) / episodes.stage.arm.speed_limit_rad_s).max(axis=1)
+        speed = (np.abs(velocity[:, joints]) / episodes.scene.arm.speed_limit_rad_s).max(axis=1)
         for world in range(worlds):
             if _robot_touches(model, simulation.batch.get_data(world)):
                 last_touch[world] = tick
@@ -231,22 +231,22 @@ def test_parked_food_rests_far_from_everything():
 # Forces
 
 
-def pressed(stage) -> Simulation:
+def pressed(scene) -> Simulation:
     """A world in which the spoon's tip presses on the middle of the face."""
-    simulation = Simulation(stage, 1, num_threads=1)
+    simulation = Simulation(scene, 1, num_threads=1)
     who = distributions.repeat(Person("man", 0.60), 1)
     head = human.body_frames(who)[0]["head"]
     tool = head + np.array([0.0, -0.135, 0.06])
     bowl = {BOWL_BODY: np.array([BOWL_START_M])}
     level, uniforms = SPOON_Q_W[None], np.full((1, places.UNIFORMS), 0.5)
-    start = places.start(stage, who, bowl, tool, level, tool[:, None], level[:, None], uniforms)
+    start = places.start(scene, who, bowl, tool, level, tool[:, None], level[:, None], uniforms)
     simulation.reset(np.array([0]), start)
     for _ in range(8):
         now = simulation.state().arm_angles_rad
-        _, _, jacobian = kinematics.jacobian(places.arm_chain(stage), now)
+        _, _, jacobian = kinematics.jacobian(places.arm_chain(scene), now)
         ahead = transforms.rotate(transforms.conjugate(start.robot_q_w[0]), [0.0, 0.06, 0.0])
         rates = np.linalg.pinv(jacobian[0]) @ np.concatenate([ahead, np.zeros(3)])
-        simulation.command_robot((rates / stage.arm.speed_limit_rad_s)[None])
+        simulation.command_robot((rates / scene.arm.speed_limit_rad_s)[None])
         simulation.step()
     return simulation
 
@@ -265,8 +265,8 @@ def contact_force(model: mujoco.MjModel, data: mujoco.MjData, by: str, on: str) 
     return total
 
 
-def test_the_force_sensors_are_the_sums_of_contact_forces(feeding_stage):
-    simulation = pressed(feeding_stage)
+def test_the_force_sensors_are_the_sums_of_contact_forces(feeding_scene):
+    simulation = pressed(feeding_scene)
     simulation.step(9)
     data, model = simulation.batch.get_data(0), simulation.batch.get_model(0)
     mujoco.mj_forward(model, data)

@@ -93,8 +93,8 @@ def test_no_live_world_begins_inside_the_participant():
 
 def test_arms_of_shrunken_ranges_leave_body_and_furniture_alone():
     episodes = begun(SCRATCHING, 256, "revised", "limits")
-    boxes = furniture_boxes(episodes.stage.furniture)
-    assert clearance(*person_capsules(episodes.people, episodes.stage.posture), boxes).min() > -1e-6
+    boxes = furniture_boxes(episodes.scene.furniture)
+    assert clearance(*person_capsules(episodes.people, episodes.scene.posture), boxes).min() > -1e-6
 
 
 def test_fitted_people_find_room_too(tmp_path):

@@ -8,7 +8,7 @@ from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm, normalize
 from avrgym.tasks import ENVIRONMENTS, TASKS
 from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
-from avrgym.tasks.scratch_itch import ScratchItchMemory
+from avrgym.tasks.scratch_itch import ScratchItchState
 from avrgym.teachers import TEACHERS, scratching
 
 OUTSIDE_RAD = np.radians(120.0)
@@ -72,7 +72,7 @@ def test_a_teacher_scratches_the_far_side_of_the_forearm(robot):
     radius, middle = 0.033, -0.13
     angle = np.radians(np.linspace(-135.0, -100.0, 8))
     itch = around_axis(radius, angle, np.full(8, middle))
-    episodes.memory = replace(episodes.memory, limb=np.ones(8, dtype=np.intp), itch=itch)
+    episodes.task_state = replace(episodes.task_state, limb=np.ones(8, dtype=np.intp), itch=itch)
     assert share_of_successes(episodes) >= 0.75
 
 
@@ -83,11 +83,11 @@ def test_a_tip_goes_around_the_limb_and_not_through_it():
     itch = around_axis(radius, OUTSIDE_RAD * random.uniform(-1.0, 1.0, 300), random.uniform(-0.2, 0.0, 300))
     places = radius + random.uniform(0.005, 0.3, 300)
     tip = around_axis(places, OUTSIDE_RAD * random.uniform(-1.0, 1.0, 300), random.uniform(-0.4, 0.2, 300))
-    memory = ScratchItchMemory(limb, itch, np.zeros_like(itch), np.zeros_like(limb))
+    task_state = ScratchItchState(limb, itch, np.zeros_like(itch), np.zeros_like(limb))
     arrived = np.zeros(300, dtype=bool)
     for _ in range(100):
         arrived |= norm(tip - itch) < 0.03
-        step = scratching.around(tip, memory) - tip
+        step = scratching.around(tip, task_state) - tip
         tip = tip + np.where(arrived[:, None], 0.0, 0.01 * step / norm(step)[:, None])
         assert np.all(arrived | (norm(tip[:, :2]) >= radius))
     assert arrived.all()

@@ -148,7 +148,7 @@ def test_detours_cost_what_the_wrapper_is_told_but_for_the_last_step():
     for _ in range(EPISODE_STEPS - 1):
         _, learned, _, _ = env.step(rng.uniform(-1.0, 1.0, (2, 7)).astype(np.float32))
         returns += learned
-        costs += 2.0 * around_arm_m(env.env.episodes.simulation.state(), env.env.episodes.memory)
+        costs += 2.0 * around_arm_m(env.env.episodes.simulation.state(), env.env.episodes.task_state)
     _, learned, _, infos = env.step(np.zeros((2, 7), np.float32))
     assert_allclose(returns + learned + costs, [info["episode_return"] for info in infos])
     assert costs.max() > 0.1

@@ -134,7 +134,7 @@ def _without_path(error: Exception, exported: ExportedAttempt) -> str:
 def _add_measures(
     recording: Recording, row: TrialRow, found: Observations, tell: Callable[[str, str], None]
 ) -> TrialRow:
-    measured = measure(recording, TASKS[row.task].stage(find_robot(row.robot)).posture)
+    measured = measure(recording, TASKS[row.task].scene(find_robot(row.robot)).posture)
     recorded = _kind(recording, measured)
     if recorded == "cut off":
         tell(f"is cut off: it holds {len(measured.steps)} of {row.steps} control steps", WITHOUT)

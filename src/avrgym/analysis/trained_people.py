@@ -34,7 +34,7 @@ HEIGHTS_OF = ("original", "revised")
 
 def posture_of(task: str) -> str:
     """How people are found in a task: ``seated`` or ``in bed``."""
-    seated = TASKS[task].stage(next(iter(ROBOTS.values()))).posture is SEATED
+    seated = TASKS[task].scene(next(iter(ROBOTS.values()))).posture is SEATED
     return "seated" if seated else "in bed"
 
 
@@ -49,13 +49,13 @@ def draw_people(design: Design) -> list[PersonRow]:
 
 def _people(name: str, task: str, robot: str) -> list[PersonRow]:
     """They come from streams of their own, which depend on nothing but distribution and task."""
-    stage = TASKS[task].stage(ROBOTS[robot])
+    scene = TASKS[task].scene(ROBOTS[robot])
     rng = np.random.default_rng([SEED, list(TRAINED_WITH).index(name), list(TASKS).index(task)])
     uniforms = rng.random((PEOPLE_PER_TASK, UNIFORMS))
     drawn = sample(
-        TRAINED_WITH[name], TASKS[task].pose, stage.posture, furniture_boxes(stage.furniture), uniforms
+        TRAINED_WITH[name], TASKS[task].pose, scene.posture, furniture_boxes(scene.furniture), uniforms
     )
-    heads_w = head_centres(drawn, stage.posture)
+    heads_w = head_centres(drawn, scene.posture)
     waists_deg = np.degrees(drawn.joint_angles_rad[:, WAIST])
     return [
         PersonRow(

@@ -66,8 +66,8 @@ class Camera:
             RuntimeError: where no picture can be drawn, naming what to set.
         """
         self._episodes, self._world = episodes, world
-        stage, simulation = episodes.stage, episodes.simulation
-        spec = build_spec(stage, episodes.person_in(world), moving=simulation.moving, appearance=True)
+        scene, simulation = episodes.scene, episodes.simulation
+        spec = build_spec(scene, episodes.person_in(world), moving=simulation.moving, appearance=True)
         _add_surroundings(spec)
         _add_eyes(spec, episodes.person_in(world))
         self._model = spec.compile()
@@ -80,7 +80,7 @@ class Camera:
         if first_person:
             _hide_head(self._model)
         else:
-            self._eye = _camera(VIEWS[episodes.task.name, stage.robot.mobile])
+            self._eye = _camera(VIEWS[episodes.task.name, scene.robot.mobile])
         self._renderer = _renderer(self._model, width_px, height_px)
 
     def picture(self) -> NDArray[np.uint8]:

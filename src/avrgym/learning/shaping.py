@@ -13,8 +13,8 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.oracles.scratch_itch import ROD, surface
 from avrgym.simulation.worlds import State
-from avrgym.tasks.base import Memory
-from avrgym.tasks.scratch_itch import ScratchItchMemory, limb_frame
+from avrgym.tasks.base import TaskState
+from avrgym.tasks.scratch_itch import ScratchItchState, limb_frame
 from avrgym.teachers import scratching
 
 Array = NDArray[np.float64]
@@ -24,16 +24,16 @@ HAND_M = 0.06
 """How far from the tip the hand begins."""
 
 
-def around_limb_m(state: State, memory: ScratchItchMemory) -> Array:
+def around_limb_m(state: State, task_state: ScratchItchState) -> Array:
     """How much longer the tool's way to the itch is around the limb than straight on, (N,), metres.
 
     The limb is an endless cylinder with the itch on its skin. Where the straight way would lead through it, the
     shortest one leads along a tangent to the skin and then around it; unrolled it is straight.
     """
-    limb_pos_w, limb_q_w = limb_frame(state, memory)
+    limb_pos_w, limb_q_w = limb_frame(state, task_state)
     tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
-    along = tool[:, 2] - memory.itch[:, 2]
-    tool, itch = tool[:, :2], memory.itch[:, :2]
+    along = tool[:, 2] - task_state.itch[:, 2]
+    tool, itch = tool[:, :2], task_state.itch[:, :2]
     radius, from_axis = norm(itch), norm(tool)
     away = np.maximum(from_axis, radius + SMALLEST_M)
     cosine = (tool * itch).sum(axis=-1) / np.maximum(from_axis * radius, SMALLEST_M**2)
@@ -44,16 +44,16 @@ def around_limb_m(state: State, memory: ScratchItchMemory) -> Array:
     return np.hypot(around, along) - np.hypot(straight, along)
 
 
-def around_arm_m(state: State, memory: ScratchItchMemory) -> Array:
+def around_arm_m(state: State, task_state: ScratchItchState) -> Array:
     """How much longer the way around the limb is, (N,), metres, and how far the hand has to go about the tip.
 
     The hand is to be where it has room, as in ``teachers.scratching``.
     """
-    _, limb_q_w = limb_frame(state, memory)
-    out_w, _ = surface(memory, limb_q_w)
+    _, limb_q_w = limb_frame(state, task_state)
+    out_w, _ = surface(task_state, limb_q_w)
     turn_rad = scratching.turn_rad(transforms.rotate(state.tool_q_w, ROD), out_w)
-    return around_limb_m(state, memory) + HAND_M * norm(turn_rad)
+    return around_limb_m(state, task_state) + HAND_M * norm(turn_rad)
 
 
-DETOURS: Mapping[str, Callable[[State, Memory], Array]] = {"ScratchItch": around_arm_m}
+DETOURS: Mapping[str, Callable[[State, TaskState], Array]] = {"ScratchItch": around_arm_m}
 """By task, where something is in the tool's way: how much longer that makes the way of tool and hand, (N,), metres."""

@@ -83,7 +83,7 @@ class SB3VectorEnv(VecEnv):
         detour = DETOURS.get(episodes.task.name)
         if detour is None or not self.detour_weight_per_m:
             return np.zeros(self.num_envs)
-        return detour(episodes.simulation.state(), episodes.memory)
+        return detour(episodes.simulation.state(), episodes.task_state)
 
     def close(self) -> None:
         self.env.close()

@@ -33,7 +33,7 @@ class BaseRange:
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class SceneConfig:
     """What stands in a scene: names of ``FURNITURE``, the person's posture, a robot with its tool.
 
     ``movable`` are the bodies of furniture that every episode places anew. ``robot_pos_w`` and
@@ -51,29 +51,29 @@ class Stage:
     base_range: BaseRange | None = None
 
 
-def build_spec(stage: Stage, person: Person, *, moving: bool, appearance: bool) -> mujoco.MjSpec:
+def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: bool) -> mujoco.MjSpec:
     """Assemble the scene.
 
     Args:
-        stage: the furniture, the robot and the tool.
+        scene: the furniture, the robot and the tool.
         person: whose body it is; a static person keeps this pose.
         moving: whether the person has driven joints.
         appearance: whether to add what only pictures need.
     """
     spec = mujoco.MjSpec()
-    _set_options(spec, stage.tool.particles)
+    _set_options(spec, scene.tool.particles)
     add_collision(
         spec.worldbody, "floor", mujoco.mjtGeom.mjGEOM_PLANE, contacts.FURNITURE, size=[5.0, 5.0, 0.1]
     )
-    human.add_person(spec, person, stage.posture, moving=moving)
+    human.add_person(spec, person, scene.posture, moving=moving)
     if appearance:
-        add_appearance(spec, person, stage.posture, open_mouth=stage.tool.particles is not None)
-    for name in stage.furniture:
+        add_appearance(spec, person, scene.posture, open_mouth=scene.tool.particles is not None)
+    for name in scene.furniture:
         FURNITURE[name](spec, appearance)
-    _add_robot(spec, stage, appearance)
-    if stage.tool.particles is not None:
-        add_particles(spec, stage.tool.particles, appearance)
-    _add_sensors(spec, stage)
+    _add_robot(spec, scene, appearance)
+    if scene.tool.particles is not None:
+        add_particles(spec, scene.tool.particles, appearance)
+    _add_sensors(spec, scene)
     return spec
 
 
@@ -89,17 +89,17 @@ def _set_options(spec: mujoco.MjSpec, particles: Particles | None) -> None:
         spec.option.tolerance = FLUID_TOLERANCE
 
 
-def _add_robot(spec: mujoco.MjSpec, stage: Stage, appearance: bool) -> None:
-    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], stage.robot_yaw_rad)
-    frame = spec.worldbody.add_frame(pos=stage.robot_pos_w, quat=turn)
-    spec.attach(robot_with_tool(stage, appearance=appearance), prefix=robots.PREFIX, frame=frame)
+def _add_robot(spec: mujoco.MjSpec, scene: SceneConfig, appearance: bool) -> None:
+    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], scene.robot_yaw_rad)
+    frame = spec.worldbody.add_frame(pos=scene.robot_pos_w, quat=turn)
+    spec.attach(robot_with_tool(scene, appearance=appearance), prefix=robots.PREFIX, frame=frame)
 
 
-def robot_with_tool(stage: Stage, *, appearance: bool) -> mujoco.MjSpec:
-    """The stage's robot alone, with its tool in its hand."""
-    robot = robots.robot_spec(stage.robot, stage.arm, appearance=appearance)
-    tool = grips.hold(robot, stage.robot, stage.arm, stage.tool, TOOL_BODY)
-    stage.tool.build(robot, tool, appearance)
+def robot_with_tool(scene: SceneConfig, *, appearance: bool) -> mujoco.MjSpec:
+    """The scene's robot alone, with its tool in its hand."""
+    robot = robots.robot_spec(scene.robot, scene.arm, appearance=appearance)
+    tool = grips.hold(robot, scene.robot, scene.arm, scene.tool, TOOL_BODY)
+    scene.tool.build(robot, tool, appearance)
     return robot
 
 
@@ -115,19 +115,19 @@ EFFECTOR_VELOCITY_SENSOR = "end_effector_velocity"
 TOOL_VELOCITY_SENSOR = "tool_velocity"
 
 
-def _add_sensors(spec: mujoco.MjSpec, stage: Stage) -> None:
+def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     """What robot and tool do to the person, and the velocities of end effector and tool.
 
     Net forces and velocities are in the world's frame. Contacts are the strongest ones, those of the tool with force
     (whose length alone has a meaning: it is in the contact's frame), place, and normal from the tool to the person.
     """
-    robot = robots.PREFIX + stage.robot.base
+    robot = robots.PREFIX + scene.robot.base
     _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, robot, _FORCE, _NET_FORCE, slots=1)
     _add_contact_sensor(spec, TOOL_FORCE_SENSOR, TOOL, _FORCE, _NET_FORCE, slots=1)
     _add_contact_sensor(spec, ROBOT_CONTACT_SENSOR, robot, _FORCE, _STRONGEST, slots=ROBOT_CONTACTS)
     whole = _FORCE | _POS | _NORMAL
     _add_contact_sensor(spec, TOOL_CONTACT_SENSOR, TOOL, whole, _STRONGEST, slots=TOOL_CONTACTS)
-    _add_velocity_sensor(spec, EFFECTOR_VELOCITY_SENSOR, robots.PREFIX + stage.arm.end_effector)
+    _add_velocity_sensor(spec, EFFECTOR_VELOCITY_SENSOR, robots.PREFIX + scene.arm.end_effector)
     _add_velocity_sensor(spec, TOOL_VELOCITY_SENSOR, TOOL)
 
 

@@ -83,7 +83,7 @@ class BedBathingOracle:
         self._waited[arrived | stuck], self._left_m[arrived | stuck] = 0, np.inf
         on = arrived | (stuck & (self._phase == WIPE))
         over = ((on & (self._phase == LIFT)) | (stuck & ~on)) & (self._phase != REST)
-        planned = np.where(is_washed(self._episodes.memory), ALWAYS, len(SWEEPS))
+        planned = np.where(is_washed(self._episodes.task_state), ALWAYS, len(SWEEPS))
         rests = over & (self._sweep + 1 >= planned)
         self._phase = np.where(over, np.where(rests, REST, COME), np.minimum(self._phase + on, REST))
         self._sweep = self._sweep + (over & ~rests)

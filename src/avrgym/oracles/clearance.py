@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import capsules, kinematics, transforms
 from avrgym.models import contacts
-from avrgym.models.scene import TOOL_BODY, Stage, robot_with_tool
+from avrgym.models.scene import TOOL_BODY, SceneConfig, robot_with_tool
 from avrgym.people.arm_clearance import Boxes
 from avrgym.simulation.worlds import Simulation, State
 from avrgym.tasks import places
@@ -33,12 +33,12 @@ class ArmShape:
 
 
 @cache
-def arm_shape(stage: Stage) -> ArmShape:
-    """The capsules about the collision geoms of the stage's moving arm."""
-    model = robot_with_tool(stage, appearance=False).compile()
+def arm_shape(scene: SceneConfig) -> ArmShape:
+    """The capsules about the collision geoms of the scene's moving arm."""
+    model = robot_with_tool(scene, appearance=False).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    bodies = [int(model.joint(name).bodyid[0]) for name in stage.arm.joints]
+    bodies = [int(model.joint(name).bodyid[0]) for name in scene.arm.joints]
     tool = model.body(TOOL_BODY).id
     link, ends, radius, is_tool = [], [], [], []
     for geom in np.nonzero(model.geom_group == contacts.COLLISION_GROUP)[0]:
@@ -53,14 +53,14 @@ def arm_shape(stage: Stage) -> ArmShape:
         ends.append((ends_w - data.xpos[body]) @ data.xmat[body].reshape(3, 3))
         radius.append(r)
         is_tool.append(model.geom_bodyid[geom] == tool)
-    chain = places.arm_chain(stage)
+    chain = places.arm_chain(scene)
     links = tuple(_part(chain, count) for count in range(1, len(bodies) + 1))
     return ArmShape(links, np.array(link), np.array(ends), np.array(radius), np.array(is_tool))
 
 
 def furniture_boxes(simulation: Simulation) -> Boxes:
     """The boxes about the collision geoms of a simulation's furniture, the floor and what is movable left out."""
-    model, movable = simulation.model, simulation.stage.movable
+    model, movable = simulation.model, simulation.scene.movable
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     geoms = [
@@ -79,7 +79,7 @@ class Clearance:
 
     def __init__(self, simulation: Simulation) -> None:
         """Remember the arm's shape, and where base and furniture are now."""
-        self._shape, self._boxes = arm_shape(simulation.stage), furniture_boxes(simulation)
+        self._shape, self._boxes = arm_shape(simulation.scene), furniture_boxes(simulation)
         self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in simulation.robot_base())
 
     def least_m(self, angles_rad: Array, state: State, *, tool: bool) -> Array:

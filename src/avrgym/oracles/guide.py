@@ -37,8 +37,8 @@ class Guide:
     def __init__(self, episodes: Episodes) -> None:
         """Begin where the arms are."""
         self._simulation = episodes.simulation
-        self._chain = places.arm_chain(episodes.stage)
-        self._reach_rad = episodes.stage.arm.speed_limit_rad_s * CONTROL_STEP_S
+        self._chain = places.arm_chain(episodes.scene)
+        self._reach_rad = episodes.scene.arm.speed_limit_rad_s * CONTROL_STEP_S
         self._clearance = Clearance(self._simulation)
         self._base_w = self._simulation.robot_base()
         self._to_base = transforms.invert(*self._base_w)

@@ -9,7 +9,7 @@ from avrgym.models.scratcher import RADIUS_M
 from avrgym.oracles.guide import Guide
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.scratch_itch import ITCH_RADIUS_M, ScratchItchMemory, itch_pos_w, limb_frame
+from avrgym.tasks.scratch_itch import ITCH_RADIUS_M, ScratchItchState, itch_pos_w, limb_frame
 
 Array = NDArray[np.float64]
 
@@ -70,15 +70,15 @@ class ScratchItchOracle:
 
     def _rub(self) -> tuple[Array, Array]:
         """The tip's next place (N, 3) and the rod's rotation (N, 4)."""
-        state, memory = self._episodes.simulation.state(), self._episodes.memory
-        _, limb_q_w = limb_frame(state, memory)
-        out, _ = surface(memory, limb_q_w)
+        state, task_state = self._episodes.simulation.state(), self._episodes.task_state
+        _, limb_q_w = limb_frame(state, task_state)
+        out, _ = surface(task_state, limb_q_w)
         q_w = transforms.multiply(limb_q_w, self._q_limb)
         rod_w = transforms.rotate(q_w, ROD)
-        near = norm(state.tool_pos_w - itch_pos_w(state, memory)) < ITCH_RADIUS_M
+        near = norm(state.tool_pos_w - itch_pos_w(state, task_state)) < ITCH_RADIUS_M
         self._touched = near & (self._touched | (self._arrived & (state.tool_force_n > TOUCH_N)))
-        inside_w = tip(itch_pos_w(state, memory) - SEEK_DEPTH_M * out, out, rod_w)
-        rubbed_w = rub(state, memory, self._guide.pos_w, rod_w)
+        inside_w = tip(itch_pos_w(state, task_state) - SEEK_DEPTH_M * out, out, rod_w)
+        rubbed_w = rub(state, task_state, self._guide.pos_w, rod_w)
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
     def _find_detour(self) -> tuple[Array, Array]:
@@ -99,13 +99,13 @@ class ScratchItchOracle:
         Returns:
             What the way there costs, (N,) seconds.
         """
-        state, memory = self._episodes.simulation.state(), self._episodes.memory
-        _, limb_q_w = limb_frame(state, memory)
-        out, along = surface(memory, limb_q_w)
+        state, task_state = self._episodes.simulation.state(), self._episodes.task_state
+        _, limb_q_w = limb_frame(state, task_state)
+        out, along = surface(task_state, limb_q_w)
         into, tilt = _ways(out, along)
         here = np.broadcast_to(transforms.rotate(state.tool_q_w, ROD)[:, None], into.shape)
         q_w = transforms.multiply(_turn(here, into), state.tool_q_w[:, None])
-        tip_w = tip(itch_pos_w(state, memory)[:, None], out[:, None], into)
+        tip_w = tip(itch_pos_w(state, task_state)[:, None], out[:, None], into)
         angles, cost_s = self._guide.find(tip_w, q_w)
         world, best = np.arange(len(out)), (cost_s + SECONDS_PER_RAD * tilt).argmin(axis=-1)
         tip_w, q_w, into = tip_w[world, best], q_w[world, best], into[world, best]
@@ -119,21 +119,21 @@ class ScratchItchOracle:
         return cost_s[world, best]
 
 
-def rub(state: State, memory: ScratchItchMemory, pos_w: Array, rod_w: Array) -> Array:
+def rub(state: State, task_state: ScratchItchState, pos_w: Array, rod_w: Array) -> Array:
     """The next place (N, 3) of a tip that goes round and round about the itch.
 
     Where it goes depends on nothing but where it is, how deep on what it feels.
 
     Args:
         state: of N worlds.
-        memory: where it itches.
+        task_state: where it itches.
         pos_w: where the tip aims now (N, 3), world frame.
         rod_w: where the rod points, (N, 3) unit vectors, world frame.
     """
-    _, limb_q_w = limb_frame(state, memory)
-    out, along = surface(memory, limb_q_w)
+    _, limb_q_w = limb_frame(state, task_state)
+    out, along = surface(task_state, limb_q_w)
     axes = np.stack([along, transforms.cross(out, along)], axis=1)
-    middle_w = tip(itch_pos_w(state, memory), out, rod_w)
+    middle_w = tip(itch_pos_w(state, task_state), out, rod_w)
     offset = ((state.tool_pos_w - middle_w)[:, None] * axes).sum(axis=-1) / LOOP_M
     angle = elementary.arctan2(offset[:, 1], offset[:, 0]) + AHEAD_RAD
     ahead = LOOP_M * np.stack([elementary.cos(angle), elementary.sin(angle)], axis=-1)
@@ -144,9 +144,9 @@ def rub(state: State, memory: ScratchItchMemory, pos_w: Array, rod_w: Array) -> 
     return next_w + height[:, None] * out
 
 
-def surface(memory: ScratchItchMemory, limb_q_w: Array) -> tuple[Array, Array]:
+def surface(task_state: ScratchItchState, limb_q_w: Array) -> tuple[Array, Array]:
     """Unit vectors (N, 3), world frame, at the itch: out of the limb, and along it."""
-    out = transforms.normalize(memory.itch * [1.0, 1.0, 0.0])
+    out = transforms.normalize(task_state.itch * [1.0, 1.0, 0.0])
     return transforms.rotate(limb_q_w, out), transforms.rotate(limb_q_w, [0.0, 0.0, 1.0])
 
 

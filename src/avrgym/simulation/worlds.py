@@ -24,7 +24,7 @@ from avrgym.models.scene import (
     TOOL_CONTACTS,
     TOOL_FORCE_SENSOR,
     TOOL_VELOCITY_SENSOR,
-    Stage,
+    SceneConfig,
     build_spec,
 )
 from avrgym.simulation.brakes import Brakes
@@ -94,7 +94,7 @@ class State(RightArm):
 class Start:
     """How n worlds begin.
 
-    The people; the robot's base, (n, 3) and (n, 4); the arm's angles (n, 7); places (n, 3) of the stage's
+    The people; the robot's base, (n, 3) and (n, 4); the arm's angles (n, 7); places (n, 3) of the scene's
     movable furniture.
     """
 
@@ -110,7 +110,7 @@ class Simulation:
 
     def __init__(
         self,
-        stage: Stage,
+        scene: SceneConfig,
         num_worlds: int,
         *,
         moving: bool = False,
@@ -121,24 +121,24 @@ class Simulation:
         """Compile the scene.
 
         Args:
-            stage: what stands in it.
+            scene: what stands in it.
             num_worlds: N.
             moving: whether the people's joints move; else people are static.
             num_threads: threads for the physics; 0 takes one per core.
             braked: whether the arm's joints have brakes.
             gives_way: whether people give way and motors press no harder than they lead, see ``models.yielding``.
         """
-        self.stage = stage
+        self.scene = scene
         self.num_worlds = num_worlds
         self.moving = moving
-        spec = build_spec(stage, Person(), moving=moving, appearance=False)
+        spec = build_spec(scene, Person(), moving=moving, appearance=False)
         if gives_way:
-            yielding.bound_forces(spec, stage.arm, stage.tool, MAX_LEAD_RAD)
+            yielding.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
         self.model = spec.compile()
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
         self.batch = Batch(self.model, num_worlds, num_threads, persistent=True)
-        self._names = _Names(self.model, stage)
-        self._person = _PersonFields(self.batch, stage, moving, gives_way=gives_way)
+        self._names = _Names(self.model, scene)
+        self._person = _PersonFields(self.batch, scene, moving, gives_way=gives_way)
         self._qpos, self._qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
         self._act, self._ctrl = self.batch.bind("act"), self.batch.bind("ctrl")
         self._qfrc_applied = self.batch.bind("qfrc_applied")
@@ -147,8 +147,8 @@ class Simulation:
         self._geom_xpos, self._geom_xmat = self.batch.bind("geom_xpos"), self.batch.bind("geom_xmat")
         self._segment_w = np.zeros((num_worlds, len(human.GEOMS), 2, 3))
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
-        self._speed_limit = stage.arm.speed_limit_rad_s
-        self._brakes = Brakes(self.batch, stage.arm) if braked else None
+        self._speed_limit = scene.arm.speed_limit_rad_s
+        self._brakes = Brakes(self.batch, scene.arm) if braked else None
 
     def reset(self, ids: Ids, start: Start) -> None:
         """Put worlds ``ids`` (n,) into their start: at rest, particles on the tool, the arm where it aims."""
@@ -180,7 +180,7 @@ class Simulation:
         self.batch.forward(ids)
 
     def _place_particles(self, ids: Ids) -> None:
-        particles = self.stage.tool.particles
+        particles = self.scene.tool.particles
         if particles is None:
             return
         self.batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_POS)
@@ -214,7 +214,7 @@ class Simulation:
 
     def park(self, gone: NDArray[np.bool_]) -> None:
         """Take particles (N, K) out of play."""
-        particles = self.stage.tool.particles
+        particles = self.scene.tool.particles
         if particles is None:
             return
         world, particle = np.nonzero(gone)
@@ -319,24 +319,24 @@ class Simulation:
 class _Names:
     """Addresses of everything that is read or written, found once by name."""
 
-    def __init__(self, model: mujoco.MjModel, stage: Stage) -> None:
-        arm = [robots.PREFIX + joint for joint in stage.arm.joints]
+    def __init__(self, model: mujoco.MjModel, scene: SceneConfig) -> None:
+        arm = [robots.PREFIX + joint for joint in scene.arm.joints]
         self.arm_qpos = _qpos(model, arm)
         self.arm_ctrl = _actuators(model, arm)
         self.arm_act = np.array([model.actuator(name).actadr[0] for name in arm])
-        self.robot_base = model.body(robots.PREFIX + stage.robot.base).id
-        self.robot_torso = model.body(robots.PREFIX + stage.robot.torso).id
+        self.robot_base = model.body(robots.PREFIX + scene.robot.base).id
+        self.robot_torso = model.body(robots.PREFIX + scene.robot.torso).id
         self.tool = model.body(TOOL).id
-        self.pad = model.body(robots.PREFIX + stage.tool.pad).id
+        self.pad = model.body(robots.PREFIX + scene.tool.pad).id
         self.head = model.body(human.PREFIX + "head").id
         self.right_arm = np.array([model.body(human.PREFIX + name).id for name in human.RIGHT_ARM])
-        self.placed = {name: model.body(name).id for name in stage.movable}
+        self.placed = {name: model.body(name).id for name in scene.movable}
         self.head_centre = model.site(human.PREFIX + "head_centre").id
         self.mouth = model.site(human.PREFIX + "mouth").id
         self.person_geoms = np.array([model.geom(human.PREFIX + name).id for name in human.GEOMS])
         driven = [human.PREFIX + name for name in human.JOINTS if model.nu > len(arm)]
         self.person_qpos, self.person_ctrl = _qpos(model, driven), _actuators(model, driven)
-        particles = stage.tool.particles.bodies if stage.tool.particles else ()
+        particles = scene.tool.particles.bodies if scene.tool.particles else ()
         self.particle_qpos = np.array(
             [[model.joint(f"{body}_{axis}").qposadr[0] for axis in "xyz"] for body in particles],
             dtype=np.intp,
@@ -355,9 +355,9 @@ class _Names:
 class _PersonFields:
     """Per-world model fields of the people."""
 
-    def __init__(self, batch: Batch, stage: Stage, moving: bool, *, gives_way: bool) -> None:
+    def __init__(self, batch: Batch, scene: SceneConfig, moving: bool, *, gives_way: bool) -> None:
         model = batch.get_model(0)
-        self._posture, self._moving, self._gives_way = stage.posture, moving, gives_way
+        self._posture, self._moving, self._gives_way = scene.posture, moving, gives_way
         self._bodies = {name: model.body(human.PREFIX + name).id for name in human.BODIES}
         self._geoms = {name: model.geom(human.PREFIX + name).id for name in human.GEOMS}
         self._sites = {name: model.site(human.PREFIX + name).id for name in human.SITE_BODY}

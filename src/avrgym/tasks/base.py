@@ -10,25 +10,25 @@ from numpy.typing import NDArray
 from avrgym.geometry import transforms
 from avrgym.models.human import JOINTS, RIGHT_ARM, SEATED_RAD, People
 from avrgym.models.robots import Robot
-from avrgym.models.scene import Stage
+from avrgym.models.scene import SceneConfig
 from avrgym.people import distributions
 from avrgym.people.behaviour import Offered
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Start, State
 
 Array = NDArray[np.float64]
-Memory = Any
-"""What a task remembers of an episode: a dataclass of arrays, world axis first."""
+TaskState = Any
+"""What a task keeps of an episode from step to step: a dataclass of arrays, world axis first."""
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """One control step, judged. ``terms``: unweighted, (N,); ``gone`` (N, K): particles to take away.
+class StepResult:
+    """What one control step gave. ``terms``: unweighted, (N,); ``gone`` (N, K): particles to take away.
 
     ``force_on_person_n`` (N,): of robot and tool together.
     """
 
-    memory: Memory
+    task_state: TaskState
     terms: Mapping[str, Array]
     distance_m: Array
     force_on_person_n: Array
@@ -95,7 +95,7 @@ def force(name: str) -> Entry:
 
 @dataclass(frozen=True)
 class Marks:
-    """Spots that a task draws on the person's arm; ``places(arm, memory)`` (N, ``count``, 3), world frame, metres.
+    """Spots that a task draws on the person's arm; ``places(arm, task_state)`` (N, ``count``, 3), world frame, metres.
 
     A spot that is not to be seen lies below the floor.
     """
@@ -103,7 +103,7 @@ class Marks:
     count: int
     radius_m: float
     rgb: tuple[float, float, float]
-    places: Callable[[RightArm, Memory], Array]
+    places: Callable[[RightArm, TaskState], Array]
 
 
 DRAWN_ABOVE_M = 0.008
@@ -121,10 +121,10 @@ class Task:
 
     ``goal`` tells a participant in one sentence what the task is, and not how it is done (paper, section V).
     ``offered`` is what cooperating people bring to the tool, ``pose`` is how people sit or lie.
-    ``stage(robot)`` says what stands in the scene. ``start(stage, people, uniforms)`` draws where things begin
-    from uniform numbers (n, ``uniforms``). ``remember(people, uniforms)``, with the same numbers, is the memory
-    an episode begins with. ``observe(state, memory)`` gives (N, O), the numbers that ``observed`` names in that
-    order. ``judge(state, action, memory)`` judges a control step. ``weights`` has one weight for each term; the
+    ``scene(robot)`` says what stands in the scene. ``start(scene, people, uniforms)`` draws where things begin
+    from uniform numbers (n, ``uniforms``). ``remember(people, uniforms)``, with the same numbers, is the task_state
+    an episode begins with. ``observe(state, task_state)`` gives (N, O), the numbers that ``observed`` names in that
+    order. ``judge(state, action, task_state)`` judges a control step. ``weights`` has one weight for each term; the
     reward is their weighted sum. ``marks`` are drawn on the person.
     """
 
@@ -135,11 +135,11 @@ class Task:
     uniforms: int
     observed: tuple[Entry, ...]
     weights: Mapping[str, float]
-    stage: Callable[[Robot], Stage]
-    start: Callable[[Stage, People, Array], Start]
-    remember: Callable[[People, Array], Memory]
-    observe: Callable[[State, Memory], Array]
-    judge: Callable[[State, Array, Memory], Outcome]
+    scene: Callable[[Robot], SceneConfig]
+    start: Callable[[SceneConfig, People, Array], Start]
+    init_state: Callable[[People, Array], TaskState]
+    observe: Callable[[State, TaskState], Array]
+    evaluate_step: Callable[[State, Array, TaskState], StepResult]
     marks: Marks | None = None
 
     @property
@@ -160,8 +160,8 @@ class Task:
         return total
 
 
-def merge(old: Memory, new: Memory, ids: NDArray[np.intp]) -> Memory:
-    """The memory ``old`` of N worlds with the worlds ``ids`` replaced by ``new``."""
+def merge(old: TaskState, new: TaskState, ids: NDArray[np.intp]) -> TaskState:
+    """The task_state ``old`` of N worlds with the worlds ``ids`` replaced by ``new``."""
     arrays = {}
     for name, array in vars(old).items():
         array = array.copy()

@@ -18,7 +18,7 @@ from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
 from avrgym.models.robots import Robot
-from avrgym.models.scene import Stage
+from avrgym.models.scene import SceneConfig
 from avrgym.models.washcloth import NAP_M, PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Start, State
@@ -27,7 +27,7 @@ from avrgym.tasks.base import (
     ARM_SPREAD_RAD,
     LIMBS,
     Marks,
-    Outcome,
+    StepResult,
     Task,
     above_clothes,
     angles,
@@ -77,7 +77,7 @@ LIMB_GEOMS = [list(human.GEOMS).index(name) for name in LIMBS]
 
 
 @dataclass(frozen=True)
-class BedBathingMemory:
+class BedBathingState:
     """Markers of upper arm and forearm, as many places for them as the largest limb needs.
 
     ``marker_pos`` (N, 2, ``MARKERS``, 3) in the frames of the two limbs, metres; ``exists`` and ``wiped``
@@ -105,21 +105,21 @@ MARKERS = RINGS * AROUND
 """Upper arms are longer and thicker than forearms."""
 
 
-def stage(robot: Robot) -> Stage:
+def scene(robot: Robot) -> SceneConfig:
     """Hospital bed; the left arm holds the washcloth."""
-    return places.bed_stage(robot, "left", WASHCLOTH)
+    return places.bed_scene(robot, "left", WASHCLOTH)
 
 
-def start(stage: Stage, people: People, uniforms: Array) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     """The hand right of and above the person's right arm, the base within reach of shoulder, elbow and wrist."""
     count = len(uniforms)
     goals, goal_q = places.right_arm(people, RECLINED), np.tile(START_Q_W, (count, 3, 1))
-    tool, tool_q = places.held(stage, np.tile(HAND_START_W, (count, 1)), START_Q_W)
-    begun = places.start(stage, people, {}, tool, tool_q, goals, goal_q, uniforms)
-    return replace(begun, placed_pos_w={name: begun.robot_pos_w for name in stage.movable})
+    tool, tool_q = places.held(scene, np.tile(HAND_START_W, (count, 1)), START_Q_W)
+    begun = places.start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
+    return replace(begun, placed_pos_w={name: begun.robot_pos_w for name in scene.movable})
 
 
-def remember(people: People, uniforms: Array) -> BedBathingMemory:
+def init_state(people: People, uniforms: Array) -> BedBathingState:
     """All markers, none of them wiped: rings 3 cm apart, as many around as fit 3 cm apart."""
     size = human.layout(people.is_woman, people.torso_height_m, RECLINED).geom_size
     radius = np.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
@@ -131,7 +131,7 @@ def remember(people: People, uniforms: Array) -> BedBathingMemory:
     sine, cosine = elementary.sine_and_cosine(angle)
     pos = np.stack([radius * cosine, radius * sine, -along], axis=-1)
     exists = (ring < rings) & (spot < around)
-    return BedBathingMemory(pos, exists, np.zeros_like(exists))
+    return BedBathingState(pos, exists, np.zeros_like(exists))
 
 
 OBSERVED = (
@@ -145,7 +145,7 @@ OBSERVED = (
 )
 
 
-def observe(state: State, memory: BedBathingMemory) -> Array:
+def observe(state: State, task_state: BedBathingState) -> Array:
     """The observation (N, 24), in the order of ``OBSERVED``; in the world's axes, from the robot's torso."""
     joints = state.right_arm_pos_w - state.robot_pos_w[:, None]
     return np.concatenate(
@@ -160,7 +160,7 @@ def observe(state: State, memory: BedBathingMemory) -> Array:
     )
 
 
-def judge(state: State, action: Array, memory: BedBathingMemory) -> Outcome:
+def evaluate_step(state: State, action: Array, task_state: BedBathingState) -> StepResult:
     """One control step.
 
     Only the cloth's face wipes. The force of the cloth's contacts within 2.5 cm of upper arm or forearm, on whatever
@@ -168,8 +168,8 @@ def judge(state: State, action: Array, memory: BedBathingMemory) -> Outcome:
     """
     contact_pos, near = _contacts_of_limbs(state)
     wiping = near & _on_face(state)[:, None]
-    newly_wiped = memory.exists & ~memory.wiped & _touched(contact_pos, wiping, memory.marker_pos)
-    after = replace(memory, wiped=memory.wiped | newly_wiped)
+    newly_wiped = task_state.exists & ~task_state.wiped & _touched(contact_pos, wiping, task_state.marker_pos)
+    after = replace(task_state, wiped=task_state.wiped | newly_wiped)
     force_at_arm = np.where(near.any(axis=1), state.tool_contact_force_n, 0.0).sum(axis=-1)
     distance = cloth_distance(state)
     terms = {
@@ -181,12 +181,12 @@ def judge(state: State, action: Array, memory: BedBathingMemory) -> Outcome:
         "strong_force_at_arm_n": when_strong(force_at_arm),
     }
     nothing = np.zeros((len(distance), 0), dtype=bool)
-    return Outcome(after, terms, distance, state.total_force_n, is_washed(after), nothing)
+    return StepResult(after, terms, distance, state.total_force_n, is_washed(after), nothing)
 
 
-def is_washed(memory: BedBathingMemory) -> Bools:
+def is_washed(task_state: BedBathingState) -> Bools:
     """Whether enough of all markers are wiped (N,)."""
-    return _count(memory.wiped) >= SUCCESS_SHARE * _count(memory.exists)
+    return _count(task_state.wiped) >= SUCCESS_SHARE * _count(task_state.exists)
 
 
 def cloth_distance(state: State) -> Array:
@@ -252,12 +252,12 @@ def _ends(pos: Array, near: Bools) -> tuple[Array, Array]:
     return pos[row, first], pos[row, last]
 
 
-def marks_w(arm: RightArm, memory: BedBathingMemory) -> Array:
+def marks_w(arm: RightArm, task_state: BedBathingState) -> Array:
     """Where the markers not yet wiped are drawn (N, 2 × ``MARKERS``, 3), world frame; the others below the floor."""
-    drawn = above_clothes(memory.marker_pos)
+    drawn = above_clothes(task_state.marker_pos)
     limb_pos_w, limb_q_w = arm.right_arm_pos_w[:, :2, None], arm.right_arm_q_w[:, :2, None]
     pos_w = limb_pos_w + transforms.rotate(limb_q_w, drawn)
-    shown = memory.exists & ~memory.wiped
+    shown = task_state.exists & ~task_state.wiped
     return np.where(shown[..., None], pos_w, BELOW_THE_FLOOR_W).reshape(len(pos_w), -1, 3)
 
 
@@ -276,10 +276,10 @@ BED_BATHING = Task(
     uniforms=places.UNIFORMS,
     observed=OBSERVED,
     weights=WEIGHTS,
-    stage=stage,
+    scene=scene,
     start=start,
-    remember=remember,
+    init_state=init_state,
     observe=observe,
-    judge=judge,
+    evaluate_step=evaluate_step,
     marks=Marks(count=2 * MARKERS, radius_m=0.006, rgb=(0.85, 0.25, 0.30), places=marks_w),
 )

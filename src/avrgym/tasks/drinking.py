@@ -11,10 +11,10 @@ from avrgym.geometry.transforms import norm
 from avrgym.models.cup import AXIS_X_M, CUP, HEIGHT_M, RIM_RADIUS_M, WATER
 from avrgym.models.human import People
 from avrgym.models.robots import Robot
-from avrgym.models.scene import Stage
+from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import Start, State
 from avrgym.tasks import places
-from avrgym.tasks.base import HEAD_TURNED, Outcome, Task
+from avrgym.tasks.base import HEAD_TURNED, StepResult, Task
 from avrgym.tasks.feeding import OBSERVED, observe, strong_tool_force
 from avrgym.tasks.particles import GROUND_M, count, touching_person
 
@@ -48,7 +48,7 @@ the angle between its axis and the vertical is from a quarter turn.
 
 
 @dataclass(frozen=True)
-class DrinkingMemory:
+class DrinkingState:
     """What happened to each particle of water, (N, 64) each; what is gone has left the scene."""
 
     drunk: Bools
@@ -57,35 +57,38 @@ class DrinkingMemory:
     gone: Bools
 
 
-def stage(robot: Robot) -> Stage:
+def scene(robot: Robot) -> SceneConfig:
     """Wheelchair; the right arm holds the cup."""
-    return places.wheelchair_stage(robot, "right", CUP, (0.2, 0.2))
+    return places.wheelchair_scene(robot, "right", CUP, (0.2, 0.2))
 
 
-def start(stage: Stage, people: People, uniforms: Array) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     """Hand within ±5 cm of a point before the person, cup upright."""
     hand = np.array(HAND_START_W) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool, upright = places.held(stage, hand, CUP_Q_W)
+    tool, upright = places.held(scene, hand, CUP_Q_W)
     mouth, _ = places.mouth(people)
-    return places.start(stage, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:])
+    return places.start(scene, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:])
 
 
-def remember(people: People, uniforms: Array) -> DrinkingMemory:
+def init_state(people: People, uniforms: Array) -> DrinkingState:
     """All water is in the cup."""
     nothing = np.zeros((len(uniforms), len(WATER.start)), dtype=bool)
-    return DrinkingMemory(nothing, nothing, nothing, nothing)
+    return DrinkingState(nothing, nothing, nothing, nothing)
 
 
-def judge(state: State, action: Array, memory: DrinkingMemory) -> Outcome:
+def evaluate_step(state: State, action: Array, task_state: DrinkingState) -> StepResult:
     """Water that is out of the cup and within 3 cm of the mouth is drunk; fallen below both it is spilled."""
-    outside = ~(memory.gone | _in_cup(state))
-    drinkable = outside & ~memory.spilled
+    outside = ~(task_state.gone | _in_cup(state))
+    drinkable = outside & ~task_state.spilled
     drunk = drinkable & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
     spilled = drinkable & ~drunk & _fallen(state)
-    on_person = touching_person(state, WATER.radius_m, outside & ~drunk & ~memory.on_person)
+    on_person = touching_person(state, WATER.radius_m, outside & ~drunk & ~task_state.on_person)
     gone = drunk | (outside & (state.particle_pos_w[..., 2] < GROUND_M))
-    after = DrinkingMemory(
-        memory.drunk | drunk, memory.spilled | spilled, memory.on_person | on_person, memory.gone | gone
+    after = DrinkingState(
+        task_state.drunk | drunk,
+        task_state.spilled | spilled,
+        task_state.on_person | on_person,
+        task_state.gone | gone,
     )
     distance = norm(state.tool_pos_w - state.mouth_pos_w)
     terms = {
@@ -101,7 +104,7 @@ def judge(state: State, action: Array, memory: DrinkingMemory) -> Outcome:
         "water_entry_speed_m_s": np.where(drunk, norm(state.particle_velocity_w), 0.0).sum(axis=-1),
     }
     success = after.drunk.sum(axis=-1) >= SUCCESS_SHARE * len(WATER.start)
-    return Outcome(after, terms, distance, state.total_force_n, success, gone)
+    return StepResult(after, terms, distance, state.total_force_n, success, gone)
 
 
 def _in_cup(state: State) -> Bools:
@@ -136,9 +139,9 @@ DRINKING = Task(
     uniforms=3 + places.UNIFORMS,
     observed=OBSERVED,
     weights=WEIGHTS,
-    stage=stage,
+    scene=scene,
     start=start,
-    remember=remember,
+    init_state=init_state,
     observe=observe,
-    judge=judge,
+    evaluate_step=evaluate_step,
 )

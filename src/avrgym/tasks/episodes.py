@@ -21,15 +21,15 @@ from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
 from avrgym.simulation.world_version import WORLD_VERSION, check_world_version
 from avrgym.simulation.worlds import Ids, Simulation, Start, State
 from avrgym.tasks import TASKS, find_environment, find_task
-from avrgym.tasks.base import Memory, Outcome, merge
+from avrgym.tasks.base import StepResult, TaskState, merge
 
 Array = NDArray[np.float64]
 
 EPISODE_STEPS = 200
 ACTIONS = 7
 """How many numbers an action has, one for each joint of the arm."""
-JUDGED_ACTION_LIMIT: Mapping[int, float] = {1: np.inf, 2: 1.0}
-"""By world version, what either way an action's numbers are clipped to before they are judged; arms never do more."""
+ACTION_LIMIT: Mapping[int, float] = {1: np.inf, 2: 1.0}
+"""By world version, what either way an action's numbers are clipped to before they are rewarded; arms never do more."""
 MOST_DRAWS = 100
 """How often a start is drawn anew where things would stand in each other."""
 
@@ -107,7 +107,7 @@ class Episodes:
         check_world_version(world_version)
         task, robot = find_environment(environment_id)
         self.environment_id = environment_id
-        self._judged_limit = JUDGED_ACTION_LIMIT[world_version]
+        self._action_limit = ACTION_LIMIT[world_version]
         self.task = find_task(task, world_version)
         self.person = person
         self._distribution = distributions.find_distribution(distribution, TASKS)
@@ -116,10 +116,10 @@ class Episodes:
         self._moved_by_themselves = not moving and (
             self._distribution.cooperating or self._impairment in impairments.MOVING
         )
-        self.stage = self.task.stage(find_robot(robot))
-        self._furniture = furniture_boxes(self.stage.furniture)
+        self.scene = self.task.scene(find_robot(robot))
+        self._furniture = furniture_boxes(self.scene.furniture)
         self.simulation = Simulation(
-            self.stage,
+            self.scene,
             num_worlds,
             moving=moving or self._moved_by_themselves,
             num_threads=num_threads,
@@ -128,9 +128,9 @@ class Episodes:
         )
         self._room = None if world_version == 1 else self._room_of_scene(led=moving and person is not None)
         self.people = distributions.repeat(person or Person(), num_worlds)
-        self.memory = self.task.remember(self.people, np.zeros((num_worlds, self.task.uniforms)))
+        self.task_state = self.task.init_state(self.people, np.zeros((num_worlds, self.task.uniforms)))
         self._mind = behaviour.begin(self.people, np.zeros((num_worlds, behaviour.UNIFORMS)))
-        self._arm_start_rad = np.zeros((num_worlds, len(self.stage.arm.joints)))
+        self._arm_start_rad = np.zeros((num_worlds, len(self.scene.arm.joints)))
         self.draws = np.zeros(num_worlds, dtype=int)
         """How often the starts of the present episodes were drawn, (N,)."""
 
@@ -156,7 +156,7 @@ class Episodes:
         return self.observe()[ids]
 
     def start(self, world: int) -> dict[str, Any]:
-        """How a world's present episode began but for its person, in plain values; as long as nothing was judged."""
+        """How a world's present episode began but for its person, in plain values; as long as no step was evaluated."""
         pos_w, q_w = self.simulation.robot_base()
         return {
             "robot_pos_w": pos_w[world].tolist(),
@@ -165,7 +165,7 @@ class Episodes:
             "placed_pos_w": {
                 name: pos[world].tolist() for name, pos in self.simulation.placed_pos_w().items()
             },
-            "memory": {name: array[world].tolist() for name, array in vars(self.memory).items()},
+            "memory": {name: array[world].tolist() for name, array in vars(self.task_state).items()},
         }
 
     def begin_as(self, start: Mapping[str, Any]) -> None:
@@ -175,16 +175,16 @@ class Episodes:
             KeyError, TypeError, ValueError: for values that are no start of this environment.
         """
         first = np.array([0])
-        memory = {
+        task_state = {
             name: np.array(start["memory"][name], array.dtype).reshape(array[:1].shape)
-            for name, array in vars(self.memory).items()
+            for name, array in vars(self.task_state).items()
         }
-        placed = {name: np.array([start["placed_pos_w"][name]]) for name in self.stage.movable}
+        placed = {name: np.array([start["placed_pos_w"][name]]) for name in self.scene.movable}
         pos_w, q_w, angles = (
             np.array([start[name]], float) for name in ("robot_pos_w", "robot_q_w", "arm_angles_rad")
         )
         self.people = distributions.repeat(self.person or Person(), 1)
-        self._put(first, Start(self.people, pos_w, q_w, angles, placed), type(self.memory)(**memory))
+        self._put(first, Start(self.people, pos_w, q_w, angles, placed), type(self.task_state)(**task_state))
 
     def _draw(self, ids: Ids, generators: Sequence[np.random.Generator]) -> None:
         """Draw a start for each of worlds ``ids`` (n,) and put them into it."""
@@ -196,12 +196,12 @@ class Episodes:
         who = impairments.impair(self._draw_people(for_people), self._impairment, for_impairments)
         self.people = merge(self.people, who, ids)
         self._mind = merge(self._mind, behaviour.begin(who, for_minds), ids)
-        self._put(ids, self.task.start(self.stage, who, for_task), self.task.remember(who, for_task))
+        self._put(ids, self.task.start(self.scene, who, for_task), self.task.init_state(who, for_task))
 
-    def _put(self, ids: Ids, start: Start, memory: Memory) -> None:
+    def _put(self, ids: Ids, start: Start, task_state: TaskState) -> None:
         self.simulation.reset(ids, start)
         self._arm_start_rad[ids] = start.arm_angles_rad
-        self.memory = merge(self.memory, memory, ids)
+        self.task_state = merge(self.task_state, task_state, ids)
 
     def _conflicts(self, ids: Ids) -> dict[int, Conflict]:
         """What lacks room, in those of worlds ``ids`` (n,) where anything does, by world.
@@ -232,7 +232,7 @@ class Episodes:
         """
         self.command(action)
         self.simulation.step()
-        return self.judge(action)
+        return self.evaluate_step(action)
 
     def command(self, action: Array) -> None:
         """Give the robots their actions (N, 7), and people who move by themselves their targets.
@@ -245,41 +245,41 @@ class Episodes:
         if self._moved_by_themselves:
             self._command_people()
 
-    def judge(self, action: Array) -> Step:
-        """Judge the control step that ends now, and take out of play what has left the task."""
+    def evaluate_step(self, action: Array) -> Step:
+        """Reward the control step that ends now, and take out of play what has left the task."""
         state = self.simulation.state()
-        judged = np.clip(action, -self._judged_limit, self._judged_limit)
-        outcome = self.task.judge(state, judged, self.memory)
-        self.memory = outcome.memory
-        if outcome.gone.any():
-            self.simulation.park(outcome.gone)
-        return self._step(state, outcome)
+        clipped = np.clip(action, -self._action_limit, self._action_limit)
+        result = self.task.evaluate_step(state, clipped, self.task_state)
+        self.task_state = result.task_state
+        if result.gone.any():
+            self.simulation.park(result.gone)
+        return self._step(state, result)
 
     def assess(self) -> Step:
-        """Judge the present state as if nothing had been asked of the robots; tasks remember nothing of it."""
+        """Evaluate the present state as if nothing had been asked of the robots; the tasks' states stay as they are."""
         state = self.simulation.state()
         rest = np.zeros((self.simulation.num_worlds, ACTIONS))
-        return self._step(state, self.task.judge(state, rest, self.memory))
+        return self._step(state, self.task.evaluate_step(state, rest, self.task_state))
 
-    def _step(self, state: State, outcome: Outcome) -> Step:
+    def _step(self, state: State, result: StepResult) -> Step:
         return Step(
-            observation=self.task.observe(state, self.memory),
-            reward=self.task.reward(outcome.terms),
-            reward_terms=outcome.terms,
-            success=outcome.success,
-            distance_m=outcome.distance_m,
-            force_on_person_n=outcome.force_on_person_n,
+            observation=self.task.observe(state, self.task_state),
+            reward=self.task.reward(result.terms),
+            reward_terms=result.terms,
+            success=result.success,
+            distance_m=result.distance_m,
+            force_on_person_n=result.force_on_person_n,
         )
 
     def observe(self) -> Array:
         """Observations (N, O) of the present state."""
-        return self.task.observe(self.simulation.state(), self.memory)
+        return self.task.observe(self.simulation.state(), self.task_state)
 
     def marks_w(self) -> Array:
         """Where the task's marks are now, (N, ``task.marks.count``, 3), world frame; none without marks."""
         if self.task.marks is None:
             return np.zeros((self.simulation.num_worlds, 0, 3))
-        return self.task.marks.places(self.simulation.right_arm(), self.memory)
+        return self.task.marks.places(self.simulation.right_arm(), self.task_state)
 
     def person_in(self, world: int) -> Person:
         """The person of a world's present episode."""
@@ -291,7 +291,7 @@ class Episodes:
 
     def _room_of_scene(self, *, led: bool) -> Room:
         """What measures the room here; ``led`` people hold their arms as they do, whatever the furniture."""
-        robot = self.stage.robot
+        robot = self.scene.robot
         return Room(
             self.simulation.model,
             base=None if robot.mobile else robots.PREFIX + robot.base,
@@ -303,7 +303,7 @@ class Episodes:
         if self.person is not None:
             return distributions.repeat(self.person, len(uniforms))
         return distributions.sample(
-            self._distribution, self._pose, self.stage.posture, self._furniture, uniforms
+            self._distribution, self._pose, self.scene.posture, self._furniture, uniforms
         )
 
     def _command_people(self) -> None:
@@ -313,6 +313,6 @@ class Episodes:
         trembling = self._mind.targets_rad + direction[:, None] * self.people.tremor_rad
         if self._distribution.cooperating:
             state = self.simulation.state()
-            self._mind = behaviour.see(self._mind, state, self.task.offered, self.stage.posture)
+            self._mind = behaviour.see(self._mind, state, self.task.offered, self.scene.posture)
             trembling = trembling + behaviour.sway_rad(self._mind)
         self.simulation.command_person(self._possible(trembling))

@@ -11,11 +11,11 @@ from avrgym.geometry.transforms import norm
 from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, TABLE_HEIGHT_M
 from avrgym.models.human import People
 from avrgym.models.robots import Robot
-from avrgym.models.scene import Stage
+from avrgym.models.scene import SceneConfig
 from avrgym.models.spoon import FOOD, SPOON
 from avrgym.simulation.worlds import Start, State
 from avrgym.tasks import places
-from avrgym.tasks.base import HEAD_TURNED, Outcome, Task, angles, force, position, quaternion, when_strong
+from avrgym.tasks.base import HEAD_TURNED, StepResult, Task, angles, force, position, quaternion, when_strong
 from avrgym.tasks.particles import GROUND_M, count, touching_person
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ WEIGHTS: Mapping[str, float] = {
 
 
 @dataclass(frozen=True)
-class FeedingMemory:
+class FeedingState:
     """What happened to each piece of food, (N, 8) each; eaten and dropped food has left the task."""
 
     eaten: Bools
@@ -55,18 +55,18 @@ class FeedingMemory:
     on_person: Bools
 
 
-def stage(robot: Robot) -> Stage:
+def scene(robot: Robot) -> SceneConfig:
     """Wheelchair and table with bowl; the right arm holds the spoon."""
-    return places.wheelchair_stage(robot, "right", SPOON, (0.1, 0.2), ("table",), (BOWL_BODY,))
+    return places.wheelchair_scene(robot, "right", SPOON, (0.1, 0.2), ("table",), (BOWL_BODY,))
 
 
-def start(stage: Stage, people: People, uniforms: Array) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     """Bowl within ±5 cm of its place, hand within ±5 cm of a point above and before it, spoon level."""
     bowl = np.array(BOWL_START_M) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     hand = bowl + HAND_FROM_BOWL_M + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
-    tool, level = places.held(stage, hand, SPOON_Q_W)
+    tool, level = places.held(scene, hand, SPOON_Q_W)
     placed = {BOWL_BODY: bowl}
-    return places.start(stage, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
+    return places.start(scene, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
 
 
 def _goals(people: People) -> tuple[Array, Array]:
@@ -77,10 +77,10 @@ def _goals(people: People) -> tuple[Array, Array]:
     return np.stack([mouth, mouth], axis=1), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw)
 
 
-def remember(people: People, uniforms: Array) -> FeedingMemory:
+def init_state(people: People, uniforms: Array) -> FeedingState:
     """Nothing has happened yet."""
     nothing = np.zeros((len(uniforms), len(FOOD.start)), dtype=bool)
-    return FeedingMemory(nothing, nothing, nothing)
+    return FeedingState(nothing, nothing, nothing)
 
 
 OBSERVED = (
@@ -94,7 +94,7 @@ OBSERVED = (
 )
 
 
-def observe(state: State, memory: FeedingMemory) -> Array:
+def observe(state: State, task_state: FeedingState) -> Array:
     """The observation (N, 25), in the order of ``OBSERVED``; in the world's axes."""
     return np.concatenate(
         [
@@ -110,17 +110,19 @@ def observe(state: State, memory: FeedingMemory) -> Array:
     )
 
 
-def judge(state: State, action: Array, memory: FeedingMemory) -> Outcome:
+def evaluate_step(state: State, action: Array, task_state: FeedingState) -> StepResult:
     """Food within 2 cm of the mouth is eaten; below 0.5 m, on the table or in the bowl it is dropped.
 
     What is eaten, or has fallen to the floor, leaves the scene.
     """
-    in_play = ~(memory.eaten | memory.dropped)
+    in_play = ~(task_state.eaten | task_state.dropped)
     newly_eaten = in_play & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
     newly_dropped = in_play & ~newly_eaten & _is_dropped(state)
-    newly_on_person = touching_person(state, FOOD.radius_m, in_play & ~newly_eaten & ~memory.on_person)
-    after = FeedingMemory(
-        memory.eaten | newly_eaten, memory.dropped | newly_dropped, memory.on_person | newly_on_person
+    newly_on_person = touching_person(state, FOOD.radius_m, in_play & ~newly_eaten & ~task_state.on_person)
+    after = FeedingState(
+        task_state.eaten | newly_eaten,
+        task_state.dropped | newly_dropped,
+        task_state.on_person | newly_on_person,
     )
     distance = norm(state.tool_pos_w - state.mouth_pos_w)
     speed = norm(state.particle_velocity_w)
@@ -137,7 +139,7 @@ def judge(state: State, action: Array, memory: FeedingMemory) -> Outcome:
     }
     success = after.eaten.sum(axis=-1) >= SUCCESS_SHARE * len(FOOD.start)
     gone = newly_eaten | (after.dropped & (state.particle_pos_w[..., 2] < GROUND_M))
-    return Outcome(after, terms, distance, state.total_force_n, success, gone)
+    return StepResult(after, terms, distance, state.total_force_n, success, gone)
 
 
 def strong_tool_force(state: State) -> Array:
@@ -163,9 +165,9 @@ FEEDING = Task(
     uniforms=6 + places.UNIFORMS,
     observed=OBSERVED,
     weights=WEIGHTS,
-    stage=stage,
+    scene=scene,
     start=start,
-    remember=remember,
+    init_state=init_state,
     observe=observe,
-    judge=judge,
+    evaluate_step=evaluate_step,
 )

@@ -1,4 +1,4 @@
-"""How AVR Gym 0.1.0 (world version 1) judged, so that its recordings verify; to be deleted with the last of them.
+"""How AVR Gym 0.1.0 (world version 1) rewarded, so that its recordings verify; to be deleted with the last of them.
 
 It counted the speed of the end effector, not of the tool, and net forces; feeding and drinking did not mind a strong
 force of the tool; a cup was the better the further it was tilted; every side of the washcloth wiped.
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
-from avrgym.tasks.base import Memory, Outcome, Task
+from avrgym.tasks.base import StepResult, Task, TaskState
 from avrgym.tasks.bed_bathing import BED_BATHING
 from avrgym.tasks.drinking import DRINKING, tilt_rad
 from avrgym.tasks.feeding import FEEDING
@@ -22,17 +22,17 @@ from avrgym.tasks.scratch_itch import SCRATCH_ITCH
 Array = NDArray[np.float64]
 
 
-def _judged_as_then(task: Task, weights: Mapping[str, float]) -> Task:
+def _as_of_world_1(task: Task, weights: Mapping[str, float]) -> Task:
     """The task with these weights, whose terms are its own or those of 0.1.0."""
 
-    def judge(state: State, action: Array, memory: Memory) -> Outcome:
-        outcome = task.judge(_as_it_was_seen(state), action, memory)
-        terms = {**outcome.terms, **_terms(state)}
+    def evaluate_step(state: State, action: Array, task_state: TaskState) -> StepResult:
+        result = task.evaluate_step(_as_it_was_seen(state), action, task_state)
+        terms = {**result.terms, **_terms(state)}
         return replace(
-            outcome, terms={name: terms[name] for name in weights}, force_on_person_n=state.robot_force_n
+            result, terms={name: terms[name] for name in weights}, force_on_person_n=state.robot_force_n
         )
 
-    return replace(task, weights=weights, judge=judge)
+    return replace(task, weights=weights, evaluate_step=evaluate_step)
 
 
 def _as_it_was_seen(state: State) -> State:
@@ -55,7 +55,7 @@ def _terms(state: State) -> Mapping[str, Array]:
 
 
 TASKS: Mapping[str, Task] = {
-    task.name: _judged_as_then(task, weights)
+    task.name: _as_of_world_1(task, weights)
     for task, weights in (
         (
             FEEDING,

@@ -11,7 +11,7 @@ from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import People
 from avrgym.models.robots import Robot
-from avrgym.models.scene import Stage
+from avrgym.models.scene import SceneConfig
 from avrgym.models.scratcher import SCRATCHER
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Start, State
@@ -21,7 +21,7 @@ from avrgym.tasks.base import (
     LIMBS,
     STRONG_FORCE_N,
     Marks,
-    Outcome,
+    StepResult,
     Task,
     above_clothes,
     angles,
@@ -66,7 +66,7 @@ WEIGHTS: Mapping[str, float] = {
 
 
 @dataclass(frozen=True)
-class ScratchItchMemory:
+class ScratchItchState:
     """Where it itches and how often it was scratched.
 
     ``limb`` (N,) counts in ``LIMBS``. ``itch`` and ``last_scratch`` (N, 3), metres, are places in the frame of
@@ -79,22 +79,22 @@ class ScratchItchMemory:
     scratches: NDArray[np.intp]
 
 
-def stage(robot: Robot) -> Stage:
+def scene(robot: Robot) -> SceneConfig:
     """A wheelchair whose right armrest is taken off, where the person's arm hangs; the left arm scratches."""
-    return places.wheelchair_stage(robot, "left", SCRATCHER, (0.1, 0.0), chair=CHAIR)
+    return places.wheelchair_scene(robot, "left", SCRATCHER, (0.1, 0.0), chair=CHAIR)
 
 
-def start(stage: Stage, people: People, uniforms: Array) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     """Hand within ±5 cm of a point beside the person's elbow; the goals are shoulder, elbow and wrist."""
-    place = MOBILE_HAND_M if stage.robot.mobile else HAND_M
+    place = MOBILE_HAND_M if scene.robot.mobile else HAND_M
     hand = np.array(place) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool, tool_q = places.held(stage, hand, SCRATCHER_Q_W)
-    goals = places.right_arm(people, stage.posture)
+    tool, tool_q = places.held(scene, hand, SCRATCHER_Q_W)
+    goals = places.right_arm(people, scene.posture)
     goals_q = np.tile(SCRATCHER_Q_W, (*goals.shape[:2], 1))
-    return places.start(stage, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
+    return places.start(scene, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
 
 
-def remember(people: People, uniforms: Array) -> ScratchItchMemory:
+def init_state(people: People, uniforms: Array) -> ScratchItchState:
     """An itch on the upper arm or the forearm with equal chance, uniform along it and around it."""
     limb = (uniforms[:, 3] < 0.5).astype(np.intp)
     layout = human.layout(people.is_woman, people.torso_height_m)
@@ -104,7 +104,7 @@ def remember(people: People, uniforms: Array) -> ScratchItchMemory:
     around = np.array(AROUND_RAD)[limb] * (2.0 * uniforms[:, 5] - 1.0)
     sine, cosine = elementary.sine_and_cosine(around)
     itch = np.stack([-radius * cosine, radius * sine, -along], axis=-1)
-    return ScratchItchMemory(limb, itch, np.zeros_like(itch), np.zeros_like(limb))
+    return ScratchItchState(limb, itch, np.zeros_like(itch), np.zeros_like(limb))
 
 
 OBSERVED = (
@@ -120,9 +120,9 @@ OBSERVED = (
 )
 
 
-def observe(state: State, memory: ScratchItchMemory) -> Array:
+def observe(state: State, task_state: ScratchItchState) -> Array:
     """The observation (N, 30), in the order of ``OBSERVED``; in the world's axes."""
-    itch_w = itch_pos_w(state, memory)
+    itch_w = itch_pos_w(state, task_state)
     person_arm = state.right_arm_pos_w - state.robot_pos_w[:, None]
     return np.concatenate(
         [
@@ -138,21 +138,21 @@ def observe(state: State, memory: ScratchItchMemory) -> Array:
     )
 
 
-def judge(state: State, action: Array, memory: ScratchItchMemory) -> Outcome:
+def evaluate_step(state: State, action: Array, task_state: ScratchItchState) -> StepResult:
     """At most one scratch in a control step.
 
     It is a contact of the tool within 2.5 cm of the itch, softer than 10 N, whose place (the mean of such
     contacts, weighted by their forces) has moved more than 1 cm in the limb's frame since the last scratch.
     """
-    itch_w = itch_pos_w(state, memory)
-    force_n, place = _touch(state, memory, itch_w)
-    moved = norm(place - memory.last_scratch) > STROKE_M
-    scratch = (force_n > 0.0) & (force_n < STRONG_FORCE_N) & (moved | (memory.scratches == 0))
-    after = ScratchItchMemory(
-        memory.limb,
-        memory.itch,
-        np.where(scratch[:, None], place, memory.last_scratch),
-        memory.scratches + scratch,
+    itch_w = itch_pos_w(state, task_state)
+    force_n, place = _touch(state, task_state, itch_w)
+    moved = norm(place - task_state.last_scratch) > STROKE_M
+    scratch = (force_n > 0.0) & (force_n < STRONG_FORCE_N) & (moved | (task_state.scratches == 0))
+    after = ScratchItchState(
+        task_state.limb,
+        task_state.itch,
+        np.where(scratch[:, None], place, task_state.last_scratch),
+        task_state.scratches + scratch,
     )
     distance = norm(state.tool_pos_w - itch_w)
     terms = {
@@ -166,35 +166,35 @@ def judge(state: State, action: Array, memory: ScratchItchMemory) -> Outcome:
     }
     success = after.scratches >= SUCCESS_SCRATCHES
     nothing = np.zeros((len(distance), 0), dtype=bool)
-    return Outcome(after, terms, distance, state.total_force_n, success, nothing)
+    return StepResult(after, terms, distance, state.total_force_n, success, nothing)
 
 
-def itch_pos_w(state: State, memory: ScratchItchMemory) -> Array:
+def itch_pos_w(state: State, task_state: ScratchItchState) -> Array:
     """Where it itches, (N, 3), world frame."""
-    limb_pos_w, limb_q_w = limb_frame(state, memory)
-    return limb_pos_w + transforms.rotate(limb_q_w, memory.itch)
+    limb_pos_w, limb_q_w = limb_frame(state, task_state)
+    return limb_pos_w + transforms.rotate(limb_q_w, task_state.itch)
 
 
-def limb_frame(arm: RightArm, memory: ScratchItchMemory) -> tuple[Array, Array]:
+def limb_frame(arm: RightArm, task_state: ScratchItchState) -> tuple[Array, Array]:
     """The frame of the limb that itches: (N, 3) and (N, 4), world frame."""
-    worlds = np.arange(len(memory.limb))
-    return arm.right_arm_pos_w[worlds, memory.limb], arm.right_arm_q_w[worlds, memory.limb]
+    worlds = np.arange(len(task_state.limb))
+    return arm.right_arm_pos_w[worlds, task_state.limb], arm.right_arm_q_w[worlds, task_state.limb]
 
 
-def _touch(state: State, memory: ScratchItchMemory, itch_w: Array) -> tuple[Array, Array]:
+def _touch(state: State, task_state: ScratchItchState, itch_w: Array) -> tuple[Array, Array]:
     """How strongly the tool touches the itch, (N,) newtons, and where, (N, 3) in the limb's frame."""
     near = norm(state.tool_contact_pos_w - itch_w[:, None]) < ITCH_RADIUS_M
     forces = np.where(near, state.tool_contact_force_n, 0.0)
     force_n = forces.sum(axis=-1)
     place_w = (forces[..., None] * state.tool_contact_pos_w).sum(axis=1) / np.maximum(force_n, 1e-9)[:, None]
-    limb_pos_w, limb_q_w = limb_frame(state, memory)
+    limb_pos_w, limb_q_w = limb_frame(state, task_state)
     return force_n, transforms.rotate(transforms.conjugate(limb_q_w), place_w - limb_pos_w)
 
 
-def marks_w(arm: RightArm, memory: ScratchItchMemory) -> Array:
+def marks_w(arm: RightArm, task_state: ScratchItchState) -> Array:
     """Where the itch is drawn, (N, 1, 3), world frame."""
-    limb_pos_w, limb_q_w = limb_frame(arm, memory)
-    return (limb_pos_w + transforms.rotate(limb_q_w, above_clothes(memory.itch)))[:, None]
+    limb_pos_w, limb_q_w = limb_frame(arm, task_state)
+    return (limb_pos_w + transforms.rotate(limb_q_w, above_clothes(task_state.itch)))[:, None]
 
 
 MARKS = Marks(
@@ -212,10 +212,10 @@ SCRATCH_ITCH = Task(
     uniforms=6 + places.UNIFORMS,
     observed=OBSERVED,
     weights=WEIGHTS,
-    stage=stage,
+    scene=scene,
     start=start,
-    remember=remember,
+    init_state=init_state,
     observe=observe,
-    judge=judge,
+    evaluate_step=evaluate_step,
     marks=MARKS,
 )

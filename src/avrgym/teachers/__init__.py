@@ -1,4 +1,4 @@
-"""Controllers that react to the present and plan nothing, so that a policy without memory can learn from them.
+"""Controllers that react to the present and plan nothing, so that a policy without task_state can learn from them.
 
 They are worse than the oracles, which choose the arm's pose and the tool's way for each person: a teacher moves the
 tool straight on, by a rule that changes evenly from state to state.

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from avrgym.geometry.transforms import norm
 from avrgym.oracles.guide import Guide
 from avrgym.simulation.worlds import State
-from avrgym.tasks.base import Memory
+from avrgym.tasks.base import TaskState
 from avrgym.tasks.episodes import Episodes
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ class PresentGuide(Guide):
 class Reactive:
     """Moves the tools to where a rule aims them."""
 
-    def __init__(self, episodes: Episodes, aim: Callable[[State, Memory, Guide], Aim]) -> None:
+    def __init__(self, episodes: Episodes, aim: Callable[[State, TaskState, Guide], Aim]) -> None:
         """Begin where the arms are."""
         self._episodes, self._aim = episodes, aim
         self._guide = PresentGuide(episodes)
@@ -57,8 +57,8 @@ class Reactive:
     def __call__(self, observation: Array) -> Array:
         """Actions (N, 7)."""
         self._guide.relax()
-        state, memory = self._episodes.simulation.state(), self._episodes.memory
-        pos_w, q_w, speed = self._aim(state, memory, self._guide)
+        state, task_state = self._episodes.simulation.state(), self._episodes.task_state
+        pos_w, q_w, speed = self._aim(state, task_state, self._guide)
         return self._guide.toward(pos_w, q_w, speed, TURN_RAD_S)
 
 

@@ -9,14 +9,14 @@ from avrgym.oracles import drinking, feeding
 from avrgym.oracles.guide import Guide
 from avrgym.oracles.head import heading
 from avrgym.simulation.worlds import State
-from avrgym.tasks.base import Memory
+from avrgym.tasks.base import TaskState
 from avrgym.teachers.reactive import TURN_RAD_S, Aim, funnel_m, speed_m_s
 
 TILT_RAD_S = 0.12
 """How fast a cup is tilted that pours."""
 
 
-def feed(state: State, memory: Memory, guide: Guide) -> Aim:
+def feed(state: State, task_state: TaskState, guide: Guide) -> Aim:
     """The level spoon, tip first, through a funnel before the face into the mouth."""
     into = heading(state)
     q_w = transforms.from_axis_angle(drinking.UP, elementary.arctan2(into[:, 1], into[:, 0]))
@@ -27,7 +27,7 @@ def feed(state: State, memory: Memory, guide: Guide) -> Aim:
     return goal_w - back_m[:, None] * into, q_w, speed
 
 
-def give_drink(state: State, memory: Memory, guide: Guide) -> Aim:
+def give_drink(state: State, task_state: TaskState, guide: Guide) -> Aim:
     """The cup to the lips, straight on; where it is there, tilted on from how it is tilted."""
     way = drinking.Way(*np.zeros((2, len(guide.pos_w))))
     z_w = transforms.rotate(guide.q_w, drinking.UP)[:, 2]

@@ -8,7 +8,7 @@ from avrgym.oracles import scratch_itch
 from avrgym.oracles.bed_bathing import FOREARM
 from avrgym.oracles.guide import Guide
 from avrgym.simulation.worlds import State
-from avrgym.tasks.scratch_itch import ScratchItchMemory, itch_pos_w, limb_frame
+from avrgym.tasks.scratch_itch import ScratchItchState, itch_pos_w, limb_frame
 from avrgym.teachers.reactive import Aim, Array, before_m, speed_m_s
 
 SLANT_RAD, ASKEW_RAD = 1.2, 0.4
@@ -23,18 +23,18 @@ AHEAD_RAD = 0.8
 """How far around the limb the tip aims at most."""
 
 
-def scratch(state: State, memory: ScratchItchMemory, guide: Guide) -> Aim:
+def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
     """The tip goes around the limb above the skin and comes down at the itch; where it touches, it rubs."""
-    limb_pos_w, limb_q_w = limb_frame(state, memory)
-    out_w, _ = scratch_itch.surface(memory, limb_q_w)
+    limb_pos_w, limb_q_w = limb_frame(state, task_state)
+    out_w, _ = scratch_itch.surface(task_state, limb_q_w)
     rod_w = transforms.rotate(guide.q_w, scratch_itch.ROD)
     q_w = transforms.multiply(transforms.from_rotation_vector(turn_rad(rod_w, out_w)), guide.q_w)
     tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
-    skin_w = limb_pos_w + transforms.rotate(limb_q_w, around(tool, memory))
+    skin_w = limb_pos_w + transforms.rotate(limb_q_w, around(tool, task_state))
     goal_w = scratch_itch.tip(skin_w, out_w, rod_w)
-    itch_w = scratch_itch.tip(itch_pos_w(state, memory), out_w, rod_w)
+    itch_w = scratch_itch.tip(itch_pos_w(state, task_state), out_w, rod_w)
     rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < scratch_itch.SEEK_DEPTH_M)
-    pos_w = np.where(rubs[:, None], scratch_itch.rub(state, memory, guide.pos_w, rod_w), goal_w)
+    pos_w = np.where(rubs[:, None], scratch_itch.rub(state, task_state, guide.pos_w, rod_w), goal_w)
     speed = speed_m_s(goal_w - state.tool_pos_w, scratch_itch.ENTER_M_S)
     return pos_w, q_w, np.where(rubs, scratch_itch.RUB_M_S, speed)
 
@@ -63,18 +63,18 @@ def hand(out_w: Array) -> Array:
     return transforms.rotate(transforms.from_axis_angle(axis, np.minimum(angle, SLANT_RAD)), out_w)
 
 
-def around(tool: Array, memory: ScratchItchMemory) -> Array:
+def around(tool: Array, task_state: ScratchItchState) -> Array:
     """Where a tip (N, 3) goes next (N, 3), limb's frame: around it, above the skin until it is at the itch."""
-    radius = norm(memory.itch[:, :2])
-    now, there = (elementary.arctan2(place[:, 1], -place[:, 0]) for place in (tool, memory.itch))
+    radius = norm(task_state.itch[:, :2])
+    now, there = (elementary.arctan2(place[:, 1], -place[:, 0]) for place in (tool, task_state.itch))
     shorter = (there - now + np.pi) % (2.0 * np.pi) - np.pi
-    way = np.where(memory.limb == FOREARM, shorter, there - now)
-    beside = np.hypot(radius * way, memory.itch[:, 2] - tool[:, 2])
+    way = np.where(task_state.limb == FOREARM, shorter, there - now)
+    beside = np.hypot(radius * way, task_state.itch[:, 2] - tool[:, 2])
     above = before_m(beside, BESIDE_M, scratch_itch.AWAY_M)
     height = radius + np.where(above > 0.0, above, -scratch_itch.SEEK_DEPTH_M)
     angle = now + np.clip(way, -AHEAD_RAD, AHEAD_RAD)
     return np.stack(
-        [-height * elementary.cos(angle), height * elementary.sin(angle), memory.itch[:, 2]], axis=-1
+        [-height * elementary.cos(angle), height * elementary.sin(angle), task_state.itch[:, 2]], axis=-1
     )
 
 

@@ -21,7 +21,7 @@ from avrgym.oracles.bed_bathing import (
 )
 from avrgym.oracles.guide import Guide
 from avrgym.simulation.worlds import State
-from avrgym.tasks.base import Memory
+from avrgym.tasks.base import TaskState
 from avrgym.teachers.reactive import Aim, Array, funnel_m
 
 TOP_RAD, SIDE_RAD = np.radians([12.0, 75.0])
@@ -41,7 +41,7 @@ YIELD_M_N, SOFTER_M, FIRMER_M, LOST_M = 0.0003, -0.002, 0.001, 0.006
 HEIGHT_M = (-0.03, 0.01)
 
 
-def wipe(state: State, memory: Memory, guide: Guide) -> Aim:
+def wipe(state: State, task_state: TaskState, guide: Guide) -> Aim:
     """The cloth from the shoulder to the wrist on top of the arm, and back on its outer side."""
     along, angle, above_m = _on_arm(state)
     away = above_m > AWAY_M

@@ -119,7 +119,7 @@ class SimulatedParticipant:
             return
         task, robot = find_environment(environment_id)
         self._environment, self._offered = environment_id, TASKS[task].offered
-        self._rest(TASKS[task].stage(find_robot(robot)).posture, TASKS[task].pose.rest_rad)
+        self._rest(TASKS[task].scene(find_robot(robot)).posture, TASKS[task].pose.rest_rad)
 
     def watch(self, message: messages.Message) -> None:
         """See what a client is told: where the tool is, and that a trial begins."""

@@ -19,8 +19,8 @@ SCENES_KEPT = 10
 def render_scene(environment_id: str, person: Person) -> bytes:
     """The GLB of an environment with a person in it."""
     task, robot = find_environment(environment_id)
-    stage = TASKS[task].stage(find_robot(robot))
-    return export_glb(build_spec(stage, person, moving=True, appearance=True).compile())
+    scene = TASKS[task].scene(find_robot(robot))
+    return export_glb(build_spec(scene, person, moving=True, appearance=True).compile())
 
 
 class SceneRenderer:

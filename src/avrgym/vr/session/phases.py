@@ -275,7 +275,7 @@ class Ongoing(Phase):
             return Storing(state)
         if not state.scenery.is_fresh(state.trial, state.person):
             return LoadTrial(state)
-        if state.calibrated_for is not state.world.stage.posture:
+        if state.calibrated_for is not state.world.scene_config.posture:
             return Calibration(state)
         if state.on_hold:
             return Paused(state, "The experimenter has paused the session. The robot holds still.")
@@ -331,7 +331,7 @@ class Calibration(InVR):
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        how = "Sit upright, look" if state.world.stage.posture is human.SEATED else "Lie back, look"
+        how = "Sit upright, look" if state.world.scene_config.posture is human.SEATED else "Lie back, look"
         self.text = f"{how} straight ahead and rest your arms. Then press the trigger."
         state.tracking.forget_place()
 
@@ -340,7 +340,7 @@ class Calibration(InVR):
         frame = self.state.tracking.take(tracking, self.state.now_s)
         if frame.usable and self.state.tracking.registration is None:
             assert tracking.head is not None
-            self.state.tracking.place(tracking.head, self.state.person, self.state.world.stage.posture)
+            self.state.tracking.place(tracking.head, self.state.person, self.state.world.scene_config.posture)
             self.state.tell_scene()
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> Self:
@@ -352,7 +352,7 @@ class Calibration(InVR):
     def ready(self) -> LoadCheck | Self:
         """Seat the participant: height, place and direction from the last half second of tracking."""
         state = self.state
-        measured, posture = not state.height_known, state.world.stage.posture
+        measured, posture = not state.height_known, state.world.scene_config.posture
         try:
             head = state.tracking.steady_head(state.now_s)
             if measured:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import Person
-from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, Stage
+from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, SceneConfig
 from avrgym.policies.trained import Policy
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.base import Task
@@ -58,7 +58,7 @@ class ControlSteps:
         self._substep = (self._substep + 1) % SUBSTEPS
         if self._substep:
             return None
-        outcome = self._episodes.judge(self._action)
+        outcome = self._episodes.evaluate_step(self._action)
         self._seen = outcome.observation
         return ControlStep(self._observation[0], self._action[0], outcome)
 
@@ -87,7 +87,7 @@ class LiveWorld:
             ValueError: for an unknown environment, naming what there is.
         """
         self._episodes = Episodes(environment_id, 1, person=person, moving=True, num_threads=1)
-        self._solver = BodySolver(person, self._episodes.stage.posture)
+        self._solver = BodySolver(person, self._episodes.scene.posture)
         self._steps = ControlSteps(self._episodes)
         self.person = person
         self.joint_targets_rad = person.joint_angles_rad
@@ -115,13 +115,13 @@ class LiveWorld:
         return self._episodes.environment_id
 
     @property
-    def stage(self) -> Stage:
+    def scene_config(self) -> SceneConfig:
         """What stands in the scene."""
-        return self._episodes.stage
+        return self._episodes.scene
 
     @property
     def task(self) -> Task:
-        """The task that judges the robot."""
+        """The task."""
         return self._episodes.task
 
     @property
