@@ -11,8 +11,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.learning.evaluation import EVALUATION_STREAM, MAX_WORLDS, actor
+from avrgym.learning.evaluation import EVALUATION_STREAM, MAX_WORLDS
 from avrgym.models.robots import ROBOTS
+from avrgym.policies.registry import acting, find
 from avrgym.simulation.world_version import WORLD_VERSIONS
 from avrgym.tasks import TASKS, find_task
 from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
@@ -57,23 +58,23 @@ def _run(environment: str, policy: str, people: str, numbers: range, seed: int) 
     world = Episodes(environment, len(numbers), distribution=people)
     generators = [np.random.default_rng([EVALUATION_STREAM, seed, episode]) for episode in numbers]
     observation = world.begin(np.arange(len(numbers)), generators)
-    act = actor(policy, world, generators)
     tasks = [find_task(world.task.name, version) for version in WORLD_VERSIONS]
     memories = [world.task_state for _ in tasks]
     sums: list[dict[str, Array]] = [{SUCCESS: np.zeros(0), "reward": np.zeros(len(numbers))} for _ in tasks]
-    for _ in range(EPISODE_STEPS):
-        action = act(observation).astype(float)
-        world.command(action)
-        world.simulation.step()
-        state = world.simulation.state()
-        for number, (task, found) in enumerate(zip(tasks, sums, strict=True)):
-            outcome = task.evaluate_step(state, action, memories[number])
-            memories[number] = outcome.task_state
-            found[SUCCESS] = outcome.success.astype(float)
-            found["reward"] += task.reward(outcome.terms)
-            for name, weight in task.weights.items():
-                found[name] = found.get(name, 0.0) + weight * outcome.terms[name]
-        observation = world.evaluate_step(action).observation
+    with acting(find(policy, environment), world, generators) as act:
+        for _ in range(EPISODE_STEPS):
+            action = act(observation).astype(float)
+            world.command(action)
+            world.simulation.step()
+            state = world.simulation.state()
+            for number, (task, found) in enumerate(zip(tasks, sums, strict=True)):
+                outcome = task.evaluate_step(state, action, memories[number])
+                memories[number] = outcome.task_state
+                found[SUCCESS] = outcome.success.astype(float)
+                found["reward"] += task.reward(outcome.terms)
+                for name, weight in task.weights.items():
+                    found[name] = found.get(name, 0.0) + weight * outcome.terms[name]
+            observation = world.evaluate_step(action).observation
     return sums
 
 

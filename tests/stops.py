@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from avrgym.models import human, robots
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
 from avrgym.people import arm_limits
+from avrgym.policies.trained import load_policy
 from avrgym.tasks.episodes import Episodes
-from avrgym.vr.session.plan import load_policy_for
 
 Array = NDArray[np.float64]
 
@@ -104,7 +104,7 @@ def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], A
     worlds = episodes.simulation.num_worlds
     way = np.arange(worlds) % len(WAYS)
     full = np.sign(rng.uniform(-1.0, 1.0, (worlds, 7)))
-    policy = load_policy_for(episodes.environment_id, "revised")
+    policy = load_policy("revised", episodes.environment_id, episodes.task.observation_size, 7)
 
     def act() -> Array:
         actions = np.stack(

@@ -12,6 +12,7 @@ from avrgym.models.human import Person, Posture
 from avrgym.tasks import ENVIRONMENTS, TASKS
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import BodyPose
+from avrgym.vr.tracking.driving import driver_of
 from avrgym.vr.tracking.world import LiveWorld
 from visit import drive
 
@@ -75,11 +76,12 @@ def test_a_lost_hand_keeps_its_pose() -> None:
 
 def test_a_policys_chance_comes_from_the_seed_of_the_trial() -> None:
     world = LiveWorld("avrgym/FeedingJaco-v1", Person())
-    policy = replace(drive(world.environment), action_deviation=0.1)
+    driver = driver_of(replace(drive(world.environment), action_deviation=0.1), beside=False)
 
     def actions(seed: int) -> list[np.ndarray]:
         world.begin(seed)
-        steps = (world.tick(policy) for _ in range(30))
+        world.prepare(driver)
+        steps = (world.tick(driver) for _ in range(30))
         return [step.action for step in steps if step is not None]
 
     first = actions(5)

@@ -8,7 +8,7 @@ from statistics import fmean, stdev
 from avrgym.analysis.rows import ObjectiveRow, Simulated, TrialRow
 from avrgym.analysis.statistics import t_interval
 from avrgym.learning.evaluation import wilson_interval
-from avrgym.policies.trained import Policy, PolicyError, find_policy
+from avrgym.policies.trained import FILE_SUFFIX, Policy, PolicyError, find_policy, packaged_policies
 from avrgym.study.storage.store import Store
 from avrgym.tasks.episodes import EPISODE_STEPS
 
@@ -76,7 +76,10 @@ def simulation(store: Store, environment: str, policy: str) -> Simulated:
     The figures are those that training measured and stored in the policy's file.
     """
     try:
-        metadata = Policy.load(find_policy(store.policy_source(environment, policy), environment)).metadata
+        source = store.policy_source(environment, policy)
+        if not source.endswith(FILE_SUFFIX) and source not in packaged_policies(environment):
+            return Simulated(simulation_note=f"{policy} is no policy whose file holds measurements")
+        metadata = Policy.load(find_policy(source, environment)).metadata
     except PolicyError as error:
         return Simulated(simulation_note=str(error))
     numbers = ("episodes", "success_rate", "reward_mean", "reward_std")

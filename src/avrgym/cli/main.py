@@ -25,6 +25,7 @@ from avrgym.cli.terminal import (
 )
 from avrgym.models.human import SEXES, Sex
 from avrgym.people.distributions import DISTRIBUTIONS
+from avrgym.policies.registry import CHOICES, OPERATOR
 from avrgym.policies.trained import packaged_policies
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
 
@@ -48,6 +49,7 @@ app.command()(replay)
 
 Row = dict[str, Any]
 PEOPLE = f"{', '.join(DISTRIBUTIONS)}, or a file of `avrgym fit-people`"
+Policy = Annotated[str, typer.Option(help=f"Who drives: {CHOICES}.")]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same figures.", min=0)]
 
 
@@ -100,7 +102,7 @@ def serve(
     env: Annotated[
         list[str] | None, typer.Option(help="An environment of the trials, again for more.")
     ] = None,
-    policy: Annotated[str, typer.Option(help="A packaged policy or a policy file.")] = "revised",
+    policy: Annotated[str, typer.Option(help=f"Who drives: {CHOICES}; or {OPERATOR}.")] = "revised",
     person: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")] = "woman",
     trials: Annotated[int, typer.Option(help="Trials after each environment's practice trial.", min=1)] = 1,
     seed: Seed = 0,
@@ -251,9 +253,7 @@ def _explain_network(urls: list[str]) -> None:
 @app.command()
 def view(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
-    policy: Annotated[
-        str, typer.Option(help="original, revised, oracle, random, zero, or a policy file.")
-    ] = "oracle",
+    policy: Policy = "oracle",
     people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
@@ -363,9 +363,7 @@ def evaluate(
         list[str] | None, typer.Argument(help="Environment ids; `avrgym envs` lists them.")
     ] = None,
     all_environments: Annotated[bool, typer.Option("--all", help="Every environment.")] = False,
-    policy: Annotated[
-        str, typer.Option(help="original, revised, oracle, random, zero, or a policy file.")
-    ] = "revised",
+    policy: Policy = "revised",
     people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
     seed: Seed = 0,
@@ -426,6 +424,9 @@ def bench_vr(
         list[str] | None, typer.Option(help="An environment id, again for more; without one, all.")
     ] = None,
     seconds: Annotated[float, typer.Option(help="How long each environment is measured.", min=1.0)] = 60.0,
+    policy: Annotated[
+        str | None, typer.Option(help=f"Who drives: {CHOICES}; without it an untrained network.")
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Measure the live server over loopback, with recording: ticks and round trips. Best on an idle machine."""
@@ -433,7 +434,7 @@ def bench_vr(
 
     def row(environment: str) -> Row:
         with progress_bar(environment):
-            return asdict(measure_vr(environment, seconds))
+            return asdict(measure_vr(environment, seconds, policy))
 
     with plain_errors():
         _tabulate(env, not env, row, json_file, shown=_brief)

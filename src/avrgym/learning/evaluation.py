@@ -6,19 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.oracles import ORACLES
-from avrgym.policies.trained import Policy, PolicyError, find_policy, load_policy
+from avrgym.policies import registry
 from avrgym.system.jobs import cores, report, run_all
-from avrgym.tasks import TASKS, find_environment
-from avrgym.tasks.episodes import ACTIONS, EPISODE_STEPS, Episodes
+from avrgym.tasks import find_environment
+from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
 
 Array = NDArray[np.float64]
-Act = Callable[[Array], NDArray[np.floating]]
 Progress = Callable[[int], None]
 Results = tuple[Array, NDArray[np.bool_], Array]
 """Of n episodes: summed reward, success and mean force (n,)."""
 
-SCRIPTS = ("oracle", "random", "zero")
 MAX_WORLDS = 64
 WORTH_A_PROCESS = 16
 """How many episodes take longer than a process to start."""
@@ -81,7 +78,7 @@ def evaluate_all(
 
     Args:
         environment_ids: such as ``avrgym/FeedingJaco-v1``.
-        policy: the name of a packaged policy, ``oracle``, ``random``, ``zero``, or the path of a policy file.
+        policy: whatever ``policies.registry.find`` finds, but ``operator``.
         people: whom to meet, a name in ``people.distributions.DISTRIBUTIONS`` or a file of people.
         episodes: how many in each, 1 or more.
         seed: of the episodes; another seed gives other people and starts.
@@ -93,12 +90,13 @@ def evaluate_all(
     Raises:
         ValueError: for an unknown name, a policy that cannot run there or fewer than one episode, naming what is
             allowed.
+        ControllerError: when somebody else's controller fails.
     """
     if episodes < 1:
         raise ValueError(f"{episodes} episodes; at least 1 is needed")
     for environment_id in environment_ids:
         find_environment(environment_id)
-        _check_policy(policy, environment_id, allow_other_environment)
+        registry.find(policy, environment_id, allow_other_environment=allow_other_environment)
     every = len(environment_ids) * episodes
     jobs = jobs or min(cores(), max(1, every // WORTH_A_PROCESS))
     size = min(MAX_WORLDS, -(-every // jobs))
@@ -167,39 +165,6 @@ def wilson_interval(successes: int, count: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def actor(
-    policy: str, world: Episodes, generators: list[np.random.Generator], allow_other_environment: bool = False
-) -> Act:
-    """What turns observations (N, O) into actions (N, 7), in a world whose episodes have begun.
-
-    ``policy`` and ``allow_other_environment`` as for ``evaluate_all``.
-    """
-    if policy == "zero":
-        return lambda observation: np.zeros((len(observation), ACTIONS), np.float32)
-    if policy == "random":
-        return lambda observation: np.stack([g.uniform(-1.0, 1.0, ACTIONS) for g in generators]).astype(
-            np.float32
-        )
-    if policy == "oracle":
-        return ORACLES[world.task.name](world)
-    found = _load(policy, world.environment_id, allow_other_environment)
-    return lambda observation: found.act(observation, generators)
-
-
-def _check_policy(policy: str, environment_id: str, allow_other_environment: bool) -> None:
-    if policy not in SCRIPTS:
-        _load(policy, environment_id, allow_other_environment)
-
-
-def _load(policy: str, environment_id: str, allow_other_environment: bool) -> Policy:
-    try:
-        path = find_policy(policy, environment_id)
-    except PolicyError as error:
-        raise PolicyError(f"{error}; or oracle, random or zero") from error
-    size = TASKS[find_environment(environment_id)[0]].observation_size
-    return load_policy(path, environment_id, size, ACTIONS, allow_other_environment=allow_other_environment)
-
-
 def _run(
     world: Episodes,
     policy: str,
@@ -209,13 +174,14 @@ def _run(
 ) -> Results:
     """One batch of episodes."""
     count = len(generators)
+    found = registry.find(policy, world.environment_id, allow_other_environment=allow_other_environment)
     observation = world.begin(np.arange(count), generators)
-    act = actor(policy, world, generators, allow_other_environment)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
-    for _ in range(EPISODE_STEPS):
-        step = world.step(act(observation).astype(float))
-        observation, success = step.observation, step.success
-        reward += step.reward
-        force += step.force_on_person_n / EPISODE_STEPS
-        progress(count)
+    with registry.acting(found, world, generators) as act:
+        for _ in range(EPISODE_STEPS):
+            step = world.step(act(observation).astype(float))
+            observation, success = step.observation, step.success
+            reward += step.reward
+            force += step.force_on_person_n / EPISODE_STEPS
+            progress(count)
     return reward, success, force

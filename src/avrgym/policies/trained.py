@@ -20,6 +20,7 @@ from avrgym.geometry import elementary
 from avrgym.system.files import write_whole
 
 FORMAT_VERSION = 2
+FILE_SUFFIX = ".safetensors"
 PACKAGED = Path(__file__).parents[1] / "assets" / "policies"
 
 _HEADER = "avrgym_policy"

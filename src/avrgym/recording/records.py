@@ -65,14 +65,21 @@ class BodyTargets(Record, frozen=True):
 
 
 class Command(Record, frozen=True):
-    """What the robot is told when control step ``step`` begins; a step that is broken off leaves only this."""
+    """What the robot is told when control step ``step`` begins; a step that is broken off leaves only this.
+
+    A driver that answers later, or a person, gives further commands during the step.
+    """
 
     step: int
     action: list[float]
 
 
 class Control(Record, frozen=True):
-    """One control step of the robot. ``reward_terms`` are not weighted; ``reward`` is their weighted sum."""
+    """One control step of the robot. ``reward_terms`` are not weighted; ``reward`` is their weighted sum.
+
+    ``driver``: who drove, a policy by its name or ``operator``; empty where nobody wrote it down. ``idle``: at the end
+    of the step the robot held still, because the operator drove nowhere or the controller failed.
+    """
 
     step: int
     observation: list[float]
@@ -82,6 +89,8 @@ class Control(Record, frozen=True):
     success: bool
     distance_m: float
     force_on_person_n: float
+    driver: str = ""
+    idle: bool = False
 
 
 class Event(Record, frozen=True):

@@ -66,6 +66,7 @@ class Playback:
         _check_names(recording.metadata, self.episodes)
         self._control = ControlSteps(self.episodes)
         self._action: Array | None = None
+        self._told = False
         self._step: ControlStep | None = None
         self.phase = ""
         self._held = self._begun = False
@@ -88,13 +89,14 @@ class Playback:
                     self.episodes.simulation.restore(state.recorded)
                 yield state
             elif topic == "/control":
-                yield StepAgain(time_s, record, control_record(record.step, self._finished_step(time_s)))
+                stepped = control_record(record.step, self._finished_step(time_s), record.driver, record.idle)
+                yield StepAgain(time_s, record, stepped)
             elif topic == "/events":
                 self._hear(record)
             elif topic == "/body_targets":
                 self.episodes.simulation.command_person(np.array([record.joint_targets]))
             elif topic == "/commands":
-                self._action = np.array([record.action])
+                self._action, self._told = np.array([record.action]), True
 
     def _advance(self, time_s: float, physics: Physics) -> StateAgain:
         simulation, recorded = self.episodes.simulation, np.array(physics.state, float)
@@ -103,7 +105,7 @@ class Playback:
             self._begin(recorded)
         elif not self._held:
             with _functions_of(self._version):
-                self._step = self._control.tick(self._act if self.phase == "trial" else None)
+                self._step = self._control.tick(self._act if self.phase == "trial" else None, self._amend)
         return StateAgain(time_s, recorded, simulation.integration_state())
 
     def _begin(self, state: Array) -> None:
@@ -123,10 +125,15 @@ class Playback:
             )
         return self._step
 
-    def _act(self, _observation: Array) -> Array:
+    def _act(self, _observation: Array | None) -> Array:
         if self._action is None:
             raise ReplayError(f"it holds no commands to the robot: {made_with(self.recording)}")
+        self._told = False
         return self._action
+
+    def _amend(self) -> Array | None:
+        """A command that was given in the middle of a control step."""
+        return self._act(self._action) if self._told else None
 
     def _hear(self, event: Event) -> None:
         """A trial drives the robot; it halts after its last step, or for good when the attempt is broken off."""

@@ -3,18 +3,18 @@
 from collections.abc import Iterator
 from itertools import product
 
-from avrgym.policies.trained import Policy, PolicyError
+from avrgym.policies.registry import AnyPolicy, find_for_session
+from avrgym.policies.trained import PolicyError
 from avrgym.study.storage.store import Store
-from avrgym.vr.session.plan import load_policy_for
 
 
-def load_study_policy(store: Store, environment: str, policy: str) -> Policy:
-    """A policy of the design for one of its environments, the study's own or a packaged one.
+def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
+    """A policy of the design for one of its environments, the study's own or one with a name.
 
     Raises:
         PolicyError: when it is missing, damaged, or made for something else; the message says what is allowed.
     """
-    return load_policy_for(environment, store.policy_source(environment, policy))
+    return find_for_session(store.policy_source(environment, policy), environment)
 
 
 def policies_needed(store: Store) -> list[tuple[str, str]]:

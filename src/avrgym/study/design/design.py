@@ -25,7 +25,7 @@ PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_ste
 Sentence = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=8)]
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
-_POLICY = re.compile(r"(?!.*\.\.)[A-Za-z0-9_-][A-Za-z0-9_./-]{0,79}")
+_POLICY = re.compile(r"(?!.*\.\.)[A-Za-z0-9_-][A-Za-z0-9_./:-]{0,79}")
 
 
 class DesignError(ValueError):
@@ -178,7 +178,10 @@ def _check(design: Design) -> None:
     _check_unique(("policies",), design.policies)
     for index, policy in enumerate(design.policies):
         _check_pattern(
-            ("policies", index), policy, _POLICY, "a packaged policy or a folder in the study's folder"
+            ("policies", index),
+            policy,
+            _POLICY,
+            "a policy by its name, MODULE:ATTRIBUTE, or a folder in the study's folder",
         )
     if design.practice_policy:
         _check_pattern(("practice_policy",), design.practice_policy, _POLICY, "a policy, or nothing")

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from avrgym.models.human import SEXES
+from avrgym.policies.registry import Operated
+from avrgym.policies.trained import PolicyError
 from avrgym.study.checking.preflight import load_study_policy, policies_needed
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion
 from avrgym.study.sessions.live import StudyVisit
@@ -49,7 +51,10 @@ def simulate_study(
     """
     with Store(folder) as store:
         for environment, policy in policies_needed(store):
-            load_study_policy(store, environment, policy)
+            if isinstance(load_study_policy(store, environment, policy), Operated):
+                raise PolicyError(
+                    f"{policy}: nobody drives the robot in a dry run; leave it out of a copy of the study"
+                )
         pseudonyms = [simulated_participant(store, index, seed) for index in range(participants)]
         unfinished = [name for name in pseudonyms if store.participant(name).state == "allocated"]
         run_all(

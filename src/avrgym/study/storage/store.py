@@ -9,7 +9,9 @@ from typing import Any, Self, TypeVar, get_type_hints
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.policies.trained import PolicyError, packaged_policies
+from avrgym.policies.onnx import ONNX_SUFFIX
+from avrgym.policies.registry import OPERATOR, named_policies
+from avrgym.policies.trained import FILE_SUFFIX, PolicyError
 from avrgym.study.design.design import FILE, Design, default_text, read_design
 from avrgym.study.storage import keyfile, ledger, schema
 from avrgym.study.storage.database import FILE as DATABASE_FILE
@@ -113,20 +115,21 @@ class Store:
         return path
 
     def policy_source(self, environment: str, policy: str) -> str:
-        """What to load a policy of the design from: a file in the study's folder, else the packaged one's name.
+        """What to load a policy of the design from: a file in the study's folder, else its name.
 
         Raises:
             PolicyError: when it is neither.
         """
         task, robot = find_environment(environment)
-        name = f"{policy}/{task}{robot}.safetensors"
-        if (self.folder / name).is_file():
-            return str(self.folder / name)
-        packaged = packaged_policies(environment)
-        if policy not in packaged:
-            names = ", ".join(packaged) or "none is packaged"
+        own = [f"{policy}/{task}{robot}{suffix}" for suffix in (ONNX_SUFFIX, FILE_SUFFIX)]
+        for file in own:
+            if (self.folder / file).is_file():
+                return str(self.folder / file)
+        names = [*named_policies(environment), OPERATOR]
+        if policy not in names and ":" not in policy:
             raise PolicyError(
-                f"no policy {policy!r} for {environment}; allowed: {names}, or the study's own as {name} in its folder"
+                f"no policy {policy!r} for {environment}; allowed: {', '.join(names)}, MODULE:ATTRIBUTE, "
+                f"or the study's own as {' or '.join(own)} in its folder"
             )
         return policy
 

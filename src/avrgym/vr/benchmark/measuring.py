@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from websockets.sync.client import ClientConnection, connect
 
+from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.children import undisturbed
 from avrgym.tasks import TASKS, find_environment
@@ -35,7 +36,7 @@ from avrgym.vr.tracking.world import TICK_S
 
 TRACKING_HZ = 90.0
 HIDDEN_UNITS = 64
-POLICY = "untrained"
+POLICY = "measured"
 PATIENCE_S = 120.0
 STOLEN_COLUMN = 8
 """Of the first line of Linux's ``/proc/stat``, after its name (proc(5))."""
@@ -74,20 +75,21 @@ class VrSpeed:
     stolen_s: float
 
 
-def measure_vr(environment_id: str, seconds: float) -> VrSpeed:
-    """Measure one environment for so long.
+def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -> VrSpeed:
+    """Measure one environment for so long, driven by what ``policies.registry.find`` finds, else an untrained network.
 
     Raises:
-        ValueError: for an unknown environment, naming what there is.
+        ValueError: for an unknown environment or policy, naming what there is.
         ServerError: when the client is not built.
         RuntimeError: when no trial begins.
     """
-    plan = _plan(environment_id, seconds)
+    found = _untrained(environment_id) if policy is None else find(policy, environment_id)
+    plan, policies = _plan(environment_id, seconds), {(environment_id, POLICY): found}
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as workers:
         times = _Times()
 
         def make(send: Callable[[messages.Message], None]) -> Session:
-            return _TimedSession(plan, Path(folder), send, workers, times)
+            return _TimedSession(plan, policies, Path(folder), send, workers, times)
 
         with LiveServer(make, "127.0.0.1", 0) as server:
             times.watch(server.loop)
@@ -113,11 +115,11 @@ def _plan(environment_id: str, seconds: float) -> SessionPlan:
     return SessionPlan([trial], "woman", 0.5, simulated=True, trial_steps=steps, countdown_s=0.5)
 
 
-def _policies(environment_id: str) -> Policies:
+def _untrained(environment_id: str) -> Policy:
     """A network of the size of trained ones, with random weights: it takes the same time."""
     size = TASKS[find_environment(environment_id)[0]].observation_size
     random, sizes = np.random.default_rng(0), (size, HIDDEN_UNITS, HIDDEN_UNITS, ACTIONS)
-    policy = Policy(
+    return Policy(
         weights=tuple(random.normal(0.0, 0.1, pair) for pair in pairwise(sizes)),
         biases=tuple(np.zeros(count) for count in sizes[1:]),
         observation_mean=np.zeros(size),
@@ -127,7 +129,6 @@ def _policies(environment_id: str) -> Policies:
         action_deviation=0.1,
         metadata=PolicyMetadata(environment=environment_id, people="", steps=0, seed=0),
     )
-    return {(environment_id, POLICY): policy}
 
 
 class _Times:
@@ -166,7 +167,13 @@ class _TimedSession(Session):
     """A session that notes when it does what."""
 
     def __init__(
-        self, plan: SessionPlan, folder: Path, send, workers: ThreadPoolExecutor, times: _Times
+        self,
+        plan: SessionPlan,
+        policies: Policies,
+        folder: Path,
+        send,
+        workers: ThreadPoolExecutor,
+        times: _Times,
     ) -> None:
         self._times = times
 
@@ -175,7 +182,6 @@ class _TimedSession(Session):
                 times.answered.setdefault(message.tracking_sequence, time.monotonic())
             send(message)
 
-        policies = _policies(plan.trials[0].environment)
         super().__init__(plan, policies, folder, send_noted, "bench", workers=workers)
 
     def receive(self, message, now_s: float) -> None:

@@ -4,14 +4,15 @@ from typing import Literal
 
 import numpy as np
 
-from avrgym.learning.evaluation import actor
 from avrgym.models.human import Person
+from avrgym.policies.registry import find
 from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.protocol.received import Received
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session.reporting import STATE_EVERY_TICKS
+from avrgym.vr.tracking.driving import driver_of
 from avrgym.vr.tracking.world import TICK_S, ControlSteps, poses, scene_message
 
 LOOK_AT_END_S = 2.0
@@ -34,7 +35,7 @@ class Viewing:
 
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
-            policy: as ``evaluation.evaluate`` takes it.
+            policy: whatever ``policies.registry.find`` finds.
             people: whom to meet, a name in ``people.distributions.DISTRIBUTIONS``.
             seed: of the first episode; each later one takes the next.
             send: takes every message for the client.
@@ -45,6 +46,7 @@ class Viewing:
         self.scenes: list[tuple[str, Person]] = []
         self._episodes = Episodes(environment_id, 1, distribution=people, num_threads=1)
         self._policy, self._seed, self._send = policy, seed, send
+        self._driver = driver_of(find(policy, environment_id), beside=True)
         self._phase: Literal["loading", "running", "ended"] = "loading"
         self._now_s, self._ticks = 0.0, 0
         self._begin()
@@ -80,13 +82,15 @@ class Viewing:
 
     def close(self, now_s: float) -> None:
         """Nothing is kept."""
+        self._driver.close()
 
     def _begin(self) -> None:
         """Begin the next episode; it runs as soon as a client draws its scene."""
         generator = np.random.default_rng(self._seed)
         self._seed += 1
         self._episodes.begin(np.array([0]), [generator])
-        self._act = actor(self._policy, self._episodes, [generator])
+        self._driver.begin(self._episodes, [generator])
+        self._failure = ""
         self._control = ControlSteps(self._episodes)
         self._steps = 0
         self._success = False
@@ -100,9 +104,12 @@ class Viewing:
         self._tell()
 
     def _advance(self) -> None:
-        step = self._control.tick(self._act)
+        step = self._control.tick(self._driver.act, self._driver.amend)
         if step is not None:
             self._finish_step(bool(step.outcome.success[0]))
+        if self._driver.failure != self._failure:
+            self._failure = self._driver.failure
+            self._tell()
 
     def _finish_step(self, success: bool) -> None:
         self._steps += 1
@@ -117,7 +124,8 @@ class Viewing:
 
     def _phase_message(self) -> messages.Phase:
         outcome = "success" if self._success else ""
-        state = {"loading": "preparing", "running": outcome or "running", "ended": outcome or "no success"}
+        held = f"the robot holds still, {self._failure}" if self._failure else "running"
+        state = {"loading": "preparing", "running": outcome or held, "ended": outcome or "no success"}
         text = f"{self._episodes.environment_id}, {self._policy}, episode {len(self.scenes)}: {state[self._phase]}"
         return messages.Phase(name="viewing", text=text, trial=0, trials=0, practice=False, seconds=None)
 

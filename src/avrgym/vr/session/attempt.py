@@ -143,14 +143,14 @@ class Attempt:
             self._targets_rad = joint_targets_rad
             self.record("/body_targets", records.BodyTargets(joint_targets_rad.tolist()), now_s)
 
-    def record_step(self, step: ControlStep, now_s: float) -> None:
-        """Count a finished control step and record it."""
+    def record_step(self, step: ControlStep, driver: str, idle: bool, now_s: float) -> None:
+        """Count a finished control step and record it; see ``records.Control``."""
         outcome = step.outcome
         self.latest = step
         self.steps += 1
         self.reward += float(outcome.reward[0])
         self.experience = self.experience.after(step, self.steps)
-        self.record("/control", control_record(self.steps, step), now_s)
+        self.record("/control", control_record(self.steps, step, driver, idle), now_s)
 
     def record_frames(
         self, frames: Sequence[Frame], followed: Frame | None, *, stale: bool, held: Sequence[str] = ()
@@ -190,7 +190,7 @@ class Attempt:
         return None
 
 
-def control_record(number: int, step: ControlStep) -> records.Control:
+def control_record(number: int, step: ControlStep, driver: str, idle: bool) -> records.Control:
     """The record of the attempt's control step with this number, from 1."""
     outcome = step.outcome
     return records.Control(
@@ -202,6 +202,8 @@ def control_record(number: int, step: ControlStep) -> records.Control:
         success=bool(outcome.success[0]),
         distance_m=float(outcome.distance_m[0]),
         force_on_person_n=float(outcome.force_on_person_n[0]),
+        driver=driver,
+        idle=idle,
     )
 
 

@@ -137,6 +137,13 @@ class TimeLost(SessionEvent):
 
 
 @dataclass(frozen=True)
+class ControllerFailed(SessionEvent):
+    """The robot holds still because its controller gives no action; see ``policies.controllers.ControllerError``."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
 class ConnectionLost(SessionEvent):
     """The participant's connection is gone."""
 

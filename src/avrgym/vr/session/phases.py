@@ -10,7 +10,6 @@ from collections.abc import Iterable
 from typing import ClassVar, Self
 
 from avrgym.models import human
-from avrgym.policies.trained import Policy
 from avrgym.recording import records
 from avrgym.simulation.room import NoRoomError
 from avrgym.vr.protocol import messages
@@ -19,6 +18,7 @@ from avrgym.vr.session import events
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.calibration import measure_torso_height
+from avrgym.vr.tracking.driving import Driver
 from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import ControlStep
 
@@ -156,8 +156,8 @@ class Phase:
         return self
 
     @property
-    def policy(self) -> Policy | None:
-        """What drives the robot."""
+    def driver(self) -> Driver | None:
+        """Who drives the robot."""
         return None
 
     def finish_step(self, step: ControlStep) -> Phase:
@@ -204,6 +204,9 @@ class Finished(Phase):
     def __init__(self, state: SessionState, text: str) -> None:
         super().__init__(state)
         self.text = f"{text} Thank you! You may take off the headset."
+
+    def entered(self) -> None:
+        self.state.drivers.close()
 
     def pause(self) -> Self:
         """Nothing begins any more; whoever asks is told, unless the session is paused already."""
@@ -589,14 +592,13 @@ class Trial(Stoppable):
     text = "The robot is helping you. Press a menu button to stop it."
 
     @property
-    def policy(self) -> Policy:
-        trial = self.state.current
-        return self.state.policies[trial.environment, trial.policy]
+    def driver(self) -> Driver:
+        return self.state.driver
 
     def finish_step(self, step: ControlStep) -> FreeAfter | Self:
         attempt = self.state.storage.attempt
         assert attempt is not None
-        attempt.record_step(step, self.state.now_s)
+        attempt.record_step(step, self.state.current.policy, self.driver.idle, self.state.now_s)
         if attempt.steps < self.state.plan.trial_steps:
             return self
         self.state.world.hold()

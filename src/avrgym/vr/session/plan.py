@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Sex
-from avrgym.policies.trained import Policy, load_policy
+from avrgym.policies.registry import AnyPolicy, find_for_session
 from avrgym.recording.questionnaire import LIKERT_ITEMS, Item
 from avrgym.tasks import TASKS, find_environment
-from avrgym.tasks.episodes import ACTIONS, EPISODE_STEPS
+from avrgym.tasks.episodes import EPISODE_STEPS
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def practised_trials(environments: Sequence[str], policy: str, trials: int, seed
     ]
 
 
-Policies = Mapping[tuple[str, str], Policy]
+Policies = Mapping[tuple[str, str], AnyPolicy]
 """By environment and the policy's name or path: the same name means another policy in each environment."""
 
 
@@ -84,12 +84,6 @@ def load_policies(plan: SessionPlan) -> Policies:
         ValueError: for an unknown environment or a policy that cannot be loaded.
     """
     return {
-        (environment, policy): load_policy_for(environment, policy)
+        (environment, policy): find_for_session(policy, environment)
         for environment, policy in {(trial.environment, trial.policy) for trial in plan.trials}
     }
-
-
-def load_policy_for(environment: str, policy: str) -> Policy:
-    """A policy by name or path; ``ValueError`` when it cannot be loaded or does not fit the environment."""
-    task, _ = find_environment(environment)
-    return load_policy(policy, environment, TASKS[task].observation_size, ACTIONS)

@@ -21,6 +21,7 @@ from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, Experience
 from avrgym.vr.session.attempt_storage import AttemptStorage
 from avrgym.vr.session.dispatch import take_message
+from avrgym.vr.session.driving import Drivers
 from avrgym.vr.session.events import EventSink
 from avrgym.vr.session.phases import Phase, Waiting
 from avrgym.vr.session.plan import Policies, SessionPlan
@@ -62,14 +63,16 @@ class Session:
             kept: whether all that the observer was told is kept; before that no phase ends by itself, and no trial
                 follows a completed one. When it raises, the session pauses.
             called_off: whether somebody elsewhere has ended the session; asked at every tick.
-            workers: makes the worlds of trials to come; without one they are made in the thread that ticks.
+            workers: makes the worlds of trials to come; without one they are made in the thread that ticks, and others'
+                controllers are waited for.
             scenes: those of sessions before this one, which keep their addresses; the session adds its own.
         """
         trial, person = plan.first_trial - 1, Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height)
         scenery = Scenery(plan, trial, person, workers or AtOnce(), [] if scenes is None else scenes)
         sink = EventSink(observe, kept)
         storage = AttemptStorage(folder, sink)
-        self._state = SessionState(plan, policies, identifier, send, sink, storage, scenery, trial, person)
+        drivers = Drivers(policies, beside=workers is not None)
+        self._state = SessionState(plan, drivers, identifier, send, sink, storage, scenery, trial, person)
         self._called_off = called_off
         self._reporter = Reporter(send)
         self._ticked_s: float | None = None
@@ -163,9 +166,12 @@ class Session:
         if storage.attempt is not None:
             self._go_to(self._phase.check_continuity(0.0 if before_s is None else now_s - before_s))
         self._follow()
-        step = self.world.tick(self._phase.policy)
+        driver = self._phase.driver
+        step = self.world.tick(driver)
         if storage.attempt is not None:
             storage.attempt.record_physics(self.world, now_s)
+        if driver is not None:
+            state.watch_driver()
         if step is not None:
             self._go_to(self._phase.finish_step(step))
         self._check_storage()
@@ -186,6 +192,7 @@ class Session:
         """End the session; a trial that is running is kept as interrupted."""
         self._state.now_s = now_s
         self._state.abandon("interrupted")
+        self._state.drivers.close()
 
     def _go_to(self, phase: Phase) -> bool:
         """Whether this is another phase than before, which the session enters."""

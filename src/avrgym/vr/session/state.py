@@ -13,9 +13,11 @@ from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session import events
 from avrgym.vr.session.attempt import configuration
 from avrgym.vr.session.attempt_storage import AttemptStorage
+from avrgym.vr.session.driving import Drivers
 from avrgym.vr.session.events import EventSink
-from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
+from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.scenery import Scenery
+from avrgym.vr.tracking.driving import Driver
 from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import LiveWorld
 
@@ -30,7 +32,7 @@ class SessionState:
     """
 
     plan: SessionPlan
-    policies: Policies
+    drivers: Drivers
     identifier: str
     send: Send
     sink: EventSink
@@ -51,6 +53,11 @@ class SessionState:
     def current(self) -> TrialPlan:
         """The trial that runs or comes next; the last one, when all are over."""
         return self.plan.trials[min(self.trial, len(self.plan.trials) - 1)]
+
+    @property
+    def driver(self) -> Driver:
+        """Who drives in the current trial."""
+        return self.drivers.of(self.current)
 
     @property
     def world(self) -> LiveWorld:
@@ -141,6 +148,21 @@ class SessionState:
         )
         self.tracking.take_arrived()
         attempt.record_physics(world, self.now_s)
+        self.drivers.begin()
+        world.prepare(self.driver)
+
+    def watch_driver(self) -> None:
+        """Record whenever the driver fails or drives again; tell each kind of failure once an attempt."""
+        failure = self.driver.failure
+        if failure == self.drivers.failure:
+            return
+        self.drivers.failure = failure
+        self.record_event("controller_failed" if failure else "controller_drives", failure)
+        kind = failure.partition(":")[0]
+        if kind and kind not in self.drivers.kinds_told:
+            self.drivers.kinds_told.add(kind)
+            self.sink.tell(events.ControllerFailed(self.now_s, failure))
+            self.problem(f"the robot holds still, its controller failed: {failure}", "experimenter")
 
     def end_attempt(self, result: events.Result) -> RecordingError | None:
         """End a running attempt; what keeps its recording from being complete, if anything does."""

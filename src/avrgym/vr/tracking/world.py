@@ -10,23 +10,24 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import Person
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, SceneConfig
-from avrgym.policies.trained import Policy
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.base import Task
 from avrgym.tasks.episodes import ACTIONS, Episodes, Step
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.tracking.body import BodyPose, BodySolver
+from avrgym.vr.tracking.driving import Driver
 
 Array = NDArray[np.float64]
 
 TICK_S = PHYSICS_STEP_S
 Act = Callable[[Array], NDArray[np.floating]]
+Amend = Callable[[], Array | None]
 
 
 @dataclass(frozen=True)
 class ControlStep:
-    """One finished control step: the observation (O,) and action (7,) it began with, and what it gave."""
+    """One finished control step: the observation (O,) it began with, its last action (7,), and what it gave."""
 
     observation: Array
     action: Array
@@ -44,13 +45,18 @@ class ControlSteps:
         self._seen: Array | None = None
         """The observation (1, O) of the present state, where the last control step ended with it."""
         self.begun: Array | None = None
-        """The action (7,) of the control step that the latest tick began, if it began one."""
+        """The action (7,) that the latest tick began with, if it gave the robot one."""
 
-    def tick(self, act: Act | None) -> ControlStep | None:
-        """Advance by 10 ms. With ``act``, from observations to actions, every tenth tick gives a control step."""
+    def tick(self, act: Act | None, amend: Amend = lambda: None) -> ControlStep | None:
+        """Advance by 10 ms. With ``act``, from observations to actions, every tenth tick gives a control step.
+
+        At the ticks between, ``amend`` may give another action (1, 7) for what is left of the step.
+        """
         self.begun = None
         if act is not None and self._substep == 0:
             self._begin_step(act)
+        elif act is not None:
+            self._amend_step(amend)
         self._seen = None
         self._episodes.simulation.step(1)
         if act is None:
@@ -64,9 +70,17 @@ class ControlSteps:
 
     def _begin_step(self, act: Act) -> None:
         self._observation = self._episodes.observe() if self._seen is None else self._seen
-        self._action = act(self._observation).astype(float)
-        self._episodes.command(self._action)
-        self.begun = self._action[0]
+        self._command(act(self._observation).astype(float))
+
+    def _amend_step(self, amend: Amend) -> None:
+        action = amend()
+        if action is not None:
+            self._command(action)
+
+    def _command(self, action: Array) -> None:
+        self._action = action
+        self._episodes.command(action)
+        self.begun = action[0]
 
     def drop(self) -> None:
         """Forget a control step that had begun."""
@@ -75,9 +89,9 @@ class ControlSteps:
 
 
 class LiveWorld:
-    """One world whose person follows a participant and whose robot runs a policy when told to drive.
+    """One world whose person follows a participant and whose robot somebody drives when told to.
 
-    The policy acts at 10 Hz, physics and person run at 100 Hz.
+    A driver acts at 10 Hz, physics and person run at 100 Hz.
     """
 
     def __init__(self, environment_id: str, person: Person) -> None:
@@ -96,7 +110,7 @@ class LiveWorld:
 
     @property
     def action_begun(self) -> Array | None:
-        """The action (7,) of the control step that the latest tick began, if it began one."""
+        """The action (7,) that the latest tick began with, if it gave the robot one."""
         return self._steps.begun
 
     @property
@@ -153,12 +167,14 @@ class LiveWorld:
         self._episodes.simulation.halt_robot()
         self._steps.drop()
 
-    def tick(self, policy: Policy | None) -> ControlStep | None:
-        """Advance by 10 ms. With a policy the robot drives; every tenth tick then gives a control step."""
+    def prepare(self, driver: Driver) -> None:
+        """Let somebody get ready to drive the robot of the present episode."""
+        driver.begin(self._episodes, self._generators)
+
+    def tick(self, driver: Driver | None) -> ControlStep | None:
+        """Advance by 10 ms. With a driver who is prepared the robot moves; every tenth tick gives a control step."""
         self.ticks += 1
-        if policy is None:
-            return self._steps.tick(None)
-        return self._steps.tick(lambda observation: policy.act(observation, self._generators))
+        return self._steps.tick(None) if driver is None else self._steps.tick(driver.act, driver.amend)
 
     def state_vector(self) -> Array:
         """The simulator's integration state."""

@@ -1,0 +1,48 @@
+"""A hand that is driven in Cartesian space, as a human operator wants it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.geometry.kinematics import chain_of, jacobian
+from avrgym.models import robots
+from avrgym.simulation.worlds import Simulation
+
+Array = NDArray[np.float64]
+
+SPEED_LIMIT_M_S = 0.25
+TURN_LIMIT_RAD_S = 0.8
+DAMPING = 0.05
+"""Of damped least squares (Wampler, IEEE Trans. Syst. Man Cybern. 16, 1986): slower near singular poses."""
+
+
+class Hand:
+    """The hand of the first world's robot: turns its velocity into an action."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        """Read the arm's chain from the scene."""
+        scene = simulation.scene
+        joints = [robots.PREFIX + joint for joint in scene.arm.joints]
+        ends = robots.PREFIX + scene.robot.base, robots.PREFIX + scene.arm.end_effector
+        self._chain = chain_of(simulation.model, joints, *ends)
+        self._simulation, self._speed_limit = simulation, scene.arm.speed_limit_rad_s
+
+    def action(self, linear: Array, angular: Array) -> Array:
+        """The action (A,) that moves the hand so, as far as every joint keeps to its speed limit.
+
+        Args:
+            linear: (3,) velocity of the hand's origin as a share of ``SPEED_LIMIT_M_S``, world frame; one longer
+                than 1 is shortened.
+            angular: (3,) angular velocity as a share of ``TURN_LIMIT_RAD_S``, likewise.
+        """
+        _, q_wb = (pose[0] for pose in self._simulation.robot_base())
+        velocity_w = _shortened(linear) * SPEED_LIMIT_M_S, _shortened(angular) * TURN_LIMIT_RAD_S
+        velocity_b = np.concatenate([transforms.rotate(transforms.conjugate(q_wb), v) for v in velocity_w])
+        j = jacobian(self._chain, self._simulation.arm_angles_rad()[:1])[2][0]
+        speeds_rad_s = j.T @ np.linalg.solve(j @ j.T + DAMPING**2 * np.eye(6), velocity_b)
+        shares = speeds_rad_s / self._speed_limit
+        return shares / max(1.0, np.abs(shares).max())
+
+
+def _shortened(vector: Array) -> Array:
+    return vector / max(1.0, float(np.linalg.norm(vector)))

@@ -1,0 +1,132 @@
+"""All that ``--policy`` may name, and how it acts in worlds whose episodes have begun."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.oracles import ORACLES
+from avrgym.policies import controllers
+from avrgym.policies.controllers import Foreign
+from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
+from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
+from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks.episodes import ACTIONS, Episodes
+
+Array = NDArray[np.float64]
+Act = Callable[[Array], NDArray[np.floating]]
+
+SCRIPTS = ("oracle", "random", "zero")
+OPERATOR = "operator"
+FORMS = "FILE.safetensors, FILE.onnx, MODULE:ATTRIBUTE"
+CHOICES = f"original, revised, {', '.join(SCRIPTS)}, {FORMS}, or the name of a plug-in's controller"
+"""What ``--policy`` takes everywhere."""
+
+
+@dataclass(frozen=True)
+class Script:
+    """A driver that comes with AVR Gym and is no network: one of ``SCRIPTS``."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Operated:
+    """The experimenter drives the hand."""
+
+
+Autonomous = Policy | Script | Foreign
+AnyPolicy = Autonomous | Operated
+
+
+def named_policies(environment_id: str) -> list[str]:
+    """Everything that has a name of its own in an environment, and is neither file nor Python object."""
+    return [*packaged_policies(environment_id), *SCRIPTS, *controllers.registered()]
+
+
+def find(name: str, environment_id: str, *, allow_other_environment: bool = False) -> Autonomous:
+    """Load what ``--policy`` names for an environment.
+
+    Args:
+        name: of a packaged policy, a script or a plug-in's controller, the path of a ``.safetensors`` or ``.onnx``
+            file, or ``module:attribute``.
+        environment_id: such as ``avrgym/FeedingJaco-v1``.
+        allow_other_environment: whether a policy may run that was trained for another environment.
+
+    Raises:
+        PolicyError: for anything else, naming what is allowed, and for what cannot be loaded or does not fit.
+    """
+    observation_size = TASKS[find_environment(environment_id)[0]].observation_size
+    if name in SCRIPTS:
+        return Script(name)
+    if name in packaged_policies(environment_id) or Path(name).is_file():
+        if name.endswith(ONNX_SUFFIX):
+            return find_onnx(name, environment_id, observation_size, ACTIONS)
+        return load_policy(
+            name,
+            environment_id,
+            observation_size,
+            ACTIONS,
+            allow_other_environment=allow_other_environment,
+        )
+    if name in controllers.registered():
+        return controllers.find_registered(name)
+    if ":" in name:
+        return controllers.find_python(name)
+    if name == OPERATOR:
+        raise PolicyError(
+            f"nobody can drive the robot here; {OPERATOR} is for `avrgym serve` and studies with people"
+        )
+    allowed = ", ".join([*named_policies(environment_id), FORMS])
+    raise PolicyError(f"no policy {name!r} for {environment_id}; allowed: {allowed}")
+
+
+def find_for_session(name: str, environment_id: str) -> AnyPolicy:
+    """The same where an experimenter can also drive: ``operator`` is allowed too."""
+    return Operated() if name == OPERATOR else find(name, environment_id)
+
+
+@contextmanager
+def acting(policy: Autonomous, world: Episodes, generators: Sequence[np.random.Generator]) -> Iterator[Act]:
+    """What turns observations (N, O) into actions (N, A), in a world whose episodes have begun.
+
+    Others' controllers are one for each world, made anew. Each is seeded from its world's generator, and closed when
+    all is done.
+
+    Raises:
+        PolicyError: when nobody can make one.
+    """
+    if not isinstance(policy, Foreign):
+        yield actor(policy, world, generators)
+        return
+    each = [policy.make() for _ in generators]
+    try:
+        for controller, generator in zip(each, generators, strict=True):
+            controllers.reset(controller, seed_from(generator), world.environment_id)
+        yield lambda observations: np.stack(
+            [controllers.answer(*pair, ACTIONS) for pair in zip(each, observations, strict=True)]
+        )
+    finally:
+        for controller in each:
+            controllers.close(controller)
+
+
+def actor(policy: Policy | Script, world: Episodes, generators: Sequence[np.random.Generator]) -> Act:
+    """What turns observations (N, O) into actions (N, A), in a world whose episodes have begun."""
+    if isinstance(policy, Policy):
+        return lambda observation: policy.act(observation, generators)
+    if policy.name == "zero":
+        return lambda observation: np.zeros((len(observation), ACTIONS), np.float32)
+    if policy.name == "random":
+        return lambda observation: np.stack([g.uniform(-1.0, 1.0, ACTIONS) for g in generators]).astype(
+            np.float32
+        )
+    return ORACLES[world.task.name](world)
+
+
+def seed_from(generator: np.random.Generator) -> int:
+    """The seed of a controller's episode, the next number of the generator that its start was drawn from."""
+    return int(generator.integers(2**31))

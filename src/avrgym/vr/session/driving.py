@@ -1,0 +1,27 @@
+"""Who drives the robots of a session's trials."""
+
+from avrgym.vr.session.plan import Policies, TrialPlan
+from avrgym.vr.tracking.driving import Driver, driver_of
+
+
+class Drivers:
+    """A driver for each policy of each environment. ``failure`` is what the current one was last heard to fail with."""
+
+    def __init__(self, policies: Policies, *, beside: bool) -> None:
+        """Others' controllers run ``beside`` the session's thread, or make it wait."""
+        self.failure = ""
+        self.kinds_told: set[str] = set()
+        self._drivers = {key: driver_of(policy, beside=beside) for key, policy in policies.items()}
+
+    def of(self, trial: TrialPlan) -> Driver:
+        """Who drives in a trial."""
+        return self._drivers[trial.environment, trial.policy]
+
+    def begin(self) -> None:
+        """Forget what went wrong in an earlier attempt."""
+        self.failure, self.kinds_told = "", set()
+
+    def close(self) -> None:
+        """Nobody drives any more."""
+        for driver in self._drivers.values():
+            driver.close()

@@ -1,0 +1,292 @@
+"""Who drives the robot of a live world: a driver answers in time or has the robot hold still, and never raises."""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from queue import SimpleQueue
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.policies import controllers, registry
+from avrgym.policies.controllers import Controller, Foreign
+from avrgym.policies.hand import Hand
+from avrgym.policies.registry import Act, AnyPolicy, Operated, Script
+from avrgym.policies.trained import Policy
+from avrgym.tasks.episodes import ACTIONS, Episodes
+
+Array = NDArray[np.float64]
+Generators = Sequence[np.random.Generator]
+
+ANSWER_WITHIN_S = 0.08
+"""How long somebody else's controller may take for an action, of the control step's 0.1 s."""
+OPERATOR_HEARD_S = 0.2
+"""After so long without a word of the operator the robot holds still."""
+
+HOLD = np.zeros((1, ACTIONS))
+LATE = f"late: no answer within {1000 * ANSWER_WITHIN_S:.0f} ms"
+
+
+class Driver(Protocol):
+    """Drives one episode after another."""
+
+    @property
+    def failure(self) -> str:
+        """What keeps it from driving at present, as ``ControllerError`` says it; empty while it drives."""
+        ...
+
+    @property
+    def idle(self) -> bool:
+        """Whether the robot holds still for want of an action."""
+        ...
+
+    def begin(self, episodes: Episodes, generators: Generators) -> None:
+        """Prepare for the episode that has begun in a world, drawn from its generator."""
+        ...
+
+    def act(self, observation: Array) -> Array:
+        """The action (1, A) with which a control step begins that sees ``observation`` (1, O)."""
+        ...
+
+    def amend(self) -> Array | None:
+        """Asked at every other tick of the step: another action (1, A), if there is one since."""
+        ...
+
+    def close(self) -> None:
+        """Drive no more."""
+        ...
+
+
+def driver_of(policy: AnyPolicy, *, beside: bool) -> Driver:
+    """Who drives by a policy; others' controllers run ``beside`` the thread that asks, or make it wait."""
+    if isinstance(policy, Operated):
+        return Operator()
+    if isinstance(policy, Foreign):
+        return Guarded(policy, beside=beside)
+    return InTick(policy)
+
+
+class InTick:
+    """A policy that comes with AVR Gym or is a file of its format: it answers at once."""
+
+    def __init__(self, policy: Policy | Script) -> None:
+        self.failure = ""
+        self._policy = policy
+        self._act: Act | None = None
+
+    @property
+    def idle(self) -> bool:
+        """Whether the robot holds still for want of an action."""
+        return self.failure != ""
+
+    def begin(self, episodes: Episodes, generators: Generators) -> None:
+        """Prepare for the episode that has begun in a world, drawn from its generator."""
+        self.failure, self._act = "", None
+        self._begun = episodes, generators
+
+    def act(self, observation: Array) -> Array:
+        """The action (1, A) with which a control step begins that sees ``observation`` (1, O)."""
+        try:
+            act = self._act = self._act or registry.actor(self._policy, *self._begun)
+            action = controllers.checked(lambda: act(observation), HOLD.shape)
+        except Exception as error:  # an oracle in a situation that nobody foresaw
+            self.failure = str(controllers.as_failure(error))
+            return HOLD
+        self.failure = ""
+        return action
+
+    def amend(self) -> Array | None:
+        """Nothing comes later."""
+
+    def close(self) -> None:
+        """Nothing is left."""
+
+
+class Guarded:
+    """Somebody else's controller, on a thread of its own unless it may make everybody wait.
+
+    What fails, and what takes longer than ``ANSWER_WITHIN_S``, holds the robot still; an answer that comes too late is
+    dropped. Until an answer is due, the robot goes on as it was told last. One that still thinks when the next episode
+    begins is left behind, and another made.
+    """
+
+    def __init__(self, foreign: Foreign, *, beside: bool) -> None:
+        self._foreign, self._beside = foreign, beside
+        self._limit_s = ANSWER_WITHIN_S if beside else np.inf
+        self._worker = Worker(foreign, beside=beside)
+        self._ready = self._asked = None
+        self._hold("")
+
+    @property
+    def idle(self) -> bool:
+        """Whether the robot holds still for want of an action."""
+        return self.failure != ""
+
+    def begin(self, episodes: Episodes, generators: Generators) -> None:
+        """Prepare for the episode that has begun in a world, drawn from its generator."""
+        if self._worker.busy:
+            self.close()
+            self._worker = Worker(self._foreign, beside=self._beside)
+        seed, environment = registry.seed_from(generators[0]), episodes.environment_id
+        self._ready = self._worker.ask(lambda controller: controllers.reset(controller, seed, environment))
+        self._asked = None
+        self._hold("")
+
+    def act(self, observation: Array) -> Array:
+        """The action (1, A) with which a control step begins that sees ``observation`` (1, O)."""
+        self._hear()
+        if self._ready is None or not self._ready.done:
+            self._hold(LATE)
+        elif self._ready.failure:
+            self._hold(self._ready.failure)
+        elif self._asked is None:
+            row = observation[0].copy()
+            self._asked = self._worker.ask(lambda controller: controllers.answer(controller, row, ACTIONS))
+            self._hear()
+        return self._action
+
+    def amend(self) -> Array | None:
+        """Asked at every other tick of the step: another action (1, A), if there is one since."""
+        before = self._action
+        self._hear()
+        return None if self._action is before else self._action
+
+    def close(self) -> None:
+        """Let the controller go as soon as it has answered."""
+        self._worker.close()
+
+    def _hear(self) -> None:
+        """Take an answer that has come; wait no longer for one that is late."""
+        asked = self._asked
+        if asked is None:
+            return
+        if asked.done:
+            self._asked = None
+        if asked.took_s > self._limit_s:
+            self._hold(LATE)
+        elif self._asked is None and asked.failure:
+            self._hold(asked.failure)
+        elif self._asked is None and asked.answer is not None:
+            self._action, self.failure = asked.answer[None], ""
+
+    def _hold(self, failure: str) -> None:
+        self._action, self.failure = HOLD, failure
+
+
+class Request:
+    """Something that is asked of a controller; ``answer`` or ``failure`` are there before it is ``done``."""
+
+    def __init__(self, work: Callable[[Controller], Array | None]) -> None:
+        self._work, self._asked_s, self._ended_s = work, time.monotonic(), 0.0
+        self.answer: Array | None = None
+        self.failure, self.done = "", False
+
+    @property
+    def took_s(self) -> float:
+        """How long it took, or takes so far."""
+        return (self._ended_s if self.done else time.monotonic()) - self._asked_s
+
+    def run(self, find: Callable[[], Controller]) -> None:
+        """Do it."""
+        try:
+            answer = self._work(find())
+        except (Exception, SystemExit) as error:  # other people's code may raise anything
+            self.failure = str(controllers.as_failure(error))
+        else:
+            self.answer = answer
+        self._ended_s = time.monotonic()
+        self.done = True
+
+
+class Worker:
+    """Asks one controller, which it makes when it is needed, one thing after another."""
+
+    def __init__(self, foreign: Foreign, *, beside: bool) -> None:
+        self._foreign = foreign
+        self._controller: Controller | None = None
+        self._latest: Request | None = None
+        self._waiting: SimpleQueue[Request | None] = SimpleQueue()
+        self._beside, self._closed = beside, False
+        if beside:
+            threading.Thread(target=self._run, name=foreign.name, daemon=True).start()
+
+    @property
+    def busy(self) -> bool:
+        """Whether the controller still has to answer."""
+        return self._latest is not None and not self._latest.done
+
+    def ask(self, work: Callable[[Controller], Array | None]) -> Request:
+        """Have something done, here or beside."""
+        self._latest = request = Request(work)
+        if self._beside:
+            self._waiting.put(request)
+        else:
+            request.run(self._found)
+        return request
+
+    def close(self) -> None:
+        """Let the controller go, and end."""
+        if self._controller is not None and not self._closed:
+            self.ask(controllers.close)
+        self._closed = True
+        self._waiting.put(None)
+
+    def _run(self) -> None:
+        while (request := self._waiting.get()) is not None:
+            request.run(self._found)
+
+    def _found(self) -> Controller:
+        self._controller = self._controller or self._foreign.make()
+        return self._controller
+
+
+class Operator:
+    """A person who moves the robot's hand, and lets it go by saying so or nothing."""
+
+    failure = ""
+
+    def __init__(self) -> None:
+        self._hand: Hand | None = None
+        self._wish: tuple[Array, Array] | None = None
+        self._heard_s = 0.0
+        self._changed = False
+
+    @property
+    def idle(self) -> bool:
+        """Whether the robot holds still for want of an action."""
+        return self._wish is None
+
+    def begin(self, episodes: Episodes, generators: Generators) -> None:
+        """Prepare for the episode that has begun in a world."""
+        self._hand = Hand(episodes.simulation)
+        self.let_go()
+
+    def drive(self, linear: Sequence[float], angular: Sequence[float], now_s: float) -> None:
+        """Move the hand so from now on, both (3,) as ``Hand.action`` takes them."""
+        self._wish, self._heard_s = (np.array(linear, float), np.array(angular, float)), now_s
+        self._changed = True
+
+    def let_go(self) -> None:
+        """Hold the robot still."""
+        self._wish, self._changed = None, True
+
+    def watch(self, now_s: float) -> None:
+        """Hold the robot still when nothing was heard for too long."""
+        if self._wish is not None and now_s - self._heard_s > OPERATOR_HEARD_S:
+            self.let_go()
+
+    def act(self, observation: Array) -> Array:
+        """The action (1, A) with which a control step begins, whatever it sees."""
+        self._changed = False
+        if self._hand is None or self._wish is None:
+            return HOLD
+        return self._hand.action(*self._wish)[None]
+
+    def amend(self) -> Array | None:
+        """What the operator wants, where that has changed during the step."""
+        return self.act(HOLD) if self._changed else None
+
+    def close(self) -> None:
+        """Hold the robot still."""
+        self.let_go()
