@@ -181,7 +181,7 @@ def _check(design: Design) -> None:
             ("policies", index),
             policy,
             _POLICY,
-            "a policy by its name, MODULE:ATTRIBUTE, or a folder in the study's folder",
+            "a packaged policy or another by its name, MODULE:ATTRIBUTE, or a folder in the study's folder",
         )
     if design.practice_policy:
         _check_pattern(("practice_policy",), design.practice_policy, _POLICY, "a policy, or nothing")
