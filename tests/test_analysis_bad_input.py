@@ -10,8 +10,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from analysed import chance, read_table, record_trial, run_trials, take_part
-from avrgym.analysis import study, trained_people
-from avrgym.analysis.output import write_analysis
+from avrgym.analysis import study
+from avrgym.analysis.reading import trained_people
+from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
 from avrgym.study.people.deletion import delete_participant

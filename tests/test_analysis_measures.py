@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from avrgym.analysis.measures import head_centres, measure
+from avrgym.analysis.reading.measures import head_centres, measure
 from avrgym.models import human
 from avrgym.models.human import JOINTS, LOWER_RAD, RECLINED, SEATED, UPPER_RAD, People, Person, Posture
 from avrgym.recording.files import Recording

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from avrgym.analysis.statistics import (
+from avrgym.analysis.statistics.tests import (
     EXACT_SIGNED_RANK,
     energy_test,
     holm,

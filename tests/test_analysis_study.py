@@ -12,8 +12,8 @@ import pytest
 from scipy import stats
 
 from analysed import ITEMS, break_off, run_trials, take_part
-from avrgym.analysis.output import write_analysis
-from avrgym.analysis.statistics import holm
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.statistics.tests import holm
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.study.people.participants import withdraw

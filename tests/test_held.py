@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from analysed import STEPS, run_trials, take_part
-from avrgym.analysis.output import write_analysis
+from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.recording.files import Recording
 from avrgym.recording.records import Control, Event, TrackingFrame

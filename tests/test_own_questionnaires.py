@@ -11,8 +11,8 @@ import pytest
 import sqlalchemy as sa
 
 from analysed import record_trial, take_part
-from avrgym.analysis.output import write_analysis
-from avrgym.analysis.statistics import holm
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.statistics.tests import holm
 from avrgym.analysis.study import analyse
 from avrgym.study.checking.checks import check_study
 from avrgym.study.design.design import DesignError, parse_design

@@ -7,16 +7,16 @@ from typing import Any
 import msgspec
 
 from avrgym.analysis import rows
-from avrgym.analysis.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
-from avrgym.analysis.biomechanics_tests import biomechanics_tests
-from avrgym.analysis.objective import objective_rows
-from avrgym.analysis.paper_tables import as_tables, paper_tables
-from avrgym.analysis.reading import Observations, observe
-from avrgym.analysis.session_answers import session_answer_rows, session_likert_rows, session_tests
-from avrgym.analysis.statistics import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
-from avrgym.analysis.subjective import answer_tests, likert_rows, subjective_rows
+from avrgym.analysis.reading.observations import Observations, observe
+from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED, draw_people
+from avrgym.analysis.statistics.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
+from avrgym.analysis.statistics.biomechanics_tests import biomechanics_tests
+from avrgym.analysis.statistics.objective import objective_rows
+from avrgym.analysis.statistics.paper_tables import as_tables, paper_tables
+from avrgym.analysis.statistics.session_answers import session_answer_rows, session_likert_rows, session_tests
+from avrgym.analysis.statistics.subjective import answer_tests, likert_rows, subjective_rows
+from avrgym.analysis.statistics.tests import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
 from avrgym.analysis.tables import Table, control_steps
-from avrgym.analysis.trained_people import PEOPLE_PER_TASK, SEED, draw_people
 from avrgym.study.design.design import Design
 from avrgym.study.storage.manifest import FORMAT_NAME
 from avrgym.study.storage.store import Store

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from avrgym.analysis.measures import Measured
+from avrgym.analysis.reading.measures import Measured
 from avrgym.study.export.tables import neutral
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from avrgym.analysis.charts import trial_charts
+from avrgym.analysis.figures.charts import trial_charts
 from avrgym.analysis.page import (
     Markup,
     badge,

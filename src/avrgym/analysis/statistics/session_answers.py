@@ -5,10 +5,10 @@ from itertools import product
 
 import numpy as np
 
-from avrgym.analysis.comparisons import PARTICIPANT, corrected, tested
 from avrgym.analysis.rows import AnswerRow, LikertRow, SessionAnswerRow, TestedRow
-from avrgym.analysis.statistics import signed_rank, spread
-from avrgym.analysis.subjective import counts
+from avrgym.analysis.statistics.families import PARTICIPANT, corrected, tested
+from avrgym.analysis.statistics.subjective import counts
+from avrgym.analysis.statistics.tests import signed_rank, spread
 from avrgym.recording.questionnaire import SESSION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
 

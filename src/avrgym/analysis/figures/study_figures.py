@@ -12,15 +12,15 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from avrgym.analysis.biomechanics import Measures, heights
-from avrgym.analysis.comparisons import TRIAL
-from avrgym.analysis.drawing import INK, LINES, RULE, STYLE, WARNING, Drawing
-from avrgym.analysis.objective import ALL
+from avrgym.analysis.figures.drawing import INK, LINES, RULE, STYLE, WARNING, Drawing
+from avrgym.analysis.reading.trained_people import HEIGHTS_OF, head_of
 from avrgym.analysis.rows import LikertRow, ObjectiveRow, PersonRow, SubjectiveRow, TestedRow
-from avrgym.analysis.session_answers import WORDS, about_sessions, sessions_family
+from avrgym.analysis.statistics.biomechanics import Measures, heights
+from avrgym.analysis.statistics.families import TRIAL
+from avrgym.analysis.statistics.objective import ALL
+from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, sessions_family
+from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, middle, policies_family, scale_of
 from avrgym.analysis.study import Analysis
-from avrgym.analysis.subjective import AFTER_TRIAL, asked_at, middle, policies_family, scale_of
-from avrgym.analysis.trained_people import HEIGHTS_OF, head_of
 from avrgym.models.human import SEXES
 from avrgym.recording.questionnaire import SESSION_MOMENTS, Item, Questionnaire
 from avrgym.study.design.design import Design

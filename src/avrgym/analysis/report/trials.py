@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from urllib.parse import quote
 
-from avrgym.analysis.charts import trial_charts
+from avrgym.analysis.figures.charts import trial_charts
 from avrgym.analysis.page import Markup, definitions, quantity, table, tag
 from avrgym.analysis.rows import AnswerRow, TermRow, TrialRow
 from avrgym.analysis.study import Analysis

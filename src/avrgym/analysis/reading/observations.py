@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from avrgym.analysis.measures import Body, Measured, measure, other_versions
+from avrgym.analysis.reading.measures import Body, Measured, measure, other_versions
 from avrgym.analysis.rows import AnswerRow, AttemptRow, ParticipantRow, ProblemRow, TermRow, TrialRow
 from avrgym.models.robots import find_robot
 from avrgym.recording.files import Recording, RecordingError

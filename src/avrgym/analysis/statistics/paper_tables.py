@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
-from avrgym.analysis.objective import ALL
 from avrgym.analysis.rows import ObjectiveRow
+from avrgym.analysis.statistics.objective import ALL
 from avrgym.analysis.tables import Table
 from avrgym.study.design.design import Design
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.analysis.biomechanics import Measures, heights, participants_heads
-from avrgym.analysis.comparisons import PARTICIPANT, TRIAL, corrected, tested
+from avrgym.analysis.reading.trained_people import AXES, HEIGHTS_OF, SEED, TRAINED_WITH, head_of, people_heads
 from avrgym.analysis.rows import PersonRow, TestedRow, TrialRow
-from avrgym.analysis.statistics import Comparison, energy_test, rank_sum, signed_rank
-from avrgym.analysis.trained_people import AXES, HEIGHTS_OF, SEED, TRAINED_WITH, head_of, people_heads
+from avrgym.analysis.statistics.biomechanics import Measures, heights, participants_heads
+from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, corrected, tested
+from avrgym.analysis.statistics.tests import Comparison, energy_test, rank_sum, signed_rank
 from avrgym.tasks import TASKS
 
 Array = NDArray[np.floating]

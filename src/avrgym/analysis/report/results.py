@@ -2,16 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 
-from avrgym.analysis.comparisons import PARTICIPANT, TRIAL
-from avrgym.analysis.drawing import Drawing
-from avrgym.analysis.figures import session_figure_name, trial_figure_name
-from avrgym.analysis.objective import ALL
+from avrgym.analysis.figures.drawing import Drawing
+from avrgym.analysis.figures.study_figures import session_figure_name, trial_figure_name
 from avrgym.analysis.page import Markup, brief, figure, listing, quantity, table, tag
-from avrgym.analysis.paper_tables import PaperTable, paper_tables
 from avrgym.analysis.rows import ObjectiveRow, RangeRow, SessionAnswerRow, SubjectiveRow, TestedRow
-from avrgym.analysis.session_answers import WORDS, about_sessions, sessions_family
+from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL
+from avrgym.analysis.statistics.objective import ALL
+from avrgym.analysis.statistics.paper_tables import PaperTable, paper_tables
+from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, sessions_family
+from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, policies_family, scale_of
 from avrgym.analysis.study import Analysis
-from avrgym.analysis.subjective import AFTER_TRIAL, asked_at, policies_family, scale_of
 from avrgym.recording.questionnaire import SESSION_MOMENTS, Questionnaire
 
 Drawings = Mapping[str, Drawing]

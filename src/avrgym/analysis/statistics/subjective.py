@@ -6,10 +6,10 @@ from statistics import fmean
 
 import numpy as np
 
-from avrgym.analysis.comparisons import PARTICIPANT, TRIAL, corrected, tested
-from avrgym.analysis.objective import ALL
 from avrgym.analysis.rows import AnswerRow, LikertRow, SubjectiveRow, TestedRow
-from avrgym.analysis.statistics import signed_rank, spread
+from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, corrected, tested
+from avrgym.analysis.statistics.objective import ALL
+from avrgym.analysis.statistics.tests import signed_rank, spread
 from avrgym.recording.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
 

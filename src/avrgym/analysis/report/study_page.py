@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from avrgym.analysis.drawing import Drawing
+from avrgym.analysis.figures.drawing import Drawing
 from avrgym.analysis.page import (
     Markup,
     badge,
@@ -18,12 +18,12 @@ from avrgym.analysis.page import (
     tag,
     write_page,
 )
-from avrgym.analysis.result_sections import answers, biomechanics, objective
+from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
+from avrgym.analysis.report.results import answers, biomechanics, objective
+from avrgym.analysis.report.trials import trials
 from avrgym.analysis.rows import ParticipantRow
-from avrgym.analysis.statistics import EXACT_SIGNED_RANK
+from avrgym.analysis.statistics.tests import EXACT_SIGNED_RANK
 from avrgym.analysis.study import Analysis
-from avrgym.analysis.trained_people import PEOPLE_PER_TASK, SEED
-from avrgym.analysis.trial_section import trials
 from avrgym.tasks import TASKS
 
 TITLES = {False: "People", True: "Simulated participants"}

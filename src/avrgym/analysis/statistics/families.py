@@ -7,7 +7,7 @@ from itertools import groupby
 import numpy as np
 
 from avrgym.analysis.rows import TestedRow
-from avrgym.analysis.statistics import Comparison, holm, mark
+from avrgym.analysis.statistics.tests import Comparison, holm, mark
 
 TRIAL, PARTICIPANT = "trial", "participant"
 """What one value of a test stands for."""

@@ -6,7 +6,7 @@ from itertools import product
 from statistics import fmean, stdev
 
 from avrgym.analysis.rows import ObjectiveRow, Simulated, TrialRow
-from avrgym.analysis.statistics import t_interval
+from avrgym.analysis.statistics.tests import t_interval
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.policies.trained import FILE_SUFFIX, Policy, PolicyError, find_policy, packaged_policies
 from avrgym.study.storage.store import Store

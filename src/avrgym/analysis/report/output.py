@@ -5,9 +5,9 @@ import os
 import tempfile
 from pathlib import Path
 
-from avrgym.analysis.figures import draw_study
+from avrgym.analysis.figures.study_figures import draw_study
+from avrgym.analysis.report.study_page import write_study_page
 from avrgym.analysis.study import Analysis
-from avrgym.analysis.study_page import write_study_page
 from avrgym.study.storage.manifest import RESULTS, UNFINISHED, made_before, remove_files
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import make_private, make_private_folder

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.analysis.measures import WAIST, head_centres
+from avrgym.analysis.reading.measures import WAIST, head_centres
 from avrgym.analysis.rows import PersonRow, TrialRow
 from avrgym.models.human import SEATED, SEXES
 from avrgym.models.robots import ROBOTS

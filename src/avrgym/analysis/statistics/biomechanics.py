@@ -12,8 +12,15 @@ from statistics import fmean, median
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.analysis.reading.trained_people import (
+    AXES,
+    HEIGHTS_OF,
+    TRAINED_WITH,
+    head_of,
+    people_heads,
+    posture_of,
+)
 from avrgym.analysis.rows import BiomechanicsRow, PersonRow, RangeRow, TrialRow
-from avrgym.analysis.trained_people import AXES, HEIGHTS_OF, TRAINED_WITH, head_of, people_heads, posture_of
 from avrgym.models.human import SEXES
 
 Array = NDArray[np.floating]
