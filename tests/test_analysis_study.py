@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ from scipy import stats
 
 from analysed import ITEMS, break_off, run_trials, take_part
 from avrgym.analysis.report.output import write_analysis
-from avrgym.analysis.statistics.tests import holm
+from avrgym.analysis.statistics.families import TRIAL, Compared, Question, corrected
+from avrgym.analysis.statistics.tests import holm, signed_rank
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.study.people.participants import withdraw
@@ -206,6 +208,18 @@ def test_families_are_corrected_by_holm(tables: dict[str, Frame]) -> None:
         given = [None if np.isnan(p) else p for p in family["p"]]
         expected = [np.nan if p is None else p for p in holm(given)]
         assert np.allclose(family["p_holm"], expected, equal_nan=True, atol=1e-15)
+
+
+def test_a_family_that_is_added_appears_in_the_report(
+    store: Store, analysis: Analysis, tmp_path: Path
+) -> None:
+    found = signed_rank([2.0, 3.0])
+    hum = Compared("hum_db", ("PR2", [3.0, 4.0]), ("Jaco", [1.0, 1.0]), found)
+    added = corrected(True, Question("noise", table="How loud robots are"), TRIAL, [hum])
+    report = write_analysis(replace(analysis, families=[*analysis.families, added]), store.folder, tmp_path)
+    shown = report.read_text()
+    assert "How loud robots are (simulated participants)" in shown
+    assert "hum_db" in shown
 
 
 def test_biomechanics_follow_from_trials_and_people(tables: dict[str, Frame]) -> None:

@@ -10,11 +10,16 @@ from avrgym.analysis import rows
 from avrgym.analysis.reading.observations import Observations, observe
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED, draw_people
 from avrgym.analysis.statistics.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
-from avrgym.analysis.statistics.biomechanics_tests import biomechanics_tests
+from avrgym.analysis.statistics.biomechanics_tests import biomechanics_families
+from avrgym.analysis.statistics.families import Family
 from avrgym.analysis.statistics.objective import objective_rows
 from avrgym.analysis.statistics.paper_tables import as_tables, paper_tables
-from avrgym.analysis.statistics.session_answers import session_answer_rows, session_likert_rows, session_tests
-from avrgym.analysis.statistics.subjective import answer_tests, likert_rows, subjective_rows
+from avrgym.analysis.statistics.session_answers import (
+    session_answer_rows,
+    session_families,
+    session_likert_rows,
+)
+from avrgym.analysis.statistics.subjective import answer_families, likert_rows, subjective_rows
 from avrgym.analysis.statistics.tests import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
 from avrgym.analysis.tables import Table, control_steps
 from avrgym.study.design.design import Design
@@ -39,9 +44,14 @@ class Analysis:
     subjective: list[rows.SubjectiveRow]
     session_answers: list[rows.SessionAnswerRow]
     likert: list[rows.LikertRow]
-    tests: list[rows.TestedRow]
+    families: list[Family]
     biomechanics: list[rows.BiomechanicsRow]
     ranges: list[rows.RangeRow]
+
+    @property
+    def tests(self) -> list[rows.TestedRow]:
+        """The tests of all families."""
+        return [row for family in self.families for row in family.rows]
 
     def tables(self) -> Iterator[Table]:
         """Every table."""
@@ -96,7 +106,7 @@ def analyse(store: Store, progress: Callable[[int, int], None] = lambda done, al
         subjective=subjective_rows(*given),
         session_answers=session_answer_rows(*given),
         likert=likert_rows(*given) + session_likert_rows(*given),
-        tests=answer_tests(*given) + session_tests(*given) + biomechanics_tests(groups, people),
+        families=answer_families(*given) + session_families(*given) + biomechanics_families(groups, people),
         biomechanics=biomechanics_rows(groups, people),
         ranges=range_rows(groups),
     )

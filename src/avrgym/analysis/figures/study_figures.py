@@ -16,10 +16,10 @@ from avrgym.analysis.figures.drawing import INK, LINES, RULE, STYLE, WARNING, Dr
 from avrgym.analysis.reading.trained_people import HEIGHTS_OF, head_of
 from avrgym.analysis.rows import LikertRow, ObjectiveRow, PersonRow, SubjectiveRow, TestedRow
 from avrgym.analysis.statistics.biomechanics import Measures, heights
-from avrgym.analysis.statistics.families import TRIAL
+from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL
 from avrgym.analysis.statistics.objective import ALL
-from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, sessions_family
-from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, middle, policies_family, scale_of
+from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, change_question
+from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, middle, policies_question, scale_of
 from avrgym.analysis.study import Analysis
 from avrgym.models.human import SEXES
 from avrgym.recording.questionnaire import SESSION_MOMENTS, Item, Questionnaire
@@ -79,7 +79,7 @@ def trial_answers_figures(
     for questionnaire in asked_at(design, AFTER_TRIAL):
         own = [row for row in likert if (row.questionnaire, row.moment) == (questionnaire.name, AFTER_TRIAL)]
         groups = {policy: [row for row in own if row.policy == policy] for policy in design.policies}
-        family = policies_family(design, questionnaire, TRIAL)
+        family = policies_question(design, questionnaire).by(TRIAL)
         differ = [row for row in tests if row.family == family]
         if own:
             yield _likert_figure(
@@ -97,7 +97,7 @@ def mean_answers_figures(
             row for row in rows
             if (row.simulated, row.task, row.robot) == (simulated, ALL, ALL) and row.item in items
         ]  # fmt: skip
-        family = policies_family(design, questionnaire, TRIAL)
+        family = policies_question(design, questionnaire).by(TRIAL)
         if own:
             name = f"{trial_figure_name(design, questionnaire)}-means"
             differ = [row for row in tests if row.family == family]
@@ -139,7 +139,7 @@ def session_answers_figures(
             for moment in SESSION_MOMENTS
             if moment in questionnaire.moments
         }
-        differ = [row for row in tests if row.family == sessions_family(questionnaire)]
+        differ = [row for row in tests if row.family == change_question(questionnaire).by(PARTICIPANT)]
         if any(groups.values()):
             name = session_figure_name(questionnaire)
             yield _likert_figure(simulated, name, questionnaire, groups, differ, "participants")

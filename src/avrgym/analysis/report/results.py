@@ -6,15 +6,17 @@ from avrgym.analysis.figures.drawing import Drawing
 from avrgym.analysis.figures.study_figures import session_figure_name, trial_figure_name
 from avrgym.analysis.page import Markup, brief, figure, listing, quantity, table, tag
 from avrgym.analysis.rows import ObjectiveRow, RangeRow, SessionAnswerRow, SubjectiveRow, TestedRow
-from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL
+from avrgym.analysis.statistics.biomechanics_tests import HEADS, HEIGHTS
 from avrgym.analysis.statistics.objective import ALL
 from avrgym.analysis.statistics.paper_tables import PaperTable, paper_tables
-from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, sessions_family
-from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, policies_family, scale_of
+from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, change_question
+from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, policies_question, scale_of
 from avrgym.analysis.study import Analysis
 from avrgym.recording.questionnaire import SESSION_MOMENTS, Questionnaire
 
 Drawings = Mapping[str, Drawing]
+TestTables = dict[str, Markup]
+"""Tables of tests by caption: each section takes its own out."""
 
 
 def objective(analysis: Analysis, simulated: bool, drawings: Drawings) -> Markup:
@@ -96,14 +98,14 @@ def _percent(rate: float | None, low: float | None, high: float | None) -> str:
 # Answers
 
 
-def answers(analysis: Analysis, simulated: bool, drawings: Drawings) -> Markup:
+def answers(analysis: Analysis, simulated: bool, drawings: Drawings, tests: TestTables) -> Markup:
     """How participants answered each questionnaire after trials, with the paper's tests, then about sessions."""
     rated = [
-        _after_trials(analysis, simulated, drawings, questionnaire)
+        _after_trials(analysis, simulated, drawings, tests, questionnaire)
         for questionnaire in asked_at(analysis.design, AFTER_TRIAL)
     ]
     about = [
-        _about_sessions(analysis, simulated, drawings, questionnaire)
+        _about_sessions(analysis, simulated, drawings, tests, questionnaire)
         for questionnaire in about_sessions(analysis.design)
     ]
     shown = [part for part in (*rated, *about) if part]
@@ -113,7 +115,11 @@ def answers(analysis: Analysis, simulated: bool, drawings: Drawings) -> Markup:
 
 
 def _after_trials(
-    analysis: Analysis, simulated: bool, drawings: Drawings, questionnaire: Questionnaire
+    analysis: Analysis,
+    simulated: bool,
+    drawings: Drawings,
+    tests: TestTables,
+    questionnaire: Questionnaire,
 ) -> Markup:
     items = [item.id for item in questionnaire.items]
     rows = [row for row in analysis.subjective if row.simulated is simulated and row.item in items]
@@ -121,13 +127,6 @@ def _after_trials(
         return Markup()
     whole = [row for row in rows if (row.task, row.robot) == (ALL, ALL)]
     parts = [row for row in rows if (row.task, row.robot) != (ALL, ALL)]
-    families = {policies_family(analysis.design, questionnaire, unit) for unit in (TRIAL, PARTICIPANT)}
-    tests = [row for row in analysis.tests if row.simulated is simulated]
-    own = [
-        row
-        for row in tests
-        if row.family in families or row.family.startswith(tuple(f"{item} against" for item in items))
-    ]
     name = questionnaire.name
     return tag(
         "section",
@@ -142,12 +141,16 @@ def _after_trials(
         _details(
             "By task and robot", _summaries(f"{name}: answers by policy, task and robot", parts, simulated)
         ),
-        _tests(f"{name}: tests of answers", own, simulated),
+        tests.pop(policies_question(analysis.design, questionnaire).table, Markup()),
     )
 
 
 def _about_sessions(
-    analysis: Analysis, simulated: bool, drawings: Drawings, questionnaire: Questionnaire
+    analysis: Analysis,
+    simulated: bool,
+    drawings: Drawings,
+    tests: TestTables,
+    questionnaire: Questionnaire,
 ) -> Markup:
     rows = [
         row
@@ -156,8 +159,6 @@ def _about_sessions(
     ]
     if not rows:
         return Markup()
-    family = sessions_family(questionnaire)
-    tests = [row for row in analysis.tests if (row.simulated, row.family) == (simulated, family)]
     name, when = questionnaire.name, " and ".join(WORDS[each] for each in _moments(questionnaire))
     heads = ("Item", "When", "n", "Median", "Quartiles", "Mean", "Range")
     body = [(row.item, WORDS[row.moment], *_quartiles(row)) for row in rows]
@@ -168,7 +169,7 @@ def _about_sessions(
         _statements(questionnaire),
         _figures(drawings, session_figure_name(questionnaire)),
         table(caption, heads, body, numbers=(2, 3, 4, 5, 6)),
-        _tests(f"{name}: after sessions against before", tests, simulated) if tests else Markup(),
+        tests.pop(change_question(questionnaire).table, Markup()),
     )
 
 
@@ -203,24 +204,19 @@ def _summaries(caption: str, rows: Sequence[SubjectiveRow], simulated: bool) -> 
 # Biomechanics
 
 
-def biomechanics(analysis: Analysis, simulated: bool, drawings: Drawings) -> Markup:
+def biomechanics(analysis: Analysis, simulated: bool, drawings: Drawings, tests: TestTables) -> Markup:
     """Whether participants were like the people of the training, and which ranges would have covered them."""
     group = next((each for each in analysis.groups if each.simulated is simulated), None)
     if group is None:
         return _nothing("Biomechanics", "No counted trial has a whole recording of a body.")
-    tests = [row for row in analysis.tests if row.simulated is simulated and row.group_a == "participants"]
-    whole = [row for row in tests if not row.family.startswith("head positions")]
     ranges = [row for row in analysis.ranges if row.simulated is simulated]
     return tag(
         "section",
         tag("h3", "Biomechanics: participants and the people of the training"),
         _figures(drawings, "torso-heights", "head-positions"),
         _ranges(ranges, simulated),
-        _tests("Torso heights and whole head positions", whole, simulated),
-        _details(
-            "Head positions, axis by axis",
-            _tests("Head positions by axis", [row for row in tests if row not in whole], simulated),
-        ),
+        tests.pop(HEIGHTS.table, Markup()),
+        _details("Head positions, axis by axis", tests.pop(HEADS.table, Markup())),
         _details("The distributions in numbers", _distributions(analysis, simulated)),
     )
 
@@ -264,7 +260,22 @@ def _distributions(analysis: Analysis, simulated: bool) -> Markup:
     )
 
 
-# Parts
+# Tests
+
+
+def tables_of_tests(analysis: Analysis, simulated: bool) -> TestTables:
+    """The tests of every family of a group of participants, by the caption of the table that they stand in."""
+    own = [family for family in analysis.families if family.simulated is simulated]
+    rows = {
+        caption: [row for family in own if family.table == caption for row in family.rows]
+        for caption in dict.fromkeys(family.table for family in own)
+    }
+    return {caption: _tests(caption, tests, simulated) for caption, tests in rows.items()}
+
+
+def other_tests(tests: TestTables) -> Markup:
+    """The tables that no section has taken."""
+    return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
 
 
 def _tests(caption: str, rows: Sequence[TestedRow], simulated: bool) -> Markup:
@@ -287,6 +298,9 @@ def probability(p: float | None) -> str:
     if p is None:
         return "no test"
     return "< 0.001" if p < 0.001 else f"{p:.3f}"
+
+
+# Parts
 
 
 def _figures(drawings: Drawings, *kinds: str) -> Markup:

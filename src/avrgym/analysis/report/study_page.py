@@ -19,7 +19,7 @@ from avrgym.analysis.page import (
     write_page,
 )
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
-from avrgym.analysis.report.results import answers, biomechanics, objective
+from avrgym.analysis.report.results import answers, biomechanics, objective, other_tests, tables_of_tests
 from avrgym.analysis.report.trials import trials
 from avrgym.analysis.rows import ParticipantRow
 from avrgym.analysis.statistics.tests import EXACT_SIGNED_RANK
@@ -81,14 +81,16 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         if each.name.rpartition("-")[2] == _id(simulated)
     }
     mark = [badge("SIMULATED PARTICIPANTS")] if simulated else []
+    tests = tables_of_tests(analysis, simulated)
     return tag(
         "article",
         tag("h2", TITLES[simulated]),
         *mark,
         _counts(analysis, simulated),
         objective(analysis, simulated, own),
-        answers(analysis, simulated, own),
-        biomechanics(analysis, simulated, own),
+        answers(analysis, simulated, own, tests),
+        biomechanics(analysis, simulated, own, tests),
+        other_tests(tests),
         trials(analysis, simulated, study_link),
         id=_id(simulated),
     )

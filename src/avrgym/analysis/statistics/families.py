@@ -1,8 +1,7 @@
-"""Rows of tests, each within a family that is corrected as one."""
+"""Families of tests: what asks one question with one unit is corrected together."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import groupby
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,50 +10,73 @@ from avrgym.analysis.statistics.tests import Comparison, holm, mark
 
 TRIAL, PARTICIPANT = "trial", "participant"
 """What one value of a test stands for."""
+Sample = tuple[str, Sequence[float]]
+"""A group's name and its values."""
 
 
-def tested(
-    simulated: bool,
-    family: str,
-    quantity: str,
-    unit: str,
-    a: tuple[str, Sequence[float]],
-    b: tuple[str, Sequence[float]],
-    found: Comparison,
-) -> TestedRow:
-    """The row of what was found between two named samples, not yet corrected."""
+@dataclass(frozen=True)
+class Question:
+    """What a family of tests asks, and the caption of the report's table that shows its tests."""
+
+    name: str
+    table: str
+
+    def by(self, unit: str) -> str:
+        """The name of its family whose values each stand for a ``unit``."""
+        return f"{self.name}, by {unit}"
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What was found of a quantity between two groups."""
+
+    quantity: str
+    a: Sample
+    b: Sample
+    found: Comparison
+
+
+@dataclass(frozen=True)
+class Family:
+    """The rows of tests that were corrected together; ``table`` is the caption of the report's table with them."""
+
+    simulated: bool
+    table: str
+    rows: tuple[TestedRow, ...]
+
+
+def corrected(simulated: bool, question: Question, unit: str, tests: Sequence[Compared]) -> Family:
+    """A family: all tests of a question with a unit, by people or by simulated participants, corrected by Holm."""
+    adjusted = holm([test.found.p for test in tests])
+    name = question.by(unit)
+    rows = [_row(simulated, name, unit, test, p) for test, p in zip(tests, adjusted, strict=True)]
+    return Family(simulated, question.table, tuple(rows))
+
+
+def _row(simulated: bool, family: str, unit: str, test: Compared, p_holm: float | None) -> TestedRow:
+    found = test.found
     return TestedRow(
         simulated=simulated,
         family=family,
-        quantity=quantity,
+        quantity=test.quantity,
         unit=unit,
-        group_a=a[0],
-        group_b=b[0],
+        group_a=test.a[0],
+        group_b=test.b[0],
         test=found.test,
-        n_a=len(a[1]),
-        n_b=len(b[1]),
+        n_a=len(test.a[1]),
+        n_b=len(test.b[1]),
         n=found.n,
         zeros=found.zeros,
-        median_a=_median(a[1]),
-        median_b=_median(b[1]),
+        median_a=_median(test.a[1]),
+        median_b=_median(test.b[1]),
         statistic=found.statistic,
         method=found.method,
         p=found.p,
-        p_holm=None,
-        mark="",
+        p_holm=p_holm,
+        mark=mark(p_holm),
         effect=found.effect,
         note=found.note,
     )
-
-
-def corrected(rows: Sequence[TestedRow]) -> list[TestedRow]:
-    """The rows with Holm's correction within each family of neighbours."""
-    done = []
-    for _, family in groupby(rows, key=lambda row: (row.simulated, row.family)):
-        own = list(family)
-        adjusted = holm([row.p for row in own])
-        done += [replace(row, p_holm=p, mark=mark(p)) for row, p in zip(own, adjusted, strict=True)]
-    return done
 
 
 def _median(values: Sequence[float]) -> float | None:

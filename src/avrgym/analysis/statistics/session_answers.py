@@ -5,8 +5,8 @@ from itertools import product
 
 import numpy as np
 
-from avrgym.analysis.rows import AnswerRow, LikertRow, SessionAnswerRow, TestedRow
-from avrgym.analysis.statistics.families import PARTICIPANT, corrected, tested
+from avrgym.analysis.rows import AnswerRow, LikertRow, SessionAnswerRow
+from avrgym.analysis.statistics.families import PARTICIPANT, Compared, Family, Question, corrected
 from avrgym.analysis.statistics.subjective import counts
 from avrgym.analysis.statistics.tests import signed_rank, spread
 from avrgym.recording.questionnaire import SESSION_MOMENTS, Questionnaire
@@ -51,26 +51,32 @@ def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Li
     ]
 
 
-def session_tests(design: Design, answers: Sequence[AnswerRow]) -> list[TestedRow]:
+def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
     """Whether answers changed over sessions: Wilcoxon's signed-rank test of each item, each questionnaire a family."""
-    rows = []
-    for simulated, questionnaire, given in _asked(design, answers):
-        if not set(SESSION_MOMENTS) <= set(questionnaire.moments):
-            continue
-        for item in questionnaire.items:
-            before, after = given.get((BEFORE, item.id), {}), given.get((AFTER, item.id), {})
-            both = [who for who in before if who in after]
-            a, b = [after[who] for who in both], [before[who] for who in both]
-            found = signed_rank(np.subtract(a, b))
-            family = sessions_family(questionnaire)
-            groups = (WORDS[AFTER], a), (WORDS[BEFORE], b)
-            rows.append(tested(simulated, family, item.id, PARTICIPANT, *groups, found))
-    return corrected(rows)
+    return [
+        corrected(
+            simulated,
+            change_question(questionnaire),
+            PARTICIPANT,
+            [_change(item.id, given) for item in questionnaire.items],
+        )
+        for simulated, questionnaire, given in _asked(design, answers)
+        if set(SESSION_MOMENTS) <= set(questionnaire.moments)
+    ]
 
 
-def sessions_family(questionnaire: Questionnaire) -> str:
-    """The family of the tests of a questionnaire after sessions against before them."""
-    return f"before and after sessions, {questionnaire.name}, by {PARTICIPANT}"
+def _change(item: str, given: Given) -> Compared:
+    """An item after sessions against before them, by those who answered both times."""
+    before, after = given.get((BEFORE, item), {}), given.get((AFTER, item), {})
+    both = [who for who in before if who in after]
+    a, b = [after[who] for who in both], [before[who] for who in both]
+    return Compared(item, (WORDS[AFTER], a), (WORDS[BEFORE], b), signed_rank(np.subtract(a, b)))
+
+
+def change_question(questionnaire: Questionnaire) -> Question:
+    """What the tests of a questionnaire after sessions against before them ask."""
+    name = questionnaire.name
+    return Question(f"before and after sessions, {name}", table=f"{name}: after sessions against before")
 
 
 def _asked(design: Design, answers: Sequence[AnswerRow]) -> Iterator[tuple[bool, Questionnaire, Given]]:

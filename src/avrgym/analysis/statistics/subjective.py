@@ -6,8 +6,8 @@ from statistics import fmean
 
 import numpy as np
 
-from avrgym.analysis.rows import AnswerRow, LikertRow, SubjectiveRow, TestedRow
-from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, corrected, tested
+from avrgym.analysis.rows import AnswerRow, LikertRow, SubjectiveRow
+from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, Compared, Family, Question, corrected
 from avrgym.analysis.statistics.objective import ALL
 from avrgym.analysis.statistics.tests import signed_rank, spread
 from avrgym.recording.questionnaire import Item, Questionnaire
@@ -69,7 +69,7 @@ def counts(
     ]
 
 
-def answer_tests(design: Design, answers: Sequence[AnswerRow]) -> list[TestedRow]:
+def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
     """The paper's tests, once over trials as in the paper and once over participants.
 
     The first item asked after a trial (L1: success) against the middle of its scale, for each policy; each item
@@ -77,13 +77,21 @@ def answer_tests(design: Design, answers: Sequence[AnswerRow]) -> list[TestedRow
     one participant are not independent, so that p over trials is too small where participants differ in general; over
     participants each gives one value, the mean of their trials.
     """
-    rows = []
+    families = []
     for simulated in _groups(answers):
-        for unit in (TRIAL, PARTICIPANT):
-            rows += _against_middle(design, answers, simulated, unit)
-        for questionnaire, unit in product(asked_at(design, AFTER_TRIAL), (TRIAL, PARTICIPANT)):
-            rows += _between_policies(design, questionnaire, answers, simulated, unit)
-    return corrected(rows)
+        rated = asked_at(design, AFTER_TRIAL)
+        for questionnaire, unit in product(rated[:1], (TRIAL, PARTICIPANT)):
+            item = questionnaire.items[0]
+            question = Question(f"{item.id} against the middle", table=_table(questionnaire))
+            tests = [_against_middle(item, policy, answers, simulated, unit) for policy in design.policies]
+            families.append(corrected(simulated, question, unit, tests))
+        for questionnaire, unit in product(rated, (TRIAL, PARTICIPANT)):
+            tests = [
+                _between_policies(item.id, pair, answers, simulated, unit)
+                for pair, item in product(combinations(design.policies, 2), questionnaire.items)
+            ]
+            families.append(corrected(simulated, policies_question(design, questionnaire), unit, tests))
+    return families
 
 
 def asked_at(design: Design, moment: str) -> list[Questionnaire]:
@@ -96,10 +104,14 @@ def rated_items(design: Design) -> tuple[Item, ...]:
     return tuple(item for questionnaire in asked_at(design, AFTER_TRIAL) for item in questionnaire.items)
 
 
-def policies_family(design: Design, questionnaire: Questionnaire, unit: str) -> str:
-    """The family of the tests between policies of a questionnaire's items, named where there are several."""
+def policies_question(design: Design, questionnaire: Questionnaire) -> Question:
+    """What the tests between policies of a questionnaire's items ask; named where there are several."""
     several = len(asked_at(design, AFTER_TRIAL)) > 1
-    return f"policies, {questionnaire.name}, by {unit}" if several else f"policies, by {unit}"
+    return Question(f"policies, {questionnaire.name}" if several else "policies", table=_table(questionnaire))
+
+
+def _table(questionnaire: Questionnaire) -> str:
+    return f"{questionnaire.name}: tests of answers"
 
 
 def scale_of(item: Item) -> str:
@@ -113,48 +125,29 @@ def middle(item: Item) -> float:
 
 
 def _against_middle(
-    design: Design, answers: Sequence[AnswerRow], simulated: bool, unit: str
-) -> list[TestedRow]:
-    rows = []
-    for item, policy in product(rated_items(design)[:1], design.policies):
-        neutral = middle(item)
-        values = _per(unit, {_key(row): row.value for row in _of(answers, simulated, item.id, policy)})
-        rows.append(
-            tested(
-                simulated,
-                f"{item.id} against the middle, by {unit}",
-                item.id,
-                unit,
-                (policy, values),
-                (f"{neutral:g}, the middle", [neutral] * len(values)),
-                signed_rank([value - neutral for value in values]),
-            )
-        )
-    return rows
+    item: Item, policy: str, answers: Sequence[AnswerRow], simulated: bool, unit: str
+) -> Compared:
+    neutral = middle(item)
+    values = _per(unit, {_key(row): row.value for row in _of(answers, simulated, item.id, policy)})
+    return Compared(
+        item.id,
+        (policy, values),
+        (f"{neutral:g}, the middle", [neutral] * len(values)),
+        signed_rank([value - neutral for value in values]),
+    )
 
 
 def _between_policies(
-    design: Design, questionnaire: Questionnaire, answers: Sequence[AnswerRow], simulated: bool, unit: str
-) -> list[TestedRow]:
-    rows = []
-    for (first, second), item in product(combinations(design.policies, 2), questionnaire.items):
-        a = {_key(row): row.value for row in _of(answers, simulated, item.id, first)}
-        b = {_key(row): row.value for row in _of(answers, simulated, item.id, second)}
-        pairs = [key for key in a if key in b]
-        before = _per(unit, {key: a[key] for key in pairs})
-        after = _per(unit, {key: b[key] for key in pairs})
-        rows.append(
-            tested(
-                simulated,
-                policies_family(design, questionnaire, unit),
-                item.id,
-                unit,
-                (second, after),
-                (first, before),
-                signed_rank(np.round(np.subtract(after, before), DIGITS)),
-            )
-        )
-    return rows
+    item: str, policies: tuple[str, str], answers: Sequence[AnswerRow], simulated: bool, unit: str
+) -> Compared:
+    first, second = policies
+    a = {_key(row): row.value for row in _of(answers, simulated, item, first)}
+    b = {_key(row): row.value for row in _of(answers, simulated, item, second)}
+    pairs = [key for key in a if key in b]
+    before = _per(unit, {key: a[key] for key in pairs})
+    after = _per(unit, {key: b[key] for key in pairs})
+    found = signed_rank(np.round(np.subtract(after, before), DIGITS))
+    return Compared(item, (second, after), (first, before), found)
 
 
 def _per(unit: str, values: dict[Key, int]) -> list[float]:
