@@ -4,7 +4,7 @@ Table I sets simulation beside virtual reality for one policy (the paper: Origin
 in virtual reality.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -33,29 +33,50 @@ class PaperTable:
     rows: dict[str, tuple[Cell, ...]]
 
 
+def _in_vr(row: ObjectiveRow) -> Cell:
+    return Cell(row.reward_mean, row.success_rate)
+
+
+def _in_simulation(row: ObjectiveRow) -> Cell:
+    return Cell(row.simulation_reward_mean, row.simulation_success_rate)
+
+
+SIDES: Mapping[str, Callable[[ObjectiveRow], Cell]] = {"simulation": _in_simulation, "VR": _in_vr}
+"""Table I's, and which cell of a condition stands there."""
+Column = tuple[str, str, Callable[[ObjectiveRow], Cell]]
+"""Robot and policy, and which cell of that condition."""
+
+
 def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[PaperTable]:
     """Table I for each policy, then table II, of each group of participants."""
     for simulated in sorted({row.simulated for row in rows}):
-        found = {(row.task, row.robot, row.policy): row for row in rows if row.simulated is simulated}
+        own = {(row.task, row.robot, row.policy): row for row in rows if row.simulated is simulated}
         for policy in design.policies:
-            sides = [("simulation", _in_simulation), ("VR", _in_vr)]
-            columns = tuple(f"{side} {robot}" for (side, _), robot in product(sides, design.robots))
-            cells = {
-                task: tuple(
-                    read(found[task, robot, policy]) for (_, read), robot in product(sides, design.robots)
-                )
-                for task in (*design.tasks, ALL)
-            }
             caption = f"Mean reward (success) of {policy} in simulation and in virtual reality"
-            yield PaperTable(f"paper_table_1_{policy}".replace("/", "_"), caption, simulated, columns, cells)
-        conditions = tuple(product(design.policies, design.robots))
-        cells = {
-            task: tuple(_in_vr(found[task, robot, policy]) for policy, robot in conditions)
-            for task in (*design.tasks, ALL)
-        }
-        columns = tuple(f"{policy} {robot}" for policy, robot in conditions)
+            columns = {
+                f"{side} {robot}": (robot, policy, read)
+                for (side, read), robot in product(SIDES.items(), design.robots)
+            }
+            cells = _cells(design, own, columns.values())
+            name = f"paper_table_1_{policy}".replace("/", "_")
+            yield PaperTable(name, caption, simulated, tuple(columns), cells)
         caption = "Mean reward (success) of the policies in virtual reality"
-        yield PaperTable("paper_table_2", caption, simulated, columns, cells)
+        columns = {
+            f"{policy} {robot}": (robot, policy, _in_vr)
+            for policy, robot in product(design.policies, design.robots)
+        }
+        cells = _cells(design, own, columns.values())
+        yield PaperTable("paper_table_2", caption, simulated, tuple(columns), cells)
+
+
+def _cells(
+    design: Design, rows: Mapping[tuple[str, str, str], ObjectiveRow], columns: Collection[Column]
+) -> dict[str, tuple[Cell, ...]]:
+    """The cells of columns for each task, and for all; rows by task, robot and policy."""
+    return {
+        task: tuple(read(rows[task, robot, policy]) for robot, policy, read in columns)
+        for task in (*design.tasks, ALL)
+    }
 
 
 def as_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
@@ -72,11 +93,3 @@ def as_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
             for task, cells in table.rows.items()
         ]
         yield Table(name, ["simulated", "task", *heads], values)
-
-
-def _in_vr(row: ObjectiveRow) -> Cell:
-    return Cell(row.reward_mean, row.success_rate)
-
-
-def _in_simulation(row: ObjectiveRow) -> Cell:
-    return Cell(row.simulation_reward_mean, row.simulation_success_rate)
