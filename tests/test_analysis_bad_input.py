@@ -4,6 +4,7 @@ import csv
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,9 @@ from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
 from avrgym.study.people.deletion import delete_participant
+from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.attempts import sha256_of
+from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from studies import make_study
@@ -52,9 +56,21 @@ def words(store: Store, tmp_path: Path) -> Callable[[], str]:
     return analysed
 
 
+def attempt(store: Store, pseudonym: str, position: int) -> TrialAttempt:
+    (found,) = (each for each in store.attempts(pseudonym) if f"trial-{position:02}" in each.recording)
+    return found
+
+
 def recording(store: Store, pseudonym: str, position: int) -> Path:
-    (attempt,) = (each for each in store.attempts(pseudonym) if f"trial-{position:02}" in each.recording)
-    return store.path(attempt.recording)
+    return store.path(attempt(store, pseudonym, position).recording)
+
+
+def take_as_recorded(store: Store, pseudonym: str, position: int) -> None:
+    """Let the study know a recording as it is now."""
+    found = attempt(store, pseudonym, position)
+    with store.database.write() as connection:
+        checksum = sha256_of(store, found.recording)
+        ledger.update(connection, schema.ATTEMPT, found.id, sha256=checksum)
 
 
 def rewrite(store: Store, pseudonym: str, position: int, **changes) -> None:
@@ -144,6 +160,8 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
         rewrite(store, "sub-003", 1, simulated=True)
         rewrite(store, "sub-003", 2, joints=["waist_x"])
         rewrite(store, "sub-004", 1, other_course=9)
+        for pseudonym, position in product(("sub-001", "sub-002", "sub-003", "sub-004"), (1, 2)):
+            take_as_recorded(store, pseudonym, position)
         page = write_analysis(analyse(store), store.folder, folder / "out")
     return Broken(" ".join(Page(page).text.split()), folder / "out")
 
@@ -206,6 +224,32 @@ def test_the_rest_of_the_analysis_still_comes(broken: Broken) -> None:
 def test_answers_to_a_trial_that_does_not_count_do_not_count(broken: Broken) -> None:
     answered = [row["counted"] for row in rows_of(broken.out.parent, "answers", participant="sub-003")]
     assert sorted(answered) == ["false"] * 4 + ["true"] * 4
+
+
+def test_changed_recordings_are_named_and_nothing_is_analysed(store: Store, tmp_path: Path) -> None:
+    run_trials(store, take_part(store))
+    for position in (1, 2):
+        rewrite(store, "sub-001", position, other_course=9)
+    result = avrgym("analyze", store.folder, "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    for position in (1, 2):
+        name = attempt(store, "sub-001", position).recording
+        assert f"{name} was changed: its checksum is another" in result.stderr
+    assert "--skip-damaged" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_nothing_of_changed_recordings_is_used_where_they_are_skipped(store: Store, tmp_path: Path) -> None:
+    run_trials(store, take_part(store))
+    rewrite(store, "sub-001", 1, other_course=9)
+    assert avrgym("analyze", store.folder, "--out", tmp_path / "out", "--skip-damaged").exit_code == 0
+    changed, whole = read_table(tmp_path / "out", "trials")
+    assert (changed["recorded"], whole["recorded"]) == ("changed", "whole")
+    assert (changed["reward_recorded"], changed["torso_height_m"]) == ("", "")
+    assert float(changed["reward"]) == attempt(store, "sub-001", 1).figures["reward"]
+    assert {row["position"] for row in read_table(tmp_path / "out", "control_steps")} == {"2"}
+    (problem,) = read_table(tmp_path / "out", "problems")
+    assert problem["what"] == "was changed: its checksum is another"
 
 
 # Policies

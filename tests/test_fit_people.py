@@ -16,7 +16,7 @@ from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEXES, Sex
 from avrgym.people import distributions
 from avrgym.people.files import PeopleFileError, parse_people, read_people
 from avrgym.recording.files import RecordingWriter
-from avrgym.recording.records import Answer, BodyTargets, Control, Event
+from avrgym.recording.records import Answer, BodyTargets, Control, Event, TrackingFrame
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage.answers import record_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
@@ -43,8 +43,10 @@ def angles_deg(**added: float) -> np.ndarray:
     return angles
 
 
-def record(path: Path, sex: Sex, torso_height_m: float, lean_deg: float, moved_deg: float) -> None:
-    """A trial in which somebody leans, and for its last second turns the head too."""
+def record(
+    path: Path, sex: Sex, torso_height_m: float, lean_deg: float, moved_deg: float, held: bool
+) -> None:
+    """A trial in which somebody leans, and for its last second turns the head too; ``held``: they were not tracked."""
     metadata = {
         "environment": f"avrgym/{TASK}Jaco-v1",
         "person": {"sex": sex, "torso_height_m": torso_height_m},
@@ -56,6 +58,10 @@ def record(path: Path, sex: Sex, torso_height_m: float, lean_deg: float, moved_d
         writer.write("/body_targets", round(1e9 * time_s), BodyTargets(np.radians(pose).tolist()))
         if time_s == 0.9:
             writer.write("/events", 10**9, Event("phase", "trial"))
+    for frame in range(round(10 * ENDS_S)):
+        time_s = 0.1 * frame
+        tracking = TrackingFrame(frame, 1e3 * time_s, time_s, applied=not held, held=held)
+        writer.write("/tracking", round(1e9 * time_s), tracking)
     control = Control(1, [0.0], [0.0] * 7, -1.0, {"distance_m": 1.0}, False, 1.0, 0.0)
     writer.write("/control", round(1e9 * ENDS_S), control)
     writer.write(
@@ -67,7 +73,14 @@ def record(path: Path, sex: Sex, torso_height_m: float, lean_deg: float, moved_d
 
 
 def take_part(
-    store: Store, sex: Sex, torso_height_m: float, lean_deg: float, moved_deg: float, simulated: bool
+    store: Store,
+    sex: Sex,
+    torso_height_m: float,
+    lean_deg: float,
+    moved_deg: float,
+    simulated: bool,
+    *,
+    held: bool = False,
 ) -> None:
     """Somebody completes their trials."""
     pseudonym = enrol(store, sex, age_years=22, simulated=simulated)
@@ -76,7 +89,7 @@ def take_part(
     session = open_session(store, pseudonym)
     for trial in store.remaining_trials(pseudonym):
         attempt = begin_attempt(store, session.id, trial.position)
-        record(store.path(attempt.recording), sex, torso_height_m, lean_deg, moved_deg)
+        record(store.path(attempt.recording), sex, torso_height_m, lean_deg, moved_deg, held)
         for item in store.design.items_at("after_trial"):
             record_answer(store, attempt.id, item.id, 4, 1.0)
         complete_attempt(store, attempt.id, FIGURES)
@@ -178,17 +191,32 @@ def test_simulated_participants_do_not_count_beside_people(tmp_path: Path) -> No
     assert "Fewer than two of sex 'woman' took part" in fit.remarks
 
 
-def test_a_recording_that_breaks_off_is_left_out_and_named(tmp_path: Path) -> None:
+def test_a_trial_whose_person_was_held_is_left_out_and_named(tmp_path: Path) -> None:
+    folder = study(tmp_path / "held", count=3)
+    with Store(folder) as store:
+        take_part(store, "woman", 0.60, 50.0, 1.0, True, held=True)
+    fit = fit_people(folder)
+    assert fit.people.source is not None
+    assert fit.people.source.participants == 3
+    assert fit.people.poses[TASK]["waist_x"][1] < 10.0
+    assert [words.partition(": ")[0] for words in fit.left_out] == _recordings("sub-004")
+    assert all("its person was held for 100.0 % of the time" in words for words in fit.left_out)
+
+
+def _recordings(pseudonym: str) -> list[str]:
+    return [f"recordings/{pseudonym}/ses-01/trial-0{number}_attempt-1.mcap" for number in (1, 2)]
+
+
+def test_a_recording_that_was_changed_or_breaks_off_is_left_out_and_named(tmp_path: Path) -> None:
     folder = study(tmp_path / "broken", count=3)
     for path in (folder / "recordings" / "sub-002").rglob("*.mcap"):
         path.write_bytes(path.read_bytes()[:-400])
     fit = fit_people(folder)
     assert fit.people.source is not None
     assert fit.people.source.participants == 2
-    assert [words.partition(" ")[0] for words in fit.left_out] == [
-        f"sub-002/ses-01/trial-0{number}_attempt-1" for number in (1, 2)
-    ]
-    assert "left out  sub-002" in avrgym("fit-people", folder, "--out", tmp_path / "p.toml").stdout
+    assert [words.partition(" ")[0] for words in fit.left_out] == _recordings("sub-002")
+    assert all(words.endswith("was changed: its checksum is another") for words in fit.left_out)
+    assert "left out  recordings/sub-002" in avrgym("fit-people", folder, "--out", tmp_path / "p.toml").stdout
 
 
 @pytest.mark.parametrize("count", [0, 1])

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
 from avrgym.people.files import PeopleFile, Range, Source, TorsoHeights, people_text
-from avrgym.recording.files import Recording, RecordingError
+from avrgym.recording.files import Recording
+from avrgym.study.checking.held import held_share, too_much_held
 from avrgym.study.export.trials import ExportedAttempt, completed_attempts
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -61,7 +62,7 @@ class SeenTrial:
 
 @dataclass(frozen=True)
 class Fit:
-    """The people fitted to a study, what is to be said about them, and the recordings that were left out."""
+    """The people fitted to a study, what is to be said about them, and which recordings were left out, and why."""
 
     people: PeopleFile
     remarks: str
@@ -70,6 +71,9 @@ class Fit:
 
 def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done, count: None) -> Fit:
     """Fit people to those who completed trials in a study. Simulated ones count only where nobody else took part.
+
+    Left out are recordings that are missing, damaged or changed, and trials whose person was held for a larger share
+    than the design allows.
 
     Args:
         folder: the study's.
@@ -86,7 +90,7 @@ def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done,
         title = store.design.title
     sexes = {trial.participant: trial.sex for trial in trials}
     if len(sexes) < 2:
-        broken = f"; left out: {', '.join(left_out)}" if left_out else ""
+        broken = f"; left out: {'; '.join(left_out)}" if left_out else ""
         raise StudyError(
             f"{folder}: a range needs 2 participants with completed trials, not {len(sexes)}{broken}"
         )
@@ -119,16 +123,26 @@ def _see_all(
     trials, left_out = [], []
     for number, attempt in enumerate(attempts, start=1):
         try:
-            trials.append(_see(attempt, attempt.read()))
-        except (RecordingError, OSError, KeyError, ValueError) as error:
-            left_out.append(f"{attempt.attempt} ({error})")
+            trials.append(_see(attempt))
+        except StudyError as error:
+            left_out.append(str(error))
         progress(number, len(attempts))
     return trials, left_out
 
 
-def _see(attempt: ExportedAttempt, recording: Recording) -> SeenTrial:
-    if not recording.complete:
-        raise RecordingError("it breaks off")
+def _see(attempt: ExportedAttempt) -> SeenTrial:
+    """What a recording shows; ``StudyError``, beginning with its name, for one that is not used."""
+    recording = attempt.read_whole()
+    held = too_much_held(held_share(recording), attempt.store.design)
+    if held is not None:
+        raise StudyError(f"{attempt.attempt.recording}: {held}")
+    try:
+        return _seen(attempt, recording)
+    except (KeyError, ValueError) as error:
+        raise StudyError(f"{attempt.attempt.recording} does not show the person: {error}") from error
+
+
+def _seen(attempt: ExportedAttempt, recording: Recording) -> SeenTrial:
     times_s, targets_deg = _targets(recording)
     offered = OFFERED_JOINTS[TASKS[attempt.task].offered]
     return SeenTrial(

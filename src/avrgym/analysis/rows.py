@@ -31,7 +31,8 @@ class TrialRow:
 
     ``counted``: it enters the analyses; ``left_out`` is why it does not, where its person was held for too large a
     share, ``held_share``, of the time in which the robot helped. ``recorded`` says how the completed attempt's
-    recording is: ``whole``, ``cut off``, ``missing``, ``unreadable``, ``without a body`` or ``contradictory``.
+    recording is: ``whole``, ``changed``, ``cut off``, ``missing``, ``unreadable``, ``without a body`` or
+    ``contradictory``.
     ``reward``, ``success`` and ``seconds`` are those stored when the trial was completed, ``reward_recorded`` is
     summed from the recording. Distance and force are over the control steps; head and waist are means over them,
     waists with their ends.

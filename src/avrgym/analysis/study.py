@@ -91,9 +91,14 @@ class Analysis:
         }
 
 
-def analyse(store: Store, progress: Callable[[int, int], None] = lambda done, all_: None) -> Analysis:
-    """Analyse a study as it stands; ``progress`` is told how many recordings of how many were read."""
-    observed = observe(store, progress)
+def analyse(
+    store: Store,
+    progress: Callable[[int, int], None] = lambda done, all_: None,
+    *,
+    skip_damaged: bool = False,
+) -> Analysis:
+    """Analyse a study as it stands, with ``observe``'s arguments and errors."""
+    observed = observe(store, progress, skip_damaged=skip_damaged)
     people = draw_people(store.design)
     groups = measured_groups(observed.trials)
     given = store.design, observed.answers

@@ -14,6 +14,10 @@ def analyze(
     out: Annotated[
         Path | None, typer.Option(help="A folder for the analysis; without one, a folder of the study's.")
     ] = None,
+    skip_damaged: Annotated[
+        bool,
+        typer.Option("--skip-damaged", help="Use nothing of damaged recordings; the report lists them."),
+    ] = False,
     json_file: JsonFile = None,
 ) -> None:
     """Analyse a study: report, tables, figures and results; an earlier analysis in the folder is replaced."""
@@ -26,7 +30,7 @@ def analyze(
         check_json(json_file)
         check_out(place)
         with progress_bar("recordings") as bar:
-            analysis = analyse(store, bar.show)
+            analysis = analyse(store, bar.show, skip_damaged=skip_damaged)
         report = write_analysis(analysis, folder, place)
         write_json(json_file, analysis.results())
     say(f"report    {report}")

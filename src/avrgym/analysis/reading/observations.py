@@ -15,6 +15,7 @@ from avrgym.recording.questionnaire import SESSION_MOMENTS
 from avrgym.study.checking.held import held_share, too_much_held
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.storage.answers import answer_moments
+from avrgym.study.storage.attempts import CHANGED
 from avrgym.study.storage.rows import GivenAnswer, Participant, Trial
 from avrgym.study.storage.states import TAKES_PART, StudyError
 from avrgym.study.storage.store import Store
@@ -40,20 +41,34 @@ class Observations:
     series: dict[TrialKey, Measured] = field(default_factory=dict)
 
 
-def observe(store: Store, progress: Callable[[int, int], None] = lambda done, all_: None) -> Observations:
+def observe(
+    store: Store,
+    progress: Callable[[int, int], None] = lambda done, all_: None,
+    *,
+    skip_damaged: bool = False,
+) -> Observations:
     """Read a study; recordings that cannot be used are named among the problems.
 
-    ``progress`` is told after each recording how many were read, and how many there are.
+    Args:
+        store: the study.
+        progress: told after each recording how many were read, and how many there are.
+        skip_damaged: use nothing of recordings that are not as they were when their trials were completed.
+
+    Raises:
+        StudyError: for such a recording, unless they are skipped; the message names them all.
     """
     found = Observations()
     attempts = list(all_attempts(store))
     completed = {each.trial.id: each for each in attempts if each.attempt.state == "completed"}
+    changed = {key for key, each in completed.items() if each.is_changed()}
+    if changed and not skip_damaged:
+        raise StudyError(_refusal([each for key, each in completed.items() if key in changed]))
     for participant in store.participants():
         for trial in store.trials(participant.pseudonym):
             own = [each for each in attempts if each.trial.id == trial.id]
             row = _trial(participant, trial, own)
             if trial.id in completed:
-                row = _observe_recording(completed[trial.id], row, found)
+                row = _observe_recording(completed[trial.id], row, found, changed=trial.id in changed)
                 progress(sum(each.recording is not None for each in found.trials) + 1, len(completed))
             found.trials.append(row)
     found.attempts.extend(_attempt(each) for each in attempts)
@@ -62,6 +77,11 @@ def observe(store: Store, progress: Callable[[int, int], None] = lambda done, al
         found.answers.extend(_answers(store, participant, attempts, counted, found))
         found.participants.append(_participant(store, participant, found))
     return found
+
+
+def _refusal(changed: Sequence[ExportedAttempt]) -> str:
+    faults = "; ".join(f"{each.attempt.recording} {CHANGED}" for each in changed)
+    return f"nothing was analysed: {faults}; --skip-damaged uses nothing of what is damaged"
 
 
 def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAttempt]) -> TrialRow:
@@ -88,8 +108,13 @@ def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAt
 # One recording
 
 
-def _observe_recording(exported: ExportedAttempt, row: TrialRow, found: Observations) -> TrialRow:
-    """The row with what the recording adds; its time series, reward terms and problems go to ``found``."""
+def _observe_recording(
+    exported: ExportedAttempt, row: TrialRow, found: Observations, *, changed: bool
+) -> TrialRow:
+    """The row with what the recording adds; its time series, reward terms and problems go to ``found``.
+
+    ``changed``: it is not as it was when the trial was completed, and adds nothing.
+    """
     figures = exported.attempt.figures
     stored: dict[str, Any] = {name: figures.get(name) for name in ("steps", "reward", "success", "seconds")}
     row = replace(row, recording=exported.attempt.recording, **stored)
@@ -104,6 +129,9 @@ def _observe_recording(exported: ExportedAttempt, row: TrialRow, found: Observat
             )
         )
 
+    if changed:
+        tell(CHANGED, WITHOUT_ALL)
+        return replace(row, recorded="changed")
     try:
         recording = exported.read()
     except FileNotFoundError:

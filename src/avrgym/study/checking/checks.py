@@ -12,7 +12,7 @@ from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.held import held_share, too_much_held
 from avrgym.study.checking.preflight import policy_faults
 from avrgym.study.storage.answers import answered_in_visit
-from avrgym.study.storage.attempts import sha256_of
+from avrgym.study.storage.attempts import CHANGED, sha256_of
 from avrgym.study.storage.rows import (
     RECORDINGS,
     GivenAnswer,
@@ -162,7 +162,7 @@ def _check_recording(
 ) -> Iterator[Finding]:
     sealed = attempt.state == "completed" or attempt.sha256 is not None
     if sealed and sha256_of(store, attempt.recording) != attempt.sha256:
-        yield Finding(attempt.recording, "was changed: its checksum is another")
+        yield Finding(attempt.recording, CHANGED)
     try:
         recording = read_recording(path)
     except (OSError, RecordingError) as error:

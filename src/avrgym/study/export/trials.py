@@ -6,7 +6,7 @@ from typing import Any
 
 from avrgym.recording.files import Recording, RecordingError, read_configuration, read_recording
 from avrgym.recording.records import Control
-from avrgym.study.storage.attempts import sha256_of
+from avrgym.study.storage.attempts import CHANGED, sha256_of
 from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -50,8 +50,8 @@ class ExportedAttempt:
         name = self.attempt.recording
         if not self.store.path(name).is_file():
             raise StudyError(f"{name} {self._absence}")
-        if sha256_of(self.store, name) != self.attempt.sha256:
-            raise StudyError(f"{name} was changed: its checksum is another")
+        if self.is_changed():
+            raise StudyError(f"{name} {CHANGED}")
         try:
             recording = self.read()
         except (OSError, RecordingError) as error:
@@ -59,6 +59,10 @@ class ExportedAttempt:
         if not recording.complete:
             raise StudyError(f"{name} is not complete")
         return recording
+
+    def is_changed(self) -> bool:
+        """Whether the recording is here and another than when its trial was completed."""
+        return sha256_of(self.store, self.attempt.recording) not in (None, self.attempt.sha256)
 
     def torso_height_m(self) -> float | None:
         """The torso height of the person's body in the trial, if the recording tells it."""

@@ -30,6 +30,8 @@ from avrgym.system.files import make_private_folder
 
 BROKEN_OFF = tuple(state for state in ATTEMPT["running"] if state != "completed")
 """How an attempt may end that does not complete its trial."""
+CHANGED = "was changed: its checksum is another"
+"""What is wrong with a recording that is not as it was when its attempt ended."""
 
 
 def begin_attempt(
