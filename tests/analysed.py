@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec.structs import asdict
 
 from avrgym.models import human
 from avrgym.models.human import JOINTS, Sex
 from avrgym.recording.files import RecordingWriter
+from avrgym.recording.outcomes import Metrics
 from avrgym.recording.records import Answer, BodyTargets, Control, TrackingFrame
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage.answers import record_answer
@@ -57,11 +59,11 @@ def run_trials(
     for trial in store.remaining_trials(pseudonym)[:count]:
         attempt = begin_attempt(store, session.id, trial.position)
         frames_held = (held or {}).get(trial.position, 0)
-        figures = record_trial(store.path(attempt.recording), participant, trial, held=frames_held)
+        metrics = record_trial(store.path(attempt.recording), participant, trial, held=frames_held)
         if not trial.practice:
             for item in ITEMS:
                 record_answer(store, attempt.id, item, rate(participant, trial, item), 1.0)
-        complete_attempt(store, attempt.id, figures)
+        complete_attempt(store, attempt.id, metrics)
     close_session(store, session.id)
 
 
@@ -82,8 +84,8 @@ def record_trial(
     other_course: int = 0,
     held: int = 0,
     **changes: Any,
-) -> dict[str, Any]:
-    """Write a trial's recording, of other metadata where ``changes`` say so; gives the trial's figures.
+) -> Metrics:
+    """Write a trial's recording, of other metadata where ``changes`` say so; gives the trial's metrics.
 
     The last few frames are ``held``.
     """
@@ -102,9 +104,9 @@ def record_trial(
         reward += control.reward
         writer.write("/control", time_ns, control)
     writer.write("/answers", 900_000_000, Answer("L1", 4, 1.0))
-    figures = {"steps": STEPS, "reward": reward, "success": bool(rng.random() < 0.5), "seconds": 4.0}
-    writer.close({"result": "completed", **figures})
-    return figures
+    metrics = Metrics(STEPS, reward, success=bool(rng.random() < 0.5), seconds=4.0)
+    writer.close({"result": "completed", **asdict(metrics)})
+    return metrics
 
 
 def _metadata(participant: Participant, trial: Trial) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from avrgym.recording.files import RecordingError, RecordingWriter, read_recording
+from avrgym.recording.outcomes import Metrics
 from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
 from avrgym.study.sessions import live
@@ -91,12 +92,12 @@ def _lost_s(path: Path, journal: Path) -> float:
     return (queued_ns[-1] - queued_ns[kept]) / 1e9 if kept < len(queued_ns) else 0.0
 
 
-def outcome_of(store: Store, pseudonym: str) -> list[tuple[Trial, dict, list[tuple[str, int, float]]]]:
-    """A participant's completed trials: what was planned, its figures and its answers."""
+def outcome_of(store: Store, pseudonym: str) -> list[tuple[Trial, Metrics, list[tuple[str, int, float]]]]:
+    """A participant's completed trials: what was planned, its metrics and its answers."""
     answers = store.answers(pseudonym)
     completed = {a.trial: a for a in store.attempts(pseudonym) if a.state == "completed"}
     return [
-        (trial, completed[trial.id].figures,
+        (trial, completed[trial.id].metrics,
          [(g.item, g.value, g.response_time_s) for g in answers if g.attempt == completed[trial.id].id])
         for trial in store.trials(pseudonym) if trial.id in completed
     ]  # fmt: skip

@@ -11,8 +11,10 @@ from pathlib import Path
 from uuid import uuid4
 
 import psycopg
+from msgspec.structs import asdict
 
 from avrgym.recording.files import RecordingWriter
+from avrgym.recording.outcomes import Metrics
 from avrgym.recording.records import Answer, BodyTargets, Control, Event, Pose, TrackingFrame
 from avrgym.study.design.design import default_text
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
@@ -24,7 +26,7 @@ from avrgym.study.storage.store import Store
 from processes import die_with_parent
 
 STEPS = 3
-FIGURES = {"steps": STEPS, "reward": -1.5, "success": True, "seconds": 4.0}
+METRICS = Metrics(STEPS, reward=-1.5, success=True, seconds=4.0)
 TORSO_HEIGHT_M = 0.5625
 OBSERVATION = [0.25, -1.0, 0.5]
 
@@ -83,7 +85,7 @@ def record(store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool
     if not trial.practice:
         for value, item in enumerate(store.design.items_at("after_trial"), start=3):
             writer.write("/answers", 400_000_000, Answer(item.id, value, 1.25))
-    writer.close({"result": "completed", **FIGURES})
+    writer.close({"result": "completed", **asdict(METRICS)})
 
 
 def _frame(step: int) -> TrackingFrame:
@@ -101,7 +103,7 @@ def run_trial(store: Store, session: StudySession, trial: Trial, *, simulated: b
     if not trial.practice:
         for value, item in enumerate(store.design.items_at("after_trial"), start=3):
             record_answer(store, attempt.id, item.id, value, 1.25)
-    complete_attempt(store, attempt.id, FIGURES)
+    complete_attempt(store, attempt.id, METRICS)
     return attempt
 
 

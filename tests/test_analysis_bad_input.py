@@ -246,7 +246,7 @@ def test_nothing_of_changed_recordings_is_used_where_they_are_skipped(store: Sto
     changed, whole = read_table(tmp_path / "out", "trials")
     assert (changed["recorded"], whole["recorded"]) == ("changed", "whole")
     assert (changed["reward_recorded"], changed["torso_height_m"]) == ("", "")
-    assert float(changed["reward"]) == attempt(store, "sub-001", 1).figures["reward"]
+    assert float(changed["reward"]) == attempt(store, "sub-001", 1).metrics.reward
     assert {row["position"] for row in read_table(tmp_path / "out", "control_steps")} == {"2"}
     (problem,) = read_table(tmp_path / "out", "problems")
     assert problem["what"] == "was changed: its checksum is another"

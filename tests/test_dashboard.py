@@ -19,7 +19,7 @@ from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.access import Tokens
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.session import Session
-from studies import FIGURES, fitting_answers, make_study, run_participant, take_in
+from studies import METRICS, fitting_answers, make_study, run_participant, take_in
 from visit import driving, plan
 
 PATIENCE_S = 400.0
@@ -220,7 +220,7 @@ def test_results_are_means_over_completed_trials_by_condition(tmp_path: Path) ->
     assert sum(row.trials for row in rows if not row.simulated) == 1
     for row in rows:
         assert row.policy in ("A", "B")
-        assert (row.task, row.reward_mean, row.success_rate) == ("Feeding", FIGURES["reward"], 1.0)
+        assert (row.task, row.reward_mean, row.success_rate) == ("Feeding", METRICS.reward, 1.0)
         assert list(row.answer_means.values()) == [3, 4, 5, 6]
 
 

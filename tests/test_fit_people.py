@@ -7,6 +7,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+from msgspec.structs import asdict
 from typer.testing import CliRunner, Result
 
 from avrgym.analysis.fitting import FITTED_JOINTS, covering_range, fit_people, write_people
@@ -24,7 +25,7 @@ from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks import TASKS
-from studies import FIGURES, fitting_answers, make_study
+from studies import METRICS, fitting_answers, make_study
 
 TASK = "Feeding"
 REST_DEG = np.degrees(TASKS[TASK].pose.rest_rad)
@@ -69,7 +70,7 @@ def record(
     )
     for item in ("L1", "L2", "L3", "L4"):
         writer.write("/answers", round(1e9 * ENDS_S) + 2, Answer(item, 4, 1.0))
-    writer.close({"result": "completed", **FIGURES})
+    writer.close({"result": "completed", **asdict(METRICS)})
 
 
 def take_part(
@@ -92,7 +93,7 @@ def take_part(
         record(store.path(attempt.recording), sex, torso_height_m, lean_deg, moved_deg, held)
         for item in store.design.items_at("after_trial"):
             record_answer(store, attempt.id, item.id, 4, 1.0)
-        complete_attempt(store, attempt.id, FIGURES)
+        complete_attempt(store, attempt.id, METRICS)
     close_session(store, session.id)
 
 

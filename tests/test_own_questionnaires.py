@@ -66,12 +66,12 @@ def answer_trials(store: Store, session: int, pseudonym: str) -> None:
     participant = store.participant(pseudonym)
     for trial in store.remaining_trials(pseudonym):
         attempt = begin_attempt(store, session, trial.position)
-        figures = record_trial(store.path(attempt.recording), participant, trial)
+        metrics = record_trial(store.path(attempt.recording), participant, trial)
         for place, item in enumerate(store.design.items_at("after_trial")):
             revised = trial.policy == "revised"
             value = 1 + (participant.number + place + 2 * revised) % item.points
             record_answer(store, attempt.id, item.id, value, 1.0)
-        complete_attempt(store, attempt.id, figures)
+        complete_attempt(store, attempt.id, metrics)
 
 
 def ask(store: Store, session: int, when: str, values: dict[str, int]) -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import asdict
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
@@ -99,10 +100,10 @@ def test_a_visit_is_stored_from_calibration_to_the_last_answer(store: Store) -> 
         told = recording.metadata
         assert (told["environment"], told["policy"]) == (trial.environment, trial.policy)
         assert (told["seed"], told["trial"], told["attempt"]) == (trial.seed, trial.position, attempt.number)
-        assert recording.outcome == {"result": "completed", **attempt.figures}
+        assert recording.outcome == {"result": "completed", **asdict(attempt.metrics)}
         controls = [control for _, control in recording.topics["/control"]]
-        assert attempt.figures["reward"] == sum(control.reward for control in controls)
-        assert len(controls) == attempt.figures["steps"] == store.design.trial_steps
+        assert attempt.metrics.reward == sum(control.reward for control in controls)
+        assert len(controls) == attempt.metrics.steps == store.design.trial_steps
     given = [(answer.item, answer.value) for answer in store.answers(pseudonym)]
     assert given == 2 * list(zip(ITEMS, (2, 3, 4, 5), strict=True))
     events = Counter(event.name for event in store.events())

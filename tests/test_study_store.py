@@ -16,6 +16,7 @@ import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
+from avrgym.recording.outcomes import Metrics
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
@@ -29,7 +30,7 @@ from avrgym.study.storage.store import Store
 from avrgym.system.processes import is_running
 from processes import die_with_parent
 from studies import (
-    FIGURES,
+    METRICS,
     fitting_answers,
     make_study,
     new_postgresql_database,
@@ -113,7 +114,7 @@ def test_a_participant_goes_from_enrolment_to_the_last_answer(store: Store) -> N
     assert [attempt.recording for attempt in attempts] == [
         f"recordings/sub-001/ses-01/trial-{number:02}_attempt-1.mcap" for number in range(1, 6)
     ]
-    assert all(attempt.figures == FIGURES and len(attempt.sha256 or "") == 64 for attempt in attempts)
+    assert all(attempt.metrics == METRICS and len(attempt.sha256 or "") == 64 for attempt in attempts)
     assert Counter(answer.item for answer in store.answers(pseudonym)) == dict.fromkeys(ITEMS, 4)
     assert [note.text for note in store.notes(pseudonym)] == ["laughed at the spoon"]
     names = [event.name for event in store.events()]
@@ -145,7 +146,7 @@ def test_a_broken_off_attempt_is_repeated_and_a_skipped_trial_comes_last(store: 
         attempt = begin_attempt(store, session.id, first.position)
         assert attempt.number == number
         record(store, attempt, first)
-        end_attempt(store, attempt.id, state, {"steps": 1})
+        end_attempt(store, attempt.id, state, Metrics(steps=1))
     skip_trial(store, session.id, first.position)
     assert [trial.position for trial in store.remaining_trials(pseudonym)] == [3, 4, 5, 2]
     assert run_trial(store, session, first).number == len(BROKEN_OFF) + 1
@@ -235,7 +236,7 @@ def test_withdrawal_in_mid_trial_ends_attempt_and_session_for_good(store: Store)
     assert store.attempts(pseudonym)[0].sha256 is None
     assert "felt sick" in [event.detail for event in store.events()]
     for action in (
-        lambda: complete_attempt(store, attempt.id, FIGURES),
+        lambda: complete_attempt(store, attempt.id, METRICS),
         lambda: record_answer(store, attempt.id, "L1", 3, 1.0),
         lambda: begin_attempt(store, session.id, 1),
         lambda: open_session(store, pseudonym),
@@ -270,17 +271,17 @@ def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
     for item in ITEMS[:3]:
         record_answer(store, attempt.id, item, 3, 1.0)
     refused(store, lambda: record_answer(store, attempt.id, "L1", 4, 1.0), "L1 is answered already")
-    refused(store, lambda: complete_attempt(store, attempt.id, FIGURES), "L4 not answered")
+    refused(store, lambda: complete_attempt(store, attempt.id, METRICS), "L4 not answered")
     record_answer(store, attempt.id, "L4", 3, 1.0)
-    refused(store, lambda: complete_attempt(store, attempt.id, FIGURES), "there is no recordings/sub-001")
+    refused(store, lambda: complete_attempt(store, attempt.id, METRICS), "there is no recordings/sub-001")
     record(store, attempt, first)
     refused(
         store,
-        lambda: complete_attempt(store, attempt.id, {"reward": float("nan")}),
-        "reward: nan is no figure",
+        lambda: complete_attempt(store, attempt.id, Metrics(reward=float("nan"))),
+        "reward: nan is no metric",
     )
-    complete_attempt(store, attempt.id, FIGURES)
-    refused(store, lambda: complete_attempt(store, attempt.id, FIGURES), "is completed; it must be running")
+    complete_attempt(store, attempt.id, METRICS)
+    refused(store, lambda: complete_attempt(store, attempt.id, METRICS), "is completed; it must be running")
 
 
 @pytest.mark.parametrize(
@@ -390,7 +391,7 @@ def test_a_trial_that_only_lacked_its_completion_is_completed_after_a_crash(stor
         record_answer(store, attempt.id, item, 3, 1.0)
     session = open_session(store, pseudonym, take_over=True)
     assert [a.state for a in store.attempts(pseudonym)] == ["completed", "completed"]
-    assert store.attempts(pseudonym)[1].figures == FIGURES
+    assert store.attempts(pseudonym)[1].metrics == METRICS
     attempt = begin_attempt(store, session.id, second.position)
     record(store, attempt, second)
     open_session(store, pseudonym, take_over=True)
@@ -516,7 +517,7 @@ def newer(tmp_path: Path) -> Path:
     folder = tmp_path / "migrations"
     shutil.copytree(database.MIGRATIONS, folder, ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "versions" / "9999_colour.py").write_text(
-        "import sqlalchemy as sa\nfrom alembic import op\nrevision, down_revision = '9999_colour', '0002_ledger'\n"
+        "import sqlalchemy as sa\nfrom alembic import op\nrevision, down_revision = '9999_colour', '0003_torso_height'\n"
         "def upgrade():\n    op.add_column('note', sa.Column('colour', sa.String))\n"
     )
     return folder
@@ -540,7 +541,7 @@ def test_an_older_study_is_brought_up_to_date_after_a_backup(
             columns = sa.inspect(connection).get_columns("note")
         assert "colour" in {column["name"] for column in columns}
     (backup,) = (store.folder / "backups").iterdir()
-    assert backup.name.startswith("0002_ledger-")
+    assert backup.name.startswith("0003_torso_height-")
     if kind == "sqlite":
         copy = store.folder / "copy"
         copy.mkdir()
@@ -555,6 +556,30 @@ def test_an_older_study_is_brought_up_to_date_after_a_backup(
         assert rows["participant"][0]["number"] == 1
 
 
+def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_ledger(
+    store: Store, kind: str
+) -> None:
+    pseudonym = take_in(store)
+    run_participant(store, pseudonym, trials=2)
+    before = contents(store)
+    with store.database.write() as connection:
+        for change in (
+            "ALTER TABLE attempt DROP COLUMN torso_height_m",
+            "UPDATE alembic_version SET version_num = '0002_ledger'",
+        ):
+            connection.execute(sa.text(change))
+    store.close()
+    with Store(store.folder) as again:
+        assert contents(again) == before
+        assert again.database.faults() == []
+        assert [attempt.torso_height_m for attempt in again.attempts(pseudonym)] == [None, None]
+        session = open_session(again, pseudonym)
+        attempt = begin_attempt(again, session.id, 3, torso_height_m=0.5625)
+        end_attempt(again, attempt.id, "stopped")
+        assert again.attempts(pseudonym)[-1].torso_height_m == 0.5625
+        assert again.database.faults() == []
+
+
 def test_a_study_of_a_newer_version_is_refused_and_left_alone(
     store: Store, newer: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -564,7 +589,7 @@ def test_a_study_of_a_newer_version_is_refused_and_left_alone(
         later.setattr(database, "MIGRATIONS", newer)
         Store(store.folder).close()
     with pytest.raises(
-        StudyError, match=r"made by a newer AVR Gym \(9999_colour\); this one knows 0001_first, 0002_ledger"
+        StudyError, match=r"made by a newer AVR Gym \(9999_colour\); this one knows 0001_first, 0002_ledger, 0003"
     ):
         Store(store.folder)
     monkeypatch.setattr(database, "MIGRATIONS", newer)

@@ -17,6 +17,7 @@ from mcap import records as mcap_records
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
+from avrgym.recording.outcomes import ATTEMPT_ENDS, AttemptEnd, Metrics
 from avrgym.recording.records import TOPICS, Record, decode, encode, json_schema
 from avrgym.system.files import private_opener
 
@@ -210,6 +211,25 @@ class Recording:
     messages: list[tuple[str, int, Any]]
     complete: bool
 
+    @property
+    def end(self) -> AttemptEnd | None:
+        """How the attempt ended; ``None`` where the recording does not say it, or something that nobody knows."""
+        result = (self.outcome or {}).get("result")
+        return result if result in ATTEMPT_ENDS else None
+
+    @property
+    def metrics(self) -> Metrics:
+        """What the attempt gave, as far as the recording says."""
+        try:
+            return msgspec.convert(self.outcome or {}, Metrics)
+        except msgspec.ValidationError:
+            return Metrics()
+
+    @property
+    def torso_height_m(self) -> float | None:
+        """The torso height of the person's body, if the configuration tells it."""
+        return torso_height_m(self.metadata)
+
     @cached_property
     def topics(self) -> dict[str, list[tuple[int, Any]]]:
         """By topic (log_time_ns, record), every topic present."""
@@ -247,6 +267,11 @@ def read_configuration(path: str | os.PathLike) -> dict[str, Any]:
         except Exception as error:  # the reader raises whatever damaged bytes lead to
             raise RecordingError(f"{path}: damaged: {error}") from error
     raise RecordingError(f"{path}: not a recording")
+
+
+def torso_height_m(configuration: Mapping[str, Any]) -> float | None:
+    """The torso height of the person's body in a trial, if its configuration tells it."""
+    return (configuration.get("person") or {}).get("torso_height_m")
 
 
 def _intact_records(path: str | os.PathLike) -> tuple[list[mcap_records.McapRecord], bool]:

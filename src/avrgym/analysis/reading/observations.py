@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import fmean, median
-from typing import Any
 
 import numpy as np
+from msgspec.structs import asdict
 
 from avrgym.analysis.reading.measures import Body, Measured, measure, other_versions
 from avrgym.analysis.rows import AnswerRow, AttemptRow, ParticipantRow, ProblemRow, TermRow, TrialRow
@@ -115,9 +115,7 @@ def _observe_recording(
 
     ``changed``: it is not as it was when the trial was completed, and adds nothing.
     """
-    figures = exported.attempt.figures
-    stored: dict[str, Any] = {name: figures.get(name) for name in ("steps", "reward", "success", "seconds")}
-    row = replace(row, recording=exported.attempt.recording, **stored)
+    row = replace(row, recording=exported.attempt.recording, **asdict(exported.attempt.metrics))
 
     def tell(what: str, consequence: str) -> None:
         found.problems.append(
@@ -171,13 +169,13 @@ def _add_measures(
     if measured.steps:
         found.series[row.participant, row.position] = measured
         found.terms.extend(_terms(row, measured))
-        row = replace(row, **_step_figures(measured))
+        row = replace(row, **_step_metrics(measured))
     if recorded == "whole" and row.reward != row.reward_recorded:
         tell(
             f"adds up to a reward of {row.reward_recorded}, stored is {row.reward}", "the stored one is used"
         )
     if recorded == "whole" and measured.body is not None:
-        row = replace(row, **_body_figures(measured.body))
+        row = replace(row, **_body_metrics(measured.body))
     return replace(row, recorded=recorded)
 
 
@@ -187,7 +185,7 @@ def _kind(recording: Recording, measured: Measured) -> str:
     return "without a body" if measured.body is None else "whole"
 
 
-def _step_figures(measured: Measured) -> dict[str, float]:
+def _step_metrics(measured: Measured) -> dict[str, float]:
     forces = [step.force_on_person_n for step in measured.steps]
     return {
         "reward_recorded": sum(step.reward for step in measured.steps),
@@ -197,16 +195,16 @@ def _step_figures(measured: Measured) -> dict[str, float]:
     }
 
 
-def _body_figures(body: Body) -> dict[str, float]:
-    figures = {"torso_height_m": body.torso_height_m}
+def _body_metrics(body: Body) -> dict[str, float]:
+    metrics = {"torso_height_m": body.torso_height_m}
     head = body.head_centre_w.mean(axis=0)
     waist = np.degrees(body.waist_rad)
     for index, axis in enumerate("xyz"):
-        figures[f"head_{axis}_m"] = float(head[index])
-        figures[f"waist_{axis}_deg"] = float(waist[:, index].mean())
-        figures[f"waist_{axis}_least_deg"] = float(waist[:, index].min())
-        figures[f"waist_{axis}_most_deg"] = float(waist[:, index].max())
-    return figures
+        metrics[f"head_{axis}_m"] = float(head[index])
+        metrics[f"waist_{axis}_deg"] = float(waist[:, index].mean())
+        metrics[f"waist_{axis}_least_deg"] = float(waist[:, index].min())
+        metrics[f"waist_{axis}_most_deg"] = float(waist[:, index].max())
+    return metrics
 
 
 def _terms(row: TrialRow, measured: Measured) -> list[TermRow]:
@@ -232,10 +230,8 @@ def _terms(row: TrialRow, measured: Measured) -> list[TermRow]:
 
 def _attempt(exported: ExportedAttempt) -> AttemptRow:
     attempt = exported.attempt
-    figures: dict[str, Any] = {
-        name: attempt.figures.get(name) for name in ("steps", "reward", "success", "seconds")
-    }
-    return AttemptRow(**exported.labels(), state=attempt.state, **figures, recording=attempt.recording)
+    metrics = asdict(attempt.metrics)
+    return AttemptRow(**exported.labels(), state=attempt.state, **metrics, recording=attempt.recording)
 
 
 def _answers(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from avrgym.recording.files import Recording, RecordingError, read_recording
+from avrgym.recording.outcomes import Metrics
 from avrgym.recording.questionnaire import SESSION_MOMENTS
 from avrgym.study.checking.database_checks import check_database, check_private
 from avrgym.study.checking.finding import Finding
@@ -24,9 +25,6 @@ from avrgym.study.storage.rows import (
 )
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-
-FIGURES = ("steps", "reward", "success")
-"""What database and recording tell alike of an attempt."""
 
 
 def check_study(store: Store) -> list[Finding]:
@@ -65,10 +63,9 @@ def _check_stray(store: Store, name: str) -> Finding:
 
 def _is_completed(path: Path) -> bool:
     try:
-        outcome = read_recording(path).outcome
+        return read_recording(path).end == "completed"
     except (OSError, RecordingError):
         return False
-    return outcome is not None and outcome.get("result") == "completed"
 
 
 def check_policies(store: Store) -> Iterator[Finding]:
@@ -170,10 +167,8 @@ def _check_recording(
         return
     if attempt.state == "completed" and not recording.complete:
         yield Finding(attempt.recording, "is not complete though its trial is")
-    if attempt.state == "completed" and _figures(recording) != {
-        name: attempt.figures.get(name) for name in FIGURES
-    }:
-        yield Finding(attempt.recording, "tells of other figures than the database")
+    if attempt.state == "completed" and _gave(recording.metrics) != _gave(attempt.metrics):
+        yield Finding(attempt.recording, "tells of other metrics than the database")
     held = too_much_held(held_share(recording), store.design) if attempt.state == "completed" else None
     if held is not None:
         yield Finding(attempt.recording, f"{held}: the analysis leaves it out", wrong=False)
@@ -181,10 +176,9 @@ def _check_recording(
         yield Finding(attempt.recording, f"was recorded with another {name} than was planned or stored")
 
 
-def _figures(recording: Recording) -> dict[str, Any]:
-    """What an attempt gave, as its recording tells."""
-    outcome = recording.outcome or {}
-    return {name: outcome.get(name) for name in FIGURES}
+def _gave(metrics: Metrics) -> tuple[int | None, float | None, bool | None]:
+    """What database and recording tell alike of an attempt, whose clocks differ."""
+    return metrics.steps, metrics.reward, metrics.success
 
 
 def _differences(

@@ -7,6 +7,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import sqlalchemy as sa
 
 from avrgym.recording.files import Recording, RecordingError, read_recording
@@ -218,13 +219,12 @@ class _Rebuilding:
         self, connection: sa.Connection, trial: int, session: int, number: int, kept: _Kept, *, again: bool
     ) -> bool:
         """Insert an attempt with its answers; whether it completed its trial."""
-        outcome = dict(kept.recording.outcome or {})
-        result = outcome.pop("result", None)
+        end = kept.recording.end
         answers = kept.recording.topics["/answers"]
         asked = {item["id"] for item in kept.recording.metadata.get("items", [])}
         whole = kept.recording.complete and asked <= {answer.item for _, answer in answers}
-        completed = result == "completed" and whole and not again
-        broken_off = result if result in BROKEN_OFF else "interrupted"
+        completed = end == "completed" and whole and not again
+        broken_off = end if end in BROKEN_OFF else "interrupted"
         attempt = ledger.insert(
             connection,
             schema.ATTEMPT,
@@ -234,7 +234,8 @@ class _Rebuilding:
             state="completed" if completed else broken_off,
             recording=kept.name,
             sha256=sha256_of(self._store, kept.name),
-            figures=outcome,
+            metrics=msgspec.to_builtins(kept.recording.metrics),
+            torso_height_m=kept.recording.torso_height_m,
             started_at=_stored(kept.began),
             ended_at=now(),
         )

@@ -78,7 +78,7 @@ def _summarise(
     return ConditionResults(
         *condition,
         trials=len(attempts),
-        success_rate=fmean(attempt.figures["success"] for attempt in attempts),
-        reward_mean=fmean(attempt.figures["reward"] for attempt in attempts),
+        success_rate=fmean(bool(attempt.metrics.success) for attempt in attempts),
+        reward_mean=fmean(attempt.metrics.reward or 0.0 for attempt in attempts),
         answer_means={item: fmean(given) for item, given in sorted(values.items())},
     )

@@ -4,6 +4,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 
 from avrgym.models.furniture.real import RealFurniture
+from avrgym.recording.outcomes import Metrics
 from avrgym.study.checking.results import ConditionResults, summarise_results
 from avrgym.study.checking.summary import StudySummary, summarise_study
 from avrgym.study.design.design import Consent, Design
@@ -100,7 +101,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
 
 def _trial(design: Design, trial: Trial, attempts: list[TrialAttempt]) -> TrialView:
     task, robot = find_environment(trial.environment)
-    figures = next((attempt.figures for attempt in attempts if attempt.state == "completed"), {})
+    metrics = next((attempt.metrics for attempt in attempts if attempt.state == "completed"), Metrics())
     return TrialView(
         position=trial.position,
         task=task,
@@ -109,6 +110,6 @@ def _trial(design: Design, trial: Trial, attempts: list[TrialAttempt]) -> TrialV
         practice=trial.practice,
         state=trial.state,
         attempts=tuple(attempt.state for attempt in attempts),
-        success=bool(figures["success"]) if figures else None,
-        reward=figures["reward"] if figures else None,
+        success=metrics.success,
+        reward=metrics.reward,
     )

@@ -95,14 +95,15 @@ def _write_session(attempts: list[ExportedAttempt], folder: Path) -> None:
 
 
 def _scan(exported: ExportedAttempt) -> dict[str, Any]:
-    figures = {name: exported.attempt.figures.get(name) for name in ("reward", "success")}
+    metrics = exported.attempt.metrics
     labels = exported.labels()
     moment = exported.attempt.started_at.removesuffix("+00:00")
     return {
         "filename": f"motion/{_run_name(exported)}_motion.tsv",
         "acq_time": f"{moment}Z",
         **{name: labels[name] for name in ("simulated", "practice", "task", "robot", "policy")},
-        **figures,
+        "reward": metrics.reward,
+        "success": metrics.success,
     }
 
 

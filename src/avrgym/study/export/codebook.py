@@ -33,7 +33,7 @@ def _one_of(*values: str) -> str:
 _TRUTH, _FROM_1, _FROM_0 = "true, false", "1 and above", "0 and above"
 _UTC = "ISO 8601"
 _NO_TRIAL = "the answer is about a whole session"
-_NEVER_ENDED = "the attempt did not end with figures"
+_NEVER_ENDED = "the attempt did not end with metrics"
 _RECORDING = Column("File of the recording in the study's folder.", TEXT)
 
 PARTICIPANT_COLUMN = Column("Pseudonym of the participant.", TEXT, allowed="sub-001, sub-002 and so on")

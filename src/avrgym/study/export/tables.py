@@ -6,6 +6,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from msgspec.structs import asdict
+
 from avrgym.study.design.design import Design
 from avrgym.study.export import NOTICE
 from avrgym.study.export.codebook import TABLES, codebook, reward_terms
@@ -117,12 +119,11 @@ def _trials(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str,
 
 def _attempt(exported: ExportedAttempt, heights: Mapping[int, float | None]) -> dict[str, Any]:
     attempt = exported.attempt
-    figures = {name: attempt.figures.get(name) for name in ("steps", "reward", "success", "seconds")}
     return exported.labels() | {
         "state": attempt.state,
         "started_at": attempt.started_at,
         "ended_at": attempt.ended_at,
-        **figures,
+        **asdict(attempt.metrics),
         "torso_height_m": heights.get(attempt.id),
         "recording": attempt.recording,
         "sha256": attempt.sha256,

@@ -4,7 +4,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from avrgym.recording.files import Recording, RecordingError, read_configuration, read_recording
+from avrgym.recording.files import (
+    Recording,
+    RecordingError,
+    read_configuration,
+    read_recording,
+    torso_height_m,
+)
 from avrgym.recording.records import Control
 from avrgym.study.storage.attempts import CHANGED, sha256_of
 from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
@@ -65,9 +71,10 @@ class ExportedAttempt:
         return sha256_of(self.store, self.attempt.recording) not in (None, self.attempt.sha256)
 
     def torso_height_m(self) -> float | None:
-        """The torso height of the person's body in the trial, if the recording tells it."""
-        person = read_configuration(self.store.path(self.attempt.recording)).get("person") or {}
-        return person.get("torso_height_m")
+        """The torso height of the person's body in the trial, if row or recording tells it."""
+        if self.attempt.torso_height_m is not None:
+            return self.attempt.torso_height_m
+        return torso_height_m(read_configuration(self.store.path(self.attempt.recording)))
 
     @property
     def _absence(self) -> str:

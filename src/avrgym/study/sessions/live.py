@@ -8,6 +8,7 @@ from typing import Self
 
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Person
+from avrgym.recording.outcomes import Metrics
 from avrgym.recording.questionnaire import Item
 from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.participants import withdraw
@@ -221,6 +222,7 @@ class Keeper:
         self._pseudonym = pseudonym_of(session.participant)
         self._attempt: TrialAttempt | None = None
         self._began_s = 0.0
+        self._torso_height_m: float | None = None
 
     def __call__(self, happened: SessionEvent) -> None:
         """Store an event; on return it is on disk."""
@@ -236,13 +238,22 @@ class Keeper:
                 self._end(happened)
             case events.TrialSkipped():
                 self._skip(happened)
+            case transitions.Calibrated() | transitions.TorsoHeightCorrected():
+                self._torso_height_m = happened.torso_height_m
+                self._tell(happened)
             case _:
                 self._tell(happened)
 
     def _begin(self, begun: events.TrialBegun) -> None:
         self._settle()
         position = self._trials[begun.trial - 1].position
-        self._attempt = begin_attempt(self._store, self._session.id, position, begun.recording)
+        self._attempt = begin_attempt(
+            self._store,
+            self._session.id,
+            position,
+            begun.recording,
+            torso_height_m=self._torso_height_m,
+        )
         self._began_s = begun.time_s
 
     def _settle(self) -> None:
@@ -255,16 +266,12 @@ class Keeper:
     def _end(self, ended: events.TrialEnded) -> None:
         if self._attempt is None:
             return
-        figures = {
-            "steps": ended.steps,
-            "reward": ended.reward,
-            "success": ended.success,
-            "seconds": ended.time_s - self._began_s,
-        }
+        seconds = ended.time_s - self._began_s
+        metrics = Metrics(ended.steps, ended.reward, ended.success, seconds)
         if ended.result == "completed":
-            complete_attempt(self._store, self._attempt.id, figures)
+            complete_attempt(self._store, self._attempt.id, metrics)
         else:
-            end_attempt(self._store, self._attempt.id, ended.result, figures)
+            end_attempt(self._store, self._attempt.id, ended.result, metrics)
         self._attempt = None
 
     def _skip(self, skipped: events.TrialSkipped) -> None:

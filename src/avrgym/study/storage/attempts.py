@@ -3,17 +3,18 @@
 import hashlib
 import math
 import os
-from collections.abc import Mapping
 from pathlib import Path
 
+import msgspec
 import sqlalchemy as sa
 
 from avrgym.recording.files import RecordingError, read_recording
+from avrgym.recording.outcomes import ATTEMPT_ENDS, AttemptEnd, Metrics
 from avrgym.study.storage import ledger, schema
 from avrgym.study.storage.answers import unanswered
-from avrgym.study.storage.rows import Figure, StudySession, Trial, TrialAttempt
+from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
 from avrgym.study.storage.schema import now
-from avrgym.study.storage.states import ATTEMPT, StudyError
+from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import (
     Store,
     about,
@@ -28,14 +29,21 @@ from avrgym.study.storage.store import (
 )
 from avrgym.system.files import make_private_folder
 
-BROKEN_OFF = tuple(state for state in ATTEMPT["running"] if state != "completed")
+BROKEN_OFF: tuple[AttemptEnd, ...] = tuple(end for end in ATTEMPT_ENDS if end != "completed")
 """How an attempt may end that does not complete its trial."""
+NOTHING = Metrics()
+"""Of an attempt that gave none."""
 CHANGED = "was changed: its checksum is another"
 """What is wrong with a recording that is not as it was when its attempt ended."""
 
 
 def begin_attempt(
-    store: Store, session_id: int, position: int, recording: Path | None = None
+    store: Store,
+    session_id: int,
+    position: int,
+    recording: Path | None = None,
+    *,
+    torso_height_m: float | None = None,
 ) -> TrialAttempt:
     """Begin the next attempt at a trial by its position.
 
@@ -45,6 +53,7 @@ def begin_attempt(
         position: that of the trial, which must be planned or skipped.
         recording: the file that was opened for it, within the session's folder; without one the next free
             name there is given, the folder is made and the file is not.
+        torso_height_m: that of the body that the participant has in it, if it is known.
 
     Raises:
         StudyError: when something else runs in the session, or the file lies elsewhere.
@@ -63,7 +72,8 @@ def begin_attempt(
             "recording": _name(store, session, recording)
             if recording
             else _free_name(store, session, trial, number),
-            "figures": {},
+            "metrics": {},
+            "torso_height_m": torso_height_m,
             "started_at": now(),
         }
         attempt = ledger.insert(connection, schema.ATTEMPT, **row)
@@ -71,13 +81,13 @@ def begin_attempt(
         return find(connection, TrialAttempt, "attempt", id=attempt)
 
 
-def complete_attempt(store: Store, attempt_id: int, figures: Mapping[str, Figure]) -> None:
+def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
     """Complete a trial: its recording is closed, its questionnaire answered.
 
     Args:
         store: the study.
         attempt_id: the attempt that runs.
-        figures: what it gave, such as steps, reward and success.
+        metrics: what it gave.
 
     Raises:
         StudyError: unless it runs, has its recording and, but for practice, all answers.
@@ -89,12 +99,10 @@ def complete_attempt(store: Store, attempt_id: int, figures: Mapping[str, Figure
             raise StudyError(f"{attempt} is not complete: {', '.join(missing)} not answered")
         if not store.path(attempt.recording).is_file():
             raise StudyError(f"{attempt} is not complete: there is no {attempt.recording}")
-        finish_attempt(store, connection, attempt, "completed", figures)
+        finish_attempt(store, connection, attempt, "completed", metrics)
 
 
-def end_attempt(
-    store: Store, attempt_id: int, state: str, figures: Mapping[str, Figure] | None = None
-) -> None:
+def end_attempt(store: Store, attempt_id: int, state: AttemptEnd, metrics: Metrics = NOTHING) -> None:
     """End an attempt that does not complete its trial, as ``BROKEN_OFF`` names it; the trial is planned again.
 
     Raises:
@@ -103,15 +111,15 @@ def end_attempt(
     if state not in BROKEN_OFF:
         raise StudyError(f"an attempt does not break off as {state!r}; allowed: {', '.join(BROKEN_OFF)}")
     with store.database.write() as connection:
-        finish_attempt(store, connection, find_running_attempt(connection, attempt_id), state, figures or {})
+        finish_attempt(store, connection, find_running_attempt(connection, attempt_id), state, metrics)
 
 
 def finish_attempt(
     store: Store,
     connection: sa.Connection,
     attempt: TrialAttempt,
-    after: str,
-    figures: Mapping[str, Figure],
+    after: AttemptEnd,
+    metrics: Metrics,
     *,
     closed: bool = True,
 ) -> None:
@@ -125,21 +133,20 @@ def finish_attempt(
     ended = {
         "ended_at": now(),
         "sha256": sha256_of(store, attempt.recording) if closed else None,
-        "figures": _finite(figures),
+        "metrics": _finite(metrics),
     }
     change_state(connection, attempt, after, event, attempt.recording, **ended)
     change_state(connection, trial, "completed" if after == "completed" else "planned", event)
 
 
-def whole_figures(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> dict[str, Figure] | None:
-    """The figures of an attempt that only lacked being stored as completed; ``None`` for any other."""
+def whole_metrics(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> Metrics | None:
+    """The metrics of an attempt that only lacked being stored as completed; ``None`` for any other."""
     try:
         recording = read_recording(store.path(attempt.recording))
     except (OSError, RecordingError):
         return None
-    outcome = dict(recording.outcome or {})
-    finished = recording.complete and outcome.pop("result", None) == "completed"
-    return outcome if finished and not unanswered(store, connection, attempt) else None
+    finished = recording.complete and recording.end == "completed"
+    return recording.metrics if finished and not unanswered(store, connection, attempt) else None
 
 
 def sha256_of(store: Store, recording: str) -> str | None:
@@ -151,11 +158,13 @@ def sha256_of(store: Store, recording: str) -> str | None:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _finite(figures: Mapping[str, Figure]) -> dict[str, Figure]:
-    for name, value in figures.items():
-        if not isinstance(value, bool | int | float) or not math.isfinite(value):
-            raise StudyError(f"{name}: {value!r} is no figure; allowed: finite numbers, true and false")
-    return dict(figures)
+def _finite(metrics: Metrics) -> dict[str, bool | int | float]:
+    """The metrics that are known, as they are stored."""
+    values = msgspec.to_builtins(metrics)
+    for name, value in values.items():
+        if not math.isfinite(value):
+            raise StudyError(f"{name}: {value!r} is no metric; allowed: finite numbers, true and false")
+    return values
 
 
 def _check_idle(connection: sa.Connection, session: StudySession) -> None:

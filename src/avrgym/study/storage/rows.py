@@ -4,10 +4,10 @@ import re
 from dataclasses import dataclass
 
 from avrgym.models.human import Sex
+from avrgym.recording.outcomes import Metrics
 from avrgym.study.storage.states import StudyError
 
 RECORDINGS = "recordings"
-Figure = bool | int | float
 
 
 def pseudonym_of(number: int) -> str:
@@ -93,7 +93,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class TrialAttempt:
-    """An attempt at a trial; ``recording`` is relative to the study's folder, ``figures`` sum up what it gave."""
+    """An attempt at a trial; ``recording`` is relative to the study's folder.
+
+    ``torso_height_m`` is that of the body it was run with; ``None`` where only its recording tells it.
+    """
 
     id: int
     trial: int
@@ -102,7 +105,8 @@ class TrialAttempt:
     state: str
     recording: str
     sha256: str | None
-    figures: dict[str, Figure]
+    metrics: Metrics
+    torso_height_m: float | None
     started_at: str
     ended_at: str | None
 

@@ -107,13 +107,17 @@ ATTEMPT = Table(
     Column("state", String, nullable=False),
     Column("recording", String, nullable=False, unique=True),
     Column("sha256", String),
-    Column("figures", JSON, nullable=False),
+    Column("figures", JSON, key="metrics", nullable=False),
+    Column("torso_height_m", Float),
     Column("started_at", String, nullable=False),
     Column("ended_at", String),
     _salt(),
     UniqueConstraint("trial", "number"),
 )
-"""``recording`` is relative to the study's folder, with ``/``."""
+"""``recording`` is relative to the study's folder, with ``/``; ``torso_height_m`` is that of the body it was run with.
+
+The column of the metrics has the name that 0.1.0 gave it: the ledger's checksums cover the names of columns.
+"""
 
 ANSWER = Table(
     "answer",

@@ -4,8 +4,9 @@ import os
 
 import sqlalchemy as sa
 
+from avrgym.recording.outcomes import AttemptEnd
 from avrgym.study.storage import ledger, schema
-from avrgym.study.storage.attempts import finish_attempt, whole_figures
+from avrgym.study.storage.attempts import NOTHING, finish_attempt, whole_metrics
 from avrgym.study.storage.rows import Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
@@ -85,7 +86,7 @@ def tell(store: Store, session_id: int, name: str, detail: str = "", attempt_id:
 
 
 def end_open_sessions(
-    store: Store, connection: sa.Connection, participant: Participant, *, attempts: str, sessions: str
+    store: Store, connection: sa.Connection, participant: Participant, *, attempts: AttemptEnd, sessions: str
 ) -> None:
     """End all of a participant's open sessions within a transaction, and what runs in them, in these states.
 
@@ -117,11 +118,11 @@ def _insert_session(
 
 
 def _end_session(
-    store: Store, connection: sa.Connection, session: StudySession, *, attempts: str, after: str
+    store: Store, connection: sa.Connection, session: StudySession, *, attempts: AttemptEnd, after: str
 ) -> None:
     for attempt in find_all(connection, TrialAttempt, session=session.id, state="running"):
         closed = attempts == "interrupted"
-        figures = whole_figures(store, connection, attempt) if closed else None
-        ended = attempts if figures is None else "completed"
-        finish_attempt(store, connection, attempt, ended, figures or {}, closed=closed)
+        metrics = whole_metrics(store, connection, attempt) if closed else None
+        ended = attempts if metrics is None else "completed"
+        finish_attempt(store, connection, attempt, ended, metrics or NOTHING, closed=closed)
     change_state(connection, session, after, about(session), closed_at=now())

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+from avrgym.recording.outcomes import ATTEMPT_ENDS
+
 Transitions = Mapping[str, tuple[str, ...]]
 
 PARTICIPANT: Transitions = {
@@ -19,8 +21,7 @@ TRIAL: Transitions = {
     "running": ("planned", "completed"),
     "completed": (),
 }
-_ATTEMPT_ENDS = ("completed", "stopped", "paused", "interrupted", "repeated", "skipped", "ended", "failed")
-ATTEMPT: Transitions = {"running": _ATTEMPT_ENDS} | dict.fromkeys(_ATTEMPT_ENDS, ())
+ATTEMPT: Transitions = {"running": ATTEMPT_ENDS} | dict.fromkeys(ATTEMPT_ENDS, ())
 
 TRANSITIONS: Mapping[str, Transitions] = {
     "participant": PARTICIPANT,
