@@ -10,11 +10,13 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
+from avrgym.recording.files import read_recording
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.rebuilding import rebuild_study
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import enrol
 from avrgym.study.storage import database, keyfile, store
+from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from studies import run_participant, small_study, take_in
@@ -82,6 +84,8 @@ def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None
         for name in ("trials", "attempts", "answers"):
             rows, expected = (getattr(each, name)("sub-001") for each in (again, original))
             assert [_facts(row) for row in rows] == [_facts(row) for row in expected]
+        for attempt in again.attempts("sub-001"):
+            assert attempt.torso_height_m == read_recording(old / attempt.recording).torso_height_m
         participant = again.participant("sub-001")
         assert (participant.state, participant.sex, participant.cell) == ("completed", "man", 0)
         wrong = [finding.what for finding in check_study(again) if finding.wrong]
@@ -98,8 +102,9 @@ def _facts(row: object) -> dict:
     """A row without ids and times, which are made anew."""
     made_anew = ("id", "started_at", "ended_at", "answered_at")
     facts = {name: value for name, value in vars(row).items() if name not in made_anew}
-    if "figures" in facts:
-        facts["figures"] = {name: facts["figures"][name] for name in ("steps", "reward", "success")}
+    if isinstance(row, TrialAttempt):
+        facts["metrics"] = (row.metrics.steps, row.metrics.reward, row.metrics.success)
+        del facts["torso_height_m"]  # 0.1.0 left it to the recordings
     return facts
 
 

@@ -517,7 +517,8 @@ def newer(tmp_path: Path) -> Path:
     folder = tmp_path / "migrations"
     shutil.copytree(database.MIGRATIONS, folder, ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "versions" / "9999_colour.py").write_text(
-        "import sqlalchemy as sa\nfrom alembic import op\nrevision, down_revision = '9999_colour', '0003_torso_height'\n"
+        "import sqlalchemy as sa\nfrom alembic import op\n"
+        "revision, down_revision = '9999_colour', '0003_torso_height'\n"
         "def upgrade():\n    op.add_column('note', sa.Column('colour', sa.String))\n"
     )
     return folder
@@ -589,7 +590,8 @@ def test_a_study_of_a_newer_version_is_refused_and_left_alone(
         later.setattr(database, "MIGRATIONS", newer)
         Store(store.folder).close()
     with pytest.raises(
-        StudyError, match=r"made by a newer AVR Gym \(9999_colour\); this one knows 0001_first, 0002_ledger, 0003"
+        StudyError,
+        match=r"made by a newer AVR Gym \(9999_colour\); this one knows 0001_first, 0002_ledger, 0003",
     ):
         Store(store.folder)
     monkeypatch.setattr(database, "MIGRATIONS", newer)
