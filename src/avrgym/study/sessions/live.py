@@ -238,7 +238,7 @@ class Keeper:
                 self._end(happened)
             case events.TrialSkipped():
                 self._skip(happened)
-            case transitions.Calibrated() | transitions.TorsoHeightCorrected():
+            case events.Calibrated() | events.TorsoHeightCorrected():
                 self._torso_height_m = happened.torso_height_m
                 self._tell(happened)
             case _:
