@@ -10,8 +10,8 @@ import matplotlib
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from avrgym.models.robots import ROBOTS
 from avrgym.policies.trained import Policy, packaged_policies
+from avrgym.robots.registry import ROBOTS
 from avrgym.tasks import TASKS
 
 STYLES = {"original": ("#b3541e", "--"), "revised": ("#1f5f8b", "-")}

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.learning.evaluation import EVALUATION_STREAM, MAX_WORLDS
-from avrgym.models.robots import ROBOTS
 from avrgym.policies.registry import acting, find
+from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.world_version import WORLD_VERSIONS
 from avrgym.tasks import TASKS, find_task
 from avrgym.tasks.episodes import EPISODE_STEPS, Episodes

@@ -52,7 +52,7 @@ def unhurried() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def feeding_scene() -> "SceneConfig":
     """What stands in the scene when the Jaco feeds."""
-    from avrgym.models.robots import JACO
+    from avrgym.robots.jaco.robot import JACO
     from avrgym.tasks import TASKS
 
     return TASKS["Feeding"].scene(JACO)

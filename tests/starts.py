@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from avrgym.models import contacts
 from avrgym.models.human import joint_angles
-from avrgym.models.robots import PREFIX
+from avrgym.models.robot import PREFIX
 from avrgym.simulation.world_version import WORLD_VERSION
 from avrgym.tasks.episodes import Episodes
 
@@ -52,7 +52,7 @@ def deepest_overlap_m(episodes: Episodes) -> float:
     geoms = simulation.geoms(np.arange(simulation.num_worlds))
     model = simulation.batch.get_model(0)
     data = mujoco.MjData(model)
-    fastened = None if episodes.scene.robot.mobile else PREFIX + episodes.scene.robot.base
+    fastened = None if episodes.scene.mount.on_floor else PREFIX + episodes.scene.robot.base
     robot = [*_of(model, contacts.ROBOT), *_of(model, contacts.TOOL)]
     others = [*_of(model, contacts.PERSON), *_of(model, contacts.FURNITURE)]
     deepest = 0.0

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.models import human, robots
+from avrgym.models import human, robot
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
 from avrgym.people import arm_limits
 from avrgym.policies.trained import load_policy
@@ -19,7 +19,7 @@ SLOW_M_S, SLOW_AFTER_S = 0.05, 0.1
 MOST_BACK_M = 0.005
 LOOKED_ON_S = 1.0
 MOST_STEPS = 40
-WASHCLOTH = robots.PREFIX + "washcloth"
+WASHCLOTH = robot.PREFIX + "washcloth"
 WAYS = ("jerky", "full speed", "towards the person", "trained")
 
 
@@ -89,8 +89,8 @@ def _robot_pos_w(episodes: Episodes) -> Array:
     """Where the robots' bodies are, (N, B, 3), but for the washcloth, which yields by itself."""
     simulation = episodes.simulation
     names = enumerate(simulation.bodies)
-    robot = [i for i, name in names if name.startswith(robots.PREFIX) and name != WASHCLOTH]
-    return np.stack([simulation.body_poses(world)[robot, :3] for world in range(simulation.num_worlds)])
+    links = [i for i, name in names if name.startswith(robot.PREFIX) and name != WASHCLOTH]
+    return np.stack([simulation.body_poses(world)[links, :3] for world in range(simulation.num_worlds)])
 
 
 def _waving(rest_rad: Array, rng: np.random.Generator) -> Array:
@@ -104,7 +104,7 @@ def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], A
     worlds = episodes.simulation.num_worlds
     way = np.arange(worlds) % len(WAYS)
     full = np.sign(rng.uniform(-1.0, 1.0, (worlds, 7)))
-    policy = load_policy("revised", episodes.environment_id, episodes.task.observation_size, 7)
+    policy = load_policy("revised", episodes.environment_id, episodes.observation_size, 7)
 
     def act() -> Array:
         actions = np.stack(
@@ -124,10 +124,10 @@ def _towards_person(episodes: Episodes, world: int) -> Array:
     """The action (7,) that moves the end effector fastest towards a person's torso or head."""
     simulation, arm = episodes.simulation, episodes.scene.arm
     model, data = simulation.batch.get_model(world), simulation.batch.get_data(world)
-    effector = model.body(robots.PREFIX + arm.end_effector).id
+    effector = model.body(robot.PREFIX + arm.end_effector).id
     goal_w = data.body(human.PREFIX + ("torso" if world % 8 < 4 else "head")).xpos
     jacobian = np.zeros((3, model.nv))
     mujoco.mj_jacBody(model, data, jacobian, None, effector)
-    dofs = [model.joint(robots.PREFIX + joint).dofadr[0] for joint in arm.joints]
+    dofs = [model.joint(robot.PREFIX + joint).dofadr[0] for joint in arm.joints]
     gradient = jacobian[:, dofs].T @ (goal_w - data.xpos[effector])
     return gradient / np.abs(gradient).max()

@@ -5,6 +5,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import transforms
 from avrgym.models import human
+from avrgym.models.furniture import (
+    add_hospital_bed,
+    add_nightstand,
+    add_wheelchair,
+    add_wheelchair_without_right_armrest,
+)
 from avrgym.models.human import (
     GEOMS,
     JOINT_INDEX,
@@ -132,7 +138,7 @@ def test_a_person_does_not_depend_on_others(rng):
 
 
 def test_furniture_is_found_where_it_stands():
-    boxes = furniture_boxes(["wheelchair"])
+    boxes = furniture_boxes([add_wheelchair])
     tops = boxes.pos_w[:, 2] + boxes.half_size_m[:, 2]
     armrests = np.abs(tops - 0.76) < 1e-9
     assert_allclose(np.sort(boxes.pos_w[armrests, 0]), [-0.265, 0.265])
@@ -140,7 +146,7 @@ def test_furniture_is_found_where_it_stands():
 
 
 def test_leaning_furniture_leans():
-    up_the_backrest = transforms.rotate(furniture_boxes(["hospital_bed"]).q_w, human.Y)
+    up_the_backrest = transforms.rotate(furniture_boxes([add_hospital_bed]).q_w, human.Y)
     slope = np.degrees(np.arctan2(up_the_backrest[:, 2], up_the_backrest[:, 1]))
     assert np.isclose(slope, 60.0).sum() == 1
 
@@ -148,8 +154,8 @@ def test_leaning_furniture_leans():
 @pytest.mark.parametrize(
     ("pose", "posture", "furniture"),
     [
-        (SCRATCHING, SEATED, ["wheelchair_without_right_armrest"]),
-        (BATHING, RECLINED, ["hospital_bed", "nightstand"]),
+        (SCRATCHING, SEATED, [add_wheelchair_without_right_armrest]),
+        (BATHING, RECLINED, [add_hospital_bed, add_nightstand]),
     ],
 )
 def test_most_poses_of_the_tasks_are_free(rng, pose, posture, furniture):
@@ -160,4 +166,4 @@ def test_most_poses_of_the_tasks_are_free(rng, pose, posture, furniture):
 def test_an_armrest_is_in_the_way_of_the_arm_to_be_scratched(rng):
     capsules = person_capsules(people_about(rng, SCRATCHING, 500))
     assert (clearance(*capsules) > 0.01).mean() > 0.95
-    assert (clearance(*capsules, furniture_boxes(["wheelchair"])) < 0.0).mean() > 0.5
+    assert (clearance(*capsules, furniture_boxes([add_wheelchair])) < 0.0).mean() > 0.5

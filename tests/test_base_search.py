@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import kinematics, transforms
 from avrgym.geometry.kinematics import Chain
-from avrgym.models.scene import BaseRange
+from avrgym.models.robot import BaseRange
 from avrgym.simulation import base_search
 from avrgym.simulation.base_search import BaseChoice, BasePoses
 

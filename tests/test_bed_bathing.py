@@ -8,10 +8,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.geometry import kinematics, transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, RECLINED, People, Person
-from avrgym.models.robots import JACO, PR2
 from avrgym.models.washcloth import PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
 from avrgym.oracles.bed_bathing import BedBathingOracle
 from avrgym.people import distributions
+from avrgym.robots.jaco.robot import JACO
+from avrgym.robots.pr2.robot import PR2
 from avrgym.simulation.worlds import Simulation, State
 from avrgym.tasks import TASKS, bed_bathing, places
 from avrgym.tasks.base import StepResult
@@ -385,8 +386,8 @@ def test_the_observation_has_the_documented_order():
         [FAR_AWAY - torso, tool_q[0], np.arange(7.0), SHOULDER - torso, ELBOW - torso, WRIST - torso, [9.0]]
     )
     assert_allclose(TASK.observe(seen, fresh()), expected[None])
-    assert TASK.observation_size == len(expected) == 24
-    assert [entry.size for entry in TASK.observed] == [3, 4, 7, 3, 3, 3, 1]
+    assert TASK.observation_size(7) == len(expected) == 24
+    assert [entry.count(7) for entry in TASK.observed] == [3, 4, 7, 3, 3, 3, 1]
 
 
 # Start

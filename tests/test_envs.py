@@ -258,7 +258,7 @@ def test_observations_stay_inside_their_space(rng):
     """Also at full speed into the person, the chair and the table."""
     vector = AssistiveVectorEnv(FEEDING, 32, people="revised")
     observation, _ = vector.reset(seed=0)
-    bound = TASKS["Feeding"].observation_bound
+    bound = TASKS["Feeding"].observation_bound(7)
     assert vector.single_observation_space == gym.spaces.Box(-bound, bound, dtype=np.float64)
     assert np.isfinite(bound).all()
     largest = np.abs(observation).max(axis=0)

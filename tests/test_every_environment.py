@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from avrgym.geometry import transforms
-from avrgym.models import human, robots
+from avrgym.models import human, robot
 from avrgym.tasks import ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.places import FURNITURE_EDGE_M
@@ -108,7 +108,7 @@ def _depth(model: mujoco.MjModel, data: mujoco.MjData) -> float:
         pair = {
             model.body(model.geom_bodyid[geom]).name.split("/")[0] for geom in (contact.geom1, contact.geom2)
         }
-        if pair == {human.PREFIX[:-1], robots.PREFIX[:-1]}:
+        if pair == {human.PREFIX[:-1], robot.PREFIX[:-1]}:
             deepest = max(deepest, -float(contact.dist))
     return deepest
 

@@ -238,8 +238,8 @@ def test_the_observation_has_the_documented_order():
         [SPOON - base, tool_q[0], SPOON - MOUTH, np.arange(7.0), seen.head_pos_w[0] - base, head_q[0], [9.0]]
     )
     assert_allclose(FEEDING.observe(seen, fresh()), expected[None])
-    assert FEEDING.observation_size == len(expected) == 25
-    assert [entry.size for entry in OBSERVED] == [3, 4, 3, 7, 3, 4, 1]
+    assert FEEDING.observation_size(7) == len(expected) == 25
+    assert [entry.count(7) for entry in OBSERVED] == [3, 4, 3, 7, 3, 4, 1]
 
 
 # Start

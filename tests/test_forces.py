@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from avrgym.models import contacts, human, robots
-from avrgym.models.robots import ROBOTS
+from avrgym.models import contacts, human
+from avrgym.models.robot import PREFIX
 from avrgym.models.scene import TOOL
 from avrgym.models.yielding import (
     GIVEN_WAY_M,
@@ -18,6 +18,7 @@ from avrgym.models.yielding import (
     strike_force_n,
     torque_limit_n_m,
 )
+from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import MAX_LEAD_RAD, Simulation
 from avrgym.tasks import TASKS
 from forces import MOST_FORCE_N, pressed
@@ -70,7 +71,7 @@ def test_what_strikes_presses_as_its_energy_allows(mass_kg, speed_m_s):
 def test_motors_press_with_no_more_than_their_lead_nor_than_they_have(robot):
     scene = TASKS["Feeding"].scene(robot)
     model = Simulation(scene, 1, num_threads=1).model
-    ranges = np.array([model.actuator(robots.PREFIX + joint).forcerange for joint in scene.arm.joints])
+    ranges = np.array([model.actuator(PREFIX + joint).forcerange for joint in scene.arm.joints])
     limit = torque_limit_n_m(scene.arm, MAX_LEAD_RAD)
     assert_allclose(ranges, np.stack([-limit, limit], axis=-1))
     assert (limit <= scene.arm.torque_limit_n_m).all()

@@ -5,8 +5,16 @@ from numpy.testing import assert_allclose
 
 from avrgym.geometry import transforms
 from avrgym.models import contacts, human
-from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, FURNITURE, NIGHTSTAND_BODY, NIGHTSTAND_TOP_M
+from avrgym.models.furniture import (
+    BOWL_BODY,
+    BOWL_START_M,
+    FURNITURE,
+    NIGHTSTAND_BODY,
+    NIGHTSTAND_TOP_M,
+    add_wheelchair,
+)
 from avrgym.models.human import RECLINED, SEATED, Person, Posture, joint_angles
+from avrgym.robots.jaco.robot import JACO
 
 BED = ("bed_mattress", "bed_backrest", "bed_deck", "bed_footboard", "bed_headboard")
 MATTRESS_TOP_M = 0.55
@@ -26,15 +34,21 @@ FOOTPRINT_RADIUS_M = 0.05
 """The Jaco's foot is 8.5 cm across."""
 
 
+def add_wheelchair_with_bracket(spec: mujoco.MjSpec, appearance: bool) -> None:
+    bracket = JACO.mounts["wheelchair"].carrier
+    assert bracket is not None
+    add_wheelchair(spec, appearance)
+    bracket(spec, appearance)
+
+
+TO_BUILD = {**FURNITURE, "wheelchair and bracket": add_wheelchair_with_bracket}
+
+
 def compiled(*names: str, appearance: bool = False) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
     for name in names:
-        FURNITURE[name](spec, appearance)
+        TO_BUILD[name](spec, appearance)
     return spec.compile()
-
-
-def with_what_carries_it(name: str) -> tuple[str, ...]:
-    return ("wheelchair", name) if name == "jaco_bracket" else (name,)
 
 
 def placed(model: mujoco.MjModel) -> mujoco.MjData:
@@ -74,9 +88,9 @@ def distance(model: mujoco.MjModel, data: mujoco.MjData, one: str, other: str) -
 # All furniture
 
 
-@pytest.mark.parametrize("name", FURNITURE)
+@pytest.mark.parametrize("name", TO_BUILD)
 def test_furniture_touches_the_same_whether_it_is_seen_or_not(name):
-    plain, seen = (compiled(*with_what_carries_it(name), appearance=shown) for shown in (False, True))
+    plain, seen = (compiled(name, appearance=shown) for shown in (False, True))
     touching = [seen.geom(i).name for i in np.nonzero(seen.geom_group == contacts.COLLISION_GROUP)[0]]
     assert touching == [plain.geom(i).name for i in range(plain.ngeom)]
     for geom in touching:
@@ -87,9 +101,9 @@ def test_furniture_touches_the_same_whether_it_is_seen_or_not(name):
     assert seen.ngeom > plain.ngeom
 
 
-@pytest.mark.parametrize("name", FURNITURE)
+@pytest.mark.parametrize("name", TO_BUILD)
 def test_furniture_stands_still_and_touches_as_furniture(name):
-    model = compiled(*with_what_carries_it(name))
+    model = compiled(name)
     assert model.nv == 0
     assert (model.body_weldid == 0).all()
     solid = model.geom_contype != contacts.ROOM.contype
@@ -98,10 +112,10 @@ def test_furniture_stands_still_and_touches_as_furniture(name):
     assert not model.geom_conaffinity[~solid].any()
 
 
-@pytest.mark.parametrize("name", FURNITURE)
+@pytest.mark.parametrize("name", TO_BUILD)
 def test_furniture_stands_on_the_floor(name):
     """What is drawn reaches the floor, give or take 1.5 cm, and nothing is below it."""
-    model = compiled(*with_what_carries_it(name), appearance=True)
+    model = compiled(name, appearance=True)
     data = placed(model)
     turned = np.abs(data.geom_xmat.reshape(-1, 3, 3)[:, 2])
     middle = data.geom_xpos[:, 2] + np.einsum(

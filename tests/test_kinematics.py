@@ -7,8 +7,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import xacro
 from avrgym.geometry import kinematics, transforms
-from avrgym.models.robots import JACO, robot_spec
+from avrgym.models.robot import robot_spec
 from avrgym.models.scene import TOOL_BODY, robot_with_tool
+from avrgym.robots.jaco.robot import JACO
 from avrgym.tasks.places import arm_chain
 
 COUNT = 1000
@@ -197,7 +198,7 @@ def test_angles_stay_within_the_ranges(rng, arm):
     """Whatever is asked for, and wherever the search begins."""
     pos, q = rng.uniform(-2, 2, (200, 3)), transforms.normalize(rng.standard_normal((200, 4)))
     start = rng.uniform(-10, 10, (200, 7))
-    uniforms = rng.random((200, kinematics.RESTART_UNIFORMS))
+    uniforms = rng.random((200, kinematics.restart_uniforms(7)))
     for angles in (
         kinematics.solve(arm, pos, q, start).angles_rad,
         kinematics.solve_with_restarts(arm, pos, q, seed_pose(), uniforms),
@@ -209,7 +210,7 @@ def test_angles_stay_within_the_ranges(rng, arm):
 
 def test_a_row_has_the_same_bits_alone_and_among_others(rng, arm):
     pos, q = kinematics.forward(arm, within_ranges(rng, arm, 64))
-    uniforms = rng.random((64, kinematics.RESTART_UNIFORMS))
+    uniforms = rng.random((64, kinematics.restart_uniforms(7)))
     together = kinematics.solve_with_restarts(arm, pos, q, seed_pose(), uniforms)
     for row in range(0, 64, 5):
         only = slice(row, row + 1)
@@ -256,7 +257,7 @@ def test_restarts_help_and_never_harm(rng, arm):
     """Whatever one search from the seed pose reaches, the search with restarts does; and it reaches more."""
     pos, q = kinematics.forward(arm, within_ranges(rng, arm, 2 * COUNT))
     once = kinematics.solve(arm, pos, q, np.tile(seed_pose(), (2 * COUNT, 1))).angles_rad
-    uniforms = rng.random((2 * COUNT, kinematics.RESTART_UNIFORMS))
+    uniforms = rng.random((2 * COUNT, kinematics.restart_uniforms(7)))
     with_restarts = kinematics.solve_with_restarts(arm, pos, q, seed_pose(), uniforms)
     before, after = reached(arm, once, pos, q), reached(arm, with_restarts, pos, q)
     assert (after | ~before).all()

@@ -3,9 +3,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, SEATED, SEATED_RAD, UPPER_RAD, Person, joint_angles
-from avrgym.models.robots import JACO
 from avrgym.people import arm_limits, distributions
 from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
+from avrgym.robots.jaco.robot import JACO
 from avrgym.tasks import TASKS
 from avrgym.tasks.base import HEAD_TURNED
 

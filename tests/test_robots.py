@@ -5,12 +5,13 @@ from numpy.testing import assert_allclose
 from scipy.spatial import KDTree
 
 import xacro
-from avrgym.models.grips import GRIPS
-from avrgym.models.robots import JACO, find_robot, robot_spec
+from avrgym.models.robot import robot_spec
 from avrgym.models.scene import robot_with_tool
+from avrgym.robots.jaco.robot import JACO
+from avrgym.robots.registry import find_robot
 
 ARM = JACO.arms["right"]
-SPOON_GRIP = GRIPS["Jaco", "spoon"]
+SPOON_GRIP = JACO.grips["spoon"]
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +70,8 @@ def test_the_fingertips_hold_the_handle(grip, finger):
     """Each tip is within 3 mm of the spoon's handle, at angles that the real fingers have."""
     gaps, _ = KDTree(grip["handle"]).query(grip[f"finger_tip_{finger}"])
     assert gaps.min() < 0.003
-    assert 0.0 <= SPOON_GRIP.finger_angles_rad[f"finger_{finger}"] <= 1.51
-    assert 0.0 <= SPOON_GRIP.finger_angles_rad[f"finger_tip_{finger}"] <= 2.0
+    assert 0.0 <= SPOON_GRIP.fingers[f"finger_{finger}"] <= 1.51
+    assert 0.0 <= SPOON_GRIP.fingers[f"finger_tip_{finger}"] <= 2.0
 
 
 def test_the_handle_runs_between_thumb_and_fingers(grip):

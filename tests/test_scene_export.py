@@ -9,8 +9,8 @@ import pytest
 from avrgym.geometry.transforms import to_matrix
 from avrgym.models.human import SKIN_TONES, Person
 from avrgym.models.human_shape import HEAD_PARTS
-from avrgym.models.robots import find_robot
 from avrgym.models.scene import build_spec
+from avrgym.robots.registry import find_robot
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
 from avrgym.vr.scene.scene_export import export_glb
 from avrgym.vr.scene.skins import Skin, closed, skins_of

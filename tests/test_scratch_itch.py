@@ -8,11 +8,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import Person
-from avrgym.models.robots import ROBOTS
 from avrgym.models.scene import robot_with_tool
 from avrgym.models.scratcher import PAST_FINGERS_M, SCRATCHER
 from avrgym.oracles import ORACLES
 from avrgym.people import distributions
+from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import State
 from avrgym.tasks import TASKS
 from avrgym.tasks.base import StepResult
@@ -182,8 +182,8 @@ def test_the_observation_has_the_documented_order():
         [tool - torso, tool_q[0], tool - ITCH_W, ITCH_W - torso, np.arange(7.0), *joints, [9.0]]
     )
     assert_allclose(SCRATCHING.observe(seen, itching()), expected[None], atol=1e-12)
-    assert SCRATCHING.observation_size == len(expected) == 30
-    assert [entry.size for entry in OBSERVED] == [3, 4, 3, 3, 7, 3, 3, 3, 1]
+    assert SCRATCHING.observation_size(7) == len(expected) == 30
+    assert [entry.count(7) for entry in OBSERVED] == [3, 4, 3, 3, 7, 3, 3, 3, 1]
 
 
 def test_the_itch_is_marked_where_it_is_above_skin_and_sleeve():
@@ -233,7 +233,7 @@ def episodes(request) -> Episodes:
 def test_episodes_begin_with_the_hand_beside_the_arm(episodes):
     seen = episodes.simulation.state()
     hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.scene.tool.grip_pos)
-    x = -0.55 if episodes.scene.robot.mobile else -0.5
+    x = -0.55 if episodes.scene.mount.on_floor else -0.5
     assert np.abs(hand - [x, 0.0, 0.8]).max() < 0.05 + 0.035
     assert_array_equal(seen.robot_force_n, 0.0)
 

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
-from avrgym.models import human, robots
+from avrgym.models import human, robot
 from avrgym.models.human import Person, Sex
 from avrgym.models.scene import TOOL
 from avrgym.recording.files import Recording, RecordingWriter
@@ -70,7 +70,7 @@ class Replica:
         episodes.begin(np.array([0]), [np.random.default_rng(recording.metadata["seed"])])
         self.model = episodes.simulation.batch.get_model(0)
         self.data = mujoco.MjData(self.model)
-        arm = [robots.PREFIX + joint for joint in episodes.scene.arm.joints]
+        arm = [robot.PREFIX + joint for joint in episodes.scene.arm.joints]
         self._arm = Arm(
             qpos=[self.model.joint(name).qposadr[0] for name in arm],
             act=[self.model.actuator(name).actadr[0] for name in arm],
@@ -95,7 +95,7 @@ class Replica:
         ctrl, (data, arm) = self.ctrl(after), (self.put(state), self._arm)
         driving = ctrl[arm.ctrl].any()
         self.model.dof_frictionloss[arm.dof] = 0.0 if driving else arm.brake_n_m
-        self.model.opt.disableactuator = 0 if driving else 1 << robots.MOTORS
+        self.model.opt.disableactuator = 0 if driving else 1 << robot.MOTORS
         if not np.array_equal(data.ctrl[arm.ctrl], ctrl[arm.ctrl]):
             lead = MAX_LEAD_RAD if ctrl[arm.ctrl].any() else 0.0
             angles = data.qpos[arm.qpos]

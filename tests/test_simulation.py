@@ -7,7 +7,7 @@ from avrgym.geometry import kinematics, transforms
 from avrgym.models import human
 from avrgym.models.furniture import BOWL_BODY, BOWL_START_M
 from avrgym.models.human import Person
-from avrgym.models.robots import PREFIX as ROBOT
+from avrgym.models.robot import PREFIX as ROBOT
 from avrgym.models.scene import TOOL
 from avrgym.people import distributions
 from avrgym.simulation.worlds import PARKING_W, Simulation

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from avrgym.models.human import Sex
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.recording.files import Recording, read_recording
-from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks import sizes
 from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
@@ -38,7 +38,7 @@ CALIBRATION_TICKS = 20
 
 def drive(environment: str) -> Policy:
     """Turns every joint at 0.6 of its speed, whatever it sees."""
-    size = TASKS[find_environment(environment)[0]].observation_size
+    size = sizes(environment)[0]
     return Policy(
         weights=(np.zeros((size, 7)),),
         biases=(np.array([0.6, -0.6, 0.6, -0.6, 0.6, -0.6, 0.6]),),

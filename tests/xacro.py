@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.models.robots import JACO, mesh_path
+from avrgym.robots.jaco.robot import MESHES
 
-FOLDER = mesh_path(JACO).parent / "urdf"
+FOLDER = MESHES.parent / "urdf"
 PREFIX = "{http://www.ros.org/wiki/xacro}"
 CONSTANTS = {"J_PI": math.pi}
 OPERATORS: dict[type, Callable[..., Any]] = {

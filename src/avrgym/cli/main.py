@@ -27,7 +27,7 @@ from avrgym.models.human import SEXES, Sex
 from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.policies.registry import CHOICES, OPERATOR
 from avrgym.policies.trained import packaged_policies
-from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
+from avrgym.tasks import ENVIRONMENTS, find_environment, sizes
 
 if TYPE_CHECKING:
     from avrgym.models.furniture.real import RealFurniture
@@ -290,7 +290,7 @@ def envs(json_file: JsonFile = None) -> None:
             "env": environment,
             "task": task,
             "robot": robot,
-            "observation_size": TASKS[task].observation_size,
+            "observation_size": sizes(environment)[0],
             "policies": sorted(packaged_policies(environment)),
         }
         for environment, (task, robot) in ENVIRONMENTS.items()

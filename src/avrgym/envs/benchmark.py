@@ -10,7 +10,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from avrgym.models.scene import SUBSTEPS
-from avrgym.tasks.episodes import ACTIONS, EPISODE_STEPS, Episodes
+from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
 
 Array = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ def measure_simulation(
 def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     """One episode of all worlds, then its physics alone."""
     worlds = episodes.simulation.num_worlds
-    actions = np.random.default_rng(seed).uniform(-1.0, 1.0, (steps, worlds, ACTIONS))
+    actions = np.random.default_rng(seed).uniform(-1.0, 1.0, (steps, worlds, episodes.action_size))
     generators = [np.random.default_rng([seed, world]) for world in range(worlds)]
     began = perf_counter()
     episodes.begin(np.arange(worlds), generators)

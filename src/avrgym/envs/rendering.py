@@ -45,7 +45,7 @@ VIEWS: Mapping[tuple[str, bool], View] = {
     ("ScratchItch", True): View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
     ("BedBathing", True): View((-0.35, -0.05, 0.85), 2.6, 112.0, -28.0),
 }
-"""By task, and whether the robot is mobile; what the robot does is not hidden by its arm or the person."""
+"""By task, and whether the robot stands on the floor; what the robot does is not hidden by its arm or the person."""
 
 
 class Camera:
@@ -80,7 +80,7 @@ class Camera:
         if first_person:
             _hide_head(self._model)
         else:
-            self._eye = _camera(VIEWS[episodes.task.name, scene.robot.mobile])
+            self._eye = _camera(VIEWS[episodes.task.name, scene.mount.on_floor])
         self._renderer = _renderer(self._model, width_px, height_px)
 
     def picture(self) -> NDArray[np.uint8]:

@@ -11,19 +11,18 @@ from avrgym.envs.rendering import Camera
 from avrgym.envs.vector_conventions import plain_seed
 from avrgym.models.human import Person
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.tasks.base import Task
-from avrgym.tasks.episodes import ACTIONS, EPISODE_STEPS, Episodes, Step, checked_actions
+from avrgym.tasks.episodes import EPISODE_STEPS, Episodes, Step, checked_actions
 
 Array = NDArray[np.float64]
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_STEP_S)}
 
 
-def spaces_of(task: Task) -> tuple[gym.Space[Array], gym.Space[NDArray[np.float32]]]:
-    """The spaces of a task's observations (O,) and actions (7,)."""
-    bound = task.observation_bound
+def spaces_of(episodes: Episodes) -> tuple[gym.Space[Array], gym.Space[NDArray[np.float32]]]:
+    """The spaces of observations (O,) and actions (J,), a number for each joint of the arm."""
+    bound = episodes.task.observation_bound(episodes.action_size)
     observation = gym.spaces.Box(-bound, bound, dtype=np.float64)
-    return observation, gym.spaces.Box(-1.0, 1.0, (ACTIONS,), np.float32)
+    return observation, gym.spaces.Box(-1.0, 1.0, (episodes.action_size,), np.float32)
 
 
 class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
@@ -50,7 +49,7 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
         self.episodes = Episodes(
             environment_id, 1, distribution=people, person=person, impairment=impairment, num_threads=1
         )
-        self.observation_space, self.action_space = spaces_of(self.episodes.task)
+        self.observation_space, self.action_space = spaces_of(self.episodes)
         self._steps_left = 0
         self._camera: Camera | None = None
 
@@ -69,12 +68,12 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
         """One control step of 0.1 s; the episode is truncated after 200 and never ends before.
 
         Raises:
-            ValueError: for an action of another shape than (7,), or with numbers that are not finite.
+            ValueError: for an action of another shape than (J,), or with numbers that are not finite.
             gymnasium.error.ResetNeeded: before the first reset, and after an episode's end. Nothing has moved then.
         """
         if not self._steps_left:
             raise ResetNeeded(f"no episode is running: reset() begins one, of {EPISODE_STEPS} steps")
-        step = self.episodes.step(checked_actions(action, (ACTIONS,))[None])
+        step = self.episodes.step(checked_actions(action, (self.episodes.action_size,))[None])
         self._steps_left -= 1
         return step.observation[0], float(step.reward[0]), False, self._steps_left == 0, _info(step)
 

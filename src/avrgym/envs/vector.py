@@ -68,7 +68,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
             impairment=impairment,
             num_threads=num_threads,
         )
-        self.single_observation_space, self.single_action_space = spaces_of(self.episodes.task)
+        self.single_observation_space, self.single_action_space = spaces_of(self.episodes)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._now: Step | None = None
@@ -114,7 +114,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
         """One control step of all worlds.
 
         Raises:
-            ValueError: for actions of another shape than (N, 7), or with numbers that are not finite.
+            ValueError: for actions of another shape than (N, J), or with numbers that are not finite.
             gymnasium.error.ResetNeeded: before the first reset, and after an episode's end without automatic reset.
                 Nothing has moved then.
         """

@@ -250,9 +250,13 @@ def solve(
 
 
 RESTARTS = 4
-RESTART_UNIFORMS = 7 * RESTARTS
 RESTART_SPREAD_RAD = 1.0
 ACCURACY_M, ACCURACY_RAD = 0.005, 0.05
+
+
+def restart_uniforms(joints: int) -> int:
+    """How many numbers draw the restarts of one row for an arm of so many joints."""
+    return RESTARTS * joints
 
 
 def solve_with_restarts(
@@ -262,14 +266,14 @@ def solve_with_restarts(
     it.
 
     A row keeps the first solution within 5 mm and 0.05 rad, else the one that comes closest. ``uniforms``
-    (N, ``RESTART_UNIFORMS``) draw the restarts. Hinges that turn freely end within ±π.
+    (N, ``restart_uniforms(J)``) draw the restarts. Hinges that turn freely end within ±π.
     """
     best = solve(chain, target_pos, target_q, np.tile(seed_rad, (len(target_pos), 1)))
     for restart in range(RESTARTS):
         rows = np.nonzero(~accurate(best))[0]
         if not len(rows):
             break
-        spread = uniforms[rows, 7 * restart : 7 * restart + len(seed_rad)]
+        spread = uniforms[rows, restart * len(seed_rad) : (restart + 1) * len(seed_rad)]
         start = seed_rad + RESTART_SPREAD_RAD * (2.0 * spread - 1.0)
         best = better(best, solve(chain, target_pos[rows], target_q[rows], start), rows)
     return wrapped(chain, best.angles_rad)

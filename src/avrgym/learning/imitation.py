@@ -72,7 +72,7 @@ def imitate(model: PPO, episodes: Episodes, rounds: int, seed: int, shown: Path,
 
 @dataclass(frozen=True)
 class Shown:
-    """What a teacher showed: observations (S, O) and its actions (S, 7), single precision."""
+    """What a teacher showed: observations (S, O) and its actions (S, J), single precision."""
 
     observations: NDArray[np.float32]
     actions: NDArray[np.float32]

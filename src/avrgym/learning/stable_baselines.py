@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from avrgym.envs.registration import AssistiveVectorEnv
 from avrgym.learning.shaping import DETOURS
 from avrgym.tasks.base import Task
-from avrgym.tasks.episodes import ACTIONS, EPISODE_STEPS
+from avrgym.tasks.episodes import EPISODE_STEPS
 
 Array = NDArray[Any]
 
@@ -35,7 +35,7 @@ class SB3VectorEnv(VecEnv):
         self._returns: Array = np.zeros(env.num_envs)
         self._forces_n: Array = np.zeros(env.num_envs)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-        self._actions: Array = np.zeros((env.num_envs, ACTIONS))
+        self._actions: Array = np.zeros((env.num_envs, env.episodes.action_size))
         self._seed: int | None = None
 
     def seed(self, seed: int | None = None) -> list[int | None]:
@@ -125,10 +125,11 @@ class ObservationScale(RunningMeanStd):
     What a tool does depends on centimetres where it is near; by the variance of whole episodes they would hardly show.
     """
 
-    def __init__(self, task: Task) -> None:
-        """Begin without having seen any of the task's observations."""
-        super().__init__(shape=(task.observation_size,))
-        names = np.repeat([entry.name for entry in task.observed], [entry.size for entry in task.observed])
+    def __init__(self, task: Task, joints: int) -> None:
+        """Begin without having seen any of the task's observations, with an arm of so many joints."""
+        super().__init__(shape=(task.observation_size(joints),))
+        counts = [entry.count(joints) for entry in task.observed]
+        names = np.repeat([entry.name for entry in task.observed], counts)
         self._from_goal = np.isin(names, FROM_GOAL)
         self._fix()
 

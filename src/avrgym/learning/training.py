@@ -385,7 +385,7 @@ def _measure(configuration: TrainingConfiguration, out: Path) -> Policy:
 def _ppo(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path) -> PPO:
     torch.set_num_threads(1)  # so small a network gains nothing from more, and its sums keep their order
     normaliser = VecNormalize(env, gamma=configuration.discount, clip_obs=5.0)
-    normaliser.obs_rms = ObservationScale(env.env.episodes.task)
+    normaliser.obs_rms = ObservationScale(env.env.episodes.task, env.env.episodes.action_size)
     model = PPO(
         "MlpPolicy",
         normaliser,

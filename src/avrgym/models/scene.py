@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import mujoco
 
 from avrgym.geometry import transforms
-from avrgym.models import contacts, grips, human, robots
-from avrgym.models.furniture import FURNITURE
+from avrgym.models import contacts, human, robot
 from avrgym.models.human import Person, Posture
 from avrgym.models.human_shape import add_appearance
 from avrgym.models.parts import add_collision
-from avrgym.models.robots import Arm, Robot
+from avrgym.models.robot import Arm, Furniture, Mount, Robot
 from avrgym.models.tools import BODY as TOOL_BODY
 from avrgym.models.tools import Particles, Tool, add_particles
 
@@ -23,32 +22,20 @@ FLUID_TOLERANCE = 1e-3
 physics step takes 0.20 ms; it takes 0.45 ms with Newton's method, which food and bare scenes do better with."""
 
 
-@dataclass(frozen=True)
-class BaseRange:
-    """Where the robot's base may stand: metres and radians added to its nominal place."""
-
-    x_m: tuple[float, float]
-    y_m: tuple[float, float]
-    yaw_rad: tuple[float, float]
-
-
 @dataclass(frozen=True, eq=False)
 class SceneConfig:
-    """What stands in a scene: names of ``FURNITURE``, the person's posture, a robot with its tool.
+    """What stands in a scene: the furniture, the person's posture, a robot on its mount with its tool.
 
-    ``movable`` are the bodies of furniture that every episode places anew. ``robot_pos_w`` and
-    ``robot_yaw_rad`` are the base's place, or the middle of where ``base_range`` searches for one.
+    The mount's carrier is among the furniture; ``movable`` are the bodies of furniture that every episode places anew.
     """
 
-    furniture: Sequence[str]
+    furniture: Sequence[Furniture]
     movable: Sequence[str]
     posture: Posture
     robot: Robot
     arm: Arm
     tool: Tool
-    robot_pos_w: tuple[float, float, float]
-    robot_yaw_rad: float
-    base_range: BaseRange | None = None
+    mount: Mount
 
 
 def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: bool) -> mujoco.MjSpec:
@@ -68,8 +55,8 @@ def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: 
     human.add_person(spec, person, scene.posture, moving=moving)
     if appearance:
         add_appearance(spec, person, scene.posture, open_mouth=scene.tool.particles is not None)
-    for name in scene.furniture:
-        FURNITURE[name](spec, appearance)
+    for add in scene.furniture:
+        add(spec, appearance)
     _add_robot(spec, scene, appearance)
     if scene.tool.particles is not None:
         add_particles(spec, scene.tool.particles, appearance)
@@ -90,20 +77,17 @@ def _set_options(spec: mujoco.MjSpec, particles: Particles | None) -> None:
 
 
 def _add_robot(spec: mujoco.MjSpec, scene: SceneConfig, appearance: bool) -> None:
-    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], scene.robot_yaw_rad)
-    frame = spec.worldbody.add_frame(pos=scene.robot_pos_w, quat=turn)
-    spec.attach(robot_with_tool(scene, appearance=appearance), prefix=robots.PREFIX, frame=frame)
+    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], scene.mount.yaw_rad)
+    frame = spec.worldbody.add_frame(pos=scene.mount.pos_w, quat=turn)
+    spec.attach(robot_with_tool(scene, appearance=appearance), prefix=robot.PREFIX, frame=frame)
 
 
 def robot_with_tool(scene: SceneConfig, *, appearance: bool) -> mujoco.MjSpec:
     """The scene's robot alone, with its tool in its hand."""
-    robot = robots.robot_spec(scene.robot, scene.arm, appearance=appearance)
-    tool = grips.hold(robot, scene.robot, scene.arm, scene.tool, TOOL_BODY)
-    scene.tool.build(robot, tool, appearance)
-    return robot
+    return robot.robot_with(scene.robot, scene.arm, scene.tool, TOOL_BODY, appearance=appearance)
 
 
-TOOL = robots.PREFIX + TOOL_BODY
+TOOL = robot.PREFIX + TOOL_BODY
 ROBOT_FORCE_SENSOR = "robot_force_on_person"
 TOOL_FORCE_SENSOR = "tool_force_on_person"
 ROBOT_CONTACT_SENSOR = "robot_contacts_with_person"
@@ -121,13 +105,13 @@ def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     Net forces and velocities are in the world's frame. Contacts are the strongest ones, those of the tool with force
     (whose length alone has a meaning: it is in the contact's frame), place, and normal from the tool to the person.
     """
-    robot = robots.PREFIX + scene.robot.base
-    _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, robot, _FORCE, _NET_FORCE, slots=1)
+    base = robot.PREFIX + scene.robot.base
+    _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, base, _FORCE, _NET_FORCE, slots=1)
     _add_contact_sensor(spec, TOOL_FORCE_SENSOR, TOOL, _FORCE, _NET_FORCE, slots=1)
-    _add_contact_sensor(spec, ROBOT_CONTACT_SENSOR, robot, _FORCE, _STRONGEST, slots=ROBOT_CONTACTS)
+    _add_contact_sensor(spec, ROBOT_CONTACT_SENSOR, base, _FORCE, _STRONGEST, slots=ROBOT_CONTACTS)
     whole = _FORCE | _POS | _NORMAL
     _add_contact_sensor(spec, TOOL_CONTACT_SENSOR, TOOL, whole, _STRONGEST, slots=TOOL_CONTACTS)
-    _add_velocity_sensor(spec, EFFECTOR_VELOCITY_SENSOR, robots.PREFIX + scene.arm.end_effector)
+    _add_velocity_sensor(spec, EFFECTOR_VELOCITY_SENSOR, robot.PREFIX + scene.arm.end_effector)
     _add_velocity_sensor(spec, TOOL_VELOCITY_SENSOR, TOOL)
 
 

@@ -22,9 +22,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.models import contacts, human, robots, tools
+from avrgym.models import contacts, human, robot, tools
 from avrgym.models.parts import add_collision
-from avrgym.models.robots import Arm
+from avrgym.models.robot import Arm
 from avrgym.models.tools import Hull, Tool
 
 Array = NDArray[np.float64]
@@ -75,13 +75,13 @@ def bound_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: float) -> 
     for geom in spec.geoms:
         if geom.name.startswith(human.PREFIX):
             soften(geom)
-        elif geom.name.startswith(robots.PREFIX) and geom.priority:  # tools whose own parameters count alone
+        elif geom.name.startswith(robot.PREFIX) and geom.priority:  # tools whose own parameters count alone
             if geom.condim == 1:
                 soften(geom)
             else:
                 soften(geom, PAD_STIFFNESS_S2, PAD_DAMPING_S, PAD_IMPEDANCE)
     for joint, torque in zip(arm.joints, torque_limit_n_m(arm, lead_rad), strict=True):
-        spec.actuator(robots.PREFIX + joint).forcerange = [-torque, torque]
+        spec.actuator(robot.PREFIX + joint).forcerange = [-torque, torque]
 
 
 def soften(
@@ -98,7 +98,7 @@ def soften(
 
 
 def torque_limit_n_m(arm: Arm, lead_rad: float) -> Array:
-    """What each motor presses with at most, (7,): the spring of its servo at ``lead_rad``, or all that it can."""
+    """What each motor presses with at most, (J,): the spring of its servo at ``lead_rad``, or all that it can."""
     return np.minimum(arm.torque_limit_n_m, lead_rad * arm.stiffness_n_m_rad)
 
 
@@ -110,9 +110,9 @@ def muscle_torque_n_m(strength_n_m: Array, tremor_rad: Array) -> Array:
 
 def _close(spec: mujoco.MjSpec, hull: Hull) -> None:
     """Let people touch a tool's hull in place of its walls."""
-    body = spec.body(robots.PREFIX + tools.BODY)
+    body = spec.body(robot.PREFIX + tools.BODY)
     for name in hull.walls:
-        spec.geom(robots.PREFIX + name).conaffinity = 0
+        spec.geom(robot.PREFIX + name).conaffinity = 0
     add_collision(
-        body, robots.PREFIX + "hull", hull.shape, contacts.HULL, pos=hull.pos, size=hull.size, mass=0.0
+        body, robot.PREFIX + "hull", hull.shape, contacts.HULL, pos=hull.pos, size=hull.size, mass=0.0
     )

@@ -83,7 +83,7 @@ class Clearance:
         self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in simulation.robot_base())
 
     def least_m(self, angles_rad: Array, state: State, *, tool: bool) -> Array:
-        """The smallest distance (N, M) of the arm from person or furniture at angles (N, M, 7), metres.
+        """The smallest distance (N, M) of the arm from person or furniture at angles (N, M, J), metres.
 
         Below 0 where they intersect. ``tool`` counts the tool to the arm; the hand always belongs to it.
         """

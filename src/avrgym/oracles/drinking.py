@@ -68,7 +68,7 @@ class DrinkingOracle:
         self._way, self._before_rad = self._plan(self._simulation.state())
 
     def __call__(self, observation: Array) -> Array:
-        """Actions (N, 7)."""
+        """Actions (N, J)."""
         state, guide = self._simulation.state(), self._guide
         self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
         swing = guide.swing(self._before_rad, CARRY_M_S, TIPPED_RAD)
@@ -82,7 +82,7 @@ class DrinkingOracle:
     def _plan(self, state: State) -> tuple[Way, Array]:
         """Of all ways on which the arm can tilt the cup, one that is quick and brings the rim near to the mouth.
 
-        Also the arm's angles (N, 7) where it begins.
+        Also the arm's angles (N, J) where it begins.
         """
         worlds = np.arange(self._simulation.num_worlds)
         ways = np.radians([(aside, roll) for aside in ASIDE_DEG for roll in ROLL_DEG])
@@ -92,7 +92,7 @@ class DrinkingOracle:
         return Way(*ways[best].T), before_rad[best, worlds]
 
     def _try(self, state: State, way: Way) -> tuple[Array, Array]:
-        """What a way costs, (N,), and the arm's angles (N, 7) where it begins."""
+        """What a way costs, (N,), and the arm's angles (N, J) where it begins."""
         pos_w, q_w = at_mouth(state, way, np.full_like(way.roll_rad, TIPPED_RAD))
         before_w = pos_w - AWAY_M * transforms.rotate(yaw_q_w(state, way), FORWARD)
         angles, seconds = (

@@ -45,7 +45,7 @@ class FeedingOracle:
         self._plan(self._simulation.state())
 
     def __call__(self, observation: Array) -> Array:
-        """Actions (N, 7)."""
+        """Actions (N, J)."""
         state, guide = self._simulation.state(), self._guide
         self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
         swing = guide.swing(self._before_rad, CARRY_M_S, TILT_RAD)

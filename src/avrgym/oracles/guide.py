@@ -15,8 +15,8 @@ ITERATIONS = 8
 POSTURE_SHARE = 0.1
 """How much of the way to its posture the arm goes in a control step, where the tool leaves it free to."""
 
-STARTS = np.concatenate([np.zeros((1, 7)), np.random.default_rng(0).uniform(-1.5, 1.5, (11, 7))])
-"""Where the search for angles begins, radians from where the arm is."""
+STARTS, SPREAD_RAD = 12, 1.5
+"""From how many poses the search for angles begins: where the arm is, and others around it."""
 CONSIDERED = 8
 """How many of the angles found for a pose are looked at more closely."""
 PARTS_OF_THE_WAY = (0.2, 0.4, 0.6, 0.8, 1.0)
@@ -30,7 +30,7 @@ class Guide:
     """The moving arms of N worlds and the angles they are asked for, from one control step to the next.
 
     What is asked for goes on from where the servos aim, so that their lag does not slow the tool down. ``pos_w``
-    (N, 3) and ``q_w`` (N, 4) are the tool's pose at these angles. ``posture_rad`` (N, 7), the arm's first angles
+    (N, 3) and ``q_w`` (N, 4) are the tool's pose at these angles. ``posture_rad`` (N, J), the arm's first angles
     until an oracle sets others, draws the arm wherever the tool leaves it free.
     """
 
@@ -48,7 +48,7 @@ class Guide:
     def toward(
         self, target_pos_w: Array, target_q_w: Array, speed_m_s: Array | float, turn_rad_s: float
     ) -> Array:
-        """Actions (N, 7) that bring the tool nearer to its target along a straight line.
+        """Actions (N, J) that bring the tool nearer to its target along a straight line.
 
         ``target_pos_w`` (N, 3) and ``target_q_w`` (N, 4); the tool moves and turns no faster than given, and as
         fast as the arm's joints allow.
@@ -58,7 +58,7 @@ class Guide:
     def straight(
         self, target_pos_w: Array, target_q_w: Array, speed_m_s: Array | float, turn_rad_s: float
     ) -> Array:
-        """The angles (N, 7) of the next pose on the straight line to a target; see ``toward``."""
+        """The angles (N, J) of the next pose on the straight line to a target; see ``toward``."""
         self._see()
         step = target_pos_w - self.pos_w
         turn = transforms.to_rotation_vector(transforms.multiply(target_q_w, transforms.conjugate(self.q_w)))
@@ -70,7 +70,7 @@ class Guide:
         return self.angles_at(self.pos_w + step, q_w, self.angles_rad + pull)
 
     def swing(self, target_rad: Array, speed_m_s: Array | float, tilt_rad: float) -> Array:
-        """The angles (N, 7) of the next pose on the way to others, all joints together.
+        """The angles (N, J) of the next pose on the way to others, all joints together.
 
         The tool moves no faster than given, and its z axis stays within ``tilt_rad`` of the vertical.
         """
@@ -82,14 +82,14 @@ class Guide:
         return self.angles_at(pos_w, _upright(q_w, tilt_rad), self.angles_rad + step)
 
     def ask(self, angles_rad: Array) -> Array:
-        """Actions (N, 7) that bring the arms towards angles (N, 7), all joints together, within their limits."""
+        """Actions (N, J) that bring the arms towards angles (N, J), all joints together, within their limits."""
         self._see()
         step = self._within_limits(angles_rad - self.angles_rad)
         self._put(self.angles_rad + step)
         return step / self._reach_rad
 
     def find(self, pos_w: Array, q_w: Array, tilt_rad: float = np.pi) -> tuple[Array, Array]:
-        """Angles (N, K, 7) for K tool poses per world, (N, K, 3) and (N, K, 4): near, and clear of all else.
+        """Angles (N, K, J) for K tool poses per world, (N, K, 3) and (N, K, 4): near, and clear of all else.
 
         Returns:
             The angles, and what they cost, (N, K): how many seconds a swing there takes at least, and
@@ -100,28 +100,30 @@ class Guide:
         worlds, poses = q_w.shape[:2]
         to_base_pos, to_base_q = (part[:, None] for part in self._to_base)
         pos, q = transforms.compose(to_base_pos, to_base_q, pos_w, q_w)
-        starts = np.tile(self.angles_rad[:, None, None] + STARTS, (1, poses, 1, 1)).reshape(-1, 7)
-        pos, q = (np.repeat(part.reshape(worlds * poses, -1), len(STARTS), axis=0) for part in (pos, q))
+        joints = self.angles_rad.shape[-1]
+        starts = self.angles_rad[:, None, None] + _around(joints)
+        starts = np.tile(starts, (1, poses, 1, 1)).reshape(-1, joints)
+        pos, q = (np.repeat(part.reshape(worlds * poses, -1), STARTS, axis=0) for part in (pos, q))
         solution = kinematics.solve(self._chain, pos, q, starts)
-        angles = self._unwound(solution.angles_rad.reshape(worlds, -1, 7))
+        angles = self._unwound(solution.angles_rad.reshape(worlds, -1, joints))
         missed = (solution.position_error_m > ACCURACY_M) | (solution.rotation_error_rad > ACCURACY_RAD)
         cost = np.where(missed.reshape(worlds, -1), np.inf, self._cost_level_s(angles, tilt_rad))
         cost, angles = _least(
-            cost.reshape(worlds, poses, -1), angles.reshape(worlds, poses, -1, 7), CONSIDERED
+            cost.reshape(worlds, poses, -1), angles.reshape(worlds, poses, -1, joints), CONSIDERED
         )
-        cost += self._cost_clear_s(angles.reshape(worlds, -1, 7)).reshape(cost.shape)
+        cost += self._cost_clear_s(angles.reshape(worlds, -1, joints)).reshape(cost.shape)
         cost, angles = _least(cost, angles, 1)
         return angles[:, :, 0], cost[:, :, 0]
 
     def _cost_level_s(self, angles_rad: Array, tilt_rad: float) -> Array:
-        """How long swings to angles (N, M, 7) take at least, and what it costs that they tilt the tool, (N, M)."""
+        """How long swings to angles (N, M, J) take at least, and what it costs that they tilt the tool, (N, M)."""
         way = angles_rad - self.angles_rad[:, None]
         tilt = [self._tilt_rad(self.angles_rad[:, None] + share * way) for share in PARTS_OF_THE_WAY]
         excess = np.maximum(0.0, np.max(tilt, axis=0) - tilt_rad)
         return CONTROL_STEP_S * np.abs(way / self._reach_rad).max(axis=-1) + TILTED_S_RAD * excess
 
     def _cost_clear_s(self, angles_rad: Array) -> Array:
-        """What it costs that swings to angles (N, M, 7) come close to something, (N, M)."""
+        """What it costs that swings to angles (N, M, J) come close to something, (N, M)."""
         way = angles_rad - self.angles_rad[:, None]
         state, gap = self._simulation.state(), np.full(way.shape[:2], np.inf)
         for share in PARTS_OF_THE_WAY:
@@ -130,7 +132,7 @@ class Guide:
         return BLOCKED_S * np.maximum(0.0, 1.0 - gap / MARGIN_M)
 
     def _tilt_rad(self, angles_rad: Array) -> Array:
-        """How far (N, M) the tool's z axis is from the vertical at angles (N, M, 7)."""
+        """How far (N, M) the tool's z axis is from the vertical at angles (N, M, J)."""
         _, q = kinematics.forward(self._chain, angles_rad.reshape(-1, angles_rad.shape[-1]))
         z_w = transforms.rotate(
             self._base_w[1][:, None], transforms.rotate(q, UP).reshape(*angles_rad.shape[:2], 3)
@@ -138,16 +140,16 @@ class Guide:
         return elementary.arccos(np.clip(z_w[..., 2], -1.0, 1.0))
 
     def angles_at(self, pos_w: Array, q_w: Array, near_rad: Array) -> Array:
-        """Angles (N, 7) for a tool pose not far from that of other angles."""
+        """Angles (N, J) for a tool pose not far from that of other angles."""
         pos, q = transforms.compose(*self._to_base, pos_w, q_w)
         return kinematics.solve(self._chain, pos, q, near_rad, iterations=ITERATIONS).angles_rad
 
     def pose(self, angles_rad: Array) -> tuple[Array, Array]:
-        """The tool's positions (N, 3) and rotations (N, 4) at angles (N, 7), world frame."""
+        """The tool's positions (N, 3) and rotations (N, 4) at angles (N, J), world frame."""
         return transforms.compose(*self._base_w, *kinematics.forward(self._chain, angles_rad))
 
     def _unwound(self, angles_rad: Array) -> Array:
-        """The same angles (N, M, 7) plus whole turns, as near to where the arm is as their ranges allow."""
+        """The same angles (N, M, J) plus whole turns, as near to where the arm is as their ranges allow."""
         turns = np.round((self.angles_rad[:, None] - angles_rad) / (2.0 * np.pi))
         turned = angles_rad + 2.0 * np.pi * turns
         inside = (turned >= self._chain.lower_rad) & (turned <= self._chain.upper_rad)
@@ -165,8 +167,14 @@ class Guide:
         return step_rad / np.maximum(1.0, np.abs(step_rad / self._reach_rad).max(axis=-1, keepdims=True))
 
 
+def _around(joints: int) -> Array:
+    """Where the search begins, ``STARTS`` rows (…, J): radians from where the arm is."""
+    others = np.random.default_rng(0).uniform(-SPREAD_RAD, SPREAD_RAD, (STARTS - 1, joints))
+    return np.concatenate([np.zeros((1, joints)), others])
+
+
 def _least(cost: Array, angles_rad: Array, count: int) -> tuple[Array, Array]:
-    """The cheapest of costs (N, K, R) and their angles (N, K, R, 7), as many as ``count``, the best first."""
+    """The cheapest of costs (N, K, R) and their angles (N, K, R, J), as many as ``count``, the best first."""
     best = np.argsort(cost, axis=-1, kind="stable")[..., :count]
     return np.take_along_axis(cost, best, axis=-1), np.take_along_axis(angles_rad, best[..., None], axis=2)
 

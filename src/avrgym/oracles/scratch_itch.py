@@ -47,7 +47,7 @@ class ScratchItchOracle:
         self._guide = Guide(episodes)
         count = episodes.simulation.num_worlds
         self._arrived, self._touched = np.zeros((2, count), dtype=bool)
-        self._q_limb, self._before_rad = np.zeros((count, 4)), np.zeros((count, 7))
+        self._q_limb, self._before_rad = np.zeros((count, 4)), np.zeros((count, episodes.action_size))
         self._steps = 0
         hard = self._plan(np.ones(count, dtype=bool)) > HARD_S
         self._detour_rad, cost_s = self._find_detour()
@@ -82,7 +82,7 @@ class ScratchItchOracle:
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
     def _find_detour(self) -> tuple[Array, Array]:
-        """Angles (N, 7) before and above the wrist, the rod pointing down, and what it costs to go there (N,)."""
+        """Angles (N, J) before and above the wrist, the rod pointing down, and what it costs to go there (N,)."""
         wrist_w = self._episodes.simulation.state().right_arm_pos_w[:, 2]
         turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
         q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from avrgym.geometry import transforms
 from avrgym.geometry.capsules import segment_box_distance, segment_distance
 from avrgym.models import human
-from avrgym.models.furniture import FURNITURE
 from avrgym.models.human import GEOMS, RIGHT_ARM, SEATED, People, Posture, Z
+from avrgym.models.robot import Furniture
 
 Array = NDArray[np.float64]
 
@@ -43,11 +43,11 @@ _PART = np.array([_NAMES.index(part) for part, _ in PAIRS])
 _OTHER = np.array([_NAMES.index(other) for _, other in PAIRS])
 
 
-def furniture_boxes(names: Sequence[str]) -> Boxes:
-    """The boxes that furniture collides with, where it stands unmoved; names of ``FURNITURE``."""
+def furniture_boxes(furniture: Sequence[Furniture]) -> Boxes:
+    """The boxes that furniture collides with, where it stands unmoved."""
     spec = mujoco.MjSpec()
-    for name in names:
-        FURNITURE[name](spec, False)
+    for add in furniture:
+        add(spec, False)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

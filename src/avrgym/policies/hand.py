@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
 from avrgym.geometry.kinematics import chain_of, jacobian
-from avrgym.models import robots
+from avrgym.models import robot
 from avrgym.simulation.worlds import Simulation
 
 Array = NDArray[np.float64]
@@ -22,8 +22,8 @@ class Hand:
     def __init__(self, simulation: Simulation) -> None:
         """Read the arm's chain from the scene."""
         scene = simulation.scene
-        joints = [robots.PREFIX + joint for joint in scene.arm.joints]
-        ends = robots.PREFIX + scene.robot.base, robots.PREFIX + scene.arm.end_effector
+        joints = [robot.PREFIX + joint for joint in scene.arm.joints]
+        ends = robot.PREFIX + scene.robot.base, robot.PREFIX + scene.arm.end_effector
         self._chain = chain_of(simulation.model, joints, *ends)
         self._simulation, self._speed_limit = simulation, scene.arm.speed_limit_rad_s
 

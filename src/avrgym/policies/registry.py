@@ -13,8 +13,8 @@ from avrgym.policies import controllers
 from avrgym.policies.controllers import Foreign
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
-from avrgym.tasks import TASKS, find_environment
-from avrgym.tasks.episodes import ACTIONS, Episodes
+from avrgym.tasks import sizes
+from avrgym.tasks.episodes import Episodes
 
 Array = NDArray[np.float64]
 Act = Callable[[Array], NDArray[np.floating]]
@@ -59,17 +59,17 @@ def find(name: str, environment_id: str, *, allow_other_environment: bool = Fals
     Raises:
         PolicyError: for anything else, naming what is allowed, and for what cannot be loaded or does not fit.
     """
-    observation_size = TASKS[find_environment(environment_id)[0]].observation_size
+    observation_size, action_size = sizes(environment_id)
     if name in SCRIPTS:
         return Script(name)
     if name in packaged_policies(environment_id) or Path(name).is_file():
         if name.endswith(ONNX_SUFFIX):
-            return find_onnx(name, environment_id, observation_size, ACTIONS)
+            return find_onnx(name, environment_id, observation_size, action_size)
         return load_policy(
             name,
             environment_id,
             observation_size,
-            ACTIONS,
+            action_size,
             allow_other_environment=allow_other_environment,
         )
     if name in controllers.registered():
@@ -107,7 +107,7 @@ def acting(policy: Autonomous, world: Episodes, generators: Sequence[np.random.G
         for controller, generator in zip(each, generators, strict=True):
             controllers.reset(controller, seed_from(generator), world.environment_id)
         yield lambda observations: np.stack(
-            [controllers.answer(*pair, ACTIONS) for pair in zip(each, observations, strict=True)]
+            [controllers.answer(*pair, world.action_size) for pair in zip(each, observations, strict=True)]
         )
     finally:
         for controller in each:
@@ -119,11 +119,11 @@ def actor(policy: Policy | Script, world: Episodes, generators: Sequence[np.rand
     if isinstance(policy, Policy):
         return lambda observation: policy.act(observation, generators)
     if policy.name == "zero":
-        return lambda observation: np.zeros((len(observation), ACTIONS), np.float32)
+        return lambda observation: np.zeros((len(observation), world.action_size), np.float32)
     if policy.name == "random":
-        return lambda observation: np.stack([g.uniform(-1.0, 1.0, ACTIONS) for g in generators]).astype(
-            np.float32
-        )
+        return lambda observation: np.stack(
+            [g.uniform(-1.0, 1.0, world.action_size) for g in generators]
+        ).astype(np.float32)
     return ORACLES[world.task.name](world)
 
 

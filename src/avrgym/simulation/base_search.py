@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.geometry.kinematics import METRES_PER_RADIAN, Chain, Solution
 from avrgym.geometry.transforms import norm
-from avrgym.models.scene import BaseRange
+from avrgym.models.robot import BaseRange
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

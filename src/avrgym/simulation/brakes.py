@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from avrgym.models.robots import MOTORS, PREFIX, Arm
+from avrgym.models.robot import MOTORS, PREFIX, Arm
 
 SOLVER_TOLERANCE = 1e-8
 """With brakes on. Friction that holds without creeping needs Newton's method and this tolerance, MuJoCo's own."""

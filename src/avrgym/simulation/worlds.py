@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm
-from avrgym.models import human, robots, yielding
+from avrgym.models import human, robot, yielding
 from avrgym.models.human import People, Person
 from avrgym.models.scene import (
     EFFECTOR_VELOCITY_SENSOR,
@@ -94,7 +94,7 @@ class State(RightArm):
 class Start:
     """How n worlds begin.
 
-    The people; the robot's base, (n, 3) and (n, 4); the arm's angles (n, 7); places (n, 3) of the scene's
+    The people; the robot's base, (n, 3) and (n, 4); the arm's angles (n, J); places (n, 3) of the scene's
     movable furniture.
     """
 
@@ -189,7 +189,7 @@ class Simulation:
         self._qpos[ids[:, None, None], self._names.particle_qpos] = pos
 
     def command_robot(self, action: Array) -> None:
-        """Set the arm's speed for the coming steps: action (N, 7) in −1..1 of each joint's speed limit."""
+        """Set the arm's speed for the coming steps: action (N, J) in −1..1 of each joint's speed limit."""
         names = self._names
         if self._brakes is not None:
             self._brakes.release()
@@ -273,11 +273,11 @@ class Simulation:
         return {name: self._body_pos[:, body].copy() for name, body in self._names.placed.items()}
 
     def arm_angles_rad(self) -> Array:
-        """Where the arm's joints are, (N, 7)."""
+        """Where the arm's joints are, (N, J)."""
         return self._qpos[:, self._names.arm_qpos]
 
     def arm_targets_rad(self) -> Array:
-        """Where the arm's servos aim, (N, 7): no farther ahead of the joints than a command leaves them."""
+        """Where the arm's servos aim, (N, J): no farther ahead of the joints than a command leaves them."""
         angles = self.arm_angles_rad()
         return np.clip(self._act[:, self._names.arm_act], angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD)
 
@@ -320,14 +320,14 @@ class _Names:
     """Addresses of everything that is read or written, found once by name."""
 
     def __init__(self, model: mujoco.MjModel, scene: SceneConfig) -> None:
-        arm = [robots.PREFIX + joint for joint in scene.arm.joints]
+        arm = [robot.PREFIX + joint for joint in scene.arm.joints]
         self.arm_qpos = _qpos(model, arm)
         self.arm_ctrl = _actuators(model, arm)
         self.arm_act = np.array([model.actuator(name).actadr[0] for name in arm])
-        self.robot_base = model.body(robots.PREFIX + scene.robot.base).id
-        self.robot_torso = model.body(robots.PREFIX + scene.robot.torso).id
+        self.robot_base = model.body(robot.PREFIX + scene.robot.base).id
+        self.robot_torso = model.body(robot.PREFIX + scene.robot.torso).id
         self.tool = model.body(TOOL).id
-        self.pad = model.body(robots.PREFIX + scene.tool.pad).id
+        self.pad = model.body(robot.PREFIX + scene.tool.pad).id
         self.head = model.body(human.PREFIX + "head").id
         self.right_arm = np.array([model.body(human.PREFIX + name).id for name in human.RIGHT_ARM])
         self.placed = {name: model.body(name).id for name in scene.movable}

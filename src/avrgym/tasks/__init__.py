@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from avrgym.models.robots import ROBOTS
+from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.simulation.world_version import WORLD_VERSIONS
 from avrgym.tasks import of_world_1
 from avrgym.tasks.base import Task
@@ -14,9 +14,12 @@ from avrgym.tasks.scratch_itch import SCRATCH_ITCH
 TASKS: Mapping[str, Task] = {task.name: task for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING)}
 
 ENVIRONMENTS: Mapping[str, tuple[str, str]] = {
-    f"avrgym/{task}{robot}-v1": (task, robot) for task in TASKS for robot in ROBOTS
+    f"avrgym/{task.name}{robot.name}-v1": (task.name, robot.name)
+    for task in TASKS.values()
+    for robot in ROBOTS.values()
+    if task.suits(robot)
 }
-"""Environment id to the names of task and robot."""
+"""Environment id to the names of task and robot: every task with every robot that can do it."""
 
 
 def find_environment(environment_id: str) -> tuple[str, str]:
@@ -30,6 +33,18 @@ def find_environment(environment_id: str) -> tuple[str, str]:
             f"unknown environment {environment_id!r}; the environments are {', '.join(ENVIRONMENTS)}"
         )
     return ENVIRONMENTS[environment_id]
+
+
+def sizes(environment_id: str) -> tuple[int, int]:
+    """How many numbers an observation and an action have.
+
+    Raises:
+        ValueError: for an unknown environment, naming the ids there are.
+    """
+    name, robot = find_environment(environment_id)
+    task = TASKS[name]
+    joints = len(task.scene(find_robot(robot)).arm.joints)
+    return task.observation_size(joints), joints
 
 
 def find_task(name: str, world_version: int) -> Task:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
 from avrgym.models.human import JOINTS, RIGHT_ARM, SEATED_RAD, People
-from avrgym.models.robots import Robot
+from avrgym.models.robot import Robot, UnsuitableError
 from avrgym.models.scene import SceneConfig
 from avrgym.people import distributions
 from avrgym.people.behaviour import Offered
@@ -43,11 +43,19 @@ def when_strong(force_n: Array) -> Array:
 
 @dataclass(frozen=True)
 class Entry:
-    """A named part of an observation: how many numbers it has, and the bound ± that none of them leaves."""
+    """A named part of an observation: how many numbers it has, and the bound ± that none of them leaves.
+
+    Where it is ``per_joint``, the arm has so many numbers for each of its joints.
+    """
 
     name: str
     size: int
     bound: float
+    per_joint: bool = False
+
+    def count(self, joints: int) -> int:
+        """How many numbers it has for an arm of so many joints."""
+        return self.size * joints if self.per_joint else self.size
 
 
 HEAD_TURNED = Pose(
@@ -64,7 +72,7 @@ ARM_SPREAD_RAD = np.where(distributions.RIGHT_ARM, np.radians(10.0), 0.0)
 """How far off its rest pose each joint of a right arm is found at most, (20,) (paper, section V)."""
 
 REACH_M = 3.0
-"""No arm of ours reaches 1.5 m, and a person's head is less than 1.5 m from the robot's base."""
+"""No arm reaches 1.5 m, and a person's head is less than 1.5 m from the robot's base."""
 TURN_RAD = 7.0
 """Joint ranges end at ±2π; a soft stop lets a joint go a little beyond."""
 UNIT = 1.001
@@ -83,9 +91,9 @@ def quaternion(name: str) -> Entry:
     return Entry(name, 4, UNIT)
 
 
-def angles(name: str, count: int) -> Entry:
-    """Joint angles in radians."""
-    return Entry(name, count, TURN_RAD)
+def arm_angles(name: str) -> Entry:
+    """The angles of the arm's joints in radians."""
+    return Entry(name, 1, TURN_RAD, per_joint=True)
 
 
 def force(name: str) -> Entry:
@@ -142,15 +150,21 @@ class Task:
     evaluate_step: Callable[[State, Array, TaskState], StepResult]
     marks: Marks | None = None
 
-    @property
-    def observation_size(self) -> int:
-        """How many numbers an observation has."""
-        return sum(entry.size for entry in self.observed)
+    def suits(self, robot: Robot) -> bool:
+        """Whether a robot has the arm, the mount and the grip that the task asks for."""
+        try:
+            self.scene(robot)
+        except UnsuitableError:
+            return False
+        return True
 
-    @property
-    def observation_bound(self) -> Array:
+    def observation_size(self, joints: int) -> int:
+        """How many numbers an observation has with an arm of so many joints."""
+        return sum(entry.count(joints) for entry in self.observed)
+
+    def observation_bound(self, joints: int) -> Array:
         """What no number of an observation exceeds either way, (O,)."""
-        return np.concatenate([np.full(entry.size, entry.bound) for entry in self.observed])
+        return np.concatenate([np.full(entry.count(joints), entry.bound) for entry in self.observed])
 
     def reward(self, terms: Mapping[str, Array]) -> Array:
         """The weighted sum of the terms, (N,)."""

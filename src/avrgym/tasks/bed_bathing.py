@@ -17,7 +17,7 @@ from avrgym.geometry import capsules, elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
-from avrgym.models.robots import Robot
+from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.washcloth import NAP_M, PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
 from avrgym.people.distributions import Pose
@@ -30,7 +30,7 @@ from avrgym.tasks.base import (
     StepResult,
     Task,
     above_clothes,
-    angles,
+    arm_angles,
     force,
     position,
     quaternion,
@@ -115,8 +115,7 @@ def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     count = len(uniforms)
     goals, goal_q = places.right_arm(people, RECLINED), np.tile(START_Q_W, (count, 3, 1))
     tool, tool_q = places.held(scene, np.tile(HAND_START_W, (count, 1)), START_Q_W)
-    begun = places.start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
-    return replace(begun, placed_pos_w={name: begun.robot_pos_w for name in scene.movable})
+    return places.start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
 
 
 def init_state(people: People, uniforms: Array) -> BedBathingState:
@@ -137,7 +136,7 @@ def init_state(people: People, uniforms: Array) -> BedBathingState:
 OBSERVED = (
     position("tool_from_torso_m"),
     quaternion("tool_rotation"),
-    angles("arm_angles_rad", 7),
+    arm_angles("arm_angles_rad"),
     position("shoulder_from_torso_m"),
     position("elbow_from_torso_m"),
     position("wrist_from_torso_m"),

@@ -10,7 +10,7 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.cup import AXIS_X_M, CUP, HEIGHT_M, RIM_RADIUS_M, WATER
 from avrgym.models.human import People
-from avrgym.models.robots import Robot
+from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import Start, State
 from avrgym.tasks import places

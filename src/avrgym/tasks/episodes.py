@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from avrgym.models import robots
+from avrgym.models import robot
 from avrgym.models.human import People, Person
-from avrgym.models.robots import find_robot
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import arm_limits, behaviour, distributions, impairments
 from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.impairments import Impairment
+from avrgym.robots.registry import find_robot
 from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
 from avrgym.simulation.world_version import WORLD_VERSION, check_world_version
 from avrgym.simulation.worlds import Ids, Simulation, Start, State
@@ -26,8 +26,6 @@ from avrgym.tasks.base import StepResult, TaskState, merge
 Array = NDArray[np.float64]
 
 EPISODE_STEPS = 200
-ACTIONS = 7
-"""How many numbers an action has, one for each joint of the arm."""
 ACTION_LIMIT: Mapping[int, float] = {1: np.inf, 2: 1.0}
 """By world version, what either way an action's numbers are clipped to before they are rewarded; arms never do more."""
 MOST_DRAWS = 100
@@ -117,6 +115,9 @@ class Episodes:
             self._distribution.cooperating or self._impairment in impairments.MOVING
         )
         self.scene = self.task.scene(find_robot(robot))
+        self.action_size = len(self.scene.arm.joints)
+        """How many numbers an action has: one for each joint of the arm."""
+        self.observation_size = self.task.observation_size(self.action_size)
         self._furniture = furniture_boxes(self.scene.furniture)
         self.simulation = Simulation(
             self.scene,
@@ -225,7 +226,7 @@ class Episodes:
         return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
 
     def step(self, action: Array) -> Step:
-        """One control step of 0.1 s with actions (N, 7).
+        """One control step of 0.1 s with actions (N, J).
 
         Raises:
             ValueError: for actions that ``checked_actions`` refuses; nothing has moved then.
@@ -235,12 +236,12 @@ class Episodes:
         return self.evaluate_step(action)
 
     def command(self, action: Array) -> None:
-        """Give the robots their actions (N, 7), and people who move by themselves their targets.
+        """Give the robots their actions (N, J), and people who move by themselves their targets.
 
         Raises:
             ValueError: for actions that ``checked_actions`` refuses.
         """
-        action = checked_actions(action, (self.simulation.num_worlds, ACTIONS))
+        action = checked_actions(action, (self.simulation.num_worlds, self.action_size))
         self.simulation.command_robot(action)
         if self._moved_by_themselves:
             self._command_people()
@@ -258,7 +259,7 @@ class Episodes:
     def assess(self) -> Step:
         """Evaluate the present state as if nothing had been asked of the robots; the tasks' states stay as they are."""
         state = self.simulation.state()
-        rest = np.zeros((self.simulation.num_worlds, ACTIONS))
+        rest = np.zeros((self.simulation.num_worlds, self.action_size))
         return self._step(state, self.task.evaluate_step(state, rest, self.task_state))
 
     def _step(self, state: State, result: StepResult) -> Step:
@@ -291,10 +292,9 @@ class Episodes:
 
     def _room_of_scene(self, *, led: bool) -> Room:
         """What measures the room here; ``led`` people hold their arms as they do, whatever the furniture."""
-        robot = self.scene.robot
         return Room(
             self.simulation.model,
-            base=None if robot.mobile else robots.PREFIX + robot.base,
+            base=None if self.scene.mount.on_floor else robot.PREFIX + self.scene.robot.base,
             arms=not led,
             offered=self.person is None and self._pose.spreads_arm,
         )

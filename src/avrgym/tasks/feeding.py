@@ -8,14 +8,23 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
-from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, TABLE_HEIGHT_M
+from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, TABLE_HEIGHT_M, add_table
 from avrgym.models.human import People
-from avrgym.models.robots import Robot
+from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.spoon import FOOD, SPOON
 from avrgym.simulation.worlds import Start, State
 from avrgym.tasks import places
-from avrgym.tasks.base import HEAD_TURNED, StepResult, Task, angles, force, position, quaternion, when_strong
+from avrgym.tasks.base import (
+    HEAD_TURNED,
+    StepResult,
+    Task,
+    arm_angles,
+    force,
+    position,
+    quaternion,
+    when_strong,
+)
 from avrgym.tasks.particles import GROUND_M, count, touching_person
 
 Array = NDArray[np.float64]
@@ -57,7 +66,7 @@ class FeedingState:
 
 def scene(robot: Robot) -> SceneConfig:
     """Wheelchair and table with bowl; the right arm holds the spoon."""
-    return places.wheelchair_scene(robot, "right", SPOON, (0.1, 0.2), ("table",), (BOWL_BODY,))
+    return places.wheelchair_scene(robot, "right", SPOON, (0.1, 0.2), (add_table,), (BOWL_BODY,))
 
 
 def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
@@ -87,7 +96,7 @@ OBSERVED = (
     position("tool_from_torso_m"),
     quaternion("tool_rotation"),
     position("tool_from_mouth_m"),
-    angles("arm_angles_rad", 7),
+    arm_angles("arm_angles_rad"),
     position("head_from_torso_m"),
     quaternion("head_rotation"),
     force("tool_force_n"),

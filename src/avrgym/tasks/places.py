@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.models import human
-from avrgym.models.furniture import JACO_MOUNT_M, NIGHTSTAND_BODY, NIGHTSTAND_TOP_M
+from avrgym.models.furniture import add_hospital_bed, add_wheelchair
 from avrgym.models.human import RECLINED, SEATED, People, Posture
-from avrgym.models.robots import Robot, Side
-from avrgym.models.scene import TOOL_BODY, BaseRange, SceneConfig, robot_with_tool
+from avrgym.models.robot import Furniture, Mount, Robot, Side, equipment
+from avrgym.models.scene import TOOL_BODY, SceneConfig, robot_with_tool
 from avrgym.models.tools import Tool
 from avrgym.simulation import base_search
 from avrgym.simulation.base_search import BasePoses
@@ -20,16 +20,11 @@ from avrgym.simulation.worlds import Start
 
 Array = NDArray[np.float64]
 
-UNIFORMS = max(kinematics.RESTART_UNIFORMS, base_search.UNIFORMS)
+UNIFORMS = base_search.UNIFORMS
+"""How many numbers draw a base or, where it is fixed, an arm: enough for the restarts of 75 joints."""
 Z = [0.0, 0.0, 1.0]
 FURNITURE_EDGE_M: Mapping[Posture, float] = {SEATED: -0.345, RECLINED: -0.47}
 """The x up to which wheelchair and bed reach on the robot's side."""
-STANDING_M = (-0.85, -0.4, 0.0)
-"""Where a mobile robot stands beside the person, facing their right side (reference)."""
-STANDING_RANGE = BaseRange((-0.5, 0.0), (-0.5, 0.5), (-np.radians(30.0), np.radians(30.0)))
-BEDSIDE_RANGE = BaseRange((-0.5, 0.0), (-0.5, 0.3), STANDING_RANGE.yaw_rad)
-"""Farther up the raised backrest is in the arm's way."""
-NIGHTSTAND_RANGE = BaseRange((-0.1, 0.1), (-0.1, 0.1), (0.0, 0.0))
 
 
 def wheelchair_scene(
@@ -37,32 +32,42 @@ def wheelchair_scene(
     side: Side,
     tool: Tool,
     standing_offset_m: tuple[float, float],
-    furniture: Sequence[str] = (),
+    furniture: Sequence[Furniture] = (),
     movable: Sequence[str] = (),
-    chair: str = "wheelchair",
+    chair: Furniture = add_wheelchair,
 ) -> SceneConfig:
-    """A person in a wheelchair; the robot is mounted on its right side, or stands beside it.
+    """A person in a wheelchair and a robot on its mount there.
 
-    ``standing_offset_m`` (x, y) is added to the place of a mobile robot; ``chair`` names the wheelchair.
+    ``standing_offset_m`` (x, y) is added to the place of a robot that stands on the floor.
+
+    Raises:
+        UnsuitableError: where the robot lacks arm, mount or grip.
     """
-    arm = robot.arms[side]
-    if not robot.mobile:
-        around = (chair, "jaco_bracket", *furniture)
-        return SceneConfig(around, movable, SEATED, robot, arm, tool, JACO_MOUNT_M, -0.5 * np.pi)
-    x, y, z = STANDING_M
-    place = (x + standing_offset_m[0], y + standing_offset_m[1], z)
-    return SceneConfig((chair, *furniture), movable, SEATED, robot, arm, tool, place, 0.0, STANDING_RANGE)
+    arm, mount = equipment(robot, "wheelchair", side, tool)
+    if mount.on_floor:
+        x, y, z = mount.pos_w
+        mount = replace(mount, pos_w=(x + standing_offset_m[0], y + standing_offset_m[1], z))
+    around, placed = (chair, *_carrier(mount), *furniture), (*_carried(mount), *movable)
+    return SceneConfig(around, placed, SEATED, robot, arm, tool, mount)
 
 
 def bed_scene(robot: Robot, side: Side, tool: Tool) -> SceneConfig:
-    """A person in a hospital bed; the robot stands on a nightstand that goes with it, or beside the bed."""
-    arm = robot.arms[side]
-    if robot.mobile:
-        return SceneConfig(("hospital_bed",), (), RECLINED, robot, arm, tool, STANDING_M, 0.0, BEDSIDE_RANGE)
-    return SceneConfig(
-        ("hospital_bed", NIGHTSTAND_BODY), (NIGHTSTAND_BODY,), RECLINED, robot, arm, tool,
-        NIGHTSTAND_TOP_M, -0.5 * np.pi, NIGHTSTAND_RANGE,
-    )  # fmt: skip
+    """A person in a hospital bed and a robot on its mount there.
+
+    Raises:
+        UnsuitableError: where the robot lacks arm, mount or grip.
+    """
+    arm, mount = equipment(robot, "bed", side, tool)
+    around = (add_hospital_bed, *_carrier(mount))
+    return SceneConfig(around, _carried(mount), RECLINED, robot, arm, tool, mount)
+
+
+def _carrier(mount: Mount) -> tuple[Furniture, ...]:
+    return () if mount.carrier is None else (mount.carrier,)
+
+
+def _carried(mount: Mount) -> tuple[str, ...]:
+    return () if mount.carrier_body is None else (mount.carrier_body,)
 
 
 @cache
@@ -107,20 +112,21 @@ def start(
     reaches the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``UNIFORMS``) draw the candidates, or drive the
     restarts of the inverse kinematics where the seed pose of a mounted arm does not lead there.
     """
-    chain, seed_rad = arm_chain(scene), scene.arm.seed_pose_rad
-    if scene.base_range is not None:
+    chain, seed_rad, mount = arm_chain(scene), scene.arm.seed_pose_rad, scene.mount
+    if mount.base_range is None:
+        base_pos = np.tile(mount.pos_w, (len(tool_pos_w), 1))
+        base_q = np.tile(transforms.from_axis_angle(Z, mount.yaw_rad), (len(tool_pos_w), 1))
+        pos, q = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
+        restarts = uniforms[:, : kinematics.restart_uniforms(len(seed_rad))]
+        angles = kinematics.solve_with_restarts(chain, pos, q, seed_rad, restarts)
+    else:
         candidates = _clear_of_furniture(
-            scene, base_search.sample(scene.base_range, scene.robot_pos_w, scene.robot_yaw_rad, uniforms)
+            scene, base_search.sample(mount.base_range, mount.pos_w, mount.yaw_rad, uniforms)
         )
         found = base_search.search(chain, candidates, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, seed_rad)
-        base_q = transforms.from_axis_angle(Z, found.base.yaw_rad)
-        return Start(people, found.base.pos_w, base_q, found.angles_rad, placed_pos_w)
-    base_pos = np.tile(scene.robot_pos_w, (len(tool_pos_w), 1))
-    base_q = np.tile(transforms.from_axis_angle(Z, scene.robot_yaw_rad), (len(tool_pos_w), 1))
-    pos, q = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
-    restarts = uniforms[:, : kinematics.RESTART_UNIFORMS]
-    angles = kinematics.solve_with_restarts(chain, pos, q, seed_rad, restarts)
-    return Start(people, base_pos, base_q, angles, placed_pos_w)
+        base_pos, base_q = found.base.pos_w, transforms.from_axis_angle(Z, found.base.yaw_rad)
+        angles = found.angles_rad
+    return Start(people, base_pos, base_q, angles, placed_pos_w | dict.fromkeys(_carried(mount), base_pos))
 
 
 def _clear_of_furniture(scene: SceneConfig, candidates: BasePoses) -> BasePoses:

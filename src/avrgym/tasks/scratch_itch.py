@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
+from avrgym.models.furniture import add_wheelchair_without_right_armrest
 from avrgym.models.human import People
-from avrgym.models.robots import Robot
+from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.scratcher import SCRATCHER
 from avrgym.people.distributions import Pose
@@ -24,7 +25,7 @@ from avrgym.tasks.base import (
     StepResult,
     Task,
     above_clothes,
-    angles,
+    arm_angles,
     force,
     position,
     quaternion,
@@ -36,7 +37,7 @@ Array = NDArray[np.float64]
 ITCH_RADIUS_M = 0.025
 STROKE_M = 0.01
 SUCCESS_SCRATCHES = 25
-CHAIR = "wheelchair_without_right_armrest"
+CHAIR = add_wheelchair_without_right_armrest
 ALONG = (0.2, 0.85)
 """Where along a limb it may itch, as shares of its length: its ends lie inside shoulder and elbow."""
 AROUND_RAD = (np.radians(120.0), np.pi)
@@ -86,7 +87,7 @@ def scene(robot: Robot) -> SceneConfig:
 
 def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     """Hand within ±5 cm of a point beside the person's elbow; the goals are shoulder, elbow and wrist."""
-    place = MOBILE_HAND_M if scene.robot.mobile else HAND_M
+    place = MOBILE_HAND_M if scene.mount.on_floor else HAND_M
     hand = np.array(place) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, tool_q = places.held(scene, hand, SCRATCHER_Q_W)
     goals = places.right_arm(people, scene.posture)
@@ -112,7 +113,7 @@ OBSERVED = (
     quaternion("tool_rotation"),
     position("tool_from_itch_m"),
     position("itch_from_torso_m"),
-    angles("arm_angles_rad", 7),
+    arm_angles("arm_angles_rad"),
     position("shoulder_from_torso_m"),
     position("elbow_from_torso_m"),
     position("wrist_from_torso_m"),

@@ -55,7 +55,7 @@ class Reactive:
         self._guide = PresentGuide(episodes)
 
     def __call__(self, observation: Array) -> Array:
-        """Actions (N, 7)."""
+        """Actions (N, J)."""
         self._guide.relax()
         state, task_state = self._episodes.simulation.state(), self._episodes.task_state
         pos_w, q_w, speed = self._aim(state, task_state, self._guide)

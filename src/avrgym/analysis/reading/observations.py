@@ -9,9 +9,9 @@ from msgspec.structs import asdict
 
 from avrgym.analysis.reading.measures import Body, Measured, measure, other_versions
 from avrgym.analysis.rows import AnswerRow, AttemptRow, ParticipantRow, ProblemRow, TermRow, TrialRow
-from avrgym.models.robots import find_robot
 from avrgym.recording.files import Recording, RecordingError
 from avrgym.recording.questionnaire import SESSION_MOMENTS
+from avrgym.robots.registry import find_robot
 from avrgym.study.checking.held import held_share, too_much_held
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.storage.answers import answer_moments

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from avrgym.analysis.reading.measures import WAIST, head_centres
 from avrgym.analysis.rows import PersonRow, TrialRow
 from avrgym.models.human import SEATED, SEXES
-from avrgym.models.robots import ROBOTS
 from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.distributions import DISTRIBUTIONS, UNIFORMS, Distribution, sample
+from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.design import Design
 from avrgym.tasks import TASKS
 

@@ -7,24 +7,30 @@ import mujoco
 
 from avrgym.models.furniture.bed import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_hospital_bed, add_nightstand
 from avrgym.models.furniture.table import BOWL_BODY, BOWL_START_M, TABLE_BODY, TABLE_HEIGHT_M, add_table
-from avrgym.models.furniture.wheelchair import JACO_MOUNT_M, add_jaco_bracket, add_wheelchair
+from avrgym.models.furniture.wheelchair import add_bracket, add_wheelchair
 
 __all__ = [
     "BOWL_BODY",
     "BOWL_START_M",
     "FURNITURE",
-    "JACO_MOUNT_M",
     "NIGHTSTAND_BODY",
     "NIGHTSTAND_TOP_M",
     "TABLE_BODY",
     "TABLE_HEIGHT_M",
+    "add_bracket",
+    "add_hospital_bed",
+    "add_nightstand",
+    "add_table",
+    "add_wheelchair",
+    "add_wheelchair_without_right_armrest",
 ]
+
+add_wheelchair_without_right_armrest = partial(add_wheelchair, armrests=("left",))
 
 FURNITURE: Mapping[str, Callable[[mujoco.MjSpec, bool], None]] = {
     "wheelchair": add_wheelchair,
-    "wheelchair_without_right_armrest": partial(add_wheelchair, armrests=("left",)),
+    "wheelchair_without_right_armrest": add_wheelchair_without_right_armrest,
     "table": add_table,
-    "jaco_bracket": add_jaco_bracket,
     "hospital_bed": add_hospital_bed,
     "nightstand": add_nightstand,
 }

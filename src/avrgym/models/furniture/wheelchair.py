@@ -16,10 +16,8 @@ from avrgym.models.furniture.finishes import finish
 from avrgym.models.parts import BOX, CAPSULE, CYLINDER, add_collision, add_skin, add_visual
 from avrgym.models.shapes import torus, tube
 
+WHEELCHAIR_BODY = "wheelchair"
 SEAT_HEIGHT_M, SEAT_DEPTH_M = 0.485, 0.41
-JACO_SHOULDER_M = 0.33
-"""Up to here the Jaco's shoulder is above its mount, however the arm moves."""
-JACO_MOUNT_M = (-0.35, -0.30, 0.36)
 
 _BACK_Y = 0.165
 _FRONT_Y = _BACK_Y - SEAT_DEPTH_M
@@ -37,7 +35,7 @@ def add_wheelchair(
 
     Armrests can be taken off: only those of the sides in ``armrests`` are there.
     """
-    body = spec.worldbody.add_body(name="wheelchair")
+    body = spec.worldbody.add_body(name=WHEELCHAIR_BODY)
     _add_wheelchair_collision(body, armrests)
     if appearance:
         _add_upholstery(spec, body)
@@ -125,16 +123,25 @@ def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
         add_visual(body, CYLINDER, steel, fromto=side_of_caster, size=[0.062, 0, 0])
 
 
-def add_jaco_bracket(spec: mujoco.MjSpec, appearance: bool) -> None:
-    """The bracket on the wheelchair's right side that carries the Jaco, and the room of its shoulder above."""
-    x, y, z = JACO_MOUNT_M
-    body = spec.body("wheelchair")
-    half_height = 0.5 * JACO_SHOULDER_M
+def add_bracket(
+    spec: mujoco.MjSpec, appearance: bool, *, mount_m: tuple[float, float, float], shoulder_m: float
+) -> None:
+    """A bracket on the wheelchair's right side that carries a robot's arm, and the room of its shoulder above.
+
+    Args:
+        spec: a scene with a wheelchair.
+        appearance: whether to add what only pictures need.
+        mount_m: where the base stands on it.
+        shoulder_m: up to here the shoulder is above its base, however the arm moves; people's arms keep out.
+    """
+    x, y, z = mount_m
+    body = spec.body(WHEELCHAIR_BODY)
+    half_height = 0.5 * shoulder_m
     room = [x, y, z + half_height]
-    add_collision(body, "jaco_shoulder_room", BOX, contacts.ROOM, pos=room, size=[0.05, 0.05, half_height])
+    add_collision(body, "shoulder_room", BOX, contacts.ROOM, pos=room, size=[0.05, 0.05, half_height])
     if not appearance:
         return
     paint = finish(spec, "bracket")
     add_visual(body, CYLINDER, paint, fromto=[x, y, z - 0.02, x, y, z], size=[0.055, 0, 0])
     arm = [[x, y, z - 0.015], [x + 0.03, y, z - 0.02], [-_FRAME_X, y, z - 0.02]]
-    add_skin(spec, body, "jaco_bracket", paint, tube(np.array(arm), 0.016))
+    add_skin(spec, body, "bracket", paint, tube(np.array(arm), 0.016))

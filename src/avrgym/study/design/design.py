@@ -13,8 +13,8 @@ import tomlkit
 from tomlkit.exceptions import ParseError, TOMLKitError
 
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.models.robots import ROBOTS
 from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire, items_to_ask
+from avrgym.robots.registry import ROBOTS
 from avrgym.system.toml_places import Place, line_of
 from avrgym.tasks import TASKS
 

@@ -5,12 +5,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from avrgym.models.human import SEXES
-from avrgym.models.robots import ROBOTS
 from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS
+from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.study.design.design import Design
 from avrgym.study.storage.states import ATTEMPT, PARTICIPANT, TRIAL
 from avrgym.tasks import TASKS, terms_ever
-from avrgym.tasks.episodes import ACTIONS
 
 TEXT, WHOLE, NUMBER, TRUTH, TIME = "text", "whole number", "number", "truth", "time"
 
@@ -148,6 +147,11 @@ def reward_terms(design: Design) -> list[str]:
     return sorted({term for task in design.tasks for term in terms_ever(task)})
 
 
+def most_joints(design: Design) -> int:
+    """The most joints of any arm of the design's robots: so many columns a control step has for its action."""
+    return max(len(arm.joints) for name in design.robots for arm in find_robot(name).arms.values())
+
+
 def columns_of(table: str, design: Design) -> Mapping[str, Column]:
     """Every column of a table, in its order."""
     if table != "control_steps":
@@ -162,7 +166,7 @@ def columns_of(table: str, design: Design) -> Mapping[str, Column]:
         f"action_{joint + 1}": Column(
             f"Action of arm joint {joint + 1}: its speed as a share of its limit.", NUMBER, "1", "−1 to 1"
         )
-        for joint in range(ACTIONS)
+        for joint in range(most_joints(design))
     }
     return {**TABLES[table], **terms, **actions}
 

@@ -10,12 +10,11 @@ from msgspec.structs import asdict
 
 from avrgym.study.design.design import Design
 from avrgym.study.export import NOTICE
-from avrgym.study.export.codebook import TABLES, codebook, reward_terms
+from avrgym.study.export.codebook import TABLES, codebook, most_joints, reward_terms
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.storage.answers import answer_moments
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.tasks.episodes import ACTIONS
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 """How text begins that a spreadsheet would take for a formula."""
@@ -161,7 +160,7 @@ def _answers(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str
 
 
 def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterator[dict[str, Any]]:
-    terms = reward_terms(store.design)
+    terms, joints = reward_terms(store.design), range(most_joints(store.design))
     for exported in completed:
         labels = exported.labels()
         for time_s, control in exported.control_steps():
@@ -179,5 +178,10 @@ def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterat
                 "distance_m": control.distance_m,
                 "force_on_person_n": control.force_on_person_n,
                 **{f"term_{term}": control.reward_terms.get(term) for term in terms},
-                **{f"action_{joint + 1}": control.action[joint] for joint in range(ACTIONS)},
+                **{f"action_{joint + 1}": _at(control.action, joint) for joint in joints},
             }
+
+
+def _at(action: Sequence[float], joint: int) -> float | None:
+    """The number for a joint, nothing for an arm that has fewer."""
+    return action[joint] if joint < len(action) else None

@@ -23,8 +23,7 @@ from websockets.sync.client import ClientConnection, connect
 from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.children import undisturbed
-from avrgym.tasks import TASKS, find_environment
-from avrgym.tasks.episodes import ACTIONS
+from avrgym.tasks import sizes
 from avrgym.vr.benchmark.standstill import Span, Standstills, outside, within_s
 from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
@@ -117,11 +116,11 @@ def _plan(environment_id: str, seconds: float) -> SessionPlan:
 
 def _untrained(environment_id: str) -> Policy:
     """A network of the size of trained ones, with random weights: it takes the same time."""
-    size = TASKS[find_environment(environment_id)[0]].observation_size
-    random, sizes = np.random.default_rng(0), (size, HIDDEN_UNITS, HIDDEN_UNITS, ACTIONS)
+    size, actions = sizes(environment_id)
+    random, layers = np.random.default_rng(0), (size, HIDDEN_UNITS, HIDDEN_UNITS, actions)
     return Policy(
-        weights=tuple(random.normal(0.0, 0.1, pair) for pair in pairwise(sizes)),
-        biases=tuple(np.zeros(count) for count in sizes[1:]),
+        weights=tuple(random.normal(0.0, 0.1, pair) for pair in pairwise(layers)),
+        biases=tuple(np.zeros(count) for count in layers[1:]),
         observation_mean=np.zeros(size),
         observation_variance=np.ones(size),
         observation_clip=10.0,

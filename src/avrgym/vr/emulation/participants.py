@@ -15,9 +15,9 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.furniture.real import REAL_AS_VIRTUAL, RealFurniture
 from avrgym.models.human import LOWER_RAD, SEATED, SEATED_RAD, UPPER_RAD, Person, Sex
-from avrgym.models.robots import find_robot
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.people import behaviour, distributions
+from avrgym.robots.registry import find_robot
 from avrgym.tasks import TASKS, find_environment
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Tracking, XRPose

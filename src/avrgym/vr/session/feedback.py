@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.models import human, robots
+from avrgym.models import human, robot
 from avrgym.simulation.worlds import Simulation
 
 ARM_BODIES = ("upper_arm", "forearm", "hand")
@@ -23,7 +23,7 @@ class ArmTouch:
         model = simulation.batch.get_model(0)
         bodies = [model.body(int(body)).name for body in model.geom_bodyid]
         self._batch, self._data = simulation.batch, mujoco.MjData(model)
-        self._is_robot = np.array([name.startswith(robots.PREFIX) for name in bodies])
+        self._is_robot = np.array([name.startswith(robot.PREFIX) for name in bodies])
         self._is_arm = {
             side: np.isin(bodies, [f"{human.PREFIX}{side}_{part}" for part in ARM_BODIES])
             for side in ("left", "right")

@@ -14,7 +14,7 @@ from avrgym.policies.controllers import Controller, Foreign
 from avrgym.policies.hand import Hand
 from avrgym.policies.registry import Act, AnyPolicy, Operated, Script
 from avrgym.policies.trained import Policy
-from avrgym.tasks.episodes import ACTIONS, Episodes
+from avrgym.tasks.episodes import Episodes
 
 Array = NDArray[np.float64]
 Generators = Sequence[np.random.Generator]
@@ -24,8 +24,14 @@ ANSWER_WITHIN_S = 0.08
 OPERATOR_HEARD_S = 0.2
 """After so long without a word of the operator the robot holds still."""
 
-HOLD = np.zeros((1, ACTIONS))
+NOTHING = np.zeros((1, 0))
+"""The action of a robot that is not known yet."""
 LATE = f"late: no answer within {1000 * ANSWER_WITHIN_S:.0f} ms"
+
+
+def still(episodes: Episodes) -> Array:
+    """The action (1, A) that holds a robot still."""
+    return np.zeros((1, episodes.action_size))
 
 
 class Driver(Protocol):
@@ -83,16 +89,16 @@ class InTick:
     def begin(self, episodes: Episodes, generators: Generators) -> None:
         """Prepare for the episode that has begun in a world, drawn from its generator."""
         self.failure, self._act = "", None
-        self._begun = episodes, generators
+        self._begun, self._still = (episodes, generators), still(episodes)
 
     def act(self, observation: Array) -> Array:
         """The action (1, A) with which a control step begins that sees ``observation`` (1, O)."""
         try:
             act = self._act = self._act or registry.actor(self._policy, *self._begun)
-            action = controllers.checked(lambda: act(observation), HOLD.shape)
+            action = controllers.checked(lambda: act(observation), self._still.shape)
         except Exception as error:  # an oracle in a situation that nobody foresaw
             self.failure = str(controllers.as_failure(error))
-            return HOLD
+            return self._still
         self.failure = ""
         return action
 
@@ -116,6 +122,7 @@ class Guarded:
         self._limit_s = ANSWER_WITHIN_S if beside else np.inf
         self._worker = Worker(foreign, beside=beside)
         self._ready = self._asked = None
+        self._still = NOTHING
         self._hold("")
 
     @property
@@ -130,7 +137,7 @@ class Guarded:
             self._worker = Worker(self._foreign, beside=self._beside)
         seed, environment = registry.seed_from(generators[0]), episodes.environment_id
         self._ready = self._worker.ask(lambda controller: controllers.reset(controller, seed, environment))
-        self._asked = None
+        self._asked, self._still = None, still(episodes)
         self._hold("")
 
     def act(self, observation: Array) -> Array:
@@ -141,8 +148,8 @@ class Guarded:
         elif self._ready.failure:
             self._hold(self._ready.failure)
         elif self._asked is None:
-            row = observation[0].copy()
-            self._asked = self._worker.ask(lambda controller: controllers.answer(controller, row, ACTIONS))
+            row, count = observation[0].copy(), self._still.shape[1]
+            self._asked = self._worker.ask(lambda controller: controllers.answer(controller, row, count))
             self._hear()
         return self._action
 
@@ -171,7 +178,7 @@ class Guarded:
             self._action, self.failure = asked.answer[None], ""
 
     def _hold(self, failure: str) -> None:
-        self._action, self.failure = HOLD, failure
+        self._action, self.failure = self._still, failure
 
 
 class Request:
@@ -248,6 +255,7 @@ class Operator:
 
     def __init__(self) -> None:
         self._hand: Hand | None = None
+        self._still = NOTHING
         self._wish: tuple[Array, Array] | None = None
         self._heard_s = 0.0
         self._changed = False
@@ -259,7 +267,7 @@ class Operator:
 
     def begin(self, episodes: Episodes, generators: Generators) -> None:
         """Prepare for the episode that has begun in a world."""
-        self._hand = Hand(episodes.simulation)
+        self._hand, self._still = Hand(episodes.simulation), still(episodes)
         self.let_go()
 
     def drive(self, linear: Sequence[float], angular: Sequence[float], now_s: float) -> None:
@@ -280,12 +288,12 @@ class Operator:
         """The action (1, A) with which a control step begins, whatever it sees."""
         self._changed = False
         if self._hand is None or self._wish is None:
-            return HOLD
+            return self._still
         return self._hand.action(*self._wish)[None]
 
     def amend(self) -> Array | None:
         """What the operator wants, where that has changed during the step."""
-        return self.act(HOLD) if self._changed else None
+        return self.act(self._still) if self._changed else None
 
     def close(self) -> None:
         """Hold the robot still."""

@@ -12,7 +12,7 @@ from avrgym.models.human import Person
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, SceneConfig
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.base import Task
-from avrgym.tasks.episodes import ACTIONS, Episodes, Step
+from avrgym.tasks.episodes import Episodes, Step
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.tracking.body import BodyPose, BodySolver
@@ -39,8 +39,8 @@ class ControlSteps:
 
     def __init__(self, episodes: Episodes) -> None:
         self._episodes = episodes
-        self._observation = np.zeros((1, episodes.task.observation_size))
-        self._action = np.zeros((1, ACTIONS))
+        self._observation = np.zeros((1, episodes.observation_size))
+        self._action = np.zeros((1, episodes.action_size))
         self._substep = 0
         self._seen: Array | None = None
         """The observation (1, O) of the present state, where the last control step ended with it."""

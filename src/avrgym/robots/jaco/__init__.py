@@ -1,0 +1,1 @@
+"""Kinova's Jaco Gen2: seven joints, a spherical wrist, three fingers."""

@@ -1,0 +1,58 @@
+"""The Jaco's record. ``jaco.xml`` holds the kinematics, ``rtb-data`` the meshes (j2s7s300)."""
+
+from functools import partial
+from importlib.resources import files
+
+import mujoco
+import numpy as np
+
+from avrgym.models.furniture import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_bracket, add_nightstand
+from avrgym.models.robot import Arm, BaseRange, Mount, Robot
+from avrgym.robots.jaco.grips import GRIPS
+from avrgym.robots.public import public_folder
+
+MESHES = public_folder("kinova_description/meshes")
+SHOULDER_M = 0.33
+"""Up to here the shoulder is above its mount, however the arm moves."""
+ON_WHEELCHAIR_M = (-0.35, -0.30, 0.36)
+
+
+def build(appearance: bool) -> mujoco.MjSpec:
+    """The arm with its hand."""
+    spec = mujoco.MjSpec.from_string(files("avrgym.robots.jaco").joinpath("jaco.xml").read_text())
+    spec.meshdir = str(MESHES)
+    return spec
+
+
+_ARM = Arm(
+    joints=tuple(f"joint_{i}" for i in range(1, 8)),
+    end_effector="end_effector",
+    speed_limit_rad_s=np.radians([36.0, 36.0, 36.0, 36.0, 48.0, 48.0, 48.0]),
+    torque_limit_n_m=np.array([40.0, 80.0, 40.0, 40.0, 20.0, 20.0, 20.0]),
+    stiffness_n_m_rad=np.array([300.0, 300.0, 200.0, 200.0, 80.0, 80.0, 80.0]),
+    inertia_kg_m2=np.array([0.55, 0.92, 0.40, 0.37, 0.076, 0.085, 0.051]),
+    seed_pose_rad=np.radians([-173.0, 259.0, 0.0, 269.0, 89.0, 121.0, 79.0]),
+)
+
+JACO = Robot(
+    name="Jaco",
+    build=build,
+    base="base",
+    torso="base",
+    arms={"right": _ARM, "left": _ARM},
+    mounts={
+        "wheelchair": Mount(
+            pos_w=ON_WHEELCHAIR_M,
+            yaw_rad=-0.5 * np.pi,
+            carrier=partial(add_bracket, mount_m=ON_WHEELCHAIR_M, shoulder_m=SHOULDER_M),
+        ),
+        "bed": Mount(
+            pos_w=NIGHTSTAND_TOP_M,
+            yaw_rad=-0.5 * np.pi,
+            base_range=BaseRange((-0.1, 0.1), (-0.1, 0.1), (0.0, 0.0)),
+            carrier=add_nightstand,
+            carrier_body=NIGHTSTAND_BODY,
+        ),
+    },
+    grips=GRIPS,
+)

@@ -1,0 +1,74 @@
+"""The PR2's record. ``pr2.xml`` holds the kinematics, ``rtb-data`` the meshes."""
+
+from importlib.resources import files
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models.robot import SIDES, Arm, BaseRange, Mount, Robot, Side
+from avrgym.robots.jaco.robot import JACO
+from avrgym.robots.pr2.grips import GRIPS
+from avrgym.robots.public import public_folder
+
+MESHES = public_folder("pr2_description/meshes")
+BESIDE_M = (-0.85, -0.4, 0.0)
+"""Beside the person, facing their right side (reference)."""
+TURN_RAD = (-np.radians(30.0), np.radians(30.0))
+JOINTS = (
+    "shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll",
+)  # fmt: skip
+HOLDING_RAD = np.array([1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0])
+SEED_RAD = np.array([0.7, 0.2, 1.5, -1.85, -3.1, -1.45, 0.0])
+"""Of the left arm; the right arm's poses are their mirror images."""
+MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+
+
+def build(appearance: bool) -> mujoco.MjSpec:
+    """The robot, its torso raised, its head looking down."""
+    spec = mujoco.MjSpec.from_string(files("avrgym.robots.pr2").joinpath("pr2.xml").read_text())
+    spec.meshdir = str(MESHES)
+    return spec
+
+
+def _joints(side: Side) -> tuple[str, ...]:
+    return tuple(f"{side[0]}_{joint}_joint" for joint in JOINTS)
+
+
+def _pose(side: Side, left_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    return left_rad if side == "left" else MIRROR * left_rad
+
+
+def _arm(side: Side) -> Arm:
+    """Its speeds are the Jaco's: the PR2's own, 119 to 206 °/s, are too fast for comfort beside a person."""
+    return Arm(
+        joints=_joints(side),
+        end_effector=f"{side[0]}_gripper_tool_frame",
+        speed_limit_rad_s=JACO.arms[side].speed_limit_rad_s,
+        torque_limit_n_m=np.array([30.0, 30.0, 30.0, 30.0, 30.0, 10.0, 10.0]),
+        stiffness_n_m_rad=np.array([900.0, 550.0, 220.0, 220.0, 80.0, 80.0, 80.0]),
+        inertia_kg_m2=np.array([2.81, 1.395, 0.447, 0.437, 0.0899, 0.0741, 0.0631]),
+        seed_pose_rad=_pose(side, SEED_RAD),
+        finger_prefix=f"{side[0]}_gripper_",
+    )
+
+
+PR2 = Robot(
+    name="PR2",
+    build=build,
+    base="base",
+    torso="torso_lift_link",
+    arms={side: _arm(side) for side in SIDES},
+    mounts={
+        "wheelchair": Mount(BESIDE_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.5), TURN_RAD)),
+        # Farther up the raised backrest is in the arm's way.
+        "bed": Mount(BESIDE_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.3), TURN_RAD)),
+    },
+    grips=GRIPS,
+    half_width_m=0.335,
+    holding={
+        joint: float(angle)
+        for side in SIDES
+        for joint, angle in zip(_joints(side), _pose(side, HOLDING_RAD), strict=True)
+    },
+)

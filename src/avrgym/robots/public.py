@@ -1,0 +1,10 @@
+"""The public robot descriptions that the installed ``rtb-data`` ships."""
+
+from pathlib import Path
+
+import rtbdata
+
+
+def public_folder(path: str) -> Path:
+    """A folder or file among them, such as ``kinova_description/meshes``."""
+    return Path(next(iter(rtbdata.__path__))) / "xacro" / path

@@ -1,0 +1,114 @@
+"""Whether a robot's record is whole, told in words that say what to do."""
+
+import re
+from collections.abc import Iterable, Iterator
+from itertools import chain
+
+import mujoco
+import numpy as np
+
+from avrgym.geometry import kinematics
+from avrgym.models import robot as models
+from avrgym.models.robot import PLACES, SIDES, Arm, Robot
+
+FEWEST_JOINTS = 6
+"""Fewer do not bring a tool to any position and rotation."""
+LONGEST_REACH_M, LARGEST_TURN_RAD = 1.5, 2.0 * np.pi
+"""Observations are bounded: no arm may reach farther, no joint turn farther from zero."""
+
+
+def check_robot(robot: Robot) -> None:
+    """Refuse a record in which something is missing or does not fit its model.
+
+    Raises:
+        ValueError: saying everything that is wrong, and what is allowed.
+    """
+    wrong = list(_named(robot)) or list(_modelled(robot))
+    if wrong:
+        raise ValueError(f"the robot {robot.name!r} cannot be used: {'; '.join(wrong)}")
+
+
+def _named(robot: Robot) -> Iterator[str]:
+    if not re.fullmatch("[A-Z][A-Za-z0-9]*", robot.name):
+        yield "its name is part of environments' names; allowed: a capital letter, then letters and digits"
+    yield from _keys("arms", robot.arms, SIDES)
+    yield from _keys("mounts", robot.mounts, PLACES)
+    if not robot.grips:
+        yield "it has no grips: it can hold no tool"
+    for side, arm in robot.arms.items():
+        yield from _numbers(side, arm)
+
+
+def _keys(field: str, found: Iterable[str], allowed: Iterable[str]) -> Iterator[str]:
+    if not found:
+        yield f"it has no {field}; allowed: one or more of {', '.join(allowed)}"
+    for key in found:
+        if key not in allowed:
+            yield f"unknown {field} {key!r}; allowed: {', '.join(allowed)}"
+
+
+def _numbers(side: str, arm: Arm) -> Iterator[str]:
+    count = len(arm.joints)
+    if count < FEWEST_JOINTS:
+        yield f"its {side} arm has {count} joints; allowed: {FEWEST_JOINTS} or more"
+    for name in (
+        "speed_limit_rad_s",
+        "torque_limit_n_m",
+        "stiffness_n_m_rad",
+        "inertia_kg_m2",
+        "seed_pose_rad",
+    ):
+        values = np.asarray(getattr(arm, name))
+        if values.shape != (count,):
+            yield f"{name} of its {side} arm has shape {values.shape}; allowed: ({count},), a number for each joint"
+        elif not np.isfinite(values).all():
+            yield f"{name} of its {side} arm is not finite"
+        elif name != "seed_pose_rad" and not (values > 0.0).all():
+            yield f"{name} of its {side} arm must be above 0"
+
+
+def _modelled(robot: Robot) -> Iterator[str]:
+    spec = robot.build(False)
+    bodies, joints = ({thing.name for thing in things} for things in (spec.bodies, spec.joints))
+    yield from _unknown("base", [robot.base], bodies)
+    yield from _unknown("torso", [robot.torso], bodies)
+    yield from _unknown("holding", robot.holding, joints)
+    for side, arm in robot.arms.items():
+        fingers = chain.from_iterable(grip.fingers for grip in robot.grips.values())
+        missing = [
+            *_unknown(f"end_effector of its {side} arm", [arm.end_effector], bodies),
+            *_unknown(f"joints of its {side} arm", arm.joints, joints),
+            *_unknown("fingers of its grips", sorted({arm.finger_prefix + name for name in fingers}), joints),
+        ]
+        yield from missing or _compiled(robot, side, arm)
+
+
+def _unknown(field: str, names: Iterable[str], known: set[str]) -> Iterator[str]:
+    for name in names:
+        if name not in known:
+            yield f"{field}: its model has no {name!r}; it has {', '.join(sorted(known))}"
+
+
+def _compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
+    model = models.robot_spec(robot, arm, appearance=False).compile()
+    if [model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] != mujoco.mjtJoint.mjJNT_HINGE]:
+        yield f"joints of its {side} arm must be hinges"
+        return
+    try:
+        way = kinematics.chain_of(model, arm.joints, robot.base, arm.end_effector)
+    except ValueError as error:
+        yield f"its {side} arm: {error}"
+        return
+    yield from _ways(side, arm, way)
+
+
+def _ways(side: str, arm: Arm, way: kinematics.Chain) -> Iterator[str]:
+    if (reach_m := kinematics.reach_m(way)) > LONGEST_REACH_M:
+        yield f"its {side} arm reaches {reach_m:.2f} m; allowed: {LONGEST_REACH_M} m"
+    turns = np.maximum(np.abs(way.lower_rad), np.abs(way.upper_rad))
+    for joint, turn in zip(arm.joints, turns, strict=True):
+        if turn > LARGEST_TURN_RAD + 1e-9:
+            yield f"{joint} needs a range; allowed: within two turns, −2π to 2π"
+    outside = (arm.seed_pose_rad < way.lower_rad) | (arm.seed_pose_rad > way.upper_rad)
+    for joint in np.array(arm.joints)[outside]:
+        yield f"the seed pose of its {side} arm is outside the range of {joint}"
