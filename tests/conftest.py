@@ -41,11 +41,11 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="module")
 def unhurried() -> Iterator[None]:
     """For tests in real time: no trial ends because a busy machine stands still or tracks late."""
-    from avrgym.vr.session import phases
+    from avrgym.vr.session import session, state
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(phases, "LOST_TIME_S", float("inf"))
-        patch.setattr(phases, "UNTRACKED_S", 60.0)
+        patch.setattr(session, "LOST_TIME_S", float("inf"))
+        patch.setattr(state, "UNTRACKED_S", 60.0)
         yield
 
 

@@ -20,7 +20,7 @@ from avrgym.vr.protocol.messages import Command, Phase, Ready, State, Tracking
 from avrgym.vr.server.loop import RealTimeLoop
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session import events as session_events
-from avrgym.vr.session import phases
+from avrgym.vr.session import session
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.tracking import LONGEST_GAP_FRAMES, RESTART_FRAMES, Numbering
 from avrgym.vr.tracking.world import TICK_S
@@ -156,7 +156,7 @@ def test_what_the_robot_gave_is_kept_when_tracking_is_lost_after_it_has_finished
 def test_the_robot_holds_within_a_second_when_a_headset_falls_silent(
     tmp_path: Path, answers_pings: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(phases, "LOST_TIME_S", float("inf"))  # busy machines stand still
+    monkeypatch.setattr(session, "LOST_TIME_S", float("inf"))  # busy machines stand still
     with make_server(tmp_path) as server, participant(server) as client:
         sit_down(client)
         client.await_message(State)

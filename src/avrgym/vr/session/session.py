@@ -33,6 +33,9 @@ from avrgym.vr.tracking.jumps import PARTS
 from avrgym.vr.tracking.tracking import STALE_S
 from avrgym.vr.tracking.world import ControlStep, LiveWorld
 
+LOST_TIME_S = 0.5
+"""So long between two ticks, which are 10 ms apart, no attempt goes on."""
+
 
 class Session:
     """One participant's session: hands messages and ticks to its phase, and goes on to the phase that follows."""
@@ -164,7 +167,7 @@ class Session:
         if self._called_off():
             self._go_to(self._phase.call_off())
         if storage.attempt is not None:
-            self._go_to(self._phase.check_continuity(0.0 if before_s is None else now_s - before_s))
+            self._check_continuity(0.0 if before_s is None else now_s - before_s)
         self._follow()
         driver = self._phase.driver
         step = self.world.tick(driver)
@@ -235,6 +238,13 @@ class Session:
                 state.record_event("pose_held" if part in followed.held else "pose_followed", part)
         attempt.record_frames(followed.arrived, followed.newest, stale=followed.lost, held=followed.held)
         attempt.record_targets(self.world.joint_targets_rad, state.now_s)
+
+    def _check_continuity(self, since_last_tick_s: float) -> None:
+        """An attempt counts only if its participant was tracked and no time was lost."""
+        if since_last_tick_s > LOST_TIME_S:
+            self._go_to(self._phase.lose_time(since_last_tick_s))
+        elif not self._state.is_tracked:
+            self._go_to(self._phase.lose_tracking())
 
     def _check_storage(self) -> None:
         """Tell of a disk that pauses; go no further with a trial that recording or observer cannot store."""

@@ -21,6 +21,9 @@ from avrgym.vr.tracking.driving import Driver
 from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import LiveWorld
 
+UNTRACKED_S = 1.0
+"""So long without a usable frame, nobody is tracked any more."""
+
 
 @dataclass
 class SessionState:
@@ -63,6 +66,12 @@ class SessionState:
     def world(self) -> LiveWorld:
         """The world that stands."""
         return self.scenery.world
+
+    @property
+    def is_tracked(self) -> bool:
+        """Whether the participant has been tracked within the last second."""
+        age_s = self.tracking.age_s(self.now_s)
+        return age_s is not None and age_s <= UNTRACKED_S
 
     # What goes out -----------------------------------------------------------------------------------------------
 

@@ -1,0 +1,36 @@
+"""The phases of a session: what each says, what it does with messages and ticks, and which phases may follow it.
+
+Each method returns the phase that follows. Those of ``Phase`` itself stay in the phase; what leads elsewhere overrides
+them and says in its annotation where to. So whatever the annotations do not name, no message and no tick leads to.
+Phases follow each other in circles: their modules find each other here.
+"""
+
+from avrgym.vr.protocol.messages import PhaseName
+from avrgym.vr.session.phases.halted import Finished, Paused, RecordingFailed
+from avrgym.vr.session.phases.phase import Phase
+from avrgym.vr.session.phases.preparing import (
+    Calibration,
+    Check,
+    LoadCalibration,
+    LoadCheck,
+    LoadTrial,
+    Storing,
+    Waiting,
+)
+from avrgym.vr.session.phases.running import Countdown, FreeAfter, FreeBefore, Questionnaire, Trial
+
+Begins = LoadTrial | Calibration | Storing | Paused | RecordingFailed | FreeBefore
+"""What may follow when a trial shall begin."""
+Loaded = Begins | Check
+"""What may follow when a world is shown."""
+
+PHASES: tuple[type[Phase], ...] = (
+    Waiting, Calibration, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, FreeBefore, Countdown, Trial,
+    FreeAfter, Questionnaire, Paused, RecordingFailed, Finished,
+)  # fmt: skip
+"""All phases, in the order of a session."""
+
+
+def where(flag: str) -> list[PhaseName]:
+    """The names of the phases whose attribute of this name is true."""
+    return list(dict.fromkeys(phase.name for phase in PHASES if getattr(phase, flag)))

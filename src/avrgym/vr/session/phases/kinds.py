@@ -1,0 +1,185 @@
+"""Kinds of phases: what leads out of several."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from avrgym.vr.protocol import messages
+from avrgym.vr.session import events, phases
+from avrgym.vr.session.phases.phase import Phase
+from avrgym.vr.session.state import UNTRACKED_S
+from avrgym.vr.tracking.tracking_state import TrackingState
+
+ALL_DONE = "That was all."
+
+
+class Ongoing(Phase):
+    """Any phase but the last."""
+
+    def enter_vr(self) -> phases.Calibration | phases.LoadCalibration:
+        self.state.abandon("interrupted")
+        return self._calibrate_again()
+
+    def leave_vr(self) -> phases.Waiting:
+        self.state.abandon("interrupted")
+        return phases.Waiting(self.state, "You left VR. Choose Enter VR to go on.")
+
+    def disconnect(self) -> phases.Waiting:
+        super().disconnect()
+        self.state.abandon("interrupted")
+        return phases.Waiting(self.state, "The connection was lost. Choose Enter VR to go on.")
+
+    def end(self) -> phases.Finished:
+        self.state.abandon("ended")
+        return self._finish("The session has ended.")
+
+    def call_off(self) -> phases.Finished:
+        return self.end()
+
+    def fail(self, error: Exception) -> phases.RecordingFailed:
+        self.state.world.hold()
+        self.state.end_attempt("failed")
+        self.state.problem(f"the trial cannot be recorded: {error}")
+        return phases.RecordingFailed(self.state)
+
+    def trial_stored(self) -> phases.Finished | Self:
+        return self._finish(ALL_DONE) if self.state.trial == len(self.state.plan.trials) else self
+
+    def _finish(self, text: str) -> phases.Finished:
+        self.state.trial = len(self.state.plan.trials)
+        return phases.Finished(self.state, text)
+
+    def _calibrate_again(self) -> phases.Calibration | phases.LoadCalibration:
+        """Let the participant be seated anew, in the current trial's seat or bed."""
+        self.state.tracking, self.state.calibrated_for = TrackingState(), None
+        in_place = self.state.world.environment == self.state.current.environment
+        return phases.Calibration(self.state) if in_place else phases.LoadCalibration(self.state)
+
+    def _next_trial(self) -> phases.Begins | phases.Finished:
+        """Go on to the next trial, or finish after the last."""
+        self.state.trial += 1
+        more = self.state.trial < len(self.state.plan.trials)
+        return self._begin_trial() if more else self._finish(ALL_DONE)
+
+    def _begin_trial(self) -> phases.Begins:
+        """Begin the next attempt, once its world is made, the participant is in place, tracked and nobody pauses."""
+        state = self.state
+        if state.storage.completing is not None:
+            return phases.Storing(state)
+        if not state.scenery.is_fresh(state.trial, state.person):
+            return phases.LoadTrial(state)
+        if state.calibrated_for is not state.world.scene_config.posture:
+            return phases.Calibration(state)
+        if state.on_hold:
+            return phases.Paused(state, "The experimenter has paused the session. The robot holds still.")
+        if not state.is_tracked:
+            return phases.Paused(state, "Tracking is lost: look around, then press the trigger to go on.")
+        try:
+            state.begin_attempt()
+        except OSError as error:
+            return self.fail(error)
+        return phases.FreeBefore(state)
+
+    def _complete_trial(self) -> phases.Begins | phases.Finished:
+        """End the attempt as completed, unless it cannot be stored, and go on."""
+        state = self.state
+        recording_failure = state.end_attempt("completed")
+        stored = state.sink.all_stored()
+        failure = recording_failure or state.sink.failure
+        if failure is not None:
+            return self.fail(failure)
+        if stored:
+            return self._next_trial()
+        state.storage.completing = state.trial
+        return phases.Storing(state)
+
+
+class InVR(Ongoing):
+    """The participant is in VR."""
+
+    def reset_origin(self) -> phases.Calibration | phases.LoadCalibration:
+        return self.enter_vr()
+
+
+class InPlace(InVR):
+    """The participant is in place, so that a trial can begin."""
+
+    in_place = True
+
+    def repeat(self) -> phases.Begins:
+        self.state.abandon("repeated")
+        return self._begin_trial()
+
+    def skip(self) -> phases.Begins | phases.Finished:
+        self.state.abandon("skipped")
+        self.state.sink.tell(events.TrialSkipped(self.state.now_s, self.state.trial + 1))
+        return self._next_trial()
+
+    def measure_again(self) -> phases.Calibration | phases.LoadCalibration:
+        self.state.abandon("interrupted")
+        self.state.height_known = False
+        return self._calibrate_again()
+
+    def correct_torso_height(self, torso_height_m: float) -> phases.LoadCheck | Self:
+        if not self.state.correct_torso_height(torso_height_m):
+            return self
+        self.state.abandon("interrupted")
+        return phases.LoadCheck(self.state)
+
+
+class Resting(InPlace):
+    """No trial runs, and the participant may begin one or change their body."""
+
+    awaits_ready = can_recalibrate = can_choose_body = True
+
+    def recalibrate(self) -> phases.Calibration | phases.LoadCalibration:
+        self.state.height_known = False
+        return self._calibrate_again()
+
+    def choose_body(
+        self, choice: messages.ChooseBody, by: events.Who
+    ) -> phases.Calibration | phases.LoadCalibration | phases.LoadCheck | Self:
+        if not self.state.choose_body(choice, by):
+            return self
+        return phases.LoadCheck(self.state) if self.state.height_known else self._calibrate_again()
+
+    def ready(self) -> phases.Begins | Self:
+        return self._begin_trial()
+
+
+class Stoppable(InPlace):
+    """A trial runs whose robot moves or is about to."""
+
+    moves = can_be_stopped = True
+
+    def stop(self, by: events.Who) -> phases.Paused:
+        return self._break_off("stopped", events.Stopped(self.state.now_s, by), "Stopped")
+
+    def pause(self) -> phases.Begins | Self:
+        if self.state.on_hold:
+            return self
+        super().pause()
+        self.state.abandon("paused")
+        return self._begin_trial()
+
+    def lose_time(self, seconds: float) -> phases.Paused:
+        why = self._record_lost_time(seconds)
+        return self._interrupt(events.TimeLost(self.state.now_s, seconds), why)
+
+    def lose_tracking(self) -> phases.Paused:
+        why = f"tracking was lost for {UNTRACKED_S:g} s"
+        self.state.record_event("tracking_timed_out", why)
+        return self._interrupt(events.TrackingTimedOut(self.state.now_s), why)
+
+    def _interrupt(self, event: events.SessionEvent, why: str) -> phases.Paused:
+        self.state.problem(f"{why}: the attempt is interrupted, and the trial is repeated")
+        return self._break_off("interrupted", event, why.capitalize())
+
+    def _break_off(self, result: events.Result, event: events.SessionEvent, why: str) -> phases.Paused:
+        """Hold the robot and end the attempt; the participant's trigger repeats the trial."""
+        self.state.abandon(result)
+        self.state.sink.tell(event)
+        self.state.scenery.prepare(self.state.trial, self.state.person)
+        return phases.Paused(
+            self.state, f"{why}: the robot holds still. Press the trigger to repeat the trial."
+        )

@@ -1,0 +1,196 @@
+"""What a phase of a session is, and what it does with messages and ticks that lead nowhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Self
+
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import PhaseName
+from avrgym.vr.session import events, phases
+from avrgym.vr.session.state import SessionState
+from avrgym.vr.tracking.driving import Driver
+from avrgym.vr.tracking.world import ControlStep
+
+
+class Phase:
+    """A phase, or a kind of phases. ``text`` is what it says; it lasts ``seconds`` where they are given.
+
+    ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to, and an emergency
+    stop ends the trial. ``in_place``: the participant is in place, so that a trial can begin. ``awaits_ready``: a
+    trigger goes on. ``can_recalibrate``: the participant may be measured again. ``can_choose_body``: no trial runs
+    that another body would interrupt.
+    """
+
+    name: ClassVar[PhaseName]
+    text: str = ""
+    seconds: float | None = None
+    moves: ClassVar[bool] = False
+    can_be_stopped: ClassVar[bool] = False
+    in_place: ClassVar[bool] = False
+    awaits_ready: ClassVar[bool] = False
+    can_recalibrate: ClassVar[bool] = False
+    can_choose_body: ClassVar[bool] = False
+
+    def __init__(self, state: SessionState) -> None:
+        self.state = state
+
+    def entered(self) -> None:
+        """Do what is done once, when all have been told of the phase."""
+
+    @property
+    def question(self) -> messages.Question | None:
+        """What is asked now."""
+        return None
+
+    # What the participant's client tells -------------------------------------------------------------------------
+
+    def take_tracking(self, tracking: messages.Tracking) -> None:
+        """Take a tracking frame."""
+        self.state.tracking.take(tracking, self.state.now_s)
+
+    def enter_vr(self) -> Phase:
+        """They entered VR, or play without a headset."""
+        return self
+
+    def leave_vr(self) -> Phase:
+        """They left VR."""
+        return self
+
+    def disconnect(self) -> Phase:
+        """Their connection is gone."""
+        self.state.sink.tell(events.ConnectionLost(self.state.now_s))
+        return self
+
+    def reset_origin(self) -> Phase:
+        """Where they were is no longer known."""
+        return self
+
+    def ready(self) -> Phase:
+        """They pressed the trigger to go on."""
+        return self._refuse(
+            f"a trigger counts as ready only in the phases {_listed(phases.where('awaits_ready'))}"
+        )
+
+    def recalibrate(self) -> Phase:
+        """They saw that body or seat do not fit."""
+        return self._refuse(
+            f"you can be measured again in the phases {_listed(phases.where('can_recalibrate'))}"
+        )
+
+    def answer(self, answer: messages.Answer) -> Phase:
+        """They answered a question."""
+        return self._refuse("an answer counts only while the questionnaire is open")
+
+    # What participant or experimenter ask ------------------------------------------------------------------------
+
+    def stop(self, by: events.Who) -> Phase:
+        """The emergency stop: hold the robot at once; the trial that runs may be repeated."""
+        names = ", ".join(phases.where("can_be_stopped"))
+        return self._refuse(f"the robot holds still; it can be stopped in the phases {names}", by)
+
+    def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> Phase:
+        """Give the participant a body of this sex and tone of skin."""
+        names = ", ".join(phases.where("can_choose_body"))
+        return self._refuse(f"the body is chosen in the phases {names}, not in {self.name}", by)
+
+    # What the experimenter asks ----------------------------------------------------------------------------------
+
+    def pause(self) -> Phase:
+        """Let no trial begin before ``go_on``; one whose robot moves or is about to ends, and will be repeated."""
+        if not self.state.on_hold:
+            self.state.on_hold = True
+            self.state.sink.tell(events.Paused(self.state.now_s))
+        return self
+
+    def go_on(self) -> Phase:
+        """Let trials begin again."""
+        if not self.state.on_hold:
+            return self._refuse("the session is not paused", "experimenter")
+        self.state.on_hold = False
+        self.state.sink.tell(events.Continued(self.state.now_s))
+        return self
+
+    def repeat(self) -> Phase:
+        """Begin a new attempt at the current trial."""
+        return self._refuse_out_of_place()
+
+    def skip(self) -> Phase:
+        """Go on without the current trial."""
+        return self._refuse_out_of_place()
+
+    def measure_again(self) -> Phase:
+        """Measure the participant again."""
+        return self._refuse_out_of_place()
+
+    def correct_torso_height(self, torso_height_m: float) -> Phase:
+        """Give the participant a body of this torso height; a running trial is interrupted."""
+        self.state.correct_torso_height(torso_height_m)
+        return self
+
+    def end(self) -> Phase:
+        """End the session."""
+        return self._refuse("the session is finished", "experimenter")
+
+    # What happens in a tick, in this order -----------------------------------------------------------------------
+
+    def call_off(self) -> Phase:
+        """Somebody elsewhere has ended the session."""
+        return self
+
+    def lose_time(self, seconds: float) -> Phase:
+        """The process or its machine stood still. Where the robot has finished, its attempt goes on."""
+        self._record_lost_time(seconds)
+        self.state.sink.tell(events.TimeLost(self.state.now_s, seconds))
+        return self
+
+    def lose_tracking(self) -> Phase:
+        """The participant has not been tracked for ``UNTRACKED_S``."""
+        return self
+
+    @property
+    def driver(self) -> Driver | None:
+        """Who drives the robot."""
+        return None
+
+    def finish_step(self, step: ControlStep) -> Phase:
+        """The robot has finished a control step."""
+        return self
+
+    def fail(self, error: Exception) -> Phase:
+        """What happened cannot be stored."""
+        self.state.problem(f"the session cannot be stored: {error}")
+        return self
+
+    def trial_stored(self) -> Phase:
+        """A trial's completion is stored, after somebody waited for that or did something else."""
+        return self
+
+    def wait(self) -> Phase:
+        """Look whether what is waited for is there."""
+        return self
+
+    def time_over(self) -> Phase:
+        """The phase's ``seconds`` are over."""
+        return self
+
+    # -------------------------------------------------------------------------------------------------------------
+
+    def _refuse(self, why: str, role: messages.Role = "participant") -> Self:
+        self.state.problem(why, role)
+        return self
+
+    def _refuse_out_of_place(self) -> Self:
+        names = ", ".join(phases.where("in_place"))
+        return self._refuse(f"this is possible in the phases {names}, not in {self.name}", "experimenter")
+
+    def _record_lost_time(self, seconds: float) -> str:
+        """What happened, in words."""
+        why = f"the computer stood still for {seconds:.1f} s"
+        self.state.record_event("time_lost", why)
+        return why
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Such as "one, two and three"."""
+    return f"{', '.join(names[:-1])} and {names[-1]}"
