@@ -1,4 +1,4 @@
-"""Writes the TypeScript side of the wire protocol from ``messages.py``, ``phases.py`` and the loop's constants.
+"""Writes the TypeScript side of the wire protocol from ``messages.py``, ``phases`` and the loop's constants.
 
 ``python -m avrgym.vr.typescript`` writes ``client/src/messages.ts`` and one example of every message as
 Python encodes it, ``client/tests/messages.json``; ``--check`` writes nothing and fails when either is stale.
@@ -49,7 +49,7 @@ UNIONS = {
 
 CONSTANTS = {"PROTOCOL": messages.PROTOCOL, "STALE_S": STALE_S, "TICK_S": TICK_S}
 PHASE_FLAGS = ("moves", "awaits_ready", "can_choose_body")
-"""What the client needs to know of each phase: attributes of the classes in ``phases.py``."""
+"""What the client needs to know of each phase: attributes of the classes in ``session.phases``."""
 
 
 def aliases() -> list[tuple[str, inspect.Type]]:
