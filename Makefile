@@ -18,7 +18,7 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test soak setup client lint clean
+.PHONY: help demo test format lint docs bench soak setup client clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -31,17 +31,28 @@ test: setup lint ## every check: linters, types, the client's tests, the tests
 	.venv/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 soak: setup ## crashes and sessions for half an hour: nothing is lost, memory stays flat
-	.venv/bin/python -m pytest -s tests/soak*.py
+	.venv/bin/python -m pytest -s tests/soak
 
 setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install all that development and training need
 
 client: $(CLIENT) ## build the VR client into the package
+
+format: $(DONE)/test ## sort imports, format, and mend what ruff can
+	.venv/bin/ruff check --fix
+	.venv/bin/ruff format
 
 lint: $(DONE)/test $(DONE)/node ## ruff, pyright and the layers of packages
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
 	.venv/bin/pyright
 	.venv/bin/lint-imports --no-logo --no-cache
+
+docs: setup ## check the pages: links, commands and blocks of code
+	.venv/bin/python -m pytest tests/cli/test_docs.py
+
+bench: setup ## steps per second of the simulation, and the live server's ticks
+	.venv/bin/avrgym bench sim
+	.venv/bin/avrgym bench vr
 
 clean: ## remove everything that was installed, built or tested here
 	rm -rf .venv client/node_modules src/avrgym/vr/static build dist .hypothesis .pytest_cache .ruff_cache
