@@ -18,6 +18,7 @@ from avrgym.models.human import Person, Sex
 from avrgym.models.scene import TOOL
 from avrgym.recording.files import Recording, RecordingWriter
 from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.simulation.brakes import HOLDING
 from avrgym.simulation.worlds import MAX_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
@@ -76,7 +77,7 @@ class Replica:
             act=[self.model.actuator(name).actadr[0] for name in arm],
             ctrl=[self.model.actuator(name).id for name in arm],
             dof=[self.model.joint(name).dofadr[0] for name in arm],
-            brake_n_m=episodes.scene.arm.torque_limit_n_m,
+            brake_n_m=HOLDING * episodes.scene.arm.torque_limit_n_m,
         )
         self._person = [self.model.actuator(human.PREFIX + name).id for name in human.JOINTS]
         assert episodes.scene.tool.particles is not None

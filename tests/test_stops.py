@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
+from avrgym.models import robot
+from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.tasks import ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
 from stops import MOST_BACK_M, SLOW_M_S, stop_at_random
@@ -17,6 +19,19 @@ def test_a_stopped_arm_is_slow_after_100_ms_and_never_comes_back(environment: st
     assert stops.slow_m_s.max() < SLOW_M_S, stops
     assert stops.back_m.max() < MOST_BACK_M, stops
     assert stops.drift_m.max() < MOST_BACK_M, stops
+
+
+@pytest.mark.parametrize("environment", ["avrgym/FeedingPR2-v1", "avrgym/FeedingJaco-v1"])
+def test_a_brake_holds_more_than_its_motor_gives(environment: str) -> None:
+    episodes = Episodes(environment, 1, moving=True)
+    episodes.begin(np.arange(1), [np.random.default_rng(1)])
+    simulation, arm = episodes.simulation, episodes.scene.arm
+    dofs = [simulation.model.joint(robot.PREFIX + joint).dofadr[0] for joint in arm.joints]
+    simulation.halt_robot()
+    stopped_rad = simulation.arm_angles_rad()
+    simulation.batch.bind("qfrc_applied")[:, dofs] = 2.0 * arm.torque_limit_n_m
+    simulation.step(round(1.0 / PHYSICS_STEP_S))
+    assert_allclose(simulation.arm_angles_rad(), stopped_rad, rtol=0.0, atol=2e-3)
 
 
 @pytest.mark.parametrize("environment", ["avrgym/FeedingPR2-v1", "avrgym/DrinkingJaco-v1"])

@@ -300,12 +300,12 @@ def _add_servos(spec: mujoco.MjSpec, arm: Arm) -> None:
 BRAKING_S = 0.04
 """Time constant of the brakes' friction: they halve the speed of all joints every 10 ms, whatever these turn,
 so that the hand runs on straight ahead, 2 cm at 1 m/s."""
-BRAKE_FIRMNESS = 0.999
-"""Which share of a load on a joint its brake takes at once; of the rest it gives way by less than 1 mrad/s."""
+BRAKE_FIRMNESS = 0.9999
+"""Which share of a load on a joint its brake takes at once, the largest that MuJoCo knows; under the rest it creeps."""
 
 
 def _shape_brakes(spec: mujoco.MjSpec, arm: Arm) -> None:
     """How the joints' friction acts when ``simulation.brakes.Brakes`` puts it on."""
     for joint in arm.joints:
         spec.joint(joint).solref_friction = [BRAKING_S, 1.0]
-        spec.joint(joint).solimp_friction = [BRAKE_FIRMNESS, 0.9999, 0.001, 0.5, 2.0]
+        spec.joint(joint).solimp_friction = [BRAKE_FIRMNESS, BRAKE_FIRMNESS, 0.001, 0.5, 2.0]

@@ -6,17 +6,19 @@ from mujoco.batch import Batch
 
 from avrgym.models.robot import MOTORS, PREFIX, Arm
 
+HOLDING = 5.0
+"""Times the torque of a joint's motor: what its brake holds. With once, what an arm presses can push it back."""
 SOLVER_TOLERANCE = 1e-8
 """With brakes on. Friction that holds without creeping needs Newton's method and this tolerance, MuJoCo's own."""
 
 
 class Brakes:
-    """Those of one arm in every world of a batch; they hold against as much torque as the joints' motors have."""
+    """Those of one arm in every world of a batch; they hold ``HOLDING`` times the torque of the motors."""
 
     def __init__(self, batch: Batch, arm: Arm) -> None:
         model = batch.get_model(0)
         self._dofs = np.array([model.joint(PREFIX + joint).dofadr[0] for joint in arm.joints])
-        self._torque_n_m = arm.torque_limit_n_m
+        self._torque_n_m = HOLDING * arm.torque_limit_n_m
         self._released = int(model.opt.solver), float(model.opt.tolerance)
         self._friction_n_m = batch.expand("dof_frictionloss")
         self._idle = batch.expand("opt.disableactuator")
