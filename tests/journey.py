@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from avrgym.vr.emulation.headset import EmulatedHeadset
-from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import Policies, SessionPlan

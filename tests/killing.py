@@ -21,7 +21,7 @@ from avrgym.study.sessions import live
 from avrgym.study.sessions.simulation import simulate_participant, simulated_participant
 from avrgym.study.storage.rows import Trial
 from avrgym.study.storage.store import Store
-from avrgym.vr.emulation import attendance
+from avrgym.vr.emulation import in_process
 from avrgym.vr.session.plan import SessionPlan
 
 SEED = 5
@@ -32,8 +32,8 @@ WRITTEN = struct.Struct("<q")
 
 def make_quick() -> None:
     """Let simulated participants waste no time in this process."""
-    attendance.CALIBRATION_S = 0.6
-    attendance.ANSWER_AFTER_S = 0.05
+    in_process.CALIBRATION_S = 0.6
+    in_process.ANSWER_AFTER_S = 0.05
     plan_session: Callable[..., SessionPlan] = live.plan_session
     live.plan_session = lambda *given: replace(plan_session(*given), countdown_s=0.1)
 

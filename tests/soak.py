@@ -9,8 +9,8 @@ import pytest
 from avrgym.recording.files import read_recording
 from avrgym.study.storage import database
 from avrgym.tasks import ENVIRONMENTS
-from avrgym.vr.emulation.attendance import InProcessAttendance
-from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.in_process import InProcessClient
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
 from killing import compare_with_killed
@@ -43,11 +43,11 @@ def test_a_long_session_keeps_its_memory_flat_and_loses_no_frame(tmp_path: Path)
     ]
     plan = SessionPlan(trials, "woman", 0.5, simulated=True, items=(), trial_steps=20, countdown_s=0.5)
     held: list[int] = []
-    attendance = InProcessAttendance(
+    client = InProcessClient(
         SimulatedParticipant(draw_traits("woman", 1), 1), lambda _: held.append(memory_bytes())
     )
-    session = Session(plan, driving(plan), tmp_path, attendance.hear, "soak")
-    attendance.run(session)
+    session = Session(plan, driving(plan), tmp_path, client.hear, "soak")
+    client.run(session)
     assert len(session.recordings) == TRIALS
     for path in session.recordings:
         frames = [frame.sequence for _, frame in read_recording(path).topics["/tracking"]]

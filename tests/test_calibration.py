@@ -10,7 +10,7 @@ from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, head_pose, headset_from_head, register
 from avrgym.vr.tracking.body import BodyPose, BodySolver, hips_frame, resting_head_centre, torso_angles
 from avrgym.vr.tracking.calibration import measure_torso_height
-from avrgym.vr.tracking.tracking import TrackingFeed
+from avrgym.vr.tracking.frames import TrackingFeed
 
 POSTURES = (SEATED, RECLINED)
 ROOM = Registration(np.array([0.4, -0.2, 0.0]), 2.0)

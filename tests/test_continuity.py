@@ -22,7 +22,7 @@ from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session import session
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking.tracking import LONGEST_GAP_FRAMES, RESTART_FRAMES, Numbering
+from avrgym.vr.tracking.frames import LONGEST_GAP_FRAMES, RESTART_FRAMES, Numbering
 from avrgym.vr.tracking.world import TICK_S
 from processes import Served, served
 from studies import make_study, take_in

@@ -12,8 +12,8 @@ from avrgym.recording.files import Recording
 from avrgym.recording.records import TrackingFrame
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import is_valid
+from avrgym.vr.tracking.frames import TrackingFeed
 from avrgym.vr.tracking.jumps import PARTS, RETURN_SHARE, SETTLED_S, Limb, least_s
-from avrgym.vr.tracking.tracking import TrackingFeed
 from avrgym.vr.tracking.world import TICK_S
 from hostility import ATTACKS, IMPACT_N, peak_force_n, somewhere
 from visit import Visit, plan

@@ -13,7 +13,7 @@ import pytest
 from avrgym.models import human
 from avrgym.models.human import SEATED_RAD
 from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
-from avrgym.vr.emulation.participants import SimulatedParticipant
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
 from avrgym.vr.protocol.messages import (
     Command,
     CommandName,
@@ -31,7 +31,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.session import events as session_events
-from avrgym.vr.session import scenery as scenery_module
+from avrgym.vr.session import trial_worlds
 from avrgym.vr.session.feedback import ArmTouch, successes
 from avrgym.vr.session.plan import SessionPlan, practised_trials
 from avrgym.vr.session.session import Session
@@ -462,7 +462,7 @@ def test_scenes_are_shared_by_trials_that_look_alike(visit: Callable[..., Visit]
 def test_people_rest_as_their_task_finds_them() -> None:
     person = human.Person("man", 0.6)
     for environment in ENVIRONMENTS:
-        resting = scenery_module.resting(environment, person)
+        resting = trial_worlds.resting(environment, person)
         pose = TASKS[find_environment(environment)[0]].pose
         assert np.array_equal(resting.joint_angles_rad, pose.rest_rad)
         assert (resting.sex, resting.torso_height_m) == ("man", 0.6)

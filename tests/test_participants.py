@@ -15,8 +15,8 @@ from avrgym.models.scene import TOOL
 from avrgym.recording.files import read_recording
 from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.tasks import TASKS
-from avrgym.vr.emulation.attendance import InProcessAttendance
-from avrgym.vr.emulation.participants import RATINGS, SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.in_process import InProcessClient
+from avrgym.vr.emulation.simulated_participant import RATINGS, SimulatedParticipant, draw_traits
 from avrgym.vr.protocol.messages import State, Tracking, XRPose, decode_client, encode
 from avrgym.vr.protocol.webxr import Registration, is_valid
 from avrgym.vr.session.attempt import Experience
@@ -194,10 +194,10 @@ def test_participants_rate_the_same_more_and_less_leniently_and_never_quite_alik
 
 def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
     phases: list[str] = []
-    attendance = InProcessAttendance(participant(1), phases.append)
+    client = InProcessClient(participant(1), phases.append)
     trials = plan(practice=True, seeds=(1, 2), trial_steps=5)
-    session = Session(trials, driving(trials), tmp_path, attendance.hear, "whole")
-    attendance.run(session)
+    session = Session(trials, driving(trials), tmp_path, client.hear, "whole")
+    client.run(session)
     assert phases[-1] == "finished (trial 2 of 2)"
     practice, trial = (read_recording(path) for path in session.recordings)
     assert practice.complete
@@ -209,10 +209,10 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
 
 
 def test_a_participant_sits_and_then_lies_through_a_session(tmp_path: Path) -> None:
-    attendance = InProcessAttendance(participant(1), lambda text: None)
+    client = InProcessClient(participant(1), lambda text: None)
     trials = plan(environments=(FEEDING, BATHING), seeds=(1, 2))
-    session = Session(trials, driving(trials), tmp_path, attendance.hear, "lying")
-    attendance.run(session)
+    session = Session(trials, driving(trials), tmp_path, client.hear, "lying")
+    client.run(session)
     assert session.person.torso_height_m == pytest.approx(participant(1).traits.torso_height_m, abs=0.002)
     assert all(read_recording(path).complete for path in session.recordings)
 
@@ -220,7 +220,7 @@ def test_a_participant_sits_and_then_lies_through_a_session(tmp_path: Path) -> N
 def test_a_participant_who_cannot_begin_gives_up_in_words(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
-    attendance = InProcessAttendance(participant(1), lambda text: None)
-    session = Session(plan(), driving(plan()), blocked, attendance.hear, "blocked")
+    client = InProcessClient(participant(1), lambda text: None)
+    session = Session(plan(), driving(plan()), blocked, client.hear, "blocked")
     with pytest.raises(RuntimeError, match=r"trial 1 does not begin: .*cannot be recorded"):
-        attendance.run(session)
+        client.run(session)

@@ -31,7 +31,7 @@ from websockets.uri import parse_uri
 
 from avrgym.models.human import Person
 from avrgym.recording.files import read_recording
-from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     Answer,
@@ -50,7 +50,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.scene import rendering as rendering_module
 from avrgym.vr.scene.rendering import SceneRenderer
-from avrgym.vr.server import conversation, hub, web
+from avrgym.vr.server import broadcast, connection, web
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.server.web import ServerError
 from avrgym.vr.session.session import Session
@@ -333,7 +333,7 @@ def test_whoever_does_not_begin_with_a_hello_is_refused(
 
 
 def test_whoever_says_nothing_is_refused(server: LiveServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conversation, "HELLO_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(connection, "HELLO_TIMEOUT_S", 0.1)
     with Client(server) as client:
         assert client.refusal()[1] == 4400
 
@@ -489,7 +489,7 @@ def test_who_floods_is_told_why_and_disconnected_and_the_next_is_served(
 
 def test_a_client_that_does_not_listen_is_not_remembered_for_ever() -> None:
     async def push() -> tuple[list[Message], int]:
-        outbox = hub.Outbox()
+        outbox = broadcast.Outbox()
         outbox.push(Problem(message="before the welcome"))
         outbox.push(State(sequence=0, simulation_time_s=0.0, tracking_sequence=-1, poses=b""))
         outbox.push(Welcome(protocol=1, session="x", role="participant", haptics=True, sounds=True))
@@ -497,7 +497,7 @@ def test_a_client_that_does_not_listen_is_not_remembered_for_ever() -> None:
         for i in range(10_000):
             outbox.push(Problem(message=str(i)))
             outbox.push(State(sequence=i, simulation_time_s=0.0, tracking_sequence=-1, poses=b""))
-        rest = [await outbox.next() for _ in range(hub.OUTBOX_MESSAGES + 1)]
+        rest = [await outbox.next() for _ in range(broadcast.OUTBOX_MESSAGES + 1)]
         return [first, *rest[-2:]], len(rest)
 
     (first, problem, state), _ = asyncio.run(push())

@@ -21,7 +21,7 @@ from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.simulation.brakes import HOLDING
 from avrgym.simulation.worlds import MAX_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
-from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     Answer,

@@ -13,7 +13,7 @@ from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.tasks import ENVIRONMENTS
 from avrgym.vr.emulation.headset import EmulatedHeadset
-from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from journey import PATIENCE_S, SEATING, await_buttons, await_phase, go_on
 from processes import served
 from studies import make_study

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from avrgym.vr.benchmark import measuring
+from avrgym.vr.benchmark.cpu_steal import PRIORITY, CpuSteal, Span, merged, outside, within_s
 from avrgym.vr.benchmark.measuring import PERCENTILES, measure_vr
-from avrgym.vr.benchmark.standstill import PRIORITY, Span, Standstills, merged, outside, within_s
 from avrgym.vr.server.loop import LateTick
 
 
@@ -87,7 +87,7 @@ def test_what_touches_no_span_is_outside() -> None:
 
 
 def test_a_process_that_goes_before_the_watch_stops_a_processor() -> None:
-    with Standstills() as watch:
+    with CpuSteal() as watch:
         context = multiprocessing.get_context("spawn")
         process = context.Process(target=go_before_all, args=(0.3,))
         process.start()

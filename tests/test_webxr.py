@@ -19,7 +19,7 @@ from avrgym.vr.protocol.webxr import (
     is_valid,
     register,
 )
-from avrgym.vr.tracking.tracking import body_pose
+from avrgym.vr.tracking.frames import body_pose
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 AHEAD_W = [0.0, -1.0, 0.0]

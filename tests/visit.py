@@ -11,7 +11,7 @@ from avrgym.models.human import Sex
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.recording.files import Recording, read_recording
 from avrgym.tasks import sizes
-from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     Answer,

@@ -74,7 +74,7 @@ export interface SceneLoaded {
   url: string;
 }
 
-/** The participant pressed a menu button or the stop key: the robot must hold at once. */
+/** The emergency stop: the participant pressed a menu button or the stop key, and the robot must hold at once. */
 export interface Stop {
   type: "stop";
 }

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from avrgym.demo.report import write_report
-from avrgym.vr.emulation.attendance import InProcessAttendance
 from avrgym.vr.emulation.headset import BrowserAttendance, BrowserMissingError, EmulatedHeadset
-from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.in_process import InProcessClient
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol.messages import Message
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
@@ -74,7 +74,7 @@ def _in_process(
     say: Callable[[str], None],
 ) -> list[Path]:
     """The same session without browser and server, as fast as it goes."""
-    attendance = InProcessAttendance(participant, say)
-    session = make_session(attendance.hear)
-    attendance.run(session)
+    client = InProcessClient(participant, say)
+    session = make_session(client.hear)
+    client.run(session)
     return list(session.recordings)

@@ -15,7 +15,7 @@ from avrgym.vr.scene.rendering import render_scene
 from avrgym.vr.server.access import OwnPagesOnly, Tokens
 from avrgym.vr.server.gate import Gate
 from avrgym.vr.server.web import LOOPBACK, STATIC, WebThread, check_page, listen
-from avrgym.vr.session.scenery import resting
+from avrgym.vr.session.trial_worlds import resting
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:

@@ -16,7 +16,7 @@ from msgspec import inspect
 
 from avrgym.vr.protocol import messages
 from avrgym.vr.session.phases import where
-from avrgym.vr.tracking.tracking import STALE_S
+from avrgym.vr.tracking.frames import STALE_S
 from avrgym.vr.tracking.world import TICK_S
 
 CLIENT = Path(__file__).parents[3] / "client"

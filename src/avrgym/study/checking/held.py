@@ -2,7 +2,7 @@
 
 from avrgym.recording.files import Recording
 from avrgym.study.design.design import Design
-from avrgym.vr.tracking.tracking import STALE_S
+from avrgym.vr.tracking.frames import STALE_S
 
 
 def held_share(recording: Recording) -> float | None:

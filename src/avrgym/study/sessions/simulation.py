@@ -20,8 +20,8 @@ from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.jobs import cores, run_all
-from avrgym.vr.emulation.attendance import ANSWER_AFTER_S, InProcessAttendance
-from avrgym.vr.emulation.participants import SimulatedParticipant, Traits, draw_traits
+from avrgym.vr.emulation.in_process import ANSWER_AFTER_S, InProcessClient
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, Traits, draw_traits
 
 AGES_YEARS = (19, 24)
 """Of the paper's participants."""
@@ -97,9 +97,9 @@ def _run_trial(visit: StudyVisit, seed: int) -> None:
     number = plan.first_trial
     traits = traits_of(visit.store.participant(visit.pseudonym), seed)
     participant = SimulatedParticipant(traits, plan.trials[number - 1].seed, plan.furniture)
-    attendance = InProcessAttendance(participant, lambda text: None)
-    session = visit.session(replace(plan, trials=plan.trials[:number]), attendance.hear)
-    attendance.run(session)
+    client = InProcessClient(participant, lambda text: None)
+    session = visit.session(replace(plan, trials=plan.trials[:number]), client.hear)
+    client.run(session)
 
 
 def simulated_participant(store: Store, index: int, seed: int) -> str:

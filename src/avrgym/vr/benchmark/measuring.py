@@ -24,8 +24,8 @@ from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.children import undisturbed
 from avrgym.tasks import sizes
-from avrgym.vr.benchmark.standstill import Span, Standstills, outside, within_s
-from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, outside, within_s
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.server.loop import LateTick, RealTimeLoop
 from avrgym.vr.server.server import LiveServer
@@ -52,7 +52,7 @@ class VrSpeed:
     ``rate_hz`` are ticks per second, ``tick_ms`` what one took, ``processor_ms`` how long its thread was on a
     processor meanwhile. ``missed_deadlines`` ended after the next one was due or were given up; of these
     ``missed_running`` would also have been late if no processor had stood still, ``None`` where nobody can say (see
-    ``standstill``). ``round_trip_ms`` is the time from a tracking frame's sending to the first state that follows it,
+    ``cpu_steal``). ``round_trip_ms`` is the time from a tracking frame's sending to the first state that follows it,
     and ``stages_ms`` its parts: from the client to the server, in the queue until the next tick, the tick until its
     state is sent (every other tick sends one), and the way back. The ``undisturbed`` are those ticks and round trips
     during which no processor stood still, ``None`` where there are none or nobody can say. ``stolen_s`` is how much
@@ -93,9 +93,9 @@ def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -
         with LiveServer(make, "127.0.0.1", 0) as server:
             times.watch(server.loop)
             before_s = _stolen_s()
-            with Standstills() as standstills:
+            with CpuSteal() as cpu_steal:
                 trips = _attend(server, seconds)
-            times.stolen_s, times.stood_still = _stolen_s() - before_s, standstills.spans
+            times.stolen_s, times.stood_still = _stolen_s() - before_s, cpu_steal.spans
             times.late = list(server.loop.late)
     return _sum_up(environment_id, times, trips)
 

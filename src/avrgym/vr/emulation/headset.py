@@ -9,8 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from avrgym.vr.emulation.attendance import CALIBRATION_S
-from avrgym.vr.emulation.participants import SimulatedParticipant
+from avrgym.vr.emulation.in_process import CALIBRATION_S
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.session.session import Session
 

@@ -79,7 +79,7 @@ class SceneLoaded(Message, frozen=True, tag="scene_loaded"):
 
 
 class Stop(Message, frozen=True, tag="stop"):
-    """The participant pressed a menu button or the stop key: the robot must hold at once."""
+    """The emergency stop: the participant pressed a menu button or the stop key, and the robot must hold at once."""
 
 
 class Recalibrate(Message, frozen=True, tag="recalibrate"):

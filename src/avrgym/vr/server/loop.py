@@ -1,4 +1,4 @@
-"""The real-time loop: a thread that ticks a session at 100 Hz, whatever the network does."""
+"""The real-time control loop: a thread that ticks a session at 100 Hz, whatever the network does."""
 
 import gc
 import os
@@ -17,7 +17,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.protocol.received import Received
 from avrgym.vr.server.inbox import MESSAGES_PER_TICK, MESSAGES_S, Greeting, Inbox
-from avrgym.vr.server.wakefulness import Wakefulness
+from avrgym.vr.server.keep_awake import KeepAwake
 from avrgym.vr.tracking.world import TICK_S
 
 TIMING_EVERY_TICKS = 100
@@ -115,7 +115,7 @@ class RealTimeLoop(Generic[S]):
 
     def _run(self) -> None:
         _take_precedence()
-        wakefulness = Wakefulness()
+        keep_awake = KeepAwake()
         began, due = _clock_s(), time.monotonic()
         try:
             while not self._stopping.is_set():
@@ -124,11 +124,11 @@ class RealTimeLoop(Generic[S]):
                 self.session.tick(now)
                 self._tell_timing(_clock_s() - began - now)
                 self._tidy(now)
-                wakefulness.keep(not self.session.at_rest)
+                keep_awake.set(not self.session.at_rest)
                 due = self._wait(due + TICK_S)
         except Exception as error:
             self.error = error
-        wakefulness.keep(False)
+        keep_awake.set(False)
         try:
             self.session.close(_clock_s() - began)
         except Exception as error:

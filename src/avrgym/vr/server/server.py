@@ -13,10 +13,10 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from avrgym.vr.protocol.messages import Message
 from avrgym.vr.scene.rendering import SceneRenderer
 from avrgym.vr.server.access import OwnPagesOnly, Tokens
+from avrgym.vr.server.broadcast import Broadcast
 from avrgym.vr.server.certificate import Certificate
-from avrgym.vr.server.conversation import PARTICIPANT, WATCHING, converse
+from avrgym.vr.server.connection import PARTICIPANT, WATCHING, serve_connection
 from avrgym.vr.server.gate import Gate
-from avrgym.vr.server.hub import Hub
 from avrgym.vr.server.loop import RealTimeLoop, S
 from avrgym.vr.server.web import EVERY_ADDRESS, LOOPBACK, STATIC, ServerError, WebThread, check_page, listen
 
@@ -28,7 +28,7 @@ SCENE_KEPT_S = 3600
 
 def create_app(
     loop: RealTimeLoop,
-    hub: Hub,
+    broadcast: Broadcast,
     tokens: Tokens,
     gate: Gate,
     hosts: list[str],
@@ -39,7 +39,7 @@ def create_app(
 
     Args:
         loop: the simulation that runs.
-        hub: where its messages go.
+        broadcast: where its messages go.
         tokens: what clients must present.
         gate: who lets connections in, and is told whose they are.
         hosts: the host names under which the server may be addressed.
@@ -65,11 +65,11 @@ def create_app(
 
     @app.websocket("/ws")
     async def participant(socket: WebSocket) -> None:
-        await converse(socket, PARTICIPANT, tokens, gate, hub, loop)
+        await serve_connection(socket, PARTICIPANT, tokens, gate, broadcast, loop)
 
     @app.websocket("/watch")
     async def watch(socket: WebSocket) -> None:
-        await converse(socket, WATCHING, tokens, gate, hub, loop)
+        await serve_connection(socket, WATCHING, tokens, gate, broadcast, loop)
 
     @app.get("/spectator")
     async def spectator() -> FileResponse:
@@ -118,9 +118,9 @@ class LiveServer(Generic[S]):
         self.host, self.port = host, int(listener.getsockname()[1])
         self.certificate = certificate
         self.tokens = Tokens.new()
-        self._hub = hub = Hub()
+        self._broadcast = broadcast = Broadcast()
         try:
-            self.loop = RealTimeLoop(make_session(hub.send), hub.send)
+            self.loop = RealTimeLoop(make_session(broadcast.send), broadcast.send)
         except BaseException:
             listener.close()
             raise
@@ -128,7 +128,7 @@ class LiveServer(Generic[S]):
         hosts = [*LOOPBACK, *(certificate.names if certificate else ())]
         pages = study(self.tokens, self.session) if study else None
         gate = Gate(listener, self.tokens)
-        self.app = create_app(self.loop, hub, self.tokens, gate, hosts, self._renderer, pages)
+        self.app = create_app(self.loop, broadcast, self.tokens, gate, hosts, self._renderer, pages)
         self._web = WebThread(self.app, gate, certificate)
 
     @property
@@ -164,7 +164,7 @@ class LiveServer(Generic[S]):
         return self
 
     def __exit__(self, failure: type[BaseException] | None, *_: object) -> None:
-        self._hub.say_goodbye("the server has stopped")
+        self._broadcast.say_goodbye("the server has stopped")
         self._web.stop()
         self.loop.stop()
         self._renderer.close()

@@ -19,7 +19,7 @@ from avrgym.simulation.world_version import WORLD_VERSION
 from avrgym.system.files import make_private_folder
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session.plan import SessionPlan
-from avrgym.vr.tracking.tracking import Frame
+from avrgym.vr.tracking.frames import Frame
 from avrgym.vr.tracking.world import ControlStep, LiveWorld
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from avrgym.recording.files import RecordingError
 from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, Configuration, Experience
 from avrgym.vr.session.events import EventSink
-from avrgym.vr.tracking.tracking import Frame
+from avrgym.vr.tracking.frames import Frame
 
 
 class AttemptStorage:

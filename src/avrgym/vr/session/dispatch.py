@@ -12,7 +12,7 @@ def take_message(phase: Phase, message: Received) -> Phase:
         case messages.Tracking():
             phase.take_tracking(message)
         case messages.SceneLoaded():
-            phase.state.scenery.show(message.url)
+            phase.state.worlds.show(message.url)
         case messages.Entered():
             return phase.enter_vr()
         case messages.Left():

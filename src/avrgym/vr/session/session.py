@@ -27,10 +27,10 @@ from avrgym.vr.session.phases import Phase, Waiting
 from avrgym.vr.session.plan import Policies, SessionPlan
 from avrgym.vr.session.preparation import AtOnce
 from avrgym.vr.session.reporting import Reporter, status
-from avrgym.vr.session.scenery import Scenery
 from avrgym.vr.session.state import SessionState
+from avrgym.vr.session.trial_worlds import TrialWorlds
+from avrgym.vr.tracking.frames import STALE_S
 from avrgym.vr.tracking.jumps import PARTS
-from avrgym.vr.tracking.tracking import STALE_S
 from avrgym.vr.tracking.world import ControlStep, LiveWorld
 
 LOST_TIME_S = 0.5
@@ -71,11 +71,11 @@ class Session:
             scenes: those of sessions before this one, which keep their addresses; the session adds its own.
         """
         trial, person = plan.first_trial - 1, Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height)
-        scenery = Scenery(plan, trial, person, workers or AtOnce(), [] if scenes is None else scenes)
+        worlds = TrialWorlds(plan, trial, person, workers or AtOnce(), [] if scenes is None else scenes)
         sink = EventSink(observe, kept)
         storage = AttemptStorage(folder, sink)
         drivers = Drivers(policies, beside=workers is not None)
-        self._state = SessionState(plan, drivers, identifier, send, sink, storage, scenery, trial, person)
+        self._state = SessionState(plan, drivers, identifier, send, sink, storage, worlds, trial, person)
         self._called_off = called_off
         self._reporter = Reporter(send)
         self._ticked_s: float | None = None
@@ -124,7 +124,7 @@ class Session:
     @property
     def scenes(self) -> list[tuple[str, Person]]:
         """Environment and person of each scene that clients may be told of, by the number in its address."""
-        return self._state.scenery.scenes
+        return self._state.worlds.scenes
 
     @property
     def registration(self) -> Registration | None:
@@ -145,7 +145,7 @@ class Session:
         """Tell a client that has just connected where things stand."""
         state = self._state
         if role == "participant":
-            state.scenery.forget_client()
+            state.worlds.forget_client()
             state.sink.tell(events.ConnectionFound(now_s))
         plan = state.plan
         how = {"haptics": plan.haptics, "sounds": plan.sounds}

@@ -16,7 +16,7 @@ from avrgym.vr.session.attempt_storage import AttemptStorage
 from avrgym.vr.session.driving import Drivers
 from avrgym.vr.session.events import EventSink
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
-from avrgym.vr.session.scenery import Scenery
+from avrgym.vr.session.trial_worlds import TrialWorlds
 from avrgym.vr.tracking.driving import Driver
 from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import LiveWorld
@@ -40,7 +40,7 @@ class SessionState:
     send: Send
     sink: EventSink
     storage: AttemptStorage
-    scenery: Scenery
+    worlds: TrialWorlds
     trial: int
     person: Person
     tracking: TrackingState = field(default_factory=TrackingState)
@@ -65,7 +65,7 @@ class SessionState:
     @property
     def world(self) -> LiveWorld:
         """The world that stands."""
-        return self.scenery.world
+        return self.worlds.world
 
     @property
     def is_tracked(self) -> bool:
@@ -86,7 +86,7 @@ class SessionState:
     def scene_message(self) -> messages.Scene:
         """The scene to draw, in the participant's room once that is known."""
         registration = self.tracking.registration or Registration(np.zeros(3), 0.0)
-        return self.world.scene(self.scenery.number, registration)
+        return self.world.scene(self.worlds.number, registration)
 
     def body_message(self) -> messages.Body:
         """The participant's body, and which others there are."""

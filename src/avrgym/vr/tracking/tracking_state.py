@@ -8,8 +8,8 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.protocol.webxr import Registration, register
 from avrgym.vr.tracking.body import BodyPose, resting_head_centre
+from avrgym.vr.tracking.frames import Frame, TrackingFeed, body_pose
 from avrgym.vr.tracking.jumps import Limbs, Part
-from avrgym.vr.tracking.tracking import Frame, TrackingFeed, body_pose
 from avrgym.vr.tracking.world import LiveWorld
 
 

@@ -66,7 +66,7 @@ class Ongoing(Phase):
         state = self.state
         if state.storage.completing is not None:
             return phases.Storing(state)
-        if not state.scenery.is_fresh(state.trial, state.person):
+        if not state.worlds.is_fresh(state.trial, state.person):
             return phases.LoadTrial(state)
         if state.calibrated_for is not state.world.scene_config.posture:
             return phases.Calibration(state)
@@ -179,7 +179,7 @@ class Stoppable(InPlace):
         """Hold the robot and end the attempt; the participant's trigger repeats the trial."""
         self.state.abandon(result)
         self.state.sink.tell(event)
-        self.state.scenery.prepare(self.state.trial, self.state.person)
+        self.state.worlds.prepare(self.state.trial, self.state.person)
         return phases.Paused(
             self.state, f"{why}: the robot holds still. Press the trigger to repeat the trial."
         )

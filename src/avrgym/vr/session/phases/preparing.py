@@ -81,17 +81,17 @@ class Loading(InVR, ABC):
     text = "One moment: the scene is being prepared."
 
     def entered(self) -> None:
-        self.state.scenery.prepare(self.state.trial, self.state.person)
+        self.state.worlds.prepare(self.state.trial, self.state.person)
 
     def wait(self) -> phases.Loaded | Self:
         """Put up the world that is waited for; go on when the client shows it."""
         state = self.state
-        if not state.scenery.is_fresh(state.trial, state.person):
-            state.scenery.prepare(state.trial, state.person)
-            if not state.scenery.ready:
+        if not state.worlds.is_fresh(state.trial, state.person):
+            state.worlds.prepare(state.trial, state.person)
+            if not state.worlds.ready:
                 return self
             try:
-                state.scenery.change()
+                state.worlds.change()
             except NoRoomError as error:
                 state.problem(f"the robot has no room to begin: {error}")
                 return phases.Paused(state, NO_ROOM)
@@ -99,7 +99,7 @@ class Loading(InVR, ABC):
                 state.problem(f"the scene cannot be made: {error}")
                 return phases.Paused(state, "The scene cannot be made. Press the trigger to try again.")
         state.tell_scene()
-        return self.loaded() if state.scenery.is_shown else self
+        return self.loaded() if state.worlds.is_shown else self
 
     @abstractmethod
     def loaded(self) -> phases.Loaded:

@@ -45,7 +45,7 @@ class Countdown(Stoppable):
     def time_over(self) -> Trial | Self:
         if self.state.tracking.lost:
             return self
-        self.state.scenery.use_up()
+        self.state.worlds.use_up()
         return Trial(self.state)
 
 
@@ -84,8 +84,8 @@ class FreeAfter(InPlace):
         upcoming = self.state.trial + 1
         if upcoming == len(self.state.plan.trials):
             return
-        self.state.scenery.prepare(upcoming, self.state.person)
-        url = self.state.scenery.upcoming(upcoming, self.state.person)
+        self.state.worlds.prepare(upcoming, self.state.person)
+        url = self.state.worlds.upcoming(upcoming, self.state.person)
         if url is not None:
             self.state.send(messages.Upcoming(url=url))
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from avrgym.vr.emulation.participants import SimulatedParticipant
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Message
 from avrgym.vr.session.session import Session
@@ -16,7 +16,7 @@ MOST_TRIES = 4
 TRACKING_EVERY_TICKS = 2
 
 
-class InProcessAttendance:
+class InProcessClient:
     """A simulated participant who speaks to a session directly, in simulated time."""
 
     def __init__(self, participant: SimulatedParticipant, say: Callable[[str], None]) -> None:

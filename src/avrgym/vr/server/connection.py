@@ -14,8 +14,8 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Hello, Message, Problem, Role
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.server.access import Tokens
+from avrgym.vr.server.broadcast import Broadcast, Farewell, Outbox
 from avrgym.vr.server.gate import Gate
-from avrgym.vr.server.hub import Farewell, Hub, Outbox
 from avrgym.vr.server.inbox import is_stop
 from avrgym.vr.server.loop import RealTimeLoop
 from avrgym.vr.tracking.world import TICK_S
@@ -59,23 +59,23 @@ PARTICIPANT = Channel(("participant",), messages.decode_client, messages.ClientM
 WATCHING = Channel(("experimenter", "spectator"), messages.decode_experimenter, messages.ExperimenterMessage)
 
 
-async def converse(
-    socket: WebSocket, channel: Channel, tokens: Tokens, gate: Gate, hub: Hub, loop: RealTimeLoop
+async def serve_connection(
+    socket: WebSocket, channel: Channel, tokens: Tokens, gate: Gate, broadcast: Broadcast, loop: RealTimeLoop
 ) -> None:
     """Serve one connection from its hello to its end."""
     await socket.accept()
-    role = await _admit(socket, channel, tokens, hub)
+    role = await _admit(socket, channel, tokens, broadcast)
     if role is None:
         return
     gate.recognise(socket.scope, role)
-    with hub.connection(role) as outbox:
-        loop.greet(hub.sender(outbox), role)
+    with broadcast.connection(role) as outbox:
+        loop.greet(broadcast.sender(outbox), role)
         await _until_either(_receive(socket, channel, role, loop, outbox), _send(socket, outbox))
     if role == "participant":
         loop.post(Disconnected())
 
 
-async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, hub: Hub) -> Role | None:
+async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast) -> Role | None:
     """The role that the first message proves; without one, the client is told why it is refused."""
     refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
     with contextlib.suppress(msgspec.DecodeError, TimeoutError, KeyError, WebSocketDisconnect):
@@ -84,7 +84,7 @@ async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, hub: Hub) 
             role = tokens.role(hello.token)
             if role not in channel.roles:
                 refusal = 4401, _NO_TOKEN
-            elif role == "participant" and hub.taken:
+            elif role == "participant" and broadcast.taken:
                 refusal = 4409, "a participant is already connected; one at a time"
             else:
                 return role
@@ -97,8 +97,8 @@ async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, hub: Hub) 
 _NO_TOKEN = "the address of this page lacks the session's token; open the one that the server printed"
 
 
-async def _until_either(*conversations) -> None:
-    tasks = [asyncio.create_task(each) for each in conversations]
+async def _until_either(*directions) -> None:
+    tasks = [asyncio.create_task(each) for each in directions]
     await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     for task in tasks:
         task.cancel()

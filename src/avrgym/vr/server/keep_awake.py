@@ -17,14 +17,14 @@ GUEST_DRIVER = "haltpoll"
 AT_ONCE = struct.pack("i", 0)
 
 
-class Wakefulness:
+class KeepAwake:
     """Holds processors awake or lets them halt; where the system cannot or this user may not, it does nothing."""
 
     def __init__(self) -> None:
         self._held: BinaryIO | None = None
         self._possible = DRIVER_FILE.exists() and DRIVER_FILE.read_text().strip() == GUEST_DRIVER
 
-    def keep(self, awake: bool) -> None:
+    def set(self, awake: bool) -> None:
         """Hold the processors awake from now on, or no longer."""
         if awake and self._held is None and self._possible:
             self._held = _asked()

@@ -1,4 +1,4 @@
-"""When processors stood still: the host of a virtual machine lets others run on them, and tells nobody when.
+"""CPU steal, when processors stood still: the host of a virtual machine lets others run on them, and tells nobody when.
 
 On each processor a process sleeps for a millisecond again and again, and goes before all else that the system runs
 there. Where it sleeps for longer, nothing ran there at all.
@@ -25,7 +25,7 @@ Span = tuple[float, float]
 """Beginning and end, seconds of the system's monotonic clock."""
 
 
-class Standstills:
+class CpuSteal:
     """Watches every processor from its entering to its leaving; then ``spans`` are when any of them stood still.
 
     They are in order and apart from each other; ``None`` where the system does not let itself be watched: that takes
@@ -37,7 +37,7 @@ class Standstills:
         self._watchers: list[Connection] = []
         self._processes = ExitStack()
 
-    def __enter__(self) -> "Standstills":
+    def __enter__(self) -> "CpuSteal":
         processors = sorted(os.sched_getaffinity(0)) if sys.platform == "linux" else []
         context = multiprocessing.get_context("spawn")
         for processor in processors:

@@ -1,4 +1,4 @@
-"""Between the simulation's thread and the connections: the participant's one, and any number that watch."""
+"""Broadcasts what the simulation's thread says to the connections: the participant's one, and any number that watch."""
 
 import asyncio
 import contextlib
@@ -74,7 +74,7 @@ class Outbox:
             await self._filled.wait()
 
 
-class Hub:
+class Broadcast:
     """Hands each message of the simulation's thread to the connections that it concerns."""
 
     def __init__(self) -> None:

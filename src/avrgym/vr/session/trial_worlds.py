@@ -10,7 +10,7 @@ from avrgym.vr.session.preparation import BodyKey, Preparation, TrialKey
 from avrgym.vr.tracking.world import LiveWorld, scene_url
 
 
-class Scenery:
+class TrialWorlds:
     """Every attempt has a new world, made ahead of time; a scene, which clients load, serves all that look alike.
 
     ``scenes`` holds environment and person of each scene, by the number in its address; ``number`` is that of

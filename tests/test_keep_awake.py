@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.vr.server import wakefulness
-from avrgym.vr.server.wakefulness import AT_ONCE, DRIVER_FILE, LATENCY_FILE, Wakefulness
+from avrgym.vr.server import keep_awake
+from avrgym.vr.server.keep_awake import AT_ONCE, DRIVER_FILE, LATENCY_FILE, KeepAwake
 from test_loop import FakeSession, run
 
 
@@ -14,27 +14,27 @@ from test_loop import FakeSession, run
 def guest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A virtual machine's file of latencies."""
     (tmp_path / "driver").write_text("haltpoll\n")
-    monkeypatch.setattr(wakefulness, "DRIVER_FILE", tmp_path / "driver")
-    monkeypatch.setattr(wakefulness, "LATENCY_FILE", tmp_path / "latency")
+    monkeypatch.setattr(keep_awake, "DRIVER_FILE", tmp_path / "driver")
+    monkeypatch.setattr(keep_awake, "LATENCY_FILE", tmp_path / "latency")
     return tmp_path / "latency"
 
 
-def holds(kept: Wakefulness) -> bool:
+def holds(kept: KeepAwake) -> bool:
     """Whether it has the file open."""
     return kept._held is not None and not kept._held.closed
 
 
 def test_no_waiting_is_asked_for_until_it_is_let_go(guest: Path) -> None:
-    kept = Wakefulness()
-    kept.keep(False)
+    kept = KeepAwake()
+    kept.set(False)
     assert not guest.exists()
     for _ in range(2):
         for _ in range(2):
-            kept.keep(True)
+            kept.set(True)
             assert holds(kept)
             assert guest.read_bytes() == AT_ONCE == bytes(4)
         held = kept._held
-        kept.keep(False)
+        kept.set(False)
         assert not holds(kept)
         assert held is not None
         assert held.closed
@@ -42,19 +42,19 @@ def test_no_waiting_is_asked_for_until_it_is_let_go(guest: Path) -> None:
 
 @pytest.mark.parametrize("driver", ["intel_idle", "none", None])
 def test_a_machine_of_its_own_is_left_alone(guest: Path, driver: str | None) -> None:
-    wakefulness.DRIVER_FILE.unlink()
+    keep_awake.DRIVER_FILE.unlink()
     if driver:
-        wakefulness.DRIVER_FILE.write_text(f"{driver}\n")
-    Wakefulness().keep(True)
+        keep_awake.DRIVER_FILE.write_text(f"{driver}\n")
+    KeepAwake().set(True)
     assert not guest.exists()
 
 
 def test_who_may_not_ask_goes_on_without(guest: Path) -> None:
     guest.mkdir()
-    kept = Wakefulness()
-    kept.keep(True)
+    kept = KeepAwake()
+    kept.set(True)
     guest.rmdir()
-    kept.keep(True)
+    kept.set(True)
     assert not guest.exists()
 
 
@@ -62,16 +62,16 @@ def test_the_loop_keeps_processors_awake_while_something_moves(
     guest: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[bool] = []
-    keep = Wakefulness.keep
+    keep = KeepAwake.set
 
-    def note(kept: Wakefulness, awake: bool) -> None:
+    def note(kept: KeepAwake, awake: bool) -> None:
         asked.append(awake)
         keep(kept, awake)
 
     def rest(ticks: int) -> None:
         session.at_rest = ticks <= 3
 
-    monkeypatch.setattr(Wakefulness, "keep", note)
+    monkeypatch.setattr(KeepAwake, "set", note)
     session = FakeSession(rest)
     run(session, 8)
     assert asked[:8] == 3 * [False] + 5 * [True]
@@ -81,14 +81,14 @@ def test_the_loop_keeps_processors_awake_while_something_moves(
 
 @pytest.mark.skipif(
     not DRIVER_FILE.exists()
-    or DRIVER_FILE.read_text().strip() != wakefulness.GUEST_DRIVER
+    or DRIVER_FILE.read_text().strip() != keep_awake.GUEST_DRIVER
     or not os.access(LATENCY_FILE, os.R_OK | os.W_OK),
     reason="only a virtual machine whose system can keep processors awake, and lets this user, shows it",
 )
 def test_the_system_hears_it() -> None:
-    kept = Wakefulness()
+    kept = KeepAwake()
     before = LATENCY_FILE.read_bytes()
-    kept.keep(True)
+    kept.set(True)
     assert LATENCY_FILE.read_bytes() == AT_ONCE
-    kept.keep(False)
+    kept.set(False)
     assert LATENCY_FILE.read_bytes() == before
