@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.robots.registry import ROBOTS
-from avrgym.tasks import TASKS
+from avrgym.tasks.registry import TASKS
 
 STYLES = {"original": ("#b3541e", "--"), "revised": ("#1f5f8b", "-")}
 """Colour and line of each kind, told apart without colour too."""

@@ -11,7 +11,7 @@ import msgspec
 from avrgym.learning.evaluation import evaluate
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.simulation.world_version import WORLD_VERSION
-from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.registry import ENVIRONMENTS
 
 EPISODES, SEED = 100, 0
 MEASURES = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")

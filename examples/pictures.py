@@ -16,9 +16,8 @@ from playwright.sync_api import Page, sync_playwright
 
 from avrgym.geometry import transforms
 from avrgym.models.scene import TOOL
-from avrgym.oracles import ORACLES
-from avrgym.tasks import ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
@@ -99,7 +98,7 @@ class Moment:
         self._episodes = Episodes(environment_id, 1, distribution="revised", num_threads=1)
         seed, steps = MOMENTS[self._episodes.task.name]
         self._episodes.begin(np.array([0]), [np.random.default_rng(seed)])
-        act = ORACLES[self._episodes.task.name](self._episodes)
+        act = self._episodes.task.expert(self._episodes)
         for _ in range(steps):
             self._episodes.step(act(self._episodes.observe()))
         self.scenes = [(environment_id, self._episodes.person_in(0))]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.policies.trained import Policy, packaged_policies
-from avrgym.tasks import ENVIRONMENTS, TASKS
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
 PAPER = {
     "avrgym/FeedingJaco-v1": (75, 82),

@@ -19,7 +19,7 @@ from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_a
 from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
-from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks.registry import TASKS, find_environment
 from studies import fitting_answers
 
 STEPS = 5

@@ -53,7 +53,7 @@ def unhurried() -> Iterator[None]:
 def feeding_scene() -> "SceneConfig":
     """What stands in the scene when the Jaco feeds."""
     from avrgym.robots.jaco.robot import JACO
-    from avrgym.tasks import TASKS
+    from avrgym.tasks.registry import TASKS
 
     return TASKS["Feeding"].scene(JACO)
 

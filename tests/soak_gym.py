@@ -5,7 +5,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from avrgym.learning.evaluation import evaluate_all
-from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.registry import ENVIRONMENTS
 from vector_laws import WORLDS, compare
 
 STEPS = 100

@@ -2,7 +2,7 @@
 
 import pytest
 
-from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.registry import ENVIRONMENTS
 from stops import MOST_BACK_M, SLOW_M_S, stop_at_random
 
 STOPS, MOMENTS = 25, 8

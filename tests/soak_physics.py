@@ -10,8 +10,8 @@ from avrgym.models.human import LOWER_RAD, SEATED_RAD, TORSO_HEIGHT_RANGE_M, UPP
 from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.people.impairments import IMPAIRMENTS
 from avrgym.simulation.room import NoRoomError
-from avrgym.tasks import ENVIRONMENTS, TASKS
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from forces import HOW, MOST_FORCE_N, pressed
 from starts import at_once, deepest_overlap_m
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.registry import ENVIRONMENTS
 from hostility import ATTACKS, IMPACT_N, peak_force_n
 
 SEEDS = 5

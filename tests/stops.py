@@ -104,7 +104,7 @@ def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], A
     worlds = episodes.simulation.num_worlds
     way = np.arange(worlds) % len(WAYS)
     full = np.sign(rng.uniform(-1.0, 1.0, (worlds, 7)))
-    policy = load_policy("revised", episodes.environment_id, episodes.observation_size, 7)
+    policy = load_policy("revised", episodes.environment_id, episodes.observation.size, 7)
 
     def act() -> Array:
         actions = np.stack(

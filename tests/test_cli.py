@@ -16,7 +16,7 @@ from typer.main import get_command
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.registry import ENVIRONMENTS
 from processes import AVRGYM, die_with_parent
 from visit import ENVIRONMENT, drive
 

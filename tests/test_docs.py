@@ -9,7 +9,7 @@ import pytest
 from typer.main import get_command
 
 from avrgym.cli.main import app
-from avrgym.tasks import ENVIRONMENTS, TASKS
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()

@@ -8,13 +8,14 @@ from avrgym.geometry import transforms
 from avrgym.models.cup import AXIS_X_M, HEIGHT_M, RIM_RADIUS_M, WATER, inner_radius_m
 from avrgym.models.human import Person
 from avrgym.models.scene import TOOL_CONTACTS
-from avrgym.oracles import ORACLES
 from avrgym.people import distributions
+from avrgym.robots.jaco.robot import JACO
 from avrgym.simulation.worlds import State
-from avrgym.tasks import TASKS
-from avrgym.tasks.base import StepResult
-from avrgym.tasks.drinking import CUP_Q_W, DrinkingState
+from avrgym.tasks.drinking.reward import DrinkingState
+from avrgym.tasks.drinking.task import CUP_Q_W
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import TASKS
+from avrgym.tasks.task import StepResult
 from worlds import still_world
 
 DRINKING = TASKS["Drinking"]
@@ -79,6 +80,7 @@ def test_water_in_the_mouth_counts_once_and_leaves_the_scene():
     seen = state({3: MOUTH + 0.029 * UP})
     result = judged(seen)
     assert counts(result) == (1, 0, 0)
+    assert result.events[0] == 1
     assert gone(result) == [3]
     again = judged(seen, result.task_state)
     assert counts(again) == (0, 0, 0)
@@ -109,6 +111,7 @@ def test_the_cup_is_where_the_tool_has_turned_it():
 def test_water_below_cup_and_mouth_is_spilled_once():
     result = judged(state({5: FALLEN}))
     assert counts(result) == (0, 1, 0)
+    assert result.events[0] == 0
     assert gone(result) == []
     assert counts(judged(state({5: FALLEN}), result.task_state)) == (0, 0, 0)
 
@@ -284,8 +287,9 @@ def test_the_observation_has_the_documented_order():
     expected = np.concatenate(
         [EDGE - torso, tool_q[0], EDGE - MOUTH, np.arange(7.0), seen.head_pos_w[0] - torso, head_q[0], [9.0]]
     )
-    assert_allclose(DRINKING.observe(seen, fresh()), expected[None])
-    assert [entry.count(7) for entry in DRINKING.observed] == [3, 4, 3, 7, 3, 4, 1]
+    observation = DRINKING.observation(DRINKING.scene(JACO))
+    assert_allclose(observation.of(seen, fresh()), expected[None])
+    assert [entry.size for entry in observation.entries] == [3, 4, 3, 7, 3, 4, 1]
 
 
 # Cup
@@ -369,7 +373,7 @@ def test_episodes_begin_before_the_person_with_an_upright_cup(robot):
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_a_script_gives_a_drink(robot):
     episodes = begun(3, robot)
-    act = ORACLES["Drinking"](episodes)
+    act = episodes.task.expert(episodes)
     success, observation = np.zeros(3, dtype=bool), episodes.observe()
     for _ in range(120):
         step = episodes.step(act(observation))

@@ -6,7 +6,7 @@ import pytest
 
 from avrgym.recording.files import read_recording
 from avrgym.replay.verification import verify
-from avrgym.tasks import TASKS, find_environment, find_task, terms_ever
+from avrgym.tasks.registry import TASKS, find_environment, find_task, terms_ever
 
 DATA = Path(__file__).parent / "data"
 RECORDINGS = sorted(DATA.rglob("*.mcap"))

@@ -12,8 +12,8 @@ from numpy.testing import assert_array_equal
 import avrgym
 from avrgym.envs.registration import AssistiveEnv, AssistiveVectorEnv
 from avrgym.models.human import Person
-from avrgym.tasks import ENVIRONMENTS, TASKS
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import ENVIRONMENTS
 from vector_laws import unusable
 
 FEEDING = "avrgym/FeedingJaco-v1"
@@ -258,7 +258,7 @@ def test_observations_stay_inside_their_space(rng):
     """Also at full speed into the person, the chair and the table."""
     vector = AssistiveVectorEnv(FEEDING, 32, people="revised")
     observation, _ = vector.reset(seed=0)
-    bound = TASKS["Feeding"].observation_bound(7)
+    bound = vector.episodes.observation.bound
     assert vector.single_observation_space == gym.spaces.Box(-bound, bound, dtype=np.float64)
     assert np.isfinite(bound).all()
     largest = np.abs(observation).max(axis=0)

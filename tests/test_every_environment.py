@@ -7,9 +7,9 @@ from numpy.testing import assert_array_equal
 
 from avrgym.geometry import transforms
 from avrgym.models import human, robot
-from avrgym.tasks import ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.places import FURNITURE_EDGE_M
+from avrgym.tasks.registry import ENVIRONMENTS
 from worlds import jerky_actions
 
 CARRYING = [name for name in ENVIRONMENTS if "Feeding" in name or "Drinking" in name]

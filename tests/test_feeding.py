@@ -9,11 +9,13 @@ from avrgym.models.furniture import BOWL_BODY
 from avrgym.models.human import Person
 from avrgym.models.scene import TOOL_CONTACTS
 from avrgym.people import distributions
+from avrgym.robots.jaco.robot import JACO
 from avrgym.simulation.worlds import State
-from avrgym.tasks import TASKS, find_environment
-from avrgym.tasks.base import StepResult
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.feeding import OBSERVED, SPOON_Q_W, FeedingState
+from avrgym.tasks.feeding.reward import FeedingState
+from avrgym.tasks.feeding.task import SPOON_Q_W
+from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.task import StepResult
 from worlds import still_world
 
 FEEDING = TASKS["Feeding"]
@@ -76,6 +78,7 @@ def test_food_in_the_mouth_counts_once_and_leaves_the_task():
     seen = state({3: MOUTH + 0.019 * UP})
     result = judged(seen)
     assert counts(result) == (1, 0, 0)
+    assert result.events[0] == 1
     assert_array_equal(np.nonzero(result.gone[0])[0], [3])
     again = judged(seen, result.task_state)
     assert counts(again) == (0, 0, 0)
@@ -91,6 +94,7 @@ def test_the_mouth_is_two_centimetres_wide():
 def test_dropped_food_counts_once(place):
     result = judged(state({5: place}))
     assert counts(result) == (0, 1, 0)
+    assert result.events[0] == 0
     assert counts(judged(state({5: place}), result.task_state)) == (0, 0, 0)
     assert result.gone.sum() == (place[2] < 0.03)
 
@@ -237,9 +241,10 @@ def test_the_observation_has_the_documented_order():
     expected = np.concatenate(
         [SPOON - base, tool_q[0], SPOON - MOUTH, np.arange(7.0), seen.head_pos_w[0] - base, head_q[0], [9.0]]
     )
-    assert_allclose(FEEDING.observe(seen, fresh()), expected[None])
-    assert FEEDING.observation_size(7) == len(expected) == 25
-    assert [entry.count(7) for entry in OBSERVED] == [3, 4, 3, 7, 3, 4, 1]
+    observation = FEEDING.observation(FEEDING.scene(JACO))
+    assert_allclose(observation.of(seen, fresh()), expected[None])
+    assert observation.size == len(expected) == 25
+    assert [entry.size for entry in observation.entries] == [3, 4, 3, 7, 3, 4, 1]
 
 
 # Start

@@ -5,7 +5,7 @@ import pytest
 from avrgym.learning.evaluation import evaluate
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.simulation.world_version import WORLD_VERSION
-from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.registry import ENVIRONMENTS
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)

@@ -24,7 +24,7 @@ from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.tasks import TASKS
+from avrgym.tasks.registry import TASKS
 from studies import METRICS, fitting_answers, make_study
 
 TASK = "Feeding"
@@ -275,7 +275,7 @@ def test_a_training_keeps_its_people(fitted: Path, tmp_path: Path, monkeypatch: 
     own, out = tmp_path / "mine.toml", tmp_path / "run"
     own.write_bytes(fitted.read_bytes())
     tiny = training.TrainingConfiguration(
-        f"avrgym/{TASK}Jaco-v1",
+        environment=f"avrgym/{TASK}Jaco-v1",
         people=str(own),
         steps=400,
         worlds=2,

@@ -20,7 +20,7 @@ from avrgym.models.yielding import (
 )
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import MAX_LEAD_RAD, Simulation
-from avrgym.tasks import TASKS
+from avrgym.tasks.registry import TASKS
 from forces import MOST_FORCE_N, pressed
 from starts import at_once, begun
 

@@ -10,7 +10,6 @@ from avrgym.envs.registration import AssistiveVectorEnv
 from avrgym.learning.imitation import imitate
 from avrgym.learning.stable_baselines import SB3VectorEnv
 from avrgym.tasks.episodes import Episodes
-from avrgym.teachers import TEACHERS
 
 FEEDING = "avrgym/FeedingJaco-v1"
 WORLDS, ROUNDS = 8, 4
@@ -32,17 +31,17 @@ def imitated(tmp_path_factory) -> tuple[PPO, list[int]]:
     return model, heard
 
 
-def test_the_policy_does_as_its_teacher_does_with_people_it_never_met(imitated):
+def test_the_policy_does_as_its_expert_does_with_people_it_never_met(imitated):
     model, _ = imitated
     normaliser = model.get_env()
     assert isinstance(normaliser, VecNormalize)
     episodes = Episodes(FEEDING, WORLDS, distribution="revised", num_threads=1)
     episodes.begin(np.arange(WORLDS), [np.random.default_rng([9, i]) for i in range(WORLDS)])
-    teacher = TEACHERS["Feeding"](episodes)
+    expert = episodes.task.reactive_expert(episodes)
     shown, done = [], []
     for _ in range(40):
         observation = episodes.observe()
-        shown.append(teacher(observation))
+        shown.append(expert(observation))
         done.append(model.predict(np.asarray(normaliser.normalize_obs(observation)), deterministic=True)[0])
         episodes.step(shown[-1])
     difference, size = (np.mean(np.square(part)) for part in (np.subtract(shown, done), shown))
@@ -50,7 +49,7 @@ def test_the_policy_does_as_its_teacher_does_with_people_it_never_met(imitated):
 
 
 def test_only_episodes_of_the_policy_are_told_of(imitated):
-    """The teacher drives every world in the first round."""
+    """The expert drives every world in the first round."""
     _, heard = imitated
     steps = WORLDS * 200
     assert set(heard) <= {2 * steps, 3 * steps, 4 * steps}

@@ -9,7 +9,7 @@ import pytest
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import Person, Posture
-from avrgym.tasks import ENVIRONMENTS, TASKS
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import BodyPose
 from avrgym.vr.tracking.driving import driver_of

@@ -12,7 +12,7 @@ import pytest
 
 from avrgym.models import human
 from avrgym.models.human import SEATED_RAD
-from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
 from avrgym.vr.protocol.messages import (
     Command,
@@ -32,7 +32,7 @@ from avrgym.vr.protocol.messages import (
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session import trial_worlds
-from avrgym.vr.session.feedback import ArmTouch, successes
+from avrgym.vr.session.feedback import ArmTouch
 from avrgym.vr.session.plan import SessionPlan, practised_trials
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.world import LiveWorld
@@ -431,14 +431,6 @@ def test_touches_are_felt_on_the_arm_that_is_touched() -> None:
         body_pos[0, base] += poses[f"person/{side}_hand"][:3] - poses["robot/tool"][:3]
         simulation.batch.forward([0])
         assert touch.sides() == felt
-
-
-def test_successes_are_counted_whatever_the_task() -> None:
-    one = np.ones(1)
-    assert successes({"food_in_mouth": 2 * one, "food_dropped": one}) == 2
-    assert successes({"scratch_force_n": 3.7 * one}) == 1
-    assert successes({"scratch_force_n": 0 * one, "markers_wiped": 4 * one}) == 4
-    assert successes({"distance_m": one}) == 0
 
 
 def test_feedback_is_told_when_something_changes(visit: Callable[..., Visit], monkeypatch) -> None:

@@ -8,8 +8,8 @@ from avrgym.models import human
 from avrgym.models.human import JOINTS, Person
 from avrgym.models.scene import build_spec
 from avrgym.simulation.worlds import INERTIAL_FIELDS
-from avrgym.tasks import ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import ENVIRONMENTS
 
 WORLDS = 4
 

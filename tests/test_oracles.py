@@ -4,10 +4,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import transforms
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.oracles.feeding import FeedingOracle
-from avrgym.oracles.guide import BLOCKED_S, Guide
 from avrgym.simulation.worlds import MAX_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.experts.guide import BLOCKED_S, Guide
+from avrgym.tasks.feeding.expert import FeedingExpert
 
 COUNT = 4
 STILL = np.zeros((COUNT, 7))
@@ -147,7 +147,7 @@ def test_a_world_is_led_alike_alone_and_among_others(start):
 def test_the_oracle_feeds_people_gently(robot):
     """All of eight; no touch is firmer than ten newtons."""
     episodes = begun(8, robot)
-    act, step = FeedingOracle(episodes), None
+    act, step = FeedingExpert(episodes), None
     for _ in range(90):
         step = episodes.step(act(episodes.observe()))
         assert step.force_on_person_n.max() < 10.0

@@ -14,7 +14,7 @@ from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Sex
 from avrgym.models.scene import TOOL
 from avrgym.recording.files import read_recording
 from avrgym.recording.questionnaire import LIKERT_ITEMS
-from avrgym.tasks import TASKS
+from avrgym.tasks.registry import TASKS
 from avrgym.vr.emulation.in_process import InProcessClient
 from avrgym.vr.emulation.simulated_participant import RATINGS, SimulatedParticipant, draw_traits
 from avrgym.vr.protocol.messages import State, Tracking, XRPose, decode_client, encode

@@ -6,8 +6,8 @@ from avrgym.models.human import JOINT_INDEX, LOWER_RAD, SEATED, SEATED_RAD, UPPE
 from avrgym.people import arm_limits, distributions
 from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
 from avrgym.robots.jaco.robot import JACO
-from avrgym.tasks import TASKS
-from avrgym.tasks.base import HEAD_TURNED
+from avrgym.tasks.person import HEAD_TURNED
+from avrgym.tasks.registry import TASKS
 
 COUNT = 4000
 WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]

@@ -19,7 +19,7 @@ from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.trial import ReplayError
 from avrgym.replay.verification import STATE_QUANTITIES, verify
 from avrgym.study.storage.store import Store
-from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.protocol.messages import Ready, Stop
 from avrgym.vr.protocol.received import Disconnected
 from studies import make_study, run_participant, take_in

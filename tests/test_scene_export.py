@@ -11,7 +11,7 @@ from avrgym.models.human import SKIN_TONES, Person
 from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.scene import build_spec
 from avrgym.robots.registry import find_robot
-from avrgym.tasks import ENVIRONMENTS, TASKS, find_environment
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 from avrgym.vr.scene.scene_export import export_glb
 from avrgym.vr.scene.skins import Skin, closed, skins_of
 from glb import GlbFile

@@ -10,14 +10,15 @@ from avrgym.models import human
 from avrgym.models.human import Person
 from avrgym.models.scene import robot_with_tool
 from avrgym.models.scratcher import PAST_FINGERS_M, SCRATCHER
-from avrgym.oracles import ORACLES
 from avrgym.people import distributions
+from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import State
-from avrgym.tasks import TASKS
-from avrgym.tasks.base import StepResult
 from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
-from avrgym.tasks.scratch_itch import ALONG, AROUND_RAD, LIMBS, OBSERVED, ScratchItchState
+from avrgym.tasks.person import LIMBS
+from avrgym.tasks.registry import TASKS
+from avrgym.tasks.scratch_itch.reward import ALONG, AROUND_RAD, ScratchItchState
+from avrgym.tasks.task import StepResult
 from worlds import still_world
 
 SCRATCHING = TASKS["ScratchItch"]
@@ -84,7 +85,7 @@ def test_no_touch_is_no_scratch():
 def test_a_scratch_is_new_where_the_touch_has_moved_by_a_centimetre(moved_m, counted):
     """The forearm's axis is the world's y."""
     result = judged(state({(0.0, moved_m, 0.0): 3.0}), itching(scratches=7))
-    assert scratches(result) - 7 == counted
+    assert scratches(result) - 7 == result.events[0] == counted
     assert term(result, "scratch_force_n") == 3.0 * counted
     assert term(result, "force_at_itch_n") == 3.0
 
@@ -181,9 +182,10 @@ def test_the_observation_has_the_documented_order():
     expected = np.concatenate(
         [tool - torso, tool_q[0], tool - ITCH_W, ITCH_W - torso, np.arange(7.0), *joints, [9.0]]
     )
-    assert_allclose(SCRATCHING.observe(seen, itching()), expected[None], atol=1e-12)
-    assert SCRATCHING.observation_size(7) == len(expected) == 30
-    assert [entry.count(7) for entry in OBSERVED] == [3, 4, 3, 3, 7, 3, 3, 3, 1]
+    observation = SCRATCHING.observation(SCRATCHING.scene(JACO))
+    assert_allclose(observation.of(seen, itching()), expected[None], atol=1e-12)
+    assert observation.size == len(expected) == 30
+    assert [entry.size for entry in observation.entries] == [3, 4, 3, 3, 7, 3, 3, 3, 1]
 
 
 def test_the_itch_is_marked_where_it_is_above_skin_and_sleeve():
@@ -275,7 +277,7 @@ def test_a_script_scratches_gently():
     """Three people, most of whom it scratches often enough within an episode."""
     episodes = Episodes("avrgym/ScratchItchJaco-v1", 3, distribution="revised", num_threads=1)
     observation = episodes.begin(np.arange(3), [np.random.default_rng(i) for i in range(3)])
-    act = ORACLES["ScratchItch"](episodes)
+    act = episodes.task.expert(episodes)
     for _ in range(EPISODE_STEPS):
         step = episodes.step(act(observation))
         assert np.isfinite(step.observation).all()

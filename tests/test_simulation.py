@@ -13,7 +13,7 @@ from avrgym.people import distributions
 from avrgym.simulation.worlds import PARKING_W, Simulation
 from avrgym.tasks import places
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.feeding import SPOON_Q_W
+from avrgym.tasks.feeding.task import SPOON_Q_W
 from worlds import jerky_actions
 
 FEEDING = "avrgym/FeedingJaco-v1"

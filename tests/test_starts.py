@@ -9,8 +9,8 @@ from numpy.testing import assert_array_equal
 from avrgym.models.human import SEATED_RAD, TORSO_HEIGHT_RANGE_M, Person, joint_angles
 from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
 from avrgym.simulation.room import NoRoomError
-from avrgym.tasks import ENVIRONMENTS
 from avrgym.tasks.episodes import MOST_DRAWS, Episodes
+from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.tracking.world import LiveWorld
 from starts import HAND_AT_THE_ROBOT_RAD, at_once, begun, deepest_overlap_m
 

@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models import robot
 from avrgym.models.scene import PHYSICS_STEP_S
-from avrgym.tasks import ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import ENVIRONMENTS
 from stops import MOST_BACK_M, SLOW_M_S, stop_at_random
 
 STOPS = 8

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from avrgym.cli.main import app
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation.headset import EmulatedHeadset
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from journey import PATIENCE_S, SEATING, await_buttons, await_phase, go_on

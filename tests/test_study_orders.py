@@ -17,7 +17,7 @@ from avrgym.study.design.allocation import (
 )
 from avrgym.study.design.design import Design, default_text, parse_design
 from avrgym.study.design.orders import Block, balanced_orders, williams_square
-from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.registry import ENVIRONMENTS
 
 SIZES = range(2, 9)
 PAPER = parse_design(default_text())

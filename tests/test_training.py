@@ -15,7 +15,6 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from avrgym.envs.registration import AssistiveVectorEnv
 from avrgym.learning import training
-from avrgym.learning.shaping import around_arm_m
 from avrgym.learning.stable_baselines import SB3VectorEnv
 from avrgym.learning.training import (
     Progress,
@@ -26,15 +25,22 @@ from avrgym.learning.training import (
     train,
 )
 from avrgym.policies.trained import Policy
-from avrgym.tasks import ENVIRONMENTS
 from avrgym.tasks.episodes import EPISODE_STEPS
-from avrgym.teachers import TEACHERS
+from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.tasks.scratch_itch.detour import around_arm_m
 
 ROOT = Path(__file__).parents[1]
 FEEDING = "avrgym/FeedingJaco-v1"
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 TINY = TrainingConfiguration(
-    FEEDING, people="revised", steps=3200, seed=4, worlds=8, epochs=2, threads=1, imitation_rounds=0
+    environment=FEEDING,
+    people="revised",
+    steps=3200,
+    seed=4,
+    worlds=8,
+    epochs=2,
+    threads=1,
+    imitation_rounds=0,
 )
 LONG = replace(TINY, steps=5 * 8 * 200, imitation_rounds=3, imitation_share=0.7)
 HARD = replace(TINY, steps=3 * 8 * 200, hard_share=0.5)
@@ -128,10 +134,10 @@ def test_force_on_the_person_costs_what_the_wrapper_is_told():
     env.reset()
     reference.reset(seed=5)
     env.force_weight_per_n = 0.5
-    teacher = TEACHERS["ScratchItch"](reference.episodes)
+    expert = reference.episodes.task.reactive_expert(reference.episodes)
     most_n = 0.0
     for _ in range(60):
-        action = teacher(reference.episodes.observe()).astype(np.float32)
+        action = expert(reference.episodes.observe()).astype(np.float32)
         _, learned, _, _ = env.step(action)
         _, reward, _, _, info = reference.step(action)
         assert_allclose(learned, reward - 0.5 * info["force_on_person"], atol=1e-9)
@@ -186,7 +192,7 @@ def test_a_used_folder_is_refused_and_left_alone(trained):
 def test_scratching_gets_better_within_20_000_steps(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
     few = TrainingConfiguration(
-        SCRATCHING, "revised", 20_000, seed=1, worlds=8, minibatch=200, imitation_rounds=0,
+        environment=SCRATCHING, people="revised", steps=20_000, seed=1, worlds=8, minibatch=200, imitation_rounds=0,
         log_std=(-0.7, -1.0), threads=1,
     )  # fmt: skip
     heard: list[Progress] = []
@@ -270,14 +276,14 @@ def test_a_training_may_be_imitation_alone(tmp_path, monkeypatch):
         resume(tmp_path)
 
 
-def test_a_training_whose_teacher_s_files_are_damaged_says_so(tmp_path):
+def test_a_training_whose_expert_s_files_are_damaged_says_so(tmp_path):
     def kill(progress: Progress) -> None:
         raise Killed
 
     with pytest.raises(Killed):
         train(LONG, tmp_path, kill)
     (tmp_path / "shown" / "round_0000.npz").write_bytes(b"PK")
-    with pytest.raises(ValueError, match=r"round_0000\.npz: not what a teacher showed"):
+    with pytest.raises(ValueError, match=r"round_0000\.npz: not what an expert showed"):
         resume(tmp_path)
 
 
@@ -295,7 +301,7 @@ def test_only_a_training_that_was_cut_off_can_be_resumed(trained, tmp_path):
 
 def test_an_unknown_environment_leaves_nothing_behind(tmp_path):
     with pytest.raises(ValueError, match="unknown environment 'avrgym/Flying-v1'"):
-        train(TrainingConfiguration("avrgym/Flying-v1"), tmp_path / "out")
+        train(TrainingConfiguration(environment="avrgym/Flying-v1"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

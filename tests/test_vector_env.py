@@ -9,7 +9,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from numpy.testing import assert_array_equal
 
 from avrgym.envs.registration import AssistiveVectorEnv
-from avrgym.tasks import ENVIRONMENTS
+from avrgym.tasks.registry import ENVIRONMENTS
 from vector_laws import assert_same, assert_same_pair, compare, make_both, unusable
 
 FEEDING = "avrgym/FeedingJaco-v1"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from avrgym.models.human import Sex
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.recording.files import Recording, read_recording
-from avrgym.tasks import sizes
+from avrgym.tasks.registry import sizes
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (

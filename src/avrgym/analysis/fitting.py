@@ -25,7 +25,7 @@ from avrgym.study.export.trials import ExportedAttempt, completed_attempts
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_whole
-from avrgym.tasks import TASKS
+from avrgym.tasks.registry import TASKS
 
 Array = NDArray[np.float64]
 

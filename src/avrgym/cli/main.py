@@ -27,7 +27,7 @@ from avrgym.models.human import SEXES, Sex
 from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.policies.registry import CHOICES, OPERATOR
 from avrgym.policies.trained import packaged_policies
-from avrgym.tasks import ENVIRONMENTS, find_environment, sizes
+from avrgym.tasks.registry import ENVIRONMENTS, find_environment, sizes
 
 if TYPE_CHECKING:
     from avrgym.models.furniture.real import RealFurniture

@@ -6,8 +6,8 @@ import gymnasium as gym
 
 from avrgym.envs.single import METADATA, AssistiveEnv
 from avrgym.envs.vector import AssistiveVectorEnv
-from avrgym.tasks import ENVIRONMENTS
 from avrgym.tasks.episodes import EPISODE_STEPS
+from avrgym.tasks.registry import ENVIRONMENTS
 
 __all__ = ["AssistiveEnv", "AssistiveVectorEnv", "register", "single_entry"]
 

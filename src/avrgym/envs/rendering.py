@@ -1,8 +1,6 @@
 """Pictures of a world: the scene with the person's clothed body, seen by a camera."""
 
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 
 import mujoco
@@ -15,6 +13,7 @@ from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_AHEAD_M, Person
 from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.scene import build_spec
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.task import View
 
 HEIGHT_PX, WIDTH_PX = 480, 640
 SHADOW_PX = 2048
@@ -22,30 +21,6 @@ SHADOW_PX = 2048
 EYES, EYES_FIELD_DEG = "eyes", 96.0
 """As high as a Quest 3 shows it."""
 HIDDEN_GROUP = 5
-
-
-@dataclass(frozen=True)
-class View:
-    """From where a scene is seen: a point (3,), world frame, and the camera's distance and angles from it."""
-
-    look_at_w: tuple[float, float, float]
-    distance_m: float
-    azimuth_deg: float
-    elevation_deg: float
-
-
-_BESIDE_WHEELCHAIR = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
-VIEWS: Mapping[tuple[str, bool], View] = {
-    ("Feeding", False): View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
-    ("Drinking", False): View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
-    ("ScratchItch", False): View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
-    ("BedBathing", False): View((-0.25, -0.02, 0.92), 1.85, 70.0, -28.0),
-    ("Feeding", True): _BESIDE_WHEELCHAIR,
-    ("Drinking", True): _BESIDE_WHEELCHAIR,
-    ("ScratchItch", True): View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
-    ("BedBathing", True): View((-0.35, -0.05, 0.85), 2.6, 112.0, -28.0),
-}
-"""By task, and whether the robot stands on the floor; what the robot does is not hidden by its arm or the person."""
 
 
 class Camera:
@@ -80,7 +55,8 @@ class Camera:
         if first_person:
             _hide_head(self._model)
         else:
-            self._eye = _camera(VIEWS[episodes.task.name, scene.mount.on_floor])
+            views = episodes.task.views
+            self._eye = _camera(views.on_floor if scene.mount.on_floor else views.mounted)
         self._renderer = _renderer(self._model, width_px, height_px)
 
     def picture(self) -> NDArray[np.uint8]:

@@ -20,7 +20,7 @@ METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1
 
 def spaces_of(episodes: Episodes) -> tuple[gym.Space[Array], gym.Space[NDArray[np.float32]]]:
     """The spaces of observations (O,) and actions (J,), a number for each joint of the arm."""
-    bound = episodes.task.observation_bound(episodes.action_size)
+    bound = episodes.observation.bound
     observation = gym.spaces.Box(-bound, bound, dtype=np.float64)
     return observation, gym.spaces.Box(-1.0, 1.0, (episodes.action_size,), np.float32)
 

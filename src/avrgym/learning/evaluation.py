@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from avrgym.policies import registry
 from avrgym.system.jobs import cores, report, run_all
-from avrgym.tasks import find_environment
 from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
+from avrgym.tasks.registry import find_environment
 
 Array = NDArray[np.float64]
 Progress = Callable[[int], None]

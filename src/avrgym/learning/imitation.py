@@ -1,6 +1,6 @@
-"""Learning from a teacher before PPO: dataset aggregation (Ross, Gordon, Bagnell, AISTATS 2011, algorithm 3.1).
+"""Learning from an expert before PPO: dataset aggregation (Ross, Gordon, Bagnell, AISTATS 2011, algorithm 3.1).
 
-The policy drives ever more of the worlds, the teacher says at every step what it would do there, and the policy
+The policy drives ever more of the worlds, the expert says at every step what it would do there, and the policy
 learns to do the same from all that was gathered so far.
 """
 
@@ -18,12 +18,11 @@ from torch import Tensor
 
 from avrgym.learning.stable_baselines import finished_episodes, go_on_from, normaliser_of
 from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
-from avrgym.teachers import TEACHERS
 
 Array = NDArray[np.float64]
 
-TEACHER_SHARE = 0.8
-"""The teacher drives all worlds in the first round, and in each later one this share of those of the round before."""
+EXPERT_SHARE = 0.8
+"""The expert drives all worlds in the first round, and in each later one this share of those of the round before."""
 BATCH = 1024
 EPOCHS, LAST_EPOCHS = 10, 100
 """How often all that was gathered is gone through at the end of a round and of the last."""
@@ -34,7 +33,7 @@ Hear = Callable[[list[tuple[float, bool]]], object]
 
 
 def imitate(model: PPO, episodes: Episodes, rounds: int, seed: int, shown: Path, hear: Hear) -> None:
-    """Bring a model's actor to do as the teacher does, and fit its normaliser of observations on the way.
+    """Bring a model's actor to do as the expert does, and fit its normaliser of observations on the way.
 
     What the model has done of it, by its number of steps, is not done again: it goes on to the same weights.
 
@@ -44,7 +43,7 @@ def imitate(model: PPO, episodes: Episodes, rounds: int, seed: int, shown: Path,
         episodes: the worlds.
         rounds: how many in all; each is an episode in every world.
         seed: of who drives which world, and of the minibatches.
-        shown: a folder for what the teacher shows, a file for each round; it must hold those of the rounds done.
+        shown: a folder for what the expert shows, a file for each round; it must hold those of the rounds done.
         hear: told after each round return and success of each episode that the policy drove.
 
     Raises:
@@ -60,8 +59,8 @@ def imitate(model: PPO, episodes: Episodes, rounds: int, seed: int, shown: Path,
         normaliser.reset()
     for number in range(done, rounds):
         random = np.random.default_rng([seed, 2, number])
-        by_teacher = random.random(worlds) < TEACHER_SHARE**number
-        round_shown, finished = _gather(model, normaliser, episodes, by_teacher)
+        by_expert = random.random(worlds) < EXPERT_SHARE**number
+        round_shown, finished = _gather(model, normaliser, episodes, by_expert)
         np.savez(files[number], **asdict(round_shown))
         gathered.append(round_shown)
         _fit(model, gathered, random, last=number == rounds - 1)
@@ -72,7 +71,7 @@ def imitate(model: PPO, episodes: Episodes, rounds: int, seed: int, shown: Path,
 
 @dataclass(frozen=True)
 class Shown:
-    """What a teacher showed: observations (S, O) and its actions (S, J), single precision."""
+    """What an expert showed: observations (S, O) and its actions (S, J), single precision."""
 
     observations: NDArray[np.float32]
     actions: NDArray[np.float32]
@@ -83,23 +82,23 @@ def _load(file: Path) -> Shown:
         with np.load(file) as arrays:
             return Shown(**arrays)
     except (OSError, ValueError, TypeError, BadZipFile) as error:
-        raise ValueError(f"{file}: not what a teacher showed ({error})") from error
+        raise ValueError(f"{file}: not what an expert showed ({error})") from error
 
 
 def _gather(
-    model: PPO, normaliser: VecNormalize, episodes: Episodes, by_teacher: NDArray[np.bool_]
+    model: PPO, normaliser: VecNormalize, episodes: Episodes, by_expert: NDArray[np.bool_]
 ) -> tuple[Shown, list[tuple[float, bool]]]:
-    """One episode in every world: what the teacher showed, and return and success of the policy's own."""
-    teacher = TEACHERS[episodes.task.name](episodes)
+    """One episode in every world: what the expert showed, and return and success of the policy's own."""
+    expert = episodes.task.reactive_expert(episodes)
     observation = episodes.observe()
     seen, shown, infos = [], [], []
     for _ in range(EPISODE_STEPS):
         seen.append(observation)
-        shown.append(np.clip(teacher(observation), -1.0, 1.0))
+        shown.append(np.clip(expert(observation), -1.0, 1.0))
         own, _ = model.predict(np.asarray(normaliser.normalize_obs(observation)), deterministic=True)
-        _, _, _, infos = normaliser.step(np.where(by_teacher[:, None], shown[-1], own))
+        _, _, _, infos = normaliser.step(np.where(by_expert[:, None], shown[-1], own))
         observation = np.asarray(normaliser.get_original_obs())
-    own_infos = [infos[world] for world in np.nonzero(~by_teacher)[0]]
+    own_infos = [infos[world] for world in np.nonzero(~by_expert)[0]]
     observations, actions = (np.concatenate(rows).astype(np.float32) for rows in (seen, shown))
     return Shown(observations, actions), finished_episodes(own_infos)
 

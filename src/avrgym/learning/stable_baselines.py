@@ -10,14 +10,10 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from avrgym.envs.registration import AssistiveVectorEnv
-from avrgym.learning.shaping import DETOURS
-from avrgym.tasks.base import Task
 from avrgym.tasks.episodes import EPISODE_STEPS
+from avrgym.tasks.observation import Observation
 
 Array = NDArray[Any]
-
-FROM_GOAL = ("tool_from_mouth_m", "tool_from_itch_m")
-FROM_GOAL_SCALE_M = 0.05
 
 
 class SB3VectorEnv(VecEnv):
@@ -80,10 +76,10 @@ class SB3VectorEnv(VecEnv):
     def _detour_m(self) -> Array:
         """How much longer the tool's way is than the straight one, (N,)."""
         episodes = self.env.episodes
-        detour = DETOURS.get(episodes.task.name)
-        if detour is None or not self.detour_weight_per_m:
+        detour_m = episodes.task.detour_m
+        if detour_m is None or not self.detour_weight_per_m:
             return np.zeros(self.num_envs)
-        return detour(episodes.simulation.state(), episodes.task_state)
+        return detour_m(episodes.simulation.state(), episodes.task_state)
 
     def close(self) -> None:
         self.env.close()
@@ -120,17 +116,13 @@ def go_on_from(model: PPO, observation: Array) -> None:
 
 
 class ObservationScale(RunningMeanStd):
-    """Mean and variance of observations as they come, but a fixed scale for how far the tool is from its goal.
+    """Mean and variance of observations as they come, but mean 0 and the scale of those that have a fixed one."""
 
-    What a tool does depends on centimetres where it is near; by the variance of whole episodes they would hardly show.
-    """
-
-    def __init__(self, task: Task, joints: int) -> None:
-        """Begin without having seen any of the task's observations, with an arm of so many joints."""
-        super().__init__(shape=(task.observation_size(joints),))
-        counts = [entry.count(joints) for entry in task.observed]
-        names = np.repeat([entry.name for entry in task.observed], counts)
-        self._from_goal = np.isin(names, FROM_GOAL)
+    def __init__(self, observation: Observation) -> None:
+        """Begin without having seen any observations."""
+        super().__init__(shape=(observation.size,))
+        self._fixed = np.isfinite(observation.scale)
+        self._variance = observation.scale[self._fixed] ** 2
         self._fix()
 
     def update_from_moments(self, batch_mean: np.ndarray, batch_var: np.ndarray, batch_count: float) -> None:
@@ -139,4 +131,4 @@ class ObservationScale(RunningMeanStd):
         self._fix()
 
     def _fix(self) -> None:
-        self.mean[self._from_goal], self.var[self._from_goal] = 0.0, FROM_GOAL_SCALE_M**2
+        self.mean[self._fixed], self.var[self._fixed] = 0.0, self._variance

@@ -1,4 +1,4 @@
-"""Training: imitation of a teacher, then PPO (Stable-Baselines3) over the native vector environment.
+"""Training: imitation of an expert, then PPO (Stable-Baselines3) over the native vector environment.
 
 Needs the extra ``train``. What it leaves is a policy file that needs neither of them.
 """
@@ -6,7 +6,7 @@ Needs the extra ``train``. What it leaves is a policy file that needs neither of
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from math import exp
@@ -35,53 +35,27 @@ from avrgym.people.distributions import DISTRIBUTIONS, people_name
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
-from avrgym.tasks import find_environment
 from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
+from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.training_settings import TrainingSettings
 
 POLICY_FILE, CONFIGURATION_FILE, CHECKPOINT_FILE = "policy.safetensors", "configuration.json", "checkpoint.pt"
 SHOWN_FOLDER = "shown"
-"""What the teacher showed, while the policy imitates it."""
+"""What the expert showed, while the policy imitates it."""
 PEOPLE_FILE = "people.toml"
 """A copy of the file of people that a training was begun with, if it was."""
 MEASURED_EPISODES = 100
 CURVE_POINTS = 100
 
 
-@dataclass(frozen=True)
-class TrainingConfiguration:
-    """What a training run is made of. Network and algorithm are the paper's (section V); the rest is ours.
-
-    The policy first imitates its task's teacher for ``imitation_rounds`` episodes in every world, though for no more
-    than ``imitation_share`` of all steps. Then only the critic learns for ``critic_updates``.
-    ``log_std`` is how random actions are at the beginning and at the end of PPO. The ``learning_rate`` is that of its
-    beginning and falls to a hundredth, so that in the end the policy is a mean of many updates. The policy keeps the
-    chance of its last update.
-    ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
-    the task's own reward does; it grows over the second third: first the policy learns to help, then to be gentle.
-    ``detour_weight_per_m`` is what each metre takes off that the way of tool and hand is longer than straight on.
-    ``hard_share`` of the worlds, at most, begin an update of PPO with episodes that went badly before; of how training
-    stands they tell nothing.
-    """
+@dataclass(frozen=True, kw_only=True)
+class TrainingConfiguration(TrainingSettings):
+    """A training run: where, on whom, for how many environment steps, and how."""
 
     environment: str
     people: str = "original"
     steps: int = 2_000_000
     seed: int = 0
-    worlds: int = 32
-    minibatch: int = 320
-    epochs: int = 10
-    learning_rate: float = 3e-4
-    discount: float = 0.99
-    gae_lambda: float = 0.95
-    clip_range: float = 0.2
-    log_std: tuple[float, float] = (-1.5, -3.0)
-    hidden: tuple[int, ...] = (64, 64)
-    imitation_rounds: int = 8
-    imitation_share: float = 0.5
-    critic_updates: int = 5
-    force_weight_per_n: float = 0.03
-    detour_weight_per_m: float = 0.0
-    hard_share: float = 0.0
     threads: int = 0
 
     @property
@@ -113,34 +87,6 @@ class TrainingConfiguration:
         return self.force_weight_per_n * min(max(3.0 * self._ppo_share(steps) - 1.0, 0.0), 1.0)
 
 
-TASK_SETTINGS: Mapping[str, Mapping[str, Any]] = {
-    "Feeding": {"imitation_rounds": 0, "log_std": (-0.7, -2.5)},
-    "Drinking": {
-        "imitation_rounds": 24,
-        "log_std": (-2.2, -3.0),
-        "critic_updates": 3,
-        "learning_rate": 1e-4,
-    },
-    "ScratchItch": {
-        "worlds": 128,
-        "minibatch": 1280,
-        "imitation_rounds": 15,
-        "log_std": (-1.9, -2.5),
-        "force_weight_per_n": 0.05,
-        "detour_weight_per_m": 5.0,
-        "hard_share": 0.5,
-    },
-    "BedBathing": {
-        "imitation_rounds": 100,
-        "imitation_share": 1.0,
-        "log_std": (-3.0, -3.0),
-        "learning_rate": 1e-4,
-        "force_weight_per_n": 0.0,
-    },
-}
-"""Where a task does better with settings other than the usual ones."""
-
-
 def configuration_for(environment: str, people: str, steps: int, seed: int) -> TrainingConfiguration:
     """How we train in an environment.
 
@@ -148,7 +94,9 @@ def configuration_for(environment: str, people: str, steps: int, seed: int) -> T
         ValueError: for an unknown environment, naming what there is.
     """
     task, _ = find_environment(environment)
-    return TrainingConfiguration(environment, people, steps, seed, **TASK_SETTINGS[task])
+    return TrainingConfiguration(
+        environment=environment, people=people, steps=steps, seed=seed, **vars(TASKS[task].training)
+    )
 
 
 @dataclass(frozen=True)
@@ -385,7 +333,7 @@ def _measure(configuration: TrainingConfiguration, out: Path) -> Policy:
 def _ppo(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path) -> PPO:
     torch.set_num_threads(1)  # so small a network gains nothing from more, and its sums keep their order
     normaliser = VecNormalize(env, gamma=configuration.discount, clip_obs=5.0)
-    normaliser.obs_rms = ObservationScale(env.env.episodes.task, env.env.episodes.action_size)
+    normaliser.obs_rms = ObservationScale(env.env.episodes.observation)
     model = PPO(
         "MlpPolicy",
         normaliser,

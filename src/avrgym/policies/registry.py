@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.oracles import ORACLES
 from avrgym.policies import controllers
 from avrgym.policies.controllers import Foreign
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
-from avrgym.tasks import sizes
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import sizes
 
 Array = NDArray[np.float64]
 Act = Callable[[Array], NDArray[np.floating]]
@@ -124,7 +123,7 @@ def actor(policy: Policy | Script, world: Episodes, generators: Sequence[np.rand
         return lambda observation: np.stack(
             [g.uniform(-1.0, 1.0, world.action_size) for g in generators]
         ).astype(np.float32)
-    return ORACLES[world.task.name](world)
+    return world.task.expert(world)
 
 
 def seed_from(generator: np.random.Generator) -> int:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from avrgym.geometry import transforms
 from avrgym.models import robot
 from avrgym.models.human import People, Person
 from avrgym.models.scene import CONTROL_STEP_S
@@ -20,8 +21,8 @@ from avrgym.robots.registry import find_robot
 from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
 from avrgym.simulation.world_version import WORLD_VERSION, check_world_version
 from avrgym.simulation.worlds import Ids, Simulation, Start, State
-from avrgym.tasks import TASKS, find_environment, find_task
-from avrgym.tasks.base import StepResult, TaskState, merge
+from avrgym.tasks.registry import TASKS, find_environment, find_task
+from avrgym.tasks.task import StepResult, TaskState, merge
 
 Array = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ MOST_DRAWS = 100
 
 @dataclass(frozen=True)
 class Step:
-    """What one control step gave, each with the world axis first."""
+    """What one control step gave, each with the world axis first; ``events`` as in ``StepResult``."""
 
     observation: Array
     reward: Array
@@ -42,6 +43,8 @@ class Step:
     success: NDArray[np.bool_]
     distance_m: Array
     force_on_person_n: Array
+    tool_speed_m_s: Array
+    events: NDArray[np.intp]
 
 
 def checked_actions(
@@ -117,12 +120,12 @@ class Episodes:
         self.scene = self.task.scene(find_robot(robot))
         self.action_size = len(self.scene.arm.joints)
         """How many numbers an action has: one for each joint of the arm."""
-        self.observation_size = self.task.observation_size(self.action_size)
+        self.observation = self.task.observation(self.scene)
         self._furniture = furniture_boxes(self.scene.furniture)
         self.simulation = Simulation(
             self.scene,
             num_worlds,
-            moving=moving or self._moved_by_themselves,
+            moving=moving or self._moved_by_themselves or self.task.people_give_way,
             num_threads=num_threads,
             braked=world_version > 1,
             gives_way=world_version > 1,
@@ -264,17 +267,19 @@ class Episodes:
 
     def _step(self, state: State, result: StepResult) -> Step:
         return Step(
-            observation=self.task.observe(state, self.task_state),
+            observation=self.observation.of(state, self.task_state),
             reward=self.task.reward(result.terms),
             reward_terms=result.terms,
             success=result.success,
             distance_m=result.distance_m,
             force_on_person_n=result.force_on_person_n,
+            tool_speed_m_s=transforms.norm(state.tool_velocity_w),
+            events=result.events,
         )
 
     def observe(self) -> Array:
         """Observations (N, O) of the present state."""
-        return self.task.observe(self.simulation.state(), self.task_state)
+        return self.observation.of(self.simulation.state(), self.task_state)
 
     def marks_w(self) -> Array:
         """Where the task's marks are now, (N, ``task.marks.count``, 3), world frame; none without marks."""

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
-from avrgym.tasks.base import StepResult, Task, TaskState
-from avrgym.tasks.bed_bathing import BED_BATHING
-from avrgym.tasks.drinking import DRINKING, tilt_rad
-from avrgym.tasks.feeding import FEEDING
-from avrgym.tasks.scratch_itch import SCRATCH_ITCH
+from avrgym.tasks.bed_bathing.task import BED_BATHING
+from avrgym.tasks.drinking.reward import tilt_rad
+from avrgym.tasks.drinking.task import DRINKING
+from avrgym.tasks.feeding.task import FEEDING
+from avrgym.tasks.scratch_itch.task import SCRATCH_ITCH
+from avrgym.tasks.task import StepResult, Task, TaskState
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from avrgym.study.storage.attempts import CHANGED
 from avrgym.study.storage.rows import GivenAnswer, Participant, Trial
 from avrgym.study.storage.states import TAKES_PART, StudyError
 from avrgym.study.storage.store import Store
-from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks.registry import TASKS, find_environment
 
 USED = "reward and success are those that were stored with the trial"
 WITHOUT = f"{USED}; it is missing from the biomechanics"

@@ -14,7 +14,7 @@ from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.distributions import DISTRIBUTIONS, UNIFORMS, Distribution, sample
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.design import Design
-from avrgym.tasks import TASKS
+from avrgym.tasks.registry import TASKS
 
 Array = NDArray[np.floating]
 

@@ -24,7 +24,7 @@ from avrgym.analysis.report.trials import trials
 from avrgym.analysis.rows import ParticipantRow
 from avrgym.analysis.statistics.tests import EXACT_SIGNED_RANK
 from avrgym.analysis.study import Analysis
-from avrgym.tasks import TASKS
+from avrgym.tasks.registry import TASKS
 
 TITLES = {False: "People", True: "Simulated participants"}
 

@@ -12,7 +12,7 @@ from avrgym.analysis.rows import PersonRow, TrialRow
 from avrgym.analysis.statistics.biomechanics import Measures, heights, participants_heads
 from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, Compared, Family, Question, corrected
 from avrgym.analysis.statistics.tests import Comparison, energy_test, rank_sum, signed_rank
-from avrgym.tasks import TASKS
+from avrgym.tasks.registry import TASKS
 
 Array = NDArray[np.floating]
 

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from avrgym.study.storage.rows import GivenAnswer, Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import TAKES_PART
 from avrgym.study.storage.store import Store, find_all
-from avrgym.tasks import find_environment
+from avrgym.tasks.registry import find_environment
 
 Condition = tuple[str, str, str, bool]
 """Task, robot, policy as the experimenter may see it, and whether simulated participants met it."""

@@ -12,7 +12,7 @@ from avrgym.study.storage.keyfile import read_key
 from avrgym.study.storage.rows import Note, Trial, TrialAttempt
 from avrgym.study.storage.states import PARTICIPANT
 from avrgym.study.storage.store import Store
-from avrgym.tasks import find_environment
+from avrgym.tasks.registry import find_environment
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from avrgym.models.furniture.real import RealFurniture
 from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire, items_to_ask
 from avrgym.robots.registry import ROBOTS
 from avrgym.system.toml_places import Place, line_of
-from avrgym.tasks import TASKS
+from avrgym.tasks.registry import TASKS
 
 FILE = "study.toml"
 PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps")

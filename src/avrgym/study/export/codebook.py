@@ -9,7 +9,7 @@ from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.study.design.design import Design
 from avrgym.study.storage.states import ATTEMPT, PARTICIPANT, TRIAL
-from avrgym.tasks import TASKS, terms_ever
+from avrgym.tasks.registry import TASKS, terms_ever
 
 TEXT, WHOLE, NUMBER, TRUTH, TIME = "text", "whole number", "number", "truth", "time"
 

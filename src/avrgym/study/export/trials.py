@@ -16,7 +16,7 @@ from avrgym.study.storage.attempts import CHANGED, sha256_of
 from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.tasks import find_environment
+from avrgym.tasks.registry import find_environment
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from avrgym.study.storage.sessions import close_session, open_session, skip_tria
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.study.storage.texts import check_line
-from avrgym.tasks import find_environment
+from avrgym.tasks.registry import find_environment
 from avrgym.vr.protocol.messages import Command, Send
 from avrgym.vr.session import events
 from avrgym.vr.session.events import Observer, SessionEvent

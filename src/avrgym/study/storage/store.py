@@ -31,7 +31,7 @@ from avrgym.study.storage.rows import (
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import TRANSITIONS, StudyError, check_transition
 from avrgym.system.files import make_private_folder, private_opener
-from avrgym.tasks import find_environment
+from avrgym.tasks.registry import find_environment
 
 Row = TypeVar("Row")
 TABLES: Mapping[type, sa.Table] = {

@@ -23,7 +23,7 @@ from websockets.sync.client import ClientConnection, connect
 from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.children import undisturbed
-from avrgym.tasks import sizes
+from avrgym.tasks.registry import sizes
 from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, outside, within_s
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages

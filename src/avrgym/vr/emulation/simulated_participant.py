@@ -18,7 +18,7 @@ from avrgym.models.human import LOWER_RAD, SEATED, SEATED_RAD, UPPER_RAD, Person
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.people import behaviour, distributions
 from avrgym.robots.registry import find_robot
-from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, headset_from_head

@@ -9,7 +9,7 @@ from avrgym.models.human import Person
 from avrgym.models.scene import build_spec
 from avrgym.robots.registry import find_robot
 from avrgym.system.children import end_with_parent, undisturbed
-from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.scene.scene_export import export_glb
 
 SCENES_KEPT = 10

@@ -43,7 +43,7 @@ class Experience:
         outcome = step.outcome
         force_n, speed_m_s = (
             float(outcome.force_on_person_n[0]),
-            float(outcome.reward_terms[TOOL_SPEED][0]),
+            float(outcome.tool_speed_m_s[0]),
         )
         return Experience(
             success=bool(outcome.success[0]),
@@ -51,10 +51,6 @@ class Experience:
             force_max_n=max(self.force_max_n, force_n),
             speed_mean_m_s=self.speed_mean_m_s + (speed_m_s - self.speed_mean_m_s) / steps,
         )
-
-
-TOOL_SPEED = "tool_speed_m_s"
-"""The reward term of every task that holds it."""
 
 
 class Attempt:

@@ -1,6 +1,4 @@
-"""What a participant feels and hears: touches on their arms, and every success of the robot."""
-
-from collections.abc import Mapping
+"""What a participant feels: touches on their arms."""
 
 import mujoco
 import numpy as np
@@ -10,10 +8,6 @@ from avrgym.models import human, robot
 from avrgym.simulation.worlds import Simulation
 
 ARM_BODIES = ("upper_arm", "forearm", "hand")
-COUNTED_TERMS = ("food_in_mouth", "water_in_mouth", "markers_wiped")
-"""Reward terms that count successes of one control step."""
-SCRATCH_TERM = "scratch_force_n"
-"""A force that is there only when a scratch is new."""
 
 
 class ArmTouch:
@@ -37,9 +31,3 @@ class ArmTouch:
     def _touches(self, side: str, geoms: NDArray[np.int32]) -> bool:
         arm, robot = self._is_arm[side][geoms], self._is_robot[geoms]
         return bool((arm & robot[:, ::-1]).any())
-
-
-def successes(terms: Mapping[str, NDArray[np.float64]]) -> int:
-    """How many bites, drops, wiped markers and scratches one world's reward terms (1,) of a control step tell of."""
-    counted = sum(round(float(terms[name][0])) for name in COUNTED_TERMS if name in terms)
-    return counted + int(SCRATCH_TERM in terms and terms[SCRATCH_TERM][0] > 0.0)

@@ -7,8 +7,8 @@ from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.registry import AnyPolicy, find_for_session
 from avrgym.recording.questionnaire import LIKERT_ITEMS, Item
-from avrgym.tasks import TASKS, find_environment
 from avrgym.tasks.episodes import EPISODE_STEPS
+from avrgym.tasks.registry import TASKS, find_environment
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from avrgym.models.scene import SUBSTEPS
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.session.attempt import Attempt
-from avrgym.vr.session.feedback import ArmTouch, successes
+from avrgym.vr.session.feedback import ArmTouch
 from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import TICK_S, ControlStep, LiveWorld
 
@@ -33,8 +33,8 @@ class Reporter:
     def tick(self, world: LiveWorld, followed: int, step: ControlStep | None) -> None:
         """Tell of the world after a tick, in which the body followed a tracking frame of this number.
 
-        A tick that ends a control step has judged it, which takes long enough: a state that is due then goes out with
-        the next tick, and from there on they take turns.
+        A tick that ends a control step has evaluated it, which takes long enough: a state that is due then goes out
+        with the next tick, and from there on they take turns.
         """
         self._ticks += 1
         if world is not self._world:
@@ -47,8 +47,8 @@ class Reporter:
             self._send(messages.State(self._ticks, self._ticks * TICK_S, followed, world.body_poses()))
 
     def _tell_feedback(self, step: ControlStep | None) -> None:
-        """Touches that begin or end, and successes."""
-        events = successes(step.outcome.reward_terms) if step is not None else 0
+        """Touches that begin or end, and what chimes."""
+        events = int(step.outcome.events[0]) if step is not None else 0
         felt = messages.Feedback(*self._touched, events)
         if felt != self._felt or events:
             self._felt = felt

@@ -4,7 +4,7 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 from avrgym.models.human import Person
-from avrgym.tasks import TASKS, find_environment
+from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.session.preparation import BodyKey, Preparation, TrialKey
 from avrgym.vr.tracking.world import LiveWorld, scene_url

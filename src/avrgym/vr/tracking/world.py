@@ -11,8 +11,8 @@ from avrgym.models import human
 from avrgym.models.human import Person
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, SceneConfig
 from avrgym.simulation.worlds import Simulation
-from avrgym.tasks.base import Task
 from avrgym.tasks.episodes import Episodes, Step
+from avrgym.tasks.task import Task
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.tracking.body import BodyPose, BodySolver
@@ -39,7 +39,7 @@ class ControlSteps:
 
     def __init__(self, episodes: Episodes) -> None:
         self._episodes = episodes
-        self._observation = np.zeros((1, episodes.observation_size))
+        self._observation = np.zeros((1, episodes.observation.size))
         self._action = np.zeros((1, episodes.action_size))
         self._substep = 0
         self._seen: Array | None = None

@@ -1,15 +1,15 @@
-"""The rule by which a teacher scratches: around the arm, wherever it itches."""
+"""The rule by which the reactive expert scratches: around the arm, wherever it itches."""
 
 import numpy as np
 
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
-from avrgym.oracles import scratch_itch
-from avrgym.oracles.bed_bathing import FOREARM
-from avrgym.oracles.guide import Guide
 from avrgym.simulation.worlds import State
-from avrgym.tasks.scratch_itch import ScratchItchState, itch_pos_w, limb_frame
-from avrgym.teachers.reactive import Aim, Array, before_m, speed_m_s
+from avrgym.tasks.bed_bathing.expert import FOREARM
+from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.experts.reactive import Aim, Array, before_m, speed_m_s
+from avrgym.tasks.scratch_itch import expert
+from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_pos_w, limb_frame
 
 SLANT_RAD, ASKEW_RAD = 1.2, 0.4
 """How far from straight out of the skin the hand may be drawn, and how far the rod may point beside it."""
@@ -26,17 +26,17 @@ AHEAD_RAD = 0.8
 def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
     """The tip goes around the limb above the skin and comes down at the itch; where it touches, it rubs."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
-    out_w, _ = scratch_itch.surface(task_state, limb_q_w)
-    rod_w = transforms.rotate(guide.q_w, scratch_itch.ROD)
+    out_w, _ = expert.surface(task_state, limb_q_w)
+    rod_w = transforms.rotate(guide.q_w, expert.ROD)
     q_w = transforms.multiply(transforms.from_rotation_vector(turn_rad(rod_w, out_w)), guide.q_w)
     tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
     skin_w = limb_pos_w + transforms.rotate(limb_q_w, around(tool, task_state))
-    goal_w = scratch_itch.tip(skin_w, out_w, rod_w)
-    itch_w = scratch_itch.tip(itch_pos_w(state, task_state), out_w, rod_w)
-    rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < scratch_itch.SEEK_DEPTH_M)
-    pos_w = np.where(rubs[:, None], scratch_itch.rub(state, task_state, guide.pos_w, rod_w), goal_w)
-    speed = speed_m_s(goal_w - state.tool_pos_w, scratch_itch.ENTER_M_S)
-    return pos_w, q_w, np.where(rubs, scratch_itch.RUB_M_S, speed)
+    goal_w = expert.tip(skin_w, out_w, rod_w)
+    itch_w = expert.tip(itch_pos_w(state, task_state), out_w, rod_w)
+    rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < expert.SEEK_DEPTH_M)
+    pos_w = np.where(rubs[:, None], expert.rub(state, task_state, guide.pos_w, rod_w), goal_w)
+    speed = speed_m_s(goal_w - state.tool_pos_w, expert.ENTER_M_S)
+    return pos_w, q_w, np.where(rubs, expert.RUB_M_S, speed)
 
 
 def turn_rad(rod_w: Array, out_w: Array) -> Array:
@@ -70,8 +70,8 @@ def around(tool: Array, task_state: ScratchItchState) -> Array:
     shorter = (there - now + np.pi) % (2.0 * np.pi) - np.pi
     way = np.where(task_state.limb == FOREARM, shorter, there - now)
     beside = np.hypot(radius * way, task_state.itch[:, 2] - tool[:, 2])
-    above = before_m(beside, BESIDE_M, scratch_itch.AWAY_M)
-    height = radius + np.where(above > 0.0, above, -scratch_itch.SEEK_DEPTH_M)
+    above = before_m(beside, BESIDE_M, expert.AWAY_M)
+    height = radius + np.where(above > 0.0, above, -expert.SEEK_DEPTH_M)
     angle = now + np.clip(way, -AHEAD_RAD, AHEAD_RAD)
     return np.stack(
         [-height * elementary.cos(angle), height * elementary.sin(angle), task_state.itch[:, 2]], axis=-1

@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.oracles.clearance import Clearance
 from avrgym.tasks import places
-from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.experts.clearance import Clearance
+from avrgym.tasks.task import RunningEpisodes
 
 Array = NDArray[np.float64]
 
@@ -31,10 +31,10 @@ class Guide:
 
     What is asked for goes on from where the servos aim, so that their lag does not slow the tool down. ``pos_w``
     (N, 3) and ``q_w`` (N, 4) are the tool's pose at these angles. ``posture_rad`` (N, J), the arm's first angles
-    until an oracle sets others, draws the arm wherever the tool leaves it free.
+    until an expert sets others, draws the arm wherever the tool leaves it free.
     """
 
-    def __init__(self, episodes: Episodes) -> None:
+    def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin where the arms are."""
         self._simulation = episodes.simulation
         self._chain = places.arm_chain(episodes.scene)

@@ -1,4 +1,4 @@
-"""Feeding: bring a spoon with eight pieces of food to the person's mouth (paper, section IV)."""
+"""What feeding rewards: food in the mouth, and what the person prefers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,26 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
-from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, TABLE_HEIGHT_M, add_table
+from avrgym.models.furniture import BOWL_BODY, TABLE_HEIGHT_M
 from avrgym.models.human import People
-from avrgym.models.robot import Robot
-from avrgym.models.scene import SceneConfig
-from avrgym.models.spoon import FOOD, SPOON
-from avrgym.simulation.worlds import Start, State
-from avrgym.tasks import places
-from avrgym.tasks.base import (
-    HEAD_TURNED,
-    StepResult,
-    Task,
-    arm_angles,
-    force,
-    position,
-    quaternion,
-    when_strong,
-)
+from avrgym.models.spoon import FOOD
+from avrgym.simulation.worlds import State
 from avrgym.tasks.particles import GROUND_M, count, touching_person
+from avrgym.tasks.person import when_strong
+from avrgym.tasks.task import StepResult
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -33,14 +21,8 @@ Bools = NDArray[np.bool_]
 MOUTH_RADIUS_M = 0.02
 DROPPED_HEIGHT_M = 0.5
 SUCCESS_SHARE = 0.75
-BOWL_SPREAD_M = 0.05
-HAND_SPREAD_M = 0.05
-HAND_FROM_BOWL_M = (0.0, -0.1, 0.4)
 BOWL_RADIUS_M, BOWL_HEIGHT_M = 0.07, 0.05
 TABLE_LOW_M, TABLE_HIGH_M = (-0.30, -1.32), (1.00, -0.48)
-SPOON_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
-"""Level, pointing towards the person."""
-
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
     "action_squared": -0.01,
@@ -64,59 +46,10 @@ class FeedingState:
     on_person: Bools
 
 
-def scene(robot: Robot) -> SceneConfig:
-    """Wheelchair and table with bowl; the right arm holds the spoon."""
-    return places.wheelchair_scene(robot, "right", SPOON, (0.1, 0.2), (add_table,), (BOWL_BODY,))
-
-
-def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
-    """Bowl within ±5 cm of its place, hand within ±5 cm of a point above and before it, spoon level."""
-    bowl = np.array(BOWL_START_M) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    hand = bowl + HAND_FROM_BOWL_M + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
-    tool, level = places.held(scene, hand, SPOON_Q_W)
-    placed = {BOWL_BODY: bowl}
-    return places.start(scene, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
-
-
-def _goals(people: People) -> tuple[Array, Array]:
-    """Where (n, 2, 3) and how (n, 2, 4) the spoon may come to the mouths: level, tip first or with its left side."""
-    mouth, head_q = places.mouth(people)
-    into = transforms.rotate(head_q, [0.0, 1.0, 0.0])
-    yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None] + [0.0, -0.5 * np.pi]
-    return np.stack([mouth, mouth], axis=1), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw)
-
-
 def init_state(people: People, uniforms: Array) -> FeedingState:
     """Nothing has happened yet."""
     nothing = np.zeros((len(uniforms), len(FOOD.start)), dtype=bool)
     return FeedingState(nothing, nothing, nothing)
-
-
-OBSERVED = (
-    position("tool_from_torso_m"),
-    quaternion("tool_rotation"),
-    position("tool_from_mouth_m"),
-    arm_angles("arm_angles_rad"),
-    position("head_from_torso_m"),
-    quaternion("head_rotation"),
-    force("tool_force_n"),
-)
-
-
-def observe(state: State, task_state: FeedingState) -> Array:
-    """The observation (N, 25), in the order of ``OBSERVED``; in the world's axes."""
-    return np.concatenate(
-        [
-            state.tool_pos_w - state.robot_pos_w,
-            state.tool_q_w,
-            state.tool_pos_w - state.mouth_pos_w,
-            state.arm_angles_rad,
-            state.head_pos_w - state.robot_pos_w,
-            state.head_q_w,
-            state.tool_force_n[:, None],
-        ],
-        axis=-1,
-    )
 
 
 def evaluate_step(state: State, action: Array, task_state: FeedingState) -> StepResult:
@@ -148,7 +81,8 @@ def evaluate_step(state: State, action: Array, task_state: FeedingState) -> Step
     }
     success = after.eaten.sum(axis=-1) >= SUCCESS_SHARE * len(FOOD.start)
     gone = newly_eaten | (after.dropped & (state.particle_pos_w[..., 2] < GROUND_M))
-    return StepResult(after, terms, distance, state.total_force_n, success, gone)
+    eaten = newly_eaten.sum(axis=-1)
+    return StepResult(after, terms, distance, state.total_force_n, success, eaten, gone)
 
 
 def strong_tool_force(state: State) -> Array:
@@ -164,19 +98,3 @@ def _is_dropped(state: State) -> Bools:
     above_bowl = norm(from_bowl[..., :2]) < BOWL_RADIUS_M
     in_bowl = above_bowl & (from_bowl[..., 2] < BOWL_HEIGHT_M + 2.0 * FOOD.radius_m)
     return (pos[..., 2] < DROPPED_HEIGHT_M) | on_table | in_bowl
-
-
-FEEDING = Task(
-    name="Feeding",
-    goal="Eat the food from the spoon.",
-    offered="mouth",
-    pose=HEAD_TURNED,
-    uniforms=6 + places.UNIFORMS,
-    observed=OBSERVED,
-    weights=WEIGHTS,
-    scene=scene,
-    start=start,
-    init_state=init_state,
-    observe=observe,
-    evaluate_step=evaluate_step,
-)

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
-from avrgym.oracles.guide import Guide
 from avrgym.simulation.worlds import State
-from avrgym.tasks.bed_bathing import LIMB_GEOMS, is_washed
-from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.bed_bathing.reward import LIMB_GEOMS, is_washed
+from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.task import RunningEpisodes
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.intp]
@@ -43,13 +43,13 @@ METRES_PER_RADIAN = 0.1
 PROGRESS_M, PATIENCE_STEPS = 0.003, 6
 
 
-class BedBathingOracle:
+class BedBathingExpert:
     """Sweep after sweep: comes near, touches, wipes, lifts; gives up a sweep when the arm gets no farther.
 
     It presses by aiming below the skin, deeper while the force is low.
     """
 
-    def __init__(self, episodes: Episodes) -> None:
+    def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin with the first sweep."""
         self._episodes = episodes
         self._guide = Guide(episodes)

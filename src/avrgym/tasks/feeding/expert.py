@@ -6,11 +6,11 @@ from numpy.typing import NDArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.spoon import FOOD, OUTLINE
-from avrgym.oracles.guide import Guide
-from avrgym.oracles.head import heading, way_out
 from avrgym.simulation.worlds import State
-from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.feeding import MOUTH_RADIUS_M, SUCCESS_SHARE
+from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.experts.head import heading, way_out
+from avrgym.tasks.feeding.reward import MOUTH_RADIUS_M, SUCCESS_SHARE
+from avrgym.tasks.task import RunningEpisodes
 
 Array = NDArray[np.float64]
 
@@ -33,10 +33,10 @@ SPARE_PIECES = (1.0 - SUCCESS_SHARE) * len(FOOD.start)
 UP = np.array([0.0, 0.0, 1.0])
 
 
-class FeedingOracle:
+class FeedingExpert:
     """Chooses a way for each person, then follows it: first before the mouth, then straight in."""
 
-    def __init__(self, episodes: Episodes) -> None:
+    def __init__(self, episodes: RunningEpisodes) -> None:
         """Plan for the people who are there now."""
         self._simulation = episodes.simulation
         self._guide = Guide(episodes)

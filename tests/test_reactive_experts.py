@@ -6,10 +6,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm, normalize
-from avrgym.tasks import ENVIRONMENTS, TASKS
 from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
-from avrgym.tasks.scratch_itch import ScratchItchState
-from avrgym.teachers import TEACHERS, scratching
+from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.tasks.scratch_itch import reactive
+from avrgym.tasks.scratch_itch.reward import ScratchItchState
 
 OUTSIDE_RAD = np.radians(120.0)
 
@@ -21,28 +21,24 @@ def begun(environment: str, count: int) -> Episodes:
     return episodes
 
 
-def test_every_task_has_a_teacher():
-    assert set(TEACHERS) == set(TASKS)
-
-
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_what_a_teacher_does_depends_on_nothing_but_the_present(environment):
+def test_what_a_reactive_expert_does_depends_on_nothing_but_the_present(environment):
     """One that saw everything so far and one that comes in now do the same."""
     episodes = begun(environment, 2)
-    make = TEACHERS[episodes.task.name]
-    teacher = make(episodes)
+    make = episodes.task.reactive_expert
+    expert = make(episodes)
     for _ in range(30):
-        episodes.step(teacher(episodes.observe()))
+        episodes.step(expert(episodes.observe()))
     expected = make(episodes)(episodes.observe())
-    assert_array_equal(teacher(episodes.observe()), expected)
+    assert_array_equal(expert(episodes.observe()), expected)
     assert np.abs(expected).max() <= 1.0 + 1e-9
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_a_teacher_brings_the_tool_nearer(environment):
+def test_a_reactive_expert_brings_the_tool_nearer(environment):
     episodes = begun(environment, 8)
-    teacher = TEACHERS[episodes.task.name](episodes)
-    distances = [episodes.step(teacher(episodes.observe())).distance_m.mean() for _ in range(60)]
+    expert = episodes.task.reactive_expert(episodes)
+    distances = [episodes.step(expert(episodes.observe())).distance_m.mean() for _ in range(60)]
     assert distances[-1] < 0.5 * distances[0]
 
 
@@ -52,21 +48,21 @@ def around_axis(from_axis, angle, along):
 
 
 def share_of_successes(episodes: Episodes) -> float:
-    """In how many worlds the teacher has succeeded after an episode."""
-    teacher = TEACHERS[episodes.task.name](episodes)
+    """In how many worlds the expert has succeeded after an episode."""
+    expert = episodes.task.reactive_expert(episodes)
     success = np.zeros(1, dtype=bool)
     for _ in range(EPISODE_STEPS):
-        success = episodes.step(teacher(episodes.observe())).success
+        success = episodes.step(expert(episodes.observe())).success
     return success.mean()
 
 
 @pytest.mark.parametrize("task", ["Feeding", "ScratchItch", "BedBathing"])
-def test_a_teacher_mostly_succeeds(task):
+def test_a_reactive_expert_mostly_succeeds(task):
     assert share_of_successes(begun(f"avrgym/{task}Jaco-v1", 16)) >= 0.5
 
 
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
-def test_a_teacher_scratches_the_far_side_of_the_forearm(robot):
+def test_a_reactive_expert_scratches_the_far_side_of_the_forearm(robot):
     """On its upper, inner side, where the robot is on the outer one."""
     episodes = begun(f"avrgym/ScratchItch{robot}-v1", 8)
     radius, middle = 0.033, -0.13
@@ -87,7 +83,7 @@ def test_a_tip_goes_around_the_limb_and_not_through_it():
     arrived = np.zeros(300, dtype=bool)
     for _ in range(100):
         arrived |= norm(tip - itch) < 0.03
-        step = scratching.around(tip, task_state) - tip
+        step = reactive.around(tip, task_state) - tip
         tip = tip + np.where(arrived[:, None], 0.0, 0.01 * step / norm(step)[:, None])
         assert np.all(arrived | (norm(tip[:, :2]) >= radius))
     assert arrived.all()
@@ -95,17 +91,17 @@ def test_a_tip_goes_around_the_limb_and_not_through_it():
 
 def test_a_scratching_hand_stays_out_of_the_skin():
     out_w = normalize(np.random.default_rng(0).normal(size=(500, 3)))
-    hand_w = scratching.hand(out_w)
+    hand_w = reactive.hand(out_w)
     assert_allclose(norm(hand_w), 1.0)
-    assert np.all((hand_w * out_w).sum(axis=-1) >= np.cos(scratching.SLANT_RAD) - 1e-9)
+    assert np.all((hand_w * out_w).sum(axis=-1) >= np.cos(reactive.SLANT_RAD) - 1e-9)
 
 
 def test_a_rod_that_has_turned_need_not_turn_again():
     random = np.random.default_rng(0)
     rod_w, out_w = (normalize(random.normal(size=(500, 3))) for _ in range(2))
-    turn = scratching.turn_rad(rod_w, out_w)
+    turn = reactive.turn_rad(rod_w, out_w)
     turned_w = transforms.rotate(transforms.from_rotation_vector(turn), rod_w)
     assert (norm(turn) > 0.1).sum() > 400
-    assert_allclose(scratching.turn_rad(turned_w, out_w), 0.0, atol=1e-7)
-    askew_rad = np.arccos((-turned_w * scratching.hand(out_w)).sum(axis=-1))
-    assert np.all(askew_rad <= scratching.ASKEW_RAD + 1e-7)
+    assert_allclose(reactive.turn_rad(turned_w, out_w), 0.0, atol=1e-7)
+    askew_rad = np.arccos((-turned_w * reactive.hand(out_w)).sum(axis=-1))
+    assert np.all(askew_rad <= reactive.ASKEW_RAD + 1e-7)

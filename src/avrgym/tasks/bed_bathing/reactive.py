@@ -1,4 +1,4 @@
-"""The rule by which a teacher washes an arm: down on its top, back on its outer side.
+"""The rule by which the reactive expert washes an arm: down on its top, back on its outer side.
 
 Where around the arm the cloth is says which way it goes, so that nothing need be remembered. Places on the arm are
 counted along both limbs: 0 to 1 on the upper arm, 1 to 2 across the elbow, 2 to 3 on the forearm.
@@ -8,8 +8,9 @@ import numpy as np
 
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
-from avrgym.oracles import bed_bathing
-from avrgym.oracles.bed_bathing import (
+from avrgym.simulation.worlds import State
+from avrgym.tasks.bed_bathing import expert
+from avrgym.tasks.bed_bathing.expert import (
     CARRY_M_S,
     FOREARM,
     FROM_ENDS_M,
@@ -19,10 +20,9 @@ from avrgym.oracles.bed_bathing import (
     cloth_pose,
     limb_frame,
 )
-from avrgym.oracles.guide import Guide
-from avrgym.simulation.worlds import State
-from avrgym.tasks.base import TaskState
-from avrgym.teachers.reactive import Aim, Array, funnel_m
+from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.experts.reactive import Aim, Array, funnel_m
+from avrgym.tasks.task import TaskState
 
 TOP_RAD, SIDE_RAD = np.radians([12.0, 75.0])
 """Where around the arm the cloth goes down and back, from its top outwards."""
@@ -55,7 +55,7 @@ def wipe(state: State, task_state: TaskState, guide: Guide) -> Aim:
     skin_w, q_w, out = _arm_pose(
         state, np.where(away, 0.0, next_along), np.where(away, TOP_RAD, angle + turn)
     )
-    deeper = np.clip(YIELD_M_N * (bed_bathing.FORCE_N - state.tool_force_n), SOFTER_M, FIRMER_M)
+    deeper = np.clip(YIELD_M_N * (expert.FORCE_N - state.tool_force_n), SOFTER_M, FIRMER_M)
     deeper = np.where(state.tool_force_n > 0.0, deeper, LOST_M)
     height = np.clip(((guide.pos_w - skin_w) * out).sum(axis=-1) - deeper, *HEIGHT_M)
     height = np.maximum(height, HEIGHT_M[0] + elbow * (LIFT_M - HEIGHT_M[0]))

@@ -1,4 +1,4 @@
-"""Bed bathing: wipe the right arm of a person who lies in a hospital bed (paper, section IV).
+"""What washing rewards: markers wiped off the right arm, and what the person prefers.
 
 Markers cover upper arm and forearm, 3 cm apart. A marker is wiped when the cloth's face touches the person within
 2.5 cm of it. The physics reports a flat pad's contact with a round limb by the ends of the line along which they touch;
@@ -17,25 +17,10 @@ from avrgym.geometry import capsules, elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
-from avrgym.models.robot import Robot
-from avrgym.models.scene import SceneConfig
-from avrgym.models.washcloth import NAP_M, PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
-from avrgym.people.distributions import Pose
-from avrgym.simulation.worlds import RightArm, Start, State
-from avrgym.tasks import places
-from avrgym.tasks.base import (
-    ARM_SPREAD_RAD,
-    LIMBS,
-    Marks,
-    StepResult,
-    Task,
-    above_clothes,
-    arm_angles,
-    force,
-    position,
-    quaternion,
-    when_strong,
-)
+from avrgym.models.washcloth import NAP_M, PAD_CENTRE_M, PAD_HALF_SIZE_M
+from avrgym.simulation.worlds import State
+from avrgym.tasks.person import LIMBS, when_strong
+from avrgym.tasks.task import StepResult
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -45,23 +30,6 @@ WIPE_RADIUS_M = 0.025
 RIM_COSINE = 0.26
 """Of 75°: how far off the face's normal a contact of the face's rim may press."""
 SUCCESS_SHARE = 0.30
-
-HAND_START_W = np.array([-0.5, -0.1, 1.0])
-START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.radians(45.0))
-"""The cloth's long side along the arm, its face towards the person and downwards."""
-
-POSE = Pose(
-    rest_rad=human.joint_angles(
-        right_shoulder_y=20.0,
-        right_shoulder_x=-20.0,
-        right_elbow_x=-45.0,
-        left_shoulder_y=-14.0,
-        left_elbow_x=-45.0,
-    ),
-    spread_rad=ARM_SPREAD_RAD,
-)
-"""Reclined, the right arm away from the body (reference; paper, section V), the left hand beside the thigh: where the
-reference has it, the fingers of short people would be in the thigh."""
 
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
@@ -105,19 +73,6 @@ MARKERS = RINGS * AROUND
 """Upper arms are longer and thicker than forearms."""
 
 
-def scene(robot: Robot) -> SceneConfig:
-    """Hospital bed; the left arm holds the washcloth."""
-    return places.bed_scene(robot, "left", WASHCLOTH)
-
-
-def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
-    """The hand right of and above the person's right arm, the base within reach of shoulder, elbow and wrist."""
-    count = len(uniforms)
-    goals, goal_q = places.right_arm(people, RECLINED), np.tile(START_Q_W, (count, 3, 1))
-    tool, tool_q = places.held(scene, np.tile(HAND_START_W, (count, 1)), START_Q_W)
-    return places.start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
-
-
 def init_state(people: People, uniforms: Array) -> BedBathingState:
     """All markers, none of them wiped: rings 3 cm apart, as many around as fit 3 cm apart."""
     size = human.layout(people.is_woman, people.torso_height_m, RECLINED).geom_size
@@ -131,32 +86,6 @@ def init_state(people: People, uniforms: Array) -> BedBathingState:
     pos = np.stack([radius * cosine, radius * sine, -along], axis=-1)
     exists = (ring < rings) & (spot < around)
     return BedBathingState(pos, exists, np.zeros_like(exists))
-
-
-OBSERVED = (
-    position("tool_from_torso_m"),
-    quaternion("tool_rotation"),
-    arm_angles("arm_angles_rad"),
-    position("shoulder_from_torso_m"),
-    position("elbow_from_torso_m"),
-    position("wrist_from_torso_m"),
-    force("tool_force_n"),
-)
-
-
-def observe(state: State, task_state: BedBathingState) -> Array:
-    """The observation (N, 24), in the order of ``OBSERVED``; in the world's axes, from the robot's torso."""
-    joints = state.right_arm_pos_w - state.robot_pos_w[:, None]
-    return np.concatenate(
-        [
-            state.tool_pos_w - state.robot_pos_w,
-            state.tool_q_w,
-            state.arm_angles_rad,
-            joints.reshape(len(joints), -1),
-            state.tool_force_n[:, None],
-        ],
-        axis=-1,
-    )
 
 
 def evaluate_step(state: State, action: Array, task_state: BedBathingState) -> StepResult:
@@ -180,7 +109,8 @@ def evaluate_step(state: State, action: Array, task_state: BedBathingState) -> S
         "strong_force_at_arm_n": when_strong(force_at_arm),
     }
     nothing = np.zeros((len(distance), 0), dtype=bool)
-    return StepResult(after, terms, distance, state.total_force_n, is_washed(after), nothing)
+    wiped = newly_wiped.sum(axis=(-2, -1))
+    return StepResult(after, terms, distance, state.total_force_n, is_washed(after), wiped, nothing)
 
 
 def is_washed(task_state: BedBathingState) -> Bools:
@@ -251,34 +181,5 @@ def _ends(pos: Array, near: Bools) -> tuple[Array, Array]:
     return pos[row, first], pos[row, last]
 
 
-def marks_w(arm: RightArm, task_state: BedBathingState) -> Array:
-    """Where the markers not yet wiped are drawn (N, 2 × ``MARKERS``, 3), world frame; the others below the floor."""
-    drawn = above_clothes(task_state.marker_pos)
-    limb_pos_w, limb_q_w = arm.right_arm_pos_w[:, :2, None], arm.right_arm_q_w[:, :2, None]
-    pos_w = limb_pos_w + transforms.rotate(limb_q_w, drawn)
-    shown = task_state.exists & ~task_state.wiped
-    return np.where(shown[..., None], pos_w, BELOW_THE_FLOOR_W).reshape(len(pos_w), -1, 3)
-
-
-BELOW_THE_FLOOR_W = (0.0, 0.0, -1.0)
-
-
 def _count(markers: Bools) -> Array:
     return markers.sum(axis=(-2, -1)).astype(float)
-
-
-BED_BATHING = Task(
-    name="BedBathing",
-    goal="Get your right arm washed.",
-    offered="arm",
-    pose=POSE,
-    uniforms=places.UNIFORMS,
-    observed=OBSERVED,
-    weights=WEIGHTS,
-    scene=scene,
-    start=start,
-    init_state=init_state,
-    observe=observe,
-    evaluate_step=evaluate_step,
-    marks=Marks(count=2 * MARKERS, radius_m=0.006, rgb=(0.85, 0.25, 0.30), places=marks_w),
-)

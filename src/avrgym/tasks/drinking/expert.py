@@ -9,11 +9,11 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.cup import AXIS_X_M, RIM_RADIUS_M
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.oracles.clearance import Clearance
-from avrgym.oracles.guide import BLOCKED_S, Guide
-from avrgym.oracles.head import heading, way_out
 from avrgym.simulation.worlds import State
-from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.experts.clearance import Clearance
+from avrgym.tasks.experts.guide import BLOCKED_S, Guide
+from avrgym.tasks.experts.head import heading, way_out
+from avrgym.tasks.task import RunningEpisodes
 
 Array = NDArray[np.float64]
 
@@ -56,10 +56,10 @@ class Way:
     roll_rad: Array
 
 
-class DrinkingOracle:
+class DrinkingExpert:
     """Chooses a way for each person, then follows it."""
 
-    def __init__(self, episodes: Episodes) -> None:
+    def __init__(self, episodes: RunningEpisodes) -> None:
         """Plan for the people who are there now."""
         self._simulation = episodes.simulation
         self._guide, self._clearance = Guide(episodes), Clearance(episodes.simulation)

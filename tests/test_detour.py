@@ -5,11 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from avrgym.geometry import transforms
-from avrgym.learning.shaping import HAND_M, around_arm_m, around_limb_m
-from avrgym.oracles.scratch_itch import ROD
 from avrgym.simulation.worlds import State
-from avrgym.tasks.scratch_itch import ScratchItchState
-from avrgym.teachers.scratching import turn_rad
+from avrgym.tasks.scratch_itch.detour import HAND_M, around_arm_m, around_limb_m
+from avrgym.tasks.scratch_itch.expert import ROD
+from avrgym.tasks.scratch_itch.reactive import turn_rad
+from avrgym.tasks.scratch_itch.reward import ScratchItchState
 from worlds import still_world
 
 RADIUS_M = 0.04

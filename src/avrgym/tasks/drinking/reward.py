@@ -1,4 +1,4 @@
-"""Drinking: bring a cup to the person's mouth and tilt it until they have drunk (paper, section IV)."""
+"""What giving drink rewards: water in the mouth, and what the person prefers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,26 +8,18 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
-from avrgym.models.cup import AXIS_X_M, CUP, HEIGHT_M, RIM_RADIUS_M, WATER
+from avrgym.models.cup import AXIS_X_M, HEIGHT_M, RIM_RADIUS_M, WATER
 from avrgym.models.human import People
-from avrgym.models.robot import Robot
-from avrgym.models.scene import SceneConfig
-from avrgym.simulation.worlds import Start, State
-from avrgym.tasks import places
-from avrgym.tasks.base import HEAD_TURNED, StepResult, Task
-from avrgym.tasks.feeding import OBSERVED, observe, strong_tool_force
+from avrgym.simulation.worlds import State
+from avrgym.tasks.feeding.reward import strong_tool_force
 from avrgym.tasks.particles import GROUND_M, count, touching_person
+from avrgym.tasks.task import StepResult
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 MOUTH_RADIUS_M = 0.03
 SUCCESS_SHARE = 0.75
-HAND_START_W = (-0.2, -0.5, 1.0)
-HAND_SPREAD_M = 0.05
-CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
-"""Upright, its pouring edge towards the person."""
-
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
     "action_squared": -0.01,
@@ -55,19 +47,6 @@ class DrinkingState:
     spilled: Bools
     on_person: Bools
     gone: Bools
-
-
-def scene(robot: Robot) -> SceneConfig:
-    """Wheelchair; the right arm holds the cup."""
-    return places.wheelchair_scene(robot, "right", CUP, (0.2, 0.2))
-
-
-def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
-    """Hand within ±5 cm of a point before the person, cup upright."""
-    hand = np.array(HAND_START_W) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool, upright = places.held(scene, hand, CUP_Q_W)
-    mouth, _ = places.mouth(people)
-    return places.start(scene, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:])
 
 
 def init_state(people: People, uniforms: Array) -> DrinkingState:
@@ -104,7 +83,7 @@ def evaluate_step(state: State, action: Array, task_state: DrinkingState) -> Ste
         "water_entry_speed_m_s": np.where(drunk, norm(state.particle_velocity_w), 0.0).sum(axis=-1),
     }
     success = after.drunk.sum(axis=-1) >= SUCCESS_SHARE * len(WATER.start)
-    return StepResult(after, terms, distance, state.total_force_n, success, gone)
+    return StepResult(after, terms, distance, state.total_force_n, success, drunk.sum(axis=-1), gone)
 
 
 def _in_cup(state: State) -> Bools:
@@ -129,19 +108,3 @@ def tilt_rad(state: State) -> Array:
     """The angle (N,) between the cup's axis and the vertical."""
     up = transforms.rotate(state.tool_q_w, [0.0, 0.0, 1.0])[:, 2]
     return elementary.arccos(np.clip(up, -1.0, 1.0))
-
-
-DRINKING = Task(
-    name="Drinking",
-    goal="Drink the water from the cup.",
-    offered="mouth",
-    pose=HEAD_TURNED,
-    uniforms=3 + places.UNIFORMS,
-    observed=OBSERVED,
-    weights=WEIGHTS,
-    scene=scene,
-    start=start,
-    init_state=init_state,
-    observe=observe,
-    evaluate_step=evaluate_step,
-)

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry.transforms import norm
-from avrgym.oracles.guide import Guide
 from avrgym.simulation.worlds import State
-from avrgym.tasks.base import TaskState
-from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.task import RunningEpisodes, TaskState
 
 Array = NDArray[np.float64]
 Aim = tuple[Array, Array, Array]
@@ -30,7 +29,7 @@ class PresentGuide(Guide):
     The arms go along as they come, drawn nowhere but away from the ends of their joints' ranges.
     """
 
-    def __init__(self, episodes: Episodes) -> None:
+    def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin where the arms are."""
         super().__init__(episodes)
         lower_rad, upper_rad = self._chain.lower_rad, self._chain.upper_rad
@@ -49,7 +48,7 @@ class PresentGuide(Guide):
 class Reactive:
     """Moves the tools to where a rule aims them."""
 
-    def __init__(self, episodes: Episodes, aim: Callable[[State, TaskState, Guide], Aim]) -> None:
+    def __init__(self, episodes: RunningEpisodes, aim: Callable[[State, TaskState, Guide], Aim]) -> None:
         """Begin where the arms are."""
         self._episodes, self._aim = episodes, aim
         self._guide = PresentGuide(episodes)

@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.scratcher import RADIUS_M
-from avrgym.oracles.guide import Guide
 from avrgym.simulation.worlds import State
-from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.scratch_itch import ITCH_RADIUS_M, ScratchItchState, itch_pos_w, limb_frame
+from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.scratch_itch.reward import ITCH_RADIUS_M, ScratchItchState, itch_pos_w, limb_frame
+from avrgym.tasks.task import RunningEpisodes
 
 Array = NDArray[np.float64]
 
@@ -38,16 +38,19 @@ LOOP_M, AHEAD_RAD = np.array([0.014, 0.009]), np.radians(75.0)
 """The tip goes round the itch, so far away along the limb and across it, and aims so far ahead on its way."""
 
 
-class ScratchItchOracle:
+class ScratchItchExpert:
     """Chooses for each person how the rod comes; how deep it aims follows the force that it meets."""
 
-    def __init__(self, episodes: Episodes) -> None:
+    def __init__(self, episodes: RunningEpisodes) -> None:
         """Plan for the people who are there now."""
         self._episodes = episodes
         self._guide = Guide(episodes)
         count = episodes.simulation.num_worlds
         self._arrived, self._touched = np.zeros((2, count), dtype=bool)
-        self._q_limb, self._before_rad = np.zeros((count, 4)), np.zeros((count, episodes.action_size))
+        self._q_limb, self._before_rad = (
+            np.zeros((count, 4)),
+            np.zeros((count, len(episodes.scene.arm.joints))),
+        )
         self._steps = 0
         hard = self._plan(np.ones(count, dtype=bool)) > HARD_S
         self._detour_rad, cost_s = self._find_detour()

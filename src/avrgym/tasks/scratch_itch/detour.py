@@ -4,18 +4,15 @@ A reward that falls with the straight distance draws a tool to the near side of 
 there it stays. So it is with a hand that is where it has no room.
 """
 
-from collections.abc import Callable, Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
-from avrgym.oracles.scratch_itch import ROD, surface
 from avrgym.simulation.worlds import State
-from avrgym.tasks.base import TaskState
-from avrgym.tasks.scratch_itch import ScratchItchState, limb_frame
-from avrgym.teachers import scratching
+from avrgym.tasks.scratch_itch import reactive
+from avrgym.tasks.scratch_itch.expert import ROD, surface
+from avrgym.tasks.scratch_itch.reward import ScratchItchState, limb_frame
 
 Array = NDArray[np.float64]
 
@@ -47,13 +44,9 @@ def around_limb_m(state: State, task_state: ScratchItchState) -> Array:
 def around_arm_m(state: State, task_state: ScratchItchState) -> Array:
     """How much longer the way around the limb is, (N,), metres, and how far the hand has to go about the tip.
 
-    The hand is to be where it has room, as in ``teachers.scratching``.
+    The hand is to be where it has room, as in ``reactive``.
     """
     _, limb_q_w = limb_frame(state, task_state)
     out_w, _ = surface(task_state, limb_q_w)
-    turn_rad = scratching.turn_rad(transforms.rotate(state.tool_q_w, ROD), out_w)
+    turn_rad = reactive.turn_rad(transforms.rotate(state.tool_q_w, ROD), out_w)
     return around_limb_m(state, task_state) + HAND_M * norm(turn_rad)
-
-
-DETOURS: Mapping[str, Callable[[State, TaskState], Array]] = {"ScratchItch": around_arm_m}
-"""By task, where something is in the tool's way: how much longer that makes the way of tool and hand, (N,), metres."""

@@ -1,0 +1,104 @@
+"""Bed bathing: where it begins, what a policy sees, and where markers are drawn."""
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.models import human
+from avrgym.models.human import RECLINED, People
+from avrgym.models.robot import Robot
+from avrgym.models.scene import SceneConfig
+from avrgym.models.washcloth import WASHCLOTH
+from avrgym.people.distributions import Pose
+from avrgym.simulation.worlds import RightArm, Start
+from avrgym.tasks import observation as seen
+from avrgym.tasks import places
+from avrgym.tasks.bed_bathing.expert import BedBathingExpert
+from avrgym.tasks.bed_bathing.reactive import wipe
+from avrgym.tasks.bed_bathing.reward import MARKERS, WEIGHTS, BedBathingState, evaluate_step, init_state
+from avrgym.tasks.bed_bathing.training import TRAINING
+from avrgym.tasks.experts.reactive import Reactive
+from avrgym.tasks.observation import Observation
+from avrgym.tasks.person import ARM_SPREAD_RAD, above_clothes
+from avrgym.tasks.task import Marks, Task, View, Views
+
+Array = NDArray[np.float64]
+
+HAND_START_W = np.array([-0.5, -0.1, 1.0])
+START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.radians(45.0))
+"""The cloth's long side along the arm, its face towards the person and downwards."""
+
+POSE = Pose(
+    rest_rad=human.joint_angles(
+        right_shoulder_y=20.0,
+        right_shoulder_x=-20.0,
+        right_elbow_x=-45.0,
+        left_shoulder_y=-14.0,
+        left_elbow_x=-45.0,
+    ),
+    spread_rad=ARM_SPREAD_RAD,
+)
+"""Reclined, the right arm away from the body (reference; paper, section V), the left hand beside the thigh: where the
+reference has it, the fingers of short people would be in the thigh."""
+
+
+def scene(robot: Robot) -> SceneConfig:
+    """Hospital bed; the left arm holds the washcloth."""
+    return places.bed_scene(robot, "left", WASHCLOTH)
+
+
+def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
+    """The hand right of and above the person's right arm, the base within reach of shoulder, elbow and wrist."""
+    count = len(uniforms)
+    goals, goal_q = places.right_arm(people, RECLINED), np.tile(START_Q_W, (count, 3, 1))
+    tool, tool_q = places.held(scene, np.tile(HAND_START_W, (count, 1)), START_Q_W)
+    return places.start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
+
+
+def observation(scene: SceneConfig) -> Observation:
+    """Cloth and both arms."""
+    return Observation(
+        (
+            seen.TOOL_FROM_TORSO,
+            seen.TOOL_ROTATION,
+            seen.arm_angles(scene),
+            *seen.RIGHT_ARM_FROM_TORSO,
+            seen.TOOL_FORCE,
+        )
+    )
+
+
+def marks_w(arm: RightArm, task_state: BedBathingState) -> Array:
+    """Where the markers not yet wiped are drawn (N, 2 × ``MARKERS``, 3), world frame; the others below the floor."""
+    drawn = above_clothes(task_state.marker_pos)
+    limb_pos_w, limb_q_w = arm.right_arm_pos_w[:, :2, None], arm.right_arm_q_w[:, :2, None]
+    pos_w = limb_pos_w + transforms.rotate(limb_q_w, drawn)
+    shown = task_state.exists & ~task_state.wiped
+    return np.where(shown[..., None], pos_w, BELOW_THE_FLOOR_W).reshape(len(pos_w), -1, 3)
+
+
+BELOW_THE_FLOOR_W = (0.0, 0.0, -1.0)
+
+BED_BATHING = Task(
+    name="BedBathing",
+    goal="Get your right arm washed.",
+    pose=POSE,
+    offered="arm",
+    scene=scene,
+    uniforms=places.UNIFORMS,
+    start=start,
+    init_state=init_state,
+    observation=observation,
+    weights=WEIGHTS,
+    evaluate_step=evaluate_step,
+    expert=BedBathingExpert,
+    reactive_expert=partial(Reactive, aim=wipe),
+    views=Views(
+        mounted=View((-0.25, -0.02, 0.92), 1.85, 70.0, -28.0),
+        on_floor=View((-0.35, -0.05, 0.85), 2.6, 112.0, -28.0),
+    ),
+    training=TRAINING,
+    marks=Marks(count=2 * MARKERS, radius_m=0.006, rgb=(0.85, 0.25, 0.30), places=marks_w),
+)

@@ -1,0 +1,31 @@
+"""The rule by which the reactive expert gives drink."""
+
+import numpy as np
+
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import norm
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.simulation.worlds import State
+from avrgym.tasks.drinking import expert
+from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.experts.reactive import TURN_RAD_S, Aim, funnel_m, speed_m_s
+from avrgym.tasks.task import TaskState
+
+TILT_RAD_S = 0.12
+"""How fast a cup is tilted that pours."""
+
+
+def give_drink(state: State, task_state: TaskState, guide: Guide) -> Aim:
+    """The cup to the lips, straight on; where it is there, tilted on from how it is tilted."""
+    way = expert.Way(*np.zeros((2, len(guide.pos_w))))
+    z_w = transforms.rotate(guide.q_w, expert.UP)[:, 2]
+    tilt = np.maximum(elementary.arccos(np.clip(z_w, -1.0, 1.0)), expert.TIPPED_RAD)
+    into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
+    offset = expert.at_mouth(state, way, tilt)[0] - guide.pos_w
+    near = norm(offset) < expert.NEAR_M
+    rate = np.where(tilt < expert.FULL_RAD, TURN_RAD_S, TILT_RAD_S)
+    far = norm(offset) > expert.AWAY_M
+    tilt = np.where(near, tilt + CONTROL_STEP_S * rate, np.where(far, expert.TIPPED_RAD, tilt))
+    goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_RAD))
+    back_m = funnel_m(offset, into, 0.01, expert.AWAY_M)
+    return goal_w - back_m[:, None] * into, q_w, speed_m_s(offset, expert.ENTER_M_S)

@@ -1,0 +1,80 @@
+"""Drinking: where it begins and what a policy sees."""
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.models.cup import CUP
+from avrgym.models.human import People
+from avrgym.models.robot import Robot
+from avrgym.models.scene import SceneConfig
+from avrgym.simulation.worlds import Start
+from avrgym.tasks import observation as seen
+from avrgym.tasks import places
+from avrgym.tasks.drinking.expert import DrinkingExpert
+from avrgym.tasks.drinking.reactive import give_drink
+from avrgym.tasks.drinking.reward import WEIGHTS, evaluate_step, init_state
+from avrgym.tasks.drinking.training import TRAINING
+from avrgym.tasks.experts.reactive import Reactive
+from avrgym.tasks.observation import Observation
+from avrgym.tasks.person import HEAD_TURNED
+from avrgym.tasks.task import Task, View, Views
+
+Array = NDArray[np.float64]
+
+HAND_START_W = (-0.2, -0.5, 1.0)
+HAND_SPREAD_M = 0.05
+CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
+"""Upright, its pouring edge towards the person."""
+
+
+def scene(robot: Robot) -> SceneConfig:
+    """Wheelchair; the right arm holds the cup."""
+    return places.wheelchair_scene(robot, "right", CUP, (0.2, 0.2))
+
+
+def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
+    """Hand within ±5 cm of a point before the person, cup upright."""
+    hand = np.array(HAND_START_W) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    tool, upright = places.held(scene, hand, CUP_Q_W)
+    mouth, _ = places.mouth(people)
+    return places.start(scene, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:])
+
+
+def observation(scene: SceneConfig) -> Observation:
+    """Cup, arm and head."""
+    return Observation(
+        (
+            seen.TOOL_FROM_TORSO,
+            seen.TOOL_ROTATION,
+            seen.TOOL_FROM_MOUTH,
+            seen.arm_angles(scene),
+            seen.HEAD_FROM_TORSO,
+            seen.HEAD_ROTATION,
+            seen.TOOL_FORCE,
+        )
+    )
+
+
+DRINKING = Task(
+    name="Drinking",
+    goal="Drink the water from the cup.",
+    pose=HEAD_TURNED,
+    offered="mouth",
+    scene=scene,
+    uniforms=3 + places.UNIFORMS,
+    start=start,
+    init_state=init_state,
+    observation=observation,
+    weights=WEIGHTS,
+    evaluate_step=evaluate_step,
+    expert=DrinkingExpert,
+    reactive_expert=partial(Reactive, aim=give_drink),
+    views=Views(
+        mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
+        on_floor=View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0),
+    ),
+    training=TRAINING,
+)

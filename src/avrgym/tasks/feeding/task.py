@@ -1,0 +1,91 @@
+"""Feeding: where it begins and what a policy sees."""
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import elementary, transforms
+from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, add_table
+from avrgym.models.human import People
+from avrgym.models.robot import Robot
+from avrgym.models.scene import SceneConfig
+from avrgym.models.spoon import SPOON
+from avrgym.simulation.worlds import Start
+from avrgym.tasks import observation as seen
+from avrgym.tasks import places
+from avrgym.tasks.experts.reactive import Reactive
+from avrgym.tasks.feeding.expert import FeedingExpert
+from avrgym.tasks.feeding.reactive import feed
+from avrgym.tasks.feeding.reward import WEIGHTS, evaluate_step, init_state
+from avrgym.tasks.feeding.training import TRAINING
+from avrgym.tasks.observation import Observation
+from avrgym.tasks.person import HEAD_TURNED
+from avrgym.tasks.task import Task, View, Views
+
+Array = NDArray[np.float64]
+
+BOWL_SPREAD_M = 0.05
+HAND_SPREAD_M = 0.05
+HAND_FROM_BOWL_M = (0.0, -0.1, 0.4)
+SPOON_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
+"""Level, pointing towards the person."""
+
+
+def scene(robot: Robot) -> SceneConfig:
+    """Wheelchair and table with bowl; the right arm holds the spoon."""
+    return places.wheelchair_scene(robot, "right", SPOON, (0.1, 0.2), (add_table,), (BOWL_BODY,))
+
+
+def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
+    """Bowl within ±5 cm of its place, hand within ±5 cm of a point above and before it, spoon level."""
+    bowl = np.array(BOWL_START_M) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    hand = bowl + HAND_FROM_BOWL_M + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
+    tool, level = places.held(scene, hand, SPOON_Q_W)
+    placed = {BOWL_BODY: bowl}
+    return places.start(scene, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
+
+
+def _goals(people: People) -> tuple[Array, Array]:
+    """Where (n, 2, 3) and how (n, 2, 4) the spoon may come to the mouths: level, tip first or with its left side."""
+    mouth, head_q = places.mouth(people)
+    into = transforms.rotate(head_q, [0.0, 1.0, 0.0])
+    yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None] + [0.0, -0.5 * np.pi]
+    return np.stack([mouth, mouth], axis=1), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw)
+
+
+def observation(scene: SceneConfig) -> Observation:
+    """Spoon, arm and head."""
+    return Observation(
+        (
+            seen.TOOL_FROM_TORSO,
+            seen.TOOL_ROTATION,
+            seen.TOOL_FROM_MOUTH,
+            seen.arm_angles(scene),
+            seen.HEAD_FROM_TORSO,
+            seen.HEAD_ROTATION,
+            seen.TOOL_FORCE,
+        )
+    )
+
+
+FEEDING = Task(
+    name="Feeding",
+    goal="Eat the food from the spoon.",
+    pose=HEAD_TURNED,
+    offered="mouth",
+    scene=scene,
+    uniforms=6 + places.UNIFORMS,
+    start=start,
+    init_state=init_state,
+    observation=observation,
+    weights=WEIGHTS,
+    evaluate_step=evaluate_step,
+    expert=FeedingExpert,
+    reactive_expert=partial(Reactive, aim=feed),
+    views=Views(
+        mounted=View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
+        on_floor=View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0),
+    ),
+    training=TRAINING,
+)

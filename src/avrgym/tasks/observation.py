@@ -1,0 +1,137 @@
+"""What a policy sees: named parts in one order, told once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models.scene import SceneConfig
+from avrgym.simulation.worlds import State
+
+Array = NDArray[np.float64]
+Of = Callable[[State, Any], Array]
+"""From the states of N worlds and of the task to numbers (N, k), or (N,) for a single one."""
+
+REACH_M = 3.0
+"""No arm of ours reaches 1.5 m, and a person's head is less than 1.5 m from the robot's base."""
+TURN_RAD = 7.0
+"""Joint ranges end at ±2π; a soft stop lets a joint go a little beyond."""
+UNIT = 1.001
+"""A component of a unit quaternion, with room for rounding."""
+FORCE_N = 10_000.0
+"""Fifty times what the strongest joint can press with at 0.4 m."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A part of an observation: its name, how many numbers it has, the bound ± that none leaves, and how it is found.
+
+    Training scales what it has seen by its variance, but a part with a ``scale``, which is in the part's unit, by that.
+    """
+
+    name: str
+    size: int
+    bound: float
+    of: Of
+    scale: float | None = None
+
+
+def position(name: str, of: Of) -> Entry:
+    """Three coordinates in metres, relative to something within reach."""
+    return Entry(name, 3, REACH_M, of)
+
+
+def from_goal(name: str, of: Of) -> Entry:
+    """Where the tool is from its goal, in metres.
+
+    What a tool does depends on centimetres where it is near; by the variance of whole episodes they would hardly show.
+    """
+    return Entry(name, 3, REACH_M, of, scale=0.05)
+
+
+def quaternion(name: str, of: Of) -> Entry:
+    """A rotation w, x, y, z."""
+    return Entry(name, 4, UNIT, of)
+
+
+def angles(name: str, count: int, of: Of) -> Entry:
+    """Joint angles in radians."""
+    return Entry(name, count, TURN_RAD, of)
+
+
+def force(name: str, of: Of) -> Entry:
+    """The length of a force in newtons."""
+    return Entry(name, 1, FORCE_N, of)
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The parts of an observation, in their order.
+
+    Raises:
+        ValueError: for no part, or two of the same name.
+    """
+
+    entries: tuple[Entry, ...]
+
+    def __post_init__(self) -> None:
+        names = [entry.name for entry in self.entries]
+        if not names or len(set(names)) < len(names):
+            raise ValueError(
+                f"an observation of {', '.join(names) or 'nothing'}; allowed: parts of different names"
+            )
+
+    @property
+    def size(self) -> int:
+        """How many numbers it has."""
+        return sum(entry.size for entry in self.entries)
+
+    @property
+    def bound(self) -> Array:
+        """What no number exceeds either way, (O,)."""
+        return self._each([entry.bound for entry in self.entries])
+
+    @property
+    def scale(self) -> Array:
+        """The fixed scales, (O,), not a number where there is none."""
+        return self._each([np.nan if entry.scale is None else entry.scale for entry in self.entries])
+
+    def _each(self, values: list[float]) -> Array:
+        return np.repeat(values, [entry.size for entry in self.entries])
+
+    def of(self, state: State, task_state: Any) -> Array:
+        """The observations (N, O) of a state.
+
+        Raises:
+            ValueError: for a part that gives another number of numbers than it says, naming it.
+        """
+        count = len(state.tool_pos_w)
+        parts = [entry.of(state, task_state).reshape(count, -1) for entry in self.entries]
+        for entry, part in zip(self.entries, parts, strict=True):
+            if part.shape[1] != entry.size:
+                raise ValueError(f"{entry.name} is to have {entry.size} numbers, not {part.shape[1]}")
+        return np.concatenate(parts, axis=-1)
+
+
+def arm_angles(scene: SceneConfig) -> Entry:
+    """The angles of the moving arm's joints."""
+    return angles("arm_angles_rad", len(scene.arm.joints), lambda state, _: state.arm_angles_rad)
+
+
+def _right_arm(joint: int) -> Of:
+    return lambda state, _: state.right_arm_pos_w[:, joint] - state.robot_pos_w
+
+
+TOOL_FROM_TORSO = position("tool_from_torso_m", lambda state, _: state.tool_pos_w - state.robot_pos_w)
+TOOL_ROTATION = quaternion("tool_rotation", lambda state, _: state.tool_q_w)
+TOOL_FROM_MOUTH = from_goal("tool_from_mouth_m", lambda state, _: state.tool_pos_w - state.mouth_pos_w)
+TOOL_FORCE = force("tool_force_n", lambda state, _: state.tool_force_n)
+HEAD_FROM_TORSO = position("head_from_torso_m", lambda state, _: state.head_pos_w - state.robot_pos_w)
+HEAD_ROTATION = quaternion("head_rotation", lambda state, _: state.head_q_w)
+RIGHT_ARM_FROM_TORSO = tuple(
+    position(f"{name}_from_torso_m", _right_arm(joint))
+    for joint, name in enumerate(("shoulder", "elbow", "wrist"))
+)
+"""What tasks have in common; the torso is the robot's, the axes are the world's."""

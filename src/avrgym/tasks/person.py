@@ -1,0 +1,36 @@
+"""How tasks find people, where they touch them, and how strong is too strong."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.models.human import JOINTS, RIGHT_ARM, SEATED_RAD
+from avrgym.people import distributions
+from avrgym.people.distributions import Pose
+
+Array = NDArray[np.float64]
+
+HEAD_TURNED = Pose(
+    rest_rad=SEATED_RAD,
+    spread_rad=np.array([np.radians(30.0) if joint.body == "head" else 0.0 for joint in JOINTS.values()]),
+)
+"""Seated, the head turned up to 30° about each axis (paper, section IV)."""
+ARM_SPREAD_RAD = np.where(distributions.RIGHT_ARM, np.radians(10.0), 0.0)
+"""How far off its rest pose each joint of a right arm is found at most, (20,) (paper, section V)."""
+
+LIMBS = RIGHT_ARM[:2]
+"""What is scratched and washed: upper arm and forearm."""
+STRONG_FORCE_N = 10.0
+"""What is too much where the tool should touch (paper, section V; reference)."""
+DRAWN_ABOVE_M = 0.008
+
+
+def when_strong(force_n: Array) -> Array:
+    """Forces (N,) of at least ``STRONG_FORCE_N``, and nothing for gentler ones."""
+    return np.where(force_n >= STRONG_FORCE_N, force_n, 0.0)
+
+
+def above_clothes(places: Array) -> Array:
+    """Places (..., 3) on a limb's collision shape, in the limb's frame, moved outside of skin and sleeve."""
+    outwards = places * [1.0, 1.0, 0.0]
+    return places + DRAWN_ABOVE_M * transforms.normalize(outwards)

@@ -1,0 +1,131 @@
+"""The tasks there are, and the environments: every task with every robot that can hold its tool.
+
+Beside those of this package there are those that other packages register in the entry-point group ``avrgym.tasks``.
+"""
+
+from collections.abc import Mapping
+
+from avrgym.models.robot import Robot, UnsuitableError
+from avrgym.robots.registry import ROBOTS, find_robot
+from avrgym.simulation.world_version import WORLD_VERSIONS
+from avrgym.system import plugins
+from avrgym.tasks import of_world_1
+from avrgym.tasks.bed_bathing.task import BED_BATHING
+from avrgym.tasks.drinking.task import DRINKING
+from avrgym.tasks.feeding.task import FEEDING
+from avrgym.tasks.scratch_itch.task import SCRATCH_ITCH
+from avrgym.tasks.task import Task
+
+GROUP = "avrgym.tasks"
+
+
+class Registry:
+    """Tasks by name, environments by id, and what was left out because it is broken."""
+
+    def __init__(self, robots: Mapping[str, Robot]) -> None:
+        self.robots = robots
+        self.tasks: dict[str, Task] = {}
+        self.environments: dict[str, tuple[str, str]] = {}
+        self.broken: list[plugins.Broken] = []
+
+    def add(self, task: Task) -> None:
+        """Register a task with those of the robots that suit it; where its scene or observation fails, it is left out.
+
+        Raises:
+            ValueError: for the name of another task, where an environment's id is taken, and for a task that no robot
+                can do; nothing is added then.
+        """
+        if task.name in self.tasks:
+            raise ValueError(f"there is already a task {task.name}; allowed: another name")
+        suited = [robot.name for robot in self.robots.values() if self._is_suited(robot, task)]
+        if not suited:
+            raise ValueError(f"no robot can do task {task.name}; the robots are {', '.join(self.robots)}")
+        made = {environment_id(task.name, robot): (task.name, robot) for robot in suited}
+        taken = ", ".join(made.keys() & self.environments)
+        if taken:
+            raise ValueError(f"there is already an environment {taken}; allowed: another name of the task")
+        self.tasks[task.name] = task
+        self.environments |= made
+
+    def _is_suited(self, robot: Robot, task: Task) -> bool:
+        try:
+            task.observation(task.scene(robot))
+        except UnsuitableError:
+            return False
+        except Exception as error:  # other people's code may raise anything
+            self.broken.append(plugins.skip(environment_id(task.name, robot.name), error))
+            return False
+        return True
+
+
+def environment_id(task: str, robot: str) -> str:
+    """The id of a task's environment with a robot, both by name."""
+    return f"avrgym/{task}{robot}-v1"
+
+
+def _filled() -> Registry:
+    registry = Registry(ROBOTS)
+    for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING):
+        registry.add(task)
+    registry.broken += plugins.load(GROUP, Task, registry.add)
+    return registry
+
+
+_REGISTRY = _filled()
+TASKS: Mapping[str, Task] = _REGISTRY.tasks
+ENVIRONMENTS: Mapping[str, tuple[str, str]] = _REGISTRY.environments
+"""Environment id to the names of task and robot."""
+BROKEN: tuple[plugins.Broken, ...] = tuple(_REGISTRY.broken)
+"""What other packages register and was skipped: tasks, and environments of a task with a robot."""
+
+
+def find_environment(environment_id: str) -> tuple[str, str]:
+    """The names of task and robot of an environment id.
+
+    Raises:
+        ValueError: naming the ids there are.
+    """
+    if environment_id not in ENVIRONMENTS:
+        raise ValueError(
+            f"unknown environment {environment_id!r}; the environments are {', '.join(ENVIRONMENTS)}"
+        )
+    return ENVIRONMENTS[environment_id]
+
+
+def sizes(environment_id: str) -> tuple[int, int]:
+    """How many numbers an observation and an action have.
+
+    Raises:
+        ValueError: for an unknown environment, naming the ids there are.
+    """
+    name, robot = find_environment(environment_id)
+    task = TASKS[name]
+    scene = task.scene(find_robot(robot))
+    return task.observation(scene).size, len(scene.arm.joints)
+
+
+def find_task(name: str, world_version: int) -> Task:
+    """The task of that name as it was in a version of the world.
+
+    Raises:
+        ValueError: where that version has no such task, naming those it has.
+    """
+    tasks = _TASKS_OF_WORLD[world_version]
+    if name not in tasks:
+        raise ValueError(
+            f"version {world_version} of the world has no task {name}; it has {', '.join(tasks)}"
+        )
+    return tasks[name]
+
+
+def terms_ever(name: str) -> set[str]:
+    """The reward terms of that task in all versions of the world: what its recordings may hold."""
+    return {
+        term
+        for version in WORLD_VERSIONS
+        if name in _TASKS_OF_WORLD[version]
+        for term in _TASKS_OF_WORLD[version][name].weights
+    }
+
+
+_TASKS_OF_WORLD: Mapping[int, Mapping[str, Task]] = {1: of_world_1.TASKS, 2: TASKS}

@@ -1,0 +1,116 @@
+"""Itch scratching: where it begins, what a policy sees, and where the itch is drawn."""
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.models import human
+from avrgym.models.furniture import add_wheelchair_without_right_armrest
+from avrgym.models.human import People
+from avrgym.models.robot import Robot
+from avrgym.models.scene import SceneConfig
+from avrgym.models.scratcher import SCRATCHER
+from avrgym.people.distributions import Pose
+from avrgym.simulation.worlds import RightArm, Start
+from avrgym.tasks import observation as seen
+from avrgym.tasks import places
+from avrgym.tasks.experts.reactive import Reactive
+from avrgym.tasks.observation import Observation, from_goal, position
+from avrgym.tasks.person import ARM_SPREAD_RAD, above_clothes
+from avrgym.tasks.scratch_itch.detour import around_arm_m
+from avrgym.tasks.scratch_itch.expert import ScratchItchExpert
+from avrgym.tasks.scratch_itch.reactive import scratch
+from avrgym.tasks.scratch_itch.reward import (
+    WEIGHTS,
+    ScratchItchState,
+    evaluate_step,
+    init_state,
+    itch_pos_w,
+    limb_frame,
+)
+from avrgym.tasks.scratch_itch.training import TRAINING
+from avrgym.tasks.task import Marks, Task, View, Views
+
+Array = NDArray[np.float64]
+
+HAND_M, MOBILE_HAND_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
+HAND_SPREAD_M = 0.05
+SCRATCHER_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
+"""Pointing 45° upwards at the person's shoulder, past their elbow."""
+
+POSE = Pose(
+    rest_rad=human.joint_angles(right_shoulder_y=30.0),
+    spread_rad=ARM_SPREAD_RAD,
+)
+"""Seated, the right arm spread by 30°, each of its joints within ±10° (paper, section V; reference)."""
+
+
+def scene(robot: Robot) -> SceneConfig:
+    """A wheelchair whose right armrest is taken off, where the person's arm hangs; the left arm scratches."""
+    return places.wheelchair_scene(
+        robot, "left", SCRATCHER, (0.1, 0.0), chair=add_wheelchair_without_right_armrest
+    )
+
+
+def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
+    """Hand within ±5 cm of a point beside the person's elbow; the goals are shoulder, elbow and wrist."""
+    place = MOBILE_HAND_M if scene.mount.on_floor else HAND_M
+    hand = np.array(place) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    tool, tool_q = places.held(scene, hand, SCRATCHER_Q_W)
+    goals = places.right_arm(people, scene.posture)
+    goals_q = np.tile(SCRATCHER_Q_W, (*goals.shape[:2], 1))
+    return places.start(scene, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
+
+
+def observation(scene: SceneConfig) -> Observation:
+    """Scratcher, itch and both arms."""
+    return Observation(
+        (
+            seen.TOOL_FROM_TORSO,
+            seen.TOOL_ROTATION,
+            from_goal("tool_from_itch_m", lambda state, itch: state.tool_pos_w - itch_pos_w(state, itch)),
+            position("itch_from_torso_m", lambda state, itch: itch_pos_w(state, itch) - state.robot_pos_w),
+            seen.arm_angles(scene),
+            *seen.RIGHT_ARM_FROM_TORSO,
+            seen.TOOL_FORCE,
+        )
+    )
+
+
+def marks_w(arm: RightArm, task_state: ScratchItchState) -> Array:
+    """Where the itch is drawn, (N, 1, 3), world frame."""
+    limb_pos_w, limb_q_w = limb_frame(arm, task_state)
+    return (limb_pos_w + transforms.rotate(limb_q_w, above_clothes(task_state.itch)))[:, None]
+
+
+MARKS = Marks(
+    count=1,
+    radius_m=0.008,
+    rgb=(0.85, 0.10, 0.12),
+    places=marks_w,
+)
+
+SCRATCH_ITCH = Task(
+    name="ScratchItch",
+    goal="Get the itch on your right arm scratched.",
+    pose=POSE,
+    offered="arm",
+    scene=scene,
+    uniforms=6 + places.UNIFORMS,
+    start=start,
+    init_state=init_state,
+    observation=observation,
+    weights=WEIGHTS,
+    evaluate_step=evaluate_step,
+    expert=ScratchItchExpert,
+    reactive_expert=partial(Reactive, aim=scratch),
+    views=Views(
+        mounted=View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
+        on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
+    ),
+    training=TRAINING,
+    detour_m=around_arm_m,
+    marks=MARKS,
+)

@@ -1,0 +1,222 @@
+"""What a task is: one record of plain functions and data, the same for training, live VR and replay."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models.human import People
+from avrgym.models.robot import Robot
+from avrgym.models.scene import SceneConfig
+from avrgym.people.behaviour import Offered
+from avrgym.people.distributions import Pose
+from avrgym.simulation.worlds import RightArm, Simulation, Start, State
+from avrgym.tasks.observation import Observation
+from avrgym.tasks.training_settings import TrainingSettings
+
+Array = NDArray[np.float64]
+TaskState = Any
+"""What a task keeps of an episode from step to step: a dataclass of arrays, world axis first."""
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """What one control step gave in N worlds.
+
+    Attributes:
+        task_state: what the task keeps from here on.
+        terms: the reward's terms, unweighted, (N,) each; those that ``Task.weights`` names.
+        distance_m: from the tool to its goal, (N,).
+        force_on_person_n: of robot and tool together, (N,).
+        success: whether the robot has succeeded so far, (N,).
+        events: how often something happened that a participant hears a chime for, such as a bite, (N,).
+        gone: which particles of the tool to take away, (N, K); K is 0 for tools without.
+    """
+
+    task_state: TaskState
+    terms: Mapping[str, Array]
+    distance_m: Array
+    force_on_person_n: Array
+    success: NDArray[np.bool_]
+    events: NDArray[np.intp]
+    gone: NDArray[np.bool_]
+
+
+class RunningEpisodes(Protocol):
+    """What an expert may look at: the worlds, what stands in them, and what the task keeps."""
+
+    @property
+    def simulation(self) -> Simulation:
+        """The physics of N worlds."""
+        ...
+
+    @property
+    def scene(self) -> SceneConfig:
+        """What stands in each of them."""
+        ...
+
+    @property
+    def task_state(self) -> TaskState:
+        """What the task keeps of their episodes."""
+        ...
+
+
+Controller = Callable[[Array], Array]
+"""From the observations (N, O) of a control step to actions (N, A)."""
+Expert = Callable[[RunningEpisodes], Controller]
+"""Made when episodes have begun, and good for as long as they last."""
+
+
+class View(NamedTuple):
+    """From where a scene is seen: a point (3,), world frame, and the camera's distance and angles from it."""
+
+    look_at_w: tuple[float, float, float]
+    distance_m: float
+    azimuth_deg: float
+    elevation_deg: float
+
+
+class Views(NamedTuple):
+    """The views of a mounted robot and of one that stands on the floor; neither arm nor person hides what it does."""
+
+    mounted: View
+    on_floor: View
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Spots that a task draws on the person's arm; ``places(arm, task_state)`` (N, ``count``, 3), world frame, metres.
+
+    A spot that is not to be seen lies below the floor.
+    """
+
+    count: int
+    radius_m: float
+    rgb: tuple[float, float, float]
+    places: Callable[[RightArm, TaskState], Array]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """A task. Every function takes and gives arrays with the world axis first.
+
+    Attributes:
+        name: an ASCII identifier; environments are called ``avrgym/{name}{robot}-v1``.
+        goal: tells a participant in one sentence what the task is, and not how it is done (paper, section V).
+        pose: how people sit or lie.
+        offered: what cooperating people bring to the tool.
+        people_give_way: whether the robot can move the joints of people who do nothing by themselves.
+        scene: says what stands in the scene with a robot.
+        uniforms: how many uniform numbers a start takes.
+        start: where things begin, drawn from the scene, the people and uniform numbers (n, ``uniforms``).
+        init_state: from the people and the same numbers, the task's state that an episode begins with.
+        observation: what a policy sees in a scene.
+        weights: the weight of each reward term; the reward is their weighted sum.
+        evaluate_step: what the control step gave that ends in a state, from that state, the action (N, A) and the
+            task's state before.
+        expert: plans with all that can be known: it shows that the task can be done.
+        reactive_expert: does without plan or memory what depends evenly on the present: training imitates it.
+        views: from where pictures are taken.
+        training: how policies are trained.
+        detour_m: how much longer than straight on the way of tool and hand to the goal is, (N,); with a
+            ``training.detour_weight_per_m`` training draws the policy along it.
+        marks: what is drawn on the person.
+
+    Raises:
+        TypeError: for a part that is missing or of another kind, naming it.
+        ValueError: for a part with a value that is not allowed, naming it and what is.
+    """
+
+    name: str
+    goal: str
+    pose: Pose
+    offered: Offered
+    scene: Callable[[Robot], SceneConfig]
+    uniforms: int
+    start: Callable[[SceneConfig, People, Array], Start]
+    init_state: Callable[[People, Array], TaskState]
+    observation: Callable[[SceneConfig], Observation]
+    weights: Mapping[str, float]
+    evaluate_step: Callable[[State, Array, TaskState], StepResult]
+    expert: Expert
+    reactive_expert: Expert
+    views: Views
+    people_give_way: bool = False
+    training: TrainingSettings = field(default_factory=TrainingSettings)
+    detour_m: Callable[[State, TaskState], Array] | None = None
+    marks: Marks | None = None
+
+    def __post_init__(self) -> None:
+        for part, kind in _KINDS.items():
+            self._check_part(part, isinstance(getattr(self, part), kind), kind.__name__)
+        for part in _FUNCTIONS:
+            self._check_part(part, callable(getattr(self, part)), "function")
+        if not (self.name.isascii() and self.name.isidentifier()):
+            raise ValueError(
+                f"a task's name is {self.name!r}; allowed: an identifier of ASCII letters and digits"
+            )
+        if not self.goal.strip():
+            raise ValueError(f"the goal of task {self.name} is empty; allowed: a sentence")
+        if self.offered not in OFFERED:
+            raise ValueError(
+                f"offered of task {self.name} is {self.offered!r}; allowed: {', '.join(map(repr, OFFERED))}"
+            )
+        if not self.weights:
+            raise ValueError(
+                f"the weights of task {self.name} are empty; allowed: a weight for each reward term"
+            )
+        if self.training.detour_weight_per_m and self.detour_m is None:
+            raise ValueError(f"task {self.name} has a weight for detours in its training, but no detour_m")
+
+    def _check_part(self, part: str, fits: bool, kind: str) -> None:
+        if not fits:
+            raise TypeError(f"{part} of task {self.name} is {getattr(self, part)!r}; allowed: a {kind}")
+
+    def reward(self, terms: Mapping[str, Array]) -> Array:
+        """The weighted sum of the terms, (N,).
+
+        Raises:
+            ValueError: for other terms than those that have weights, naming them.
+        """
+        if terms.keys() != self.weights.keys():
+            raise ValueError(
+                f"task {self.name} gave the reward terms {', '.join(terms)}; it has weights for "
+                f"{', '.join(self.weights)}"
+            )
+        total = np.zeros_like(next(iter(terms.values())), dtype=float)
+        for name, weight in self.weights.items():
+            total = total + weight * terms[name]
+        return total
+
+
+OFFERED: tuple[Offered, ...] = get_args(Offered)
+_KINDS: Mapping[str, type] = {
+    "name": str,
+    "goal": str,
+    "pose": Pose,
+    "uniforms": int,
+    "weights": Mapping,
+    "views": Views,
+    "training": TrainingSettings,
+}
+_FUNCTIONS = (
+    "scene",
+    "start",
+    "init_state",
+    "observation",
+    "evaluate_step",
+    "expert",
+    "reactive_expert",
+)
+
+
+def merge(old: TaskState, new: TaskState, ids: NDArray[np.intp]) -> TaskState:
+    """The arrays ``old`` of N worlds with the worlds ``ids`` replaced by ``new``."""
+    arrays = {}
+    for name, array in vars(old).items():
+        array = array.copy()
+        array[ids] = getattr(new, name)
+        arrays[name] = array
+    return type(old)(**arrays)
