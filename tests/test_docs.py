@@ -27,7 +27,7 @@ def test_links_and_pictures_lead_somewhere(document):
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_every_environment_that_is_named_exists(document):
     named = set(re.findall(r"avrgym/[A-Za-z0-9]+-v\d+", document.read_text()))
-    assert named <= set(ENVIRONMENTS)
+    assert named <= {*ENVIRONMENTS, "avrgym/TouchElbowJaco-v1"}  # built on the page of how to add a task
 
 
 def test_every_environment_is_described_with_a_picture():

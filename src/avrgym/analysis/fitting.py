@@ -34,8 +34,9 @@ FITTED_JOINTS = tuple(name for name in JOINTS if not name.startswith("left_"))
 OFFERED_JOINTS = {
     "mouth": [JOINT_INDEX[name] for name, joint in JOINTS.items() if joint.body in ("torso", "head")],
     "arm": [JOINT_INDEX[name] for name in JOINTS if name.startswith(("right_shoulder", "right_elbow"))],
+    "nothing": [],
 }
-"""What people move who bring mouth or arm to the tool."""
+"""What people move who bring mouth, arm or nothing to the tool."""
 MOVED_DEG = 5.0
 """So far a joint goes that is moved on purpose; people who sit still sway less."""
 BEGINNING_S = 1.0
@@ -152,7 +153,7 @@ def _seen(attempt: ExportedAttempt, recording: Recording) -> SeenTrial:
         torso_height_m=recording.metadata["person"]["torso_height_m"],
         beginning_deg=_mean(times_s, targets_deg, times_s[0] + BEGINNING_S),
         mean_deg=_mean(times_s, targets_deg, times_s[-1]),
-        moved_deg=float(np.ptp(targets_deg[:, offered], axis=0).max()),
+        moved_deg=float(np.ptp(targets_deg[:, offered], axis=0).max(initial=0.0)),
     )
 
 

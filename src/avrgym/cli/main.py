@@ -27,6 +27,8 @@ from avrgym.models.human import SEXES, Sex
 from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.policies.registry import CHOICES, OPERATOR
 from avrgym.policies.trained import packaged_policies
+from avrgym.robots.registry import BROKEN as BROKEN_ROBOTS
+from avrgym.tasks.registry import BROKEN as BROKEN_TASKS
 from avrgym.tasks.registry import ENVIRONMENTS, find_environment, sizes
 
 if TYPE_CHECKING:
@@ -296,6 +298,8 @@ def envs(json_file: JsonFile = None) -> None:
         for environment, (task, robot) in ENVIRONMENTS.items()
     ]
     print_table(rows)
+    for broken in (*BROKEN_ROBOTS, *BROKEN_TASKS):
+        say(f"skipped {broken.name}: {broken.reason}")
     with plain_errors():
         write_json(json_file, rows)
 

@@ -20,7 +20,7 @@ from avrgym.people.uniform import between
 
 Array = NDArray[np.float64]
 
-Offered = Literal["mouth", "arm"]
+Offered = Literal["mouth", "arm", "nothing"]
 
 
 class Sight(Protocol):
@@ -117,7 +117,13 @@ def see(mind: Mind, sight: Sight, offered: Offered, posture: Posture) -> Mind:
     """
     seen = np.concatenate([sight.tool_pos_w[:, None], mind.seen_w[:, :-1]], axis=1)
     tool = seen[np.arange(len(seen)), mind.reaction]
-    wanted = _bring_mouth(mind, sight, tool, posture) if offered == "mouth" else _bring_arm(mind, sight, tool)
+    match offered:
+        case "mouth":
+            wanted = _bring_mouth(mind, sight, tool, posture)
+        case "arm":
+            wanted = _bring_arm(mind, sight, tool)
+        case "nothing":
+            wanted = mind.targets_rad
     reach = SPEED_RAD_S * CONTROL_STEP_S
     moved = mind.targets_rad + np.clip(wanted - mind.targets_rad, -reach, reach)
     return replace(mind, seen_w=seen, targets_rad=moved)

@@ -98,6 +98,11 @@ class Observation:
         """The fixed scales, (O,), not a number where there is none."""
         return self._each([np.nan if entry.scale is None else entry.scale for entry in self.entries])
 
+    @property
+    def ends(self) -> NDArray[np.intp]:
+        """Where in an observation each part ends, one past its last number."""
+        return np.cumsum([entry.size for entry in self.entries])
+
     def _each(self, values: list[float]) -> Array:
         return np.repeat(values, [entry.size for entry in self.entries])
 

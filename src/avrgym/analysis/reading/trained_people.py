@@ -14,7 +14,7 @@ from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.distributions import DISTRIBUTIONS, UNIFORMS, Distribution, sample
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.design import Design
-from avrgym.tasks.registry import TASKS
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
 Array = NDArray[np.floating]
 
@@ -34,7 +34,8 @@ HEIGHTS_OF = ("original", "revised")
 
 def posture_of(task: str) -> str:
     """How people are found in a task: ``seated`` or ``in bed``."""
-    seated = TASKS[task].scene(next(iter(ROBOTS.values()))).posture is SEATED
+    robot = next(robot for each, robot in ENVIRONMENTS.values() if each == task)
+    seated = TASKS[task].scene(ROBOTS[robot]).posture is SEATED
     return "seated" if seated else "in bed"
 
 

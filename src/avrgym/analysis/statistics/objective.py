@@ -11,6 +11,7 @@ from avrgym.learning.evaluation import wilson_interval
 from avrgym.policies.trained import FILE_SUFFIX, Policy, PolicyError, find_policy, packaged_policies
 from avrgym.study.storage.store import Store
 from avrgym.tasks.episodes import EPISODE_STEPS
+from avrgym.tasks.registry import environment_id
 
 ALL = "all"
 """Stands for all tasks or all robots, taken together."""
@@ -23,7 +24,7 @@ def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRo
     """
     design = store.design
     beside = {
-        (task, robot, policy): simulation(store, f"avrgym/{task}{robot}-v1", policy)
+        (task, robot, policy): simulation(store, environment_id(task, robot), policy)
         for task, robot, policy in product(design.tasks, design.robots, design.policies)
     }
     rows = []

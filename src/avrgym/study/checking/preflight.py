@@ -6,6 +6,7 @@ from itertools import product
 from avrgym.policies.registry import AnyPolicy, find_for_session
 from avrgym.policies.trained import PolicyError
 from avrgym.study.storage.store import Store
+from avrgym.tasks.registry import environment_id
 
 
 def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
@@ -22,7 +23,7 @@ def policies_needed(store: Store) -> list[tuple[str, str]]:
     design = store.design
     names = sorted({*design.policies, design.practice_policy} - {""})
     return [
-        (f"avrgym/{task}{robot}-v1", name)
+        (environment_id(task, robot), name)
         for task, robot, name in product(design.tasks, design.robots, names)
     ]
 

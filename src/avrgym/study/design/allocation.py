@@ -8,6 +8,7 @@ import numpy as np
 
 from avrgym.study.design.design import Design
 from avrgym.study.design.orders import Block, Order, balanced_orders
+from avrgym.tasks.registry import environment_id
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ def plan_trials(design: Design, cell: int, participant: int) -> tuple[PlannedTri
     trials: list[PlannedTrial] = []
     for block in cell_orders(design)[cell]:
         for robot, policy, practice in _conditions(design, block, practice_robots[block.task]):
-            environment = f"avrgym/{design.tasks[block.task]}{robot}-v1"
+            environment = environment_id(design.tasks[block.task], robot)
             seed = int(rng.integers(2**31))
             trials.append(PlannedTrial(len(trials) + 1, environment, policy, seed, practice))
     return tuple(trials)

@@ -16,7 +16,7 @@ from avrgym.models.furniture.real import RealFurniture
 from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire, items_to_ask
 from avrgym.robots.registry import ROBOTS
 from avrgym.system.toml_places import Place, line_of
-from avrgym.tasks.registry import TASKS
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, environment_id
 
 FILE = "study.toml"
 PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps")
@@ -173,6 +173,12 @@ def _check(design: Design) -> None:
     """Raise ``_Wrong`` for the first value that no type forbids but that cannot be."""
     _check_names(("tasks",), design.tasks, TASKS)
     _check_names(("robots",), design.robots, ROBOTS)
+    for index, robot in enumerate(design.robots):
+        for task in design.tasks:
+            if environment_id(task, robot) not in ENVIRONMENTS:
+                raise _Wrong(
+                    ("robots", index), f"{robot} cannot do {task}; `avrgym envs` lists who can do what"
+                )
     for task in design.goals:
         _check_known(("goals", task), task, TASKS)
     _check_unique(("policies",), design.policies)

@@ -1,0 +1,68 @@
+"""Whether a task does what its record says, in motion."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.tasks.episodes import Episodes, Step
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+from avrgym.tasks.task import Expert
+
+Array = NDArray[np.float64]
+WORLDS, STEPS = 3, 5
+
+
+def check_task(name: str) -> None:
+    """Begin episodes of a task with every robot that can do it, and make a few steps with each of its experts.
+
+    Raises:
+        ValueError: for an unknown task, naming those there are, and for what is not as the record says, naming it.
+    """
+    if name not in TASKS:
+        raise ValueError(f"unknown task {name!r}; the tasks are {', '.join(TASKS)}")
+    for environment_id, (task, _) in ENVIRONMENTS.items():
+        if task == name:
+            episodes = Episodes(environment_id, WORLDS, num_threads=1)
+            _check_expert(episodes, "expert", TASKS[name].expert)
+            _check_expert(episodes, "reactive_expert", TASKS[name].reactive_expert)
+
+
+def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:
+    where = f"{name} in {episodes.environment_id}"
+    first, again = (_observations(episodes, expert, where) for _ in range(2))
+    if first.tobytes() != again.tobytes():
+        raise ValueError(f"{where}: the same seeds gave different episodes")
+
+
+def _observations(episodes: Episodes, expert: Expert, where: str) -> Array:
+    """What was observed (T, N, O) in episodes led by an expert."""
+    episodes.begin(np.arange(WORLDS), [np.random.default_rng(seed) for seed in range(WORLDS)])
+    steps = [episodes.assess()]
+    controller = expert(episodes)
+    for _ in range(STEPS):
+        steps.append(episodes.step(controller(steps[-1].observation)))
+    for step in steps:
+        _check_step(episodes, step, where)
+    return np.array([step.observation for step in steps])
+
+
+def _check_step(episodes: Episodes, step: Step, where: str) -> None:
+    bound = episodes.observation.bound
+    for entry, within in zip(
+        episodes.observation.entries,
+        np.split(np.abs(step.observation) <= bound, episodes.observation.ends[:-1], axis=1),
+        strict=True,
+    ):
+        if not within.all():
+            raise ValueError(
+                f"{where}: {entry.name} leaves its bound of ±{entry.bound:g}, or is not a number"
+            )
+    terms = {f"reward term {name}": term for name, term in step.reward_terms.items()}
+    figures = terms | {"distance_m": step.distance_m, "force_on_person_n": step.force_on_person_n}
+    for name, values in figures.items():
+        if np.shape(values) != (WORLDS,) or not np.isfinite(values).all():
+            raise ValueError(f"{where}: {name} is {values!r}; allowed: finite numbers of shape (N,)")
+    for name, values, kinds in (("success", step.success, "b"), ("events", step.events, "bi")):
+        if np.shape(values) != (WORLDS,) or np.asarray(values).dtype.kind not in kinds:
+            raise ValueError(
+                f"{where}: {name} is {values!r}; allowed: an array of shape (N,), kind {kinds!r}"
+            )

@@ -1,0 +1,133 @@
+"""Laws of every task's record, and what registration refuses."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+
+from avrgym.models.robot import Robot, UnsuitableError
+from avrgym.models.scene import SceneConfig
+from avrgym.robots.registry import ROBOTS
+from avrgym.tasks.checking import check_task
+from avrgym.tasks.observation import Observation, position
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, Registry, find_task
+from avrgym.tasks.task import StepResult, Task
+from avrgym.tasks.training_settings import TrainingSettings
+
+FEEDING = TASKS["Feeding"]
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_every_task_does_what_its_record_says(name):
+    check_task(name)
+
+
+def test_every_task_of_the_paper_is_done_by_every_robot_of_the_paper():
+    tasks = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
+    assert set(product(tasks, ("Jaco", "PR2"))) <= set(ENVIRONMENTS.values())
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "said"),
+    [
+        ({"name": "Feeding people"}, ValueError, "a task's name is 'Feeding people'; allowed: an identifier"),
+        ({"name": "Fütterung"}, ValueError, "allowed: an identifier of ASCII letters"),
+        ({"name": None}, TypeError, "name of task None is None; allowed: a str"),
+        ({"goal": " "}, ValueError, "the goal of task Feeding is empty"),
+        (
+            {"offered": "foot"},
+            ValueError,
+            "offered of task Feeding is 'foot'; allowed: 'mouth', 'arm', 'nothing'",
+        ),
+        ({"expert": None}, TypeError, "expert of task Feeding is None; allowed: a function"),
+        ({"views": None}, TypeError, "views of task Feeding is None; allowed: a Views"),
+        ({"weights": {}}, ValueError, "the weights of task Feeding are empty"),
+        ({"training": TrainingSettings(detour_weight_per_m=1.0)}, ValueError, "but no detour_m"),
+    ],
+)
+def test_a_record_with_a_part_that_cannot_be_is_refused(changes: Mapping[str, Any], error, said: str):
+    with pytest.raises(error, match=said):
+        replace(FEEDING, **changes)
+
+
+@pytest.mark.parametrize(
+    "part", ["scene", "observation", "evaluate_step", "expert", "reactive_expert", "views"]
+)
+def test_a_record_without_a_part_names_it(part):
+    parts = {name: value for name, value in vars(FEEDING).items() if name != part}
+    with pytest.raises(TypeError, match=part):
+        Task(**parts)
+
+
+def test_observations_have_parts_of_different_names():
+    part = position("tool_m", lambda state, _: state.tool_pos_w)
+    for entries in ((), (part, part)):
+        with pytest.raises(ValueError, match="allowed: parts of different names"):
+            Observation(entries)
+
+
+def test_terms_are_those_that_have_weights():
+    with pytest.raises(
+        ValueError, match=r"Feeding gave the reward terms distance_m; it has weights for distance_m,"
+    ):
+        FEEDING.reward({"distance_m": np.zeros(1)})
+
+
+def test_a_name_is_registered_once():
+    registry = Registry(ROBOTS)
+    registry.add(FEEDING)
+    before = dict(registry.environments)
+    with pytest.raises(ValueError, match="there is already a task Feeding"):
+        registry.add(FEEDING)
+    assert (list(registry.tasks), registry.environments) == (["Feeding"], before)
+
+
+def test_ids_that_coincide_are_refused():
+    jaco = ROBOTS["Jaco"]
+    registry = Registry({"Jaco": jaco, "BigJaco": replace(jaco, name="BigJaco")})
+    registry.add(FEEDING)
+    with pytest.raises(ValueError, match="there is already an environment avrgym/FeedingBigJaco-v1"):
+        registry.add(replace(FEEDING, name="FeedingBig"))
+    assert list(registry.tasks) == ["Feeding"]
+
+
+def test_a_task_is_done_by_the_robots_that_suit_it():
+    def by_jaco(robot: Robot) -> SceneConfig:
+        if robot.name != "Jaco":
+            raise UnsuitableError(f"{robot.name} is too large")
+        return FEEDING.scene(robot)
+
+    def by_none(robot: Robot) -> SceneConfig:
+        raise UnsuitableError(f"{robot.name} has no hook")
+
+    registry = Registry(ROBOTS)
+    registry.add(replace(FEEDING, name="Small", scene=by_jaco))
+    assert registry.environments == {"avrgym/SmallJaco-v1": ("Small", "Jaco")}
+    with pytest.raises(ValueError, match="no robot can do task Hooked"):
+        registry.add(replace(FEEDING, name="Hooked", scene=by_none))
+    assert registry.broken == []
+
+
+def test_tasks_that_a_version_of_the_world_did_not_have_are_named():
+    with pytest.raises(ValueError, match="version 1 of the world has no task Flying; it has Feeding,"):
+        find_task("Flying", 1)
+
+
+@pytest.mark.parametrize(
+    ("broken", "said"),
+    [
+        ({"distance_m": np.full(3, np.nan)}, "distance_m is"),
+        ({"events": np.zeros(3)}, "events is"),
+        ({"success": np.zeros(2, dtype=bool)}, "success is"),
+    ],
+)
+def test_a_result_that_is_not_as_it_should_be_is_named(monkeypatch, broken, said):
+    def evaluate_step(*given: Any) -> StepResult:
+        return replace(FEEDING.evaluate_step(*given), **broken)
+
+    monkeypatch.setitem(TASKS, "Feeding", replace(FEEDING, evaluate_step=evaluate_step))
+    with pytest.raises(ValueError, match=f"^expert in avrgym/FeedingJaco-v1: {said}"):
+        check_task("Feeding")
