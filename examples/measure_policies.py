@@ -4,7 +4,7 @@ Needed whenever the world changes; `examples/policy_tables.py` then prints the t
 meets people like those it was trained on, 100 episodes, seed 0.
 """
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import msgspec
 
@@ -25,7 +25,7 @@ def main() -> None:
             found = asdict(evaluate(environment, name, policy.metadata.people, EPISODES, SEED))
             measured = {measure: found[measure] for measure in MEASURES} | {"world_version": WORLD_VERSION}
             metadata = msgspec.structs.replace(policy.metadata, measured=measured)
-            Policy(**vars(policy) | {"metadata": metadata}).save(path, overwrite=True)
+            replace(policy, metadata=metadata).save(path, overwrite=True)
             print(environment, name, {measure: round(found[measure], 3) for measure in MEASURES}, flush=True)
 
 
