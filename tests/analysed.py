@@ -62,7 +62,7 @@ def run_trials(
         metrics = record_trial(store.path(attempt.recording), participant, trial, held=frames_held)
         if not trial.practice:
             for item in ITEMS:
-                record_answer(store, attempt.id, item, rate(participant, trial, item), 1.0)
+                record_answer(store, attempt.id, Answer(item, rate(participant, trial, item), 1.0))
         complete_attempt(store, attempt.id, metrics)
     close_session(store, session.id)
 

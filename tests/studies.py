@@ -102,7 +102,7 @@ def run_trial(store: Store, session: StudySession, trial: Trial, *, simulated: b
     record(store, attempt, trial, simulated=simulated)
     if not trial.practice:
         for value, item in enumerate(store.design.items_at("after_trial"), start=3):
-            record_answer(store, attempt.id, item.id, value, 1.25)
+            record_answer(store, attempt.id, Answer(item.id, value, 1.25))
     complete_attempt(store, attempt.id, METRICS)
     return attempt
 

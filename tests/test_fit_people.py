@@ -92,7 +92,7 @@ def take_part(
         attempt = begin_attempt(store, session.id, trial.position)
         record(store.path(attempt.recording), sex, torso_height_m, lean_deg, moved_deg, held)
         for item in store.design.items_at("after_trial"):
-            record_answer(store, attempt.id, item.id, 4, 1.0)
+            record_answer(store, attempt.id, Answer(item.id, 4, 1.0))
         complete_attempt(store, attempt.id, METRICS)
     close_session(store, session.id)
 

@@ -231,7 +231,7 @@ def test_the_observer_is_told_all_in_order(visit: Callable[..., Visit]) -> None:
     assert entered == session.phases[1:]
     times = [each.time_s for each in session.observed]
     assert times == sorted(times)
-    assert [(each.item, each.value) for each in happened(session, session_events.Answered)] == [
+    assert [(each.answer.item, each.answer.value) for each in happened(session, session_events.Answered)] == [
         ("L1", 7), ("L2", 6), ("L3", 5), ("L4", 4)
     ]  # fmt: skip
     (ended,) = happened(session, session_events.TrialEnded)

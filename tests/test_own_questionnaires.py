@@ -14,6 +14,7 @@ from analysed import record_trial, take_part
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.statistics.tests import holm
 from avrgym.analysis.study import analyse
+from avrgym.recording.records import Answer
 from avrgym.study.checking.checks import check_study
 from avrgym.study.design.design import DesignError, parse_design
 from avrgym.study.export import export_study
@@ -70,13 +71,13 @@ def answer_trials(store: Store, session: int, pseudonym: str) -> None:
         for place, item in enumerate(store.design.items_at("after_trial")):
             revised = trial.policy == "revised"
             value = 1 + (participant.number + place + 2 * revised) % item.points
-            record_answer(store, attempt.id, item.id, value, 1.0)
+            record_answer(store, attempt.id, Answer(item.id, value, 1.0))
         complete_attempt(store, attempt.id, metrics)
 
 
 def ask(store: Store, session: int, when: str, values: dict[str, int]) -> None:
     for item, value in values.items():
-        record_session_answer(store, session, item, value, 1.0, when)
+        record_session_answer(store, session, Answer(item, value, 1.0), when)
 
 
 @pytest.fixture(scope="module")
@@ -171,7 +172,7 @@ def test_what_was_answered_before_a_crash_is_not_asked_again(store: Store) -> No
     pseudonym = take_part(store)
     for item, rest in (("S_1", ["S_2"]), ("S_2", [])):
         visit = StudyVisit(store, pseudonym)
-        visit.record(item, 2, 1.0, "before_session")
+        visit.record(Answer(item, 2, 1.0), "before_session")
         assert [each.id for each in visit.items("before_session")] == rest
         crash(store)
     assert remaining(store, pseudonym, "before_session") == []
@@ -185,7 +186,7 @@ def test_last_questions_go_on_after_a_crash(store: Store) -> None:
     pseudonym = take_part(store)
     visit = StudyVisit(store, pseudonym)
     answer_trials(store, visit.stored.id, pseudonym)
-    visit.record("S_1", 2, 1.0, "after_session")
+    visit.record(Answer("S_1", 2, 1.0), "after_session")
     crash(store)
     assert remaining(store, pseudonym, "after_session") == ["S_2"]
 

@@ -13,6 +13,7 @@ from typer.testing import CliRunner, Result
 from avrgym.cli.main import app
 from avrgym.policies.trained import packaged_policies
 from avrgym.recording.files import RecordingWriter
+from avrgym.recording.records import Answer
 from avrgym.study.checking.checks import check_study
 from avrgym.study.storage import database, schema
 from avrgym.study.storage.answers import record_answer
@@ -203,7 +204,7 @@ def test_an_answer_may_lack_where_a_crash_cut_its_recording(store: Store) -> Non
     attempt = begin_attempt(store, session.id, trial.position)
     planned = {name: getattr(trial, name) for name in ("environment", "policy", "seed", "practice")}
     RecordingWriter(store.path(attempt.recording), {**planned, "simulated": False}).close()
-    record_answer(store, attempt.id, "L1", 6, 1.25)
+    record_answer(store, attempt.id, Answer("L1", 6, 1.25))
     assert not any(finding.wrong for finding in check_study(store))
 
 

@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from msgspec.structs import asdict
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
 from avrgym.recording.files import read_recording
+from avrgym.recording.records import Answer
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.rebuilding import rebuild_study
 from avrgym.study.people.deletion import delete_participant
@@ -101,7 +103,8 @@ def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None
 def _facts(row: object) -> dict:
     """A row without ids and times, which are made anew."""
     made_anew = ("id", "started_at", "ended_at", "answered_at")
-    facts = {name: value for name, value in vars(row).items() if name not in made_anew}
+    values = asdict(row) if isinstance(row, Answer) else vars(row)
+    facts = {name: value for name, value in values.items() if name not in made_anew}
     if isinstance(row, TrialAttempt):
         facts["metrics"] = (row.metrics.steps, row.metrics.reward, row.metrics.success)
         del facts["torso_height_m"]  # 0.1.0 left it to the recordings

@@ -17,6 +17,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
 from avrgym.recording.outcomes import Metrics
+from avrgym.recording.records import Answer
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
@@ -162,11 +163,15 @@ def test_answers_about_a_session_are_kept_apart(kind: str, tmp_path: Path) -> No
     with Store(folder) as store:
         session = open_session(store, take_in(store))
         refused(
-            store, lambda: record_session_answer(store, session.id, "L1", 3, 1.0), "no item 'L1'; allowed: E1"
+            store,
+            lambda: record_session_answer(store, session.id, Answer("L1", 3, 1.0)),
+            "no item 'L1'; allowed: E1",
         )
-        refused(store, lambda: record_session_answer(store, session.id, "E1", 6, 1.0), "from 1 to 5")
-        record_session_answer(store, session.id, "E1", 5, 1.0)
-        refused(store, lambda: record_session_answer(store, session.id, "E1", 4, 1.0), "never replaced")
+        refused(store, lambda: record_session_answer(store, session.id, Answer("E1", 6, 1.0)), "from 1 to 5")
+        record_session_answer(store, session.id, Answer("E1", 5, 1.0))
+        refused(
+            store, lambda: record_session_answer(store, session.id, Answer("E1", 4, 1.0)), "never replaced"
+        )
         (answer,) = store.answers("sub-001")
         assert (answer.session, answer.attempt, answer.item, answer.value) == (session.id, None, "E1", 5)
 
@@ -237,7 +242,7 @@ def test_withdrawal_in_mid_trial_ends_attempt_and_session_for_good(store: Store)
     assert "felt sick" in [event.detail for event in store.events()]
     for action in (
         lambda: complete_attempt(store, attempt.id, METRICS),
-        lambda: record_answer(store, attempt.id, "L1", 3, 1.0),
+        lambda: record_answer(store, attempt.id, Answer("L1", 3, 1.0)),
         lambda: begin_attempt(store, session.id, 1),
         lambda: open_session(store, pseudonym),
         lambda: withdraw(store, pseudonym),
@@ -264,15 +269,19 @@ def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
         store, lambda: end_attempt(store, attempt.id, "completed"), "allowed: stopped, paused, interrupted"
     )
     refused(
-        store, lambda: record_answer(store, attempt.id, "L9", 3, 1.0), "no item 'L9'; allowed: L1, L2, L3, L4"
+        store,
+        lambda: record_answer(store, attempt.id, Answer("L9", 3, 1.0)),
+        "no item 'L9'; allowed: L1, L2, L3, L4",
     )
-    refused(store, lambda: record_answer(store, attempt.id, "L1", 8, 1.0), "whole numbers from 1 to 7")
-    refused(store, lambda: record_answer(store, attempt.id, "L1", 3, -1.0), "no response time")
+    refused(
+        store, lambda: record_answer(store, attempt.id, Answer("L1", 8, 1.0)), "whole numbers from 1 to 7"
+    )
+    refused(store, lambda: record_answer(store, attempt.id, Answer("L1", 3, -1.0)), "no response time")
     for item in ITEMS[:3]:
-        record_answer(store, attempt.id, item, 3, 1.0)
-    refused(store, lambda: record_answer(store, attempt.id, "L1", 4, 1.0), "L1 is answered already")
+        record_answer(store, attempt.id, Answer(item, 3, 1.0))
+    refused(store, lambda: record_answer(store, attempt.id, Answer("L1", 4, 1.0)), "L1 is answered already")
     refused(store, lambda: complete_attempt(store, attempt.id, METRICS), "L4 not answered")
-    record_answer(store, attempt.id, "L4", 3, 1.0)
+    record_answer(store, attempt.id, Answer("L4", 3, 1.0))
     refused(store, lambda: complete_attempt(store, attempt.id, METRICS), "there is no recordings/sub-001")
     record(store, attempt, first)
     refused(
@@ -388,7 +397,7 @@ def test_a_trial_that_only_lacked_its_completion_is_completed_after_a_crash(stor
     attempt = begin_attempt(store, session.id, first.position)
     record(store, attempt, first)
     for item in ITEMS:
-        record_answer(store, attempt.id, item, 3, 1.0)
+        record_answer(store, attempt.id, Answer(item, 3, 1.0))
     session = open_session(store, pseudonym, take_over=True)
     assert [a.state for a in store.attempts(pseudonym)] == ["completed", "completed"]
     assert store.attempts(pseudonym)[1].metrics == METRICS

@@ -5,9 +5,11 @@ JSON keeps every finite double bit for bit. Numbers that are not finite are writ
 """
 
 import math
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+
+from avrgym.recording.questionnaire import MOST_POINTS
 
 
 class Record(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -101,11 +103,14 @@ class Event(Record, frozen=True):
 
 
 class Answer(Record, frozen=True):
-    """The answer to one item of the questionnaire, and the time from its appearance to the press."""
+    """The answer to one item of the questionnaire, and the time from its appearance to the press.
 
-    item: str
-    value: int
-    response_time_s: float
+    The message that brings it and the row that keeps it add to this record what else they say.
+    """
+
+    item: Annotated[str, msgspec.Meta(max_length=64)]
+    value: Annotated[int, msgspec.Meta(ge=1, le=MOST_POINTS)]
+    response_time_s: Annotated[float, msgspec.Meta(ge=0)]
 
 
 TOPICS: dict[str, type[Record]] = {

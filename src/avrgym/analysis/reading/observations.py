@@ -1,7 +1,7 @@
 """Reading a study for its analysis: every participant, trial, attempt and answer, each completed recording once."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
 from statistics import fmean, median
 
 import numpy as np
@@ -13,10 +13,9 @@ from avrgym.recording.files import Recording, RecordingError
 from avrgym.recording.questionnaire import SESSION_MOMENTS
 from avrgym.robots.registry import find_robot
 from avrgym.study.checking.held import held_share, too_much_held
-from avrgym.study.export.trials import ExportedAttempt, all_attempts
-from avrgym.study.storage.answers import answer_moments
+from avrgym.study.export.trials import ExportedAnswer, ExportedAttempt, all_attempts, answers_of
 from avrgym.study.storage.attempts import CHANGED
-from avrgym.study.storage.rows import GivenAnswer, Participant, Trial
+from avrgym.study.storage.rows import Participant, Trial
 from avrgym.study.storage.states import TAKES_PART, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
@@ -24,6 +23,7 @@ from avrgym.tasks.registry import TASKS, find_environment
 USED = "reward and success are those that were stored with the trial"
 WITHOUT = f"{USED}; it is missing from the biomechanics"
 WITHOUT_ALL = f"{USED}; it is missing from the biomechanics and has no time series"
+ANSWER_COLUMNS = {column.name for column in fields(AnswerRow)}
 TrialKey = tuple[str, int]
 """Pseudonym and position."""
 
@@ -240,72 +240,44 @@ def _answers(
     attempts: Sequence[ExportedAttempt],
     counted: set[TrialKey],
     found: Observations,
-) -> list[AnswerRow]:
-    by_id = {each.attempt.id: each for each in attempts}
-    answers = store.answers(participant.pseudonym)
-    moments = answer_moments(store.design, answers, store.events())
-    numbers = {session.id: session.number for session in store.sessions(participant.pseudonym)}
-    compared = _compared(answers, moments) if participant.state in TAKES_PART else set()
-    found.problems.extend(_asked_again(participant, answers, moments, numbers, compared))
-    rows = []
+) -> Iterator[AnswerRow]:
+    answers = answers_of(store, participant, attempts)
+    compared = _compared(answers) if participant.state in TAKES_PART else set()
+    found.problems.extend(_asked_again(participant, answers, compared))
     for answer in answers:
-        about = by_id.get(answer.attempt or 0)
-        questionnaire = store.design.questionnaire_of(answer.item)
-        item = store.design.items.get(answer.item)
+        about = answer.exported
         of_trial = (
             about is not None
             and about.attempt.state == "completed"
             and (participant.pseudonym, about.trial.position) in counted
         )
-        rows.append(
-            AnswerRow(
-                participant=participant.pseudonym,
-                simulated=participant.simulated,
-                counted=of_trial or answer.id in compared,
-                session=numbers[answer.session],
-                moment=moments[answer.id],
-                questionnaire=questionnaire.name if questionnaire else None,
-                position=about.trial.position if about else None,
-                task=about.task if about else None,
-                robot=about.robot if about else None,
-                policy=about.trial.policy if about else None,
-                attempt=about.attempt.number if about else None,
-                item=answer.item,
-                value=answer.value,
-                points=item.points if item else None,
-                response_time_s=answer.response_time_s,
-            )
-        )
-    return rows
+        columns = {name: value for name, value in answer.columns().items() if name in ANSWER_COLUMNS}
+        yield AnswerRow(counted=of_trial or answer.given.id in compared, **columns)
 
 
-def _compared(answers: Sequence[GivenAnswer], moments: Mapping[int, str]) -> set[int]:
+def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
     """The ids of the answers about sessions that count: of each item the latest after one, the latest before that."""
     before, after = SESSION_MOMENTS
     ids = set()
-    for item in {answer.item for answer in answers}:
-        own = [answer.id for answer in answers if answer.item == item]
-        last = max((each for each in own if moments[each] == after), default=None)
-        first = [each for each in own if moments[each] == before and (last is None or each < last)]
+    for item in {answer.given.item for answer in answers}:
+        own = {answer.given.id: answer.moment for answer in answers if answer.given.item == item}
+        last = max((each for each in own if own[each] == after), default=None)
+        first = [each for each in own if own[each] == before and (last is None or each < last)]
         ids |= {each for each in (last, max(first, default=None)) if each is not None}
     return ids
 
 
 def _asked_again(
-    participant: Participant,
-    answers: Sequence[GivenAnswer],
-    moments: Mapping[int, str],
-    numbers: Mapping[int, int],
-    compared: set[int],
+    participant: Participant, answers: Sequence[ExportedAnswer], compared: set[int]
 ) -> Iterator[ProblemRow]:
     """Which items about sessions were answered more than once."""
     for moment in SESSION_MOMENTS:
-        given = [answer for answer in answers if moments[answer.id] == moment]
-        passed_over = [answer for answer in given if answer.id not in compared]
+        given = [answer for answer in answers if answer.moment == moment]
+        passed_over = [answer for answer in given if answer.given.id not in compared]
         again = [each for each in passed_over if participant.state in TAKES_PART]
         if again:
-            items = ", ".join(dict.fromkeys(answer.item for answer in again))
-            sessions = " and ".join(str(n) for n in sorted({numbers[each.session] for each in given}))
+            items = ", ".join(dict.fromkeys(answer.given.item for answer in again))
+            sessions = " and ".join(str(n) for n in sorted({each.session.number for each in given}))
             yield ProblemRow(
                 simulated=participant.simulated,
                 where=participant.pseudonym,

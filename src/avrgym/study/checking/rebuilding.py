@@ -242,7 +242,7 @@ class _Rebuilding:
         self._attempts += 1
         for time_ns, answer in answers:
             given = _stored(kept.began + timedelta(seconds=time_ns / 1e9))
-            row = {"item": answer.item, "value": answer.value, "response_time_s": answer.response_time_s}
+            row = msgspec.structs.asdict(answer)
             ledger.insert(
                 connection, schema.ANSWER, session=session, attempt=attempt, answered_at=given, **row
             )

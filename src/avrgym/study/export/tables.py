@@ -11,8 +11,7 @@ from msgspec.structs import asdict
 from avrgym.study.design.design import Design
 from avrgym.study.export import NOTICE
 from avrgym.study.export.codebook import TABLES, codebook, most_joints, reward_terms
-from avrgym.study.export.trials import ExportedAttempt, all_attempts
-from avrgym.study.storage.answers import answer_moments
+from avrgym.study.export.trials import ExportedAttempt, all_attempts, answers_of
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 
@@ -131,32 +130,8 @@ def _attempt(exported: ExportedAttempt, heights: Mapping[int, float | None]) -> 
 
 def _answers(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str, Any]]:
     """Every answer; those about a whole session have no trial."""
-    by_id = {exported.attempt.id: exported.labels() for exported in attempts}
     for participant in store.participants():
-        numbers = {session.id: session.number for session in store.sessions(participant.pseudonym)}
-        answers = store.answers(participant.pseudonym)
-        moments = answer_moments(store.design, answers, store.events())
-        for answer in answers:
-            questionnaire = store.design.questionnaire_of(answer.item)
-            labels = by_id.get(answer.attempt or 0, {})
-            whose = {"participant": participant.pseudonym, "simulated": participant.simulated}
-            yield {
-                **whose,
-                "session": numbers[answer.session],
-                **{
-                    name: labels.get(name)
-                    for name in ("position", "practice", "task", "robot", "policy", "attempt")
-                },
-                "moment": moments[answer.id],
-                "questionnaire": questionnaire.name if questionnaire else None,
-                "item": answer.item,
-                "value": answer.value,
-                "points": store.design.items[answer.item].points
-                if answer.item in store.design.items
-                else None,
-                "response_time_s": answer.response_time_s,
-                "answered_at": answer.answered_at,
-            }
+        yield from (answer.columns() for answer in answers_of(store, participant, attempts))
 
 
 def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterator[dict[str, Any]]:

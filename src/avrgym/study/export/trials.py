@@ -11,7 +11,9 @@ from avrgym.recording.files import (
     read_recording,
     torso_height_m,
 )
+from avrgym.recording.questionnaire import Item, Questionnaire
 from avrgym.recording.records import Control
+from avrgym.study.storage.answers import answer_moments
 from avrgym.study.storage.attempts import CHANGED, sha256_of
 from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.states import StudyError
@@ -119,6 +121,62 @@ def all_attempts(store: Store) -> Iterator[ExportedAttempt]:
 def completed_attempts(store: Store) -> Iterator[ExportedAttempt]:
     """The attempts that completed their trials."""
     return (exported for exported in all_attempts(store) if exported.attempt.state == "completed")
+
+
+@dataclass(frozen=True)
+class ExportedAnswer:
+    """One answer with all it belongs to; one about a whole session has no attempt.
+
+    ``moment`` is when it was asked. ``questionnaire`` and ``item`` are missing where the design has them no longer.
+    """
+
+    participant: Participant
+    session: StudySession
+    exported: ExportedAttempt | None
+    given: GivenAnswer
+    moment: str
+    questionnaire: Questionnaire | None
+    item: Item | None
+
+    def columns(self) -> dict[str, Any]:
+        """The answer as tables have it."""
+        labels = {} if self.exported is None else self.exported.labels()
+        of_trial = ("position", "practice", "task", "robot", "policy", "attempt")
+        return {
+            "participant": self.participant.pseudonym,
+            "simulated": self.participant.simulated,
+            "session": self.session.number,
+            **{name: labels.get(name) for name in of_trial},
+            "moment": self.moment,
+            "questionnaire": self.questionnaire.name if self.questionnaire else None,
+            "item": self.given.item,
+            "value": self.given.value,
+            "points": self.item.points if self.item else None,
+            "response_time_s": self.given.response_time_s,
+            "answered_at": self.given.answered_at,
+        }
+
+
+def answers_of(
+    store: Store, participant: Participant, attempts: Iterable[ExportedAttempt]
+) -> list[ExportedAnswer]:
+    """All answers of a participant, in the order they were given; ``attempts`` are at least theirs."""
+    by_id = {exported.attempt.id: exported for exported in attempts}
+    sessions = {session.id: session for session in store.sessions(participant.pseudonym)}
+    answers = store.answers(participant.pseudonym)
+    moments = answer_moments(store.design, answers, store.events())
+    return [
+        ExportedAnswer(
+            participant,
+            sessions[given.session],
+            by_id.get(given.attempt or 0),
+            given,
+            moments[given.id],
+            store.design.questionnaire_of(given.item),
+            store.design.items.get(given.item),
+        )
+        for given in answers
+    ]
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Person
 from avrgym.recording.outcomes import Metrics
 from avrgym.recording.questionnaire import Item
+from avrgym.recording.records import Answer
 from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.participants import withdraw
 from avrgym.study.sessions.storing import Storing
@@ -113,10 +114,9 @@ class StudyVisit:
         answered = answered_in_visit(self.store, self.stored) if asked else set()
         return tuple(item for item in asked if (when, item.id) not in answered)
 
-    def record(self, item: str, value: int, response_time_s: float, when: str) -> Future[None]:
+    def record(self, answer: Answer, when: str) -> Future[None]:
         """Store an answer about the session; the future raises ``StudyError`` for what is none or was given already."""
-        given = item, value, response_time_s, when
-        return self.storing.submit(lambda: record_session_answer(self.store, self.stored.id, *given))
+        return self.storing.submit(lambda: record_session_answer(self.store, self.stored.id, answer, when))
 
     def tell(self, name: str, detail: str) -> Future[None]:
         """Store that something happened; the future tells when that is done."""
@@ -232,8 +232,7 @@ class Keeper:
             case events.TrialBegun():
                 self._begin(happened)
             case events.Answered():
-                given = happened.item, happened.value, happened.response_time_s
-                record_answer(self._store, self._running().id, *given)
+                record_answer(self._store, self._running().id, happened.answer)
             case events.TrialEnded():
                 self._end(happened)
             case events.TrialSkipped():

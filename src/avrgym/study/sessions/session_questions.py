@@ -87,7 +87,7 @@ class SessionQuestions:
             self._ask_again(f"{answer.item!r} is not asked now; {asked} is")
             return
         self._given = answer
-        self._stored = self._visit.record(answer.item, answer.value, answer.response_time_s, self.when)
+        self._stored = self._visit.record(answer, self.when)
         self.tick()
 
     def _leave(self, *, ended: bool) -> None:

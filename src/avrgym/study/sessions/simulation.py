@@ -13,6 +13,7 @@ import numpy as np
 from avrgym.models.human import SEXES
 from avrgym.policies.registry import Operated
 from avrgym.policies.trained import PolicyError
+from avrgym.recording.records import Answer
 from avrgym.study.checking.preflight import load_study_policy, policies_needed
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion
 from avrgym.study.sessions.live import StudyVisit
@@ -88,7 +89,7 @@ def _answer(visit: StudyVisit, when: str, chance: np.random.Generator) -> None:
     for item in visit.store.design.items_at(when, seed=visit.stored.participant):
         value = int(chance.integers(1, item.points + 1))
         if item in asked:
-            visit.record(item.id, value, ANSWER_AFTER_S, when).result()
+            visit.record(Answer(item.id, value, ANSWER_AFTER_S), when).result()
 
 
 def _run_trial(visit: StudyVisit, seed: int) -> None:

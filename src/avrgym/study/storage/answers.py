@@ -4,8 +4,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import sqlalchemy as sa
+from msgspec.structs import asdict
 
 from avrgym.recording.questionnaire import SESSION_MOMENTS, Item, validate_answer
+from avrgym.recording.records import Answer
 from avrgym.study.design.design import Design
 from avrgym.study.storage import ledger, schema
 from avrgym.study.storage.rows import GivenAnswer, StudyEvent, StudySession, Trial, TrialAttempt, pseudonym_of
@@ -25,7 +27,7 @@ ANSWERED = "answered"
 """With a moment after it: the event of an answer about a session, whose detail is the item."""
 
 
-def record_answer(store: Store, attempt_id: int, item_id: str, value: int, response_time_s: float) -> None:
+def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
     """Store one answer to an item that is asked after a trial.
 
     Raises:
@@ -36,26 +38,23 @@ def record_answer(store: Store, attempt_id: int, item_id: str, value: int, respo
         given = find_all(connection, GivenAnswer, attempt=attempt.id)
         items = store.design.items_at("after_trial")
         about = {"session": attempt.session, "attempt": attempt.id}
-        _insert_answer(connection, items, given, (item_id, value, response_time_s), about)
+        _insert_answer(connection, items, given, answer, about)
 
 
-def record_session_answer(
-    store: Store, session_id: int, item_id: str, value: int, response_time_s: float, when: str | None = None
-) -> None:
+def record_session_answer(store: Store, session_id: int, answer: Answer, when: str | None = None) -> None:
     """Store one answer to an item that is asked before or after a session; ``when`` is for one that is asked at both.
 
     Raises:
         StudyError: unless the session is open, or for an answer that is none or was given already.
     """
-    moment = when or _only_moment(store.design, item_id)
+    moment = when or _only_moment(store.design, answer.item)
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         answers = find_all(connection, GivenAnswer, session=session.id, attempt=None)
         moments = answer_moments(store.design, answers, find_all(connection, StudyEvent, session=session.id))
-        given = [answer for answer in answers if moments[answer.id] == moment]
-        answer = (item_id, value, response_time_s)
+        given = [each for each in answers if moments[each.id] == moment]
         _insert_answer(connection, store.design.items_at(moment), given, answer, {"session": session.id})
-        record_event(connection, f"{ANSWERED} {moment}", item_id, about(session))
+        record_event(connection, f"{ANSWERED} {moment}", answer.item, about(session))
 
 
 def answer_moments(
@@ -126,18 +125,16 @@ def _insert_answer(
     connection: sa.Connection,
     items: tuple[Item, ...],
     given: list[GivenAnswer],
-    answer: tuple[str, int, float],
+    answer: Answer,
     about: Mapping[str, int],
 ) -> None:
-    """Store item, value and response time, unless that is no answer or the item was answered before."""
-    item, value, response_time_s = answer
+    """Store an answer, unless it is none or its item was answered before."""
     try:
-        validate_answer(items, item, value)
+        validate_answer(items, answer.item, answer.value)
     except ValueError as error:
         raise StudyError(str(error)) from None
-    if any(earlier.item == item for earlier in given):
-        raise StudyError(f"{item} is answered already; an answer is never replaced")
-    if not 0 <= response_time_s < math.inf:
-        raise StudyError(f"{response_time_s!r} is no response time; allowed: seconds from 0")
-    row = {"item": item, "value": value, "response_time_s": response_time_s, "answered_at": now(), **about}
-    ledger.insert(connection, schema.ANSWER, **row)
+    if any(earlier.item == answer.item for earlier in given):
+        raise StudyError(f"{answer.item} is answered already; an answer is never replaced")
+    if not 0 <= answer.response_time_s < math.inf:
+        raise StudyError(f"{answer.response_time_s!r} is no response time; allowed: seconds from 0")
+    ledger.insert(connection, schema.ANSWER, **asdict(answer), answered_at=now(), **about)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from avrgym.models.human import Sex
 from avrgym.recording.outcomes import Metrics
+from avrgym.recording.records import Answer
 from avrgym.study.storage.states import StudyError
 
 RECORDINGS = "recordings"
@@ -114,16 +115,12 @@ class TrialAttempt:
         return self.recording.removeprefix(f"{RECORDINGS}/").removesuffix(".mcap")
 
 
-@dataclass(frozen=True)
-class GivenAnswer:
+class GivenAnswer(Answer, frozen=True):
     """An answer after a trial, or without an attempt about a whole session."""
 
     id: int
     session: int
     attempt: int | None
-    item: str
-    value: int
-    response_time_s: float
     answered_at: str
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeVar
 import msgspec
 
 from avrgym.models.human import Sex
-from avrgym.recording.questionnaire import MOST_POINTS
+from avrgym.recording import records
 
 PROTOCOL = 4
 
@@ -90,12 +90,8 @@ class OriginReset(Message, frozen=True, tag="origin_reset"):
     """The reference space's origin jumped: earlier registration is void."""
 
 
-class Answer(Message, frozen=True, tag="answer"):
+class Answer(Message, records.Answer, frozen=True, tag="answer"):
     """The answer to one item of the questionnaire, with the time from its appearance to the press."""
-
-    item: Annotated[str, msgspec.Meta(max_length=64)]
-    value: Annotated[int, msgspec.Meta(ge=1, le=MOST_POINTS)]
-    response_time_s: Annotated[float, msgspec.Meta(ge=0)]
 
 
 class ChooseBody(Message, frozen=True, tag="choose_body"):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from avrgym.recording import records
 from avrgym.recording.files import RecordingError
+from avrgym.recording.outcomes import AttemptEnd
 from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, Configuration, Experience
 from avrgym.vr.session.events import EventSink
@@ -48,7 +49,7 @@ class AttemptStorage:
         if self.attempt is not None:
             self.attempt.record("/events", records.Event(name, detail), now_s)
 
-    def end(self, result: events.Result, arrived: Sequence[Frame], now_s: float) -> RecordingError | None:
+    def end(self, result: AttemptEnd, arrived: Sequence[Frame], now_s: float) -> RecordingError | None:
         """End a running attempt; what keeps its recording from being complete, if anything does.
 
         ``arrived`` are the tracking frames that nothing has followed.

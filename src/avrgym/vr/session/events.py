@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Literal
 
 from avrgym.models.human import Sex
+from avrgym.recording.outcomes import AttemptEnd
+from avrgym.recording.records import Answer
 from avrgym.vr.protocol.messages import PhaseName
-
-Result = Literal["completed", "stopped", "paused", "interrupted", "repeated", "skipped", "ended", "failed"]
-"""How an attempt ended. Only ``completed`` counts: its recording is whole and every question is answered."""
 
 Who = Literal["participant", "experimenter"]
 
@@ -72,7 +71,7 @@ class TrialEnded(SessionEvent):
     trial: int
     attempt: int
     recording: Path
-    result: Result
+    result: AttemptEnd
     complete: bool
     steps: int
     reward: float
@@ -88,13 +87,11 @@ class TrialSkipped(SessionEvent):
 
 @dataclass(frozen=True)
 class Answered(SessionEvent):
-    """The participant answered one item, ``response_time_s`` after it appeared."""
+    """The participant answered one item."""
 
     trial: int
     attempt: int
-    item: str
-    value: int
-    response_time_s: float
+    answer: Answer
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from avrgym.recording.questionnaire import Item, validate_answer
+from avrgym.recording.records import Answer
 from avrgym.vr.protocol import messages
 
 
@@ -31,11 +32,12 @@ class Questions:
             count=len(self._items),
         )
 
-    def take(self, answer: messages.Answer) -> None:
-        """Go on to the next item.
+    def take(self, answer: messages.Answer) -> Answer:
+        """Go on to the next item; gives the answer to this one.
 
         Raises:
             ValueError: when this does not answer the item that is asked, naming what is allowed.
         """
         validate_answer([self._items[self._asked]], answer.item, answer.value)
         self._asked += 1
+        return Answer(answer.item, answer.value, answer.response_time_s)

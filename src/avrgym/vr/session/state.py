@@ -7,6 +7,7 @@ import numpy as np
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.recording.files import RecordingError
+from avrgym.recording.outcomes import AttemptEnd
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.protocol.webxr import Registration
@@ -173,13 +174,13 @@ class SessionState:
             self.sink.tell(events.ControllerFailed(self.now_s, failure))
             self.problem(f"the robot holds still, its controller failed: {failure}", "experimenter")
 
-    def end_attempt(self, result: events.Result) -> RecordingError | None:
+    def end_attempt(self, result: AttemptEnd) -> RecordingError | None:
         """End a running attempt; what keeps its recording from being complete, if anything does."""
         if self.storage.attempt is None:
             return None
         return self.storage.end(result, self.tracking.take_arrived(), self.now_s)
 
-    def abandon(self, result: events.Result) -> None:
+    def abandon(self, result: AttemptEnd) -> None:
         """Hold the robot, and end a running attempt without completing its trial."""
         self.world.hold()
         if self.storage.attempt is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Self
 
+from avrgym.recording.outcomes import AttemptEnd
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.phases.phase import Phase
@@ -175,7 +176,7 @@ class Stoppable(InPlace):
         self.state.problem(f"{why}: the attempt is interrupted, and the trial is repeated")
         return self._break_off("interrupted", event, why.capitalize())
 
-    def _break_off(self, result: events.Result, event: events.SessionEvent, why: str) -> phases.Paused:
+    def _break_off(self, result: AttemptEnd, event: events.SessionEvent, why: str) -> phases.Paused:
         """Hold the robot and end the attempt; the participant's trigger repeats the trial."""
         self.state.abandon(result)
         self.state.sink.tell(event)

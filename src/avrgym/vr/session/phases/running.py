@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Self
 
-from avrgym.recording import records
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.phases.kinds import InPlace, Stoppable
@@ -114,14 +113,13 @@ class Questionnaire(InPlace):
         if attempt is None:
             return self._refuse("an answer counts only while the questionnaire is open")
         try:
-            self._questions.take(answer)
+            given = self._questions.take(answer)
         except ValueError as error:
             self.state.problem(str(error))
             self.state.send(self.question)
             return self
-        given = answer.item, answer.value, answer.response_time_s
-        attempt.record("/answers", records.Answer(*given), now_s)
-        self.state.sink.tell(events.Answered(now_s, attempt.trial, attempt.number, *given))
+        attempt.record("/answers", given, now_s)
+        self.state.sink.tell(events.Answered(now_s, attempt.trial, attempt.number, given))
         if self._questions.done:
             return self._complete_trial()
         self.state.send(self.question)
