@@ -437,7 +437,7 @@ def test_the_nightstand_goes_with_the_robot(rng):
     )
 
 
-# Washing by script
+# Wiping by script
 
 
 @pytest.mark.parametrize("robot", [JACO, PR2])

@@ -3,6 +3,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from msgspec.structs import asdict
 
 from avrgym.demo.report import summarise, write_report
 from avrgym.recording.files import RecordingWriter, read_recording
@@ -15,6 +16,7 @@ METADATA = {
     "practice": False,
     "simulated": True,
     "reward_weights": {"distance": 2.0, "action": 0.01},
+    "items": [asdict(item) for item in LIKERT_ITEMS],
 }
 HOSTILE = "<script>alert('1')</script>\"&"
 PIXEL = base64.b64decode(
@@ -116,7 +118,7 @@ def test_the_report_says_what_happened(tmp_path, picture):
 
 def test_answers_stand_in_the_words_that_they_were_asked_in(tmp_path):
     item = {"id": "L1", "text": "How demanding?", "points": 21, "low": "very low", "high": "very high"}
-    path = record(tmp_path / "a.mcap", METADATA | {"items": [item]})
+    path = record(tmp_path / "a.mcap", METADATA | {"items": [*METADATA["items"], item]})
     words = " ".join(Page(write_report(tmp_path, [path], [], "One trial")).text.split())
     assert "How demanding? 1 (very low) to 21 (very high) 3 of 21" in words
     assert "1 (strongly disagree) to 7 (strongly agree) 4 of 7" in words

@@ -88,9 +88,9 @@ def badge(text: str) -> Markup:
     return tag("span", text, class_="badge")
 
 
-def definitions(figures: Mapping[str, Any]) -> Markup:
-    """Named figures side by side."""
-    return tag("dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in figures.items()))
+def definitions(metrics: Mapping[str, Any]) -> Markup:
+    """Named metrics side by side."""
+    return tag("dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in metrics.items()))
 
 
 def listing(items: Sequence[Any]) -> Markup:

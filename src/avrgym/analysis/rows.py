@@ -81,7 +81,7 @@ class TrialRow:
 
 @dataclass(frozen=True, kw_only=True)
 class AttemptRow:
-    """An attempt at a trial, with the figures that were stored at its end."""
+    """An attempt at a trial, with the metrics that were stored at its end."""
 
     participant: str
     simulated: bool

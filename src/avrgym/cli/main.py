@@ -52,7 +52,7 @@ app.command()(replay)
 Row = dict[str, Any]
 PEOPLE = f"{', '.join(DISTRIBUTIONS)}, or a file of `avrgym fit-people`"
 Policy = Annotated[str, typer.Option(help=f"Who drives: {CHOICES}.")]
-Seed = Annotated[int, typer.Option(help="The same seed gives the same figures.", min=0)]
+Seed = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
 
 
 @app.command()
@@ -105,7 +105,9 @@ def serve(
         list[str] | None, typer.Option(help="An environment of the trials, again for more.")
     ] = None,
     policy: Annotated[str, typer.Option(help=f"Who drives: {CHOICES}; or {OPERATOR}.")] = "revised",
-    person: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")] = "woman",
+    body: Annotated[
+        str, typer.Option("--body", "--person", help=f"The body model: {' or '.join(SEXES)}.")
+    ] = "woman",
     trials: Annotated[int, typer.Option(help="Trials after each environment's practice trial.", min=1)] = 1,
     seed: Seed = 0,
     seat_height: Annotated[
@@ -136,8 +138,8 @@ def serve(
     from avrgym.vr.server.web import EVERY_ADDRESS, LOOPBACK
 
     with plain_errors(), ThreadPoolExecutor(1) as workers:
-        if person not in SEXES:
-            raise ValueError(f"unknown person {person!r}; the body models are {' and '.join(SEXES)}")
+        if body not in SEXES:
+            raise ValueError(f"unknown body {body!r}; the body models are {' and '.join(SEXES)}")
         furniture = partial(
             real_furniture,
             seat_height_m=seat_height,
@@ -155,7 +157,7 @@ def serve(
             study,
             env or ["avrgym/FeedingJaco-v1"],
             policy,
-            person,
+            body,
             furniture(REAL_AS_VIRTUAL),
             trials,
             seed,
@@ -388,7 +390,7 @@ def evaluate(
         check_json(json_file)
         chosen = _chosen(env, all_environments)
         with progress_bar(policy, len(chosen) * episodes * EPISODE_STEPS) as bar:
-            figures = evaluate_all(
+            metrics = evaluate_all(
                 chosen,
                 policy,
                 people,
@@ -398,7 +400,7 @@ def evaluate(
                 jobs=jobs,
                 allow_other_environment=allow_other_environment,
             )
-        rows = [asdict(each) for each in figures]
+        rows = [asdict(each) for each in metrics]
         print_table(rows)
         write_json(json_file, rows)
 

@@ -42,7 +42,7 @@ def replay(
         if (frames is None) != (out is None):
             raise ValueError("--frames and --out go together, as in --frames 4 --out strip.png")
         if json_file is not None and not verify:
-            raise ValueError("--json writes the figures of --verify; give both")
+            raise ValueError("--json writes the metrics of --verify; give both")
         if first_person and video is None and frames is None:
             raise ValueError("--first-person goes with --video or --frames; on the page V changes the view")
         check_json(json_file)

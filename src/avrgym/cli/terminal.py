@@ -1,4 +1,4 @@
-"""What all commands share: errors, figures, tables and progress on the terminal.
+"""What all commands share: errors, metrics, tables and progress on the terminal.
 
 Whatever is printed is text: a title, a path or a consent may hold brackets, which rich would take for markup, and
 characters that would command the terminal.
@@ -26,12 +26,12 @@ _AS_WIDE_AS_NEEDED = 100_000
 _TEXT_ONLY: dict[str, Any] = {"markup": False, "emoji": False, "highlight": False}
 
 JsonFile = Annotated[
-    Path | None, typer.Option("--json", help="Write the figures to this file.", metavar="FILE")
+    Path | None, typer.Option("--json", help="Write the metrics to this file.", metavar="FILE")
 ]
 
 Jobs = Annotated[
     int | None,
-    typer.Option(help="Processes at the same time; without it one for each core. Changes no figure.", min=1),
+    typer.Option(help="Processes at the same time; without it one for each core. Changes no metric.", min=1),
 ]
 
 
@@ -47,7 +47,7 @@ def plain_errors() -> Iterator[None]:
 
 
 def check_json(path: Path | None) -> None:
-    """Raise ``ValueError`` before long work whose figures could not be written.
+    """Raise ``ValueError`` before long work whose metrics could not be written.
 
     They go into a new file, or replace a regular one: never a device, a pipe, a folder or a link.
     """
@@ -61,11 +61,11 @@ def check_json(path: Path | None) -> None:
         raise ValueError(f"cannot write {path}: it is no regular file, and nothing else is replaced")
 
 
-def write_json(path: Path | None, figures: list[dict[str, Any]] | dict[str, Any]) -> None:
-    """Write figures to the file that was asked for, if one was."""
+def write_json(path: Path | None, metrics: list[dict[str, Any]] | dict[str, Any]) -> None:
+    """Write metrics to the file that was asked for, if one was."""
     check_json(path)
     if path is not None:
-        write_whole(path, (json.dumps(figures, indent=2) + "\n").encode())
+        write_whole(path, (json.dumps(metrics, indent=2) + "\n").encode())
 
 
 def printable(text: str, encoding: str | None = None) -> str:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-import msgspec
-
 from avrgym.analysis.figures.charts import trial_charts
 from avrgym.analysis.page import (
     Markup,
@@ -26,7 +24,6 @@ from avrgym.analysis.page import (
 )
 from avrgym.demo.events import folded
 from avrgym.recording.files import Recording, RecordingError, read_recording
-from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.recording.records import Answer, TrackingFrame
 
 PICTURE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
@@ -34,7 +31,7 @@ PICTURE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg
 
 @dataclass(frozen=True)
 class TrialSummary:
-    """One trial in figures; what was never recorded is ``None``."""
+    """One trial's metrics; what was never recorded is ``None``."""
 
     reward: float
     success: bool
@@ -48,7 +45,7 @@ class TrialSummary:
 
 
 def summarise(recording: Recording) -> TrialSummary:
-    """The figures of one trial, complete or not."""
+    """The metrics of one trial, complete or not."""
     control = [record for _, record in recording.topics["/control"]]
     frames = [record for _, record in recording.topics["/tracking"]]
     return TrialSummary(
@@ -170,7 +167,7 @@ def _trial(number: int, recording: Recording) -> Markup:
         "article",
         tag("h2", heading),
         _badges(recording),
-        _figures(recording, summarise(recording)),
+        _metrics(recording, summarise(recording)),
         _plots(recording),
         _reward_terms(recording),
         _answers(recording),
@@ -188,9 +185,9 @@ def _badges(recording: Recording) -> Markup:
     return join([badge(text) for text, holds in marks.items() if holds])
 
 
-def _figures(recording: Recording, summary: TrialSummary) -> Markup:
+def _metrics(recording: Recording, summary: TrialSummary) -> Markup:
     held = f"{count(summary.frames_held, 'frame')} of {summary.frames}"
-    figures = {
+    metrics = {
         "Reward": quantity(summary.reward),
         "Success": _success(recording, summary),
         "Steps": summary.steps,
@@ -200,7 +197,7 @@ def _figures(recording: Recording, summary: TrialSummary) -> Markup:
         "Tracking held": held if summary.frames else "no frames",
         "Tracking lost": count(summary.frames_missing, "frame"),
     }
-    return definitions(figures)
+    return definitions(metrics)
 
 
 def _plots(recording: Recording) -> Markup:
@@ -244,8 +241,7 @@ def _answers(recording: Recording) -> Markup:
 
 def _asked(recording: Recording, answer: Answer) -> tuple[str, str, str]:
     """Statement, scale and value of an answer, in the words of its recording as far as it has them."""
-    items = {item.id: msgspec.structs.asdict(item) for item in LIKERT_ITEMS}
-    items |= {item["id"]: item for item in recording.metadata.get("items") or ()}
+    items = {item["id"]: item for item in recording.metadata.get("items") or ()}
     item = items.get(answer.item)
     if item is None:
         return "", "", str(answer.value)

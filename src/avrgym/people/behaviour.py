@@ -1,7 +1,7 @@
 """How simulated people move who cooperate with a robot, as participants do (paper, section V).
 
 They see the tool as it was a reaction time ago. Whoever is fed or given a drink turns the face to the tool and
-leans towards it when it is near; whoever is scratched or washed lifts the arm towards it and holds it there. All
+leans towards it when it is near; whoever is scratched or wiped lifts the arm towards it and holds it there. All
 sway a little. The numbers are our assumptions about unhurried adults: reactions of 0.2 to 0.4 s, slow turns,
 sway below 0.5 Hz.
 """

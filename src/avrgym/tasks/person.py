@@ -19,7 +19,7 @@ ARM_SPREAD_RAD = np.where(distributions.RIGHT_ARM, np.radians(10.0), 0.0)
 """How far off its rest pose each joint of a right arm is found at most, (20,) (paper, section V)."""
 
 LIMBS = RIGHT_ARM[:2]
-"""What is scratched and washed: upper arm and forearm."""
+"""What is scratched and wiped: upper arm and forearm."""
 STRONG_FORCE_N = 10.0
 """What is too much where the tool should touch (paper, section V; reference)."""
 DRAWN_ABOVE_M = 0.008

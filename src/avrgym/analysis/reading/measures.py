@@ -1,4 +1,4 @@
-"""What one trial's recording gives: figures over its control steps, and how the person held themselves in them."""
+"""What one trial's recording gives: metrics over its control steps, and how the person held themselves in them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -99,7 +99,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
 def _counts(analysis: Analysis, simulated: bool) -> Markup:
     people = [row for row in analysis.observed.participants if row.simulated is simulated]
     trials = [row for row in analysis.observed.trials if row.simulated is simulated]
-    figures = {
+    metrics = {
         "Participants": len(people),
         "completed the study": _in_state(people, "completed"),
         "withdrew": _in_state(people, "withdrawn"),
@@ -129,7 +129,7 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
     left_out = [f"{row.participant}, trial {row.position}: {row.left_out}." for row in trials if row.left_out]
     listed = [tag("p", "Left out of the analyses:"), listing(left_out)] if left_out else []
     shown = table(_marked(caption, simulated), heads, rows, numbers=range(3, 10))
-    return join([definitions(figures), *listed, shown])
+    return join([definitions(metrics), *listed, shown])
 
 
 def _in_state(people: Sequence[ParticipantRow], state: str) -> int:

@@ -84,7 +84,7 @@ def _trial(analysis: Analysis, row: TrialRow, study_link: str) -> Markup:
     )
     answers = [each for each in seen.answers if (each.participant, each.position) == key and each.attempt]
     terms = [each for each in seen.terms if (each.participant, each.position) == key]
-    parts = (_figures(row), charts, _answers(answers), _terms(terms), _replay(row, study_link))
+    parts = (_metrics(row), charts, _answers(answers), _terms(terms), _replay(row, study_link))
     return tag("details", _summary(row), tag("div", *parts, id=_id(row)))
 
 
@@ -96,7 +96,7 @@ def _summary(row: TrialRow) -> Markup:
     return tag("summary", f"{what}: reward {quantity(row.reward)}{success}")
 
 
-def _figures(row: TrialRow) -> Markup:
+def _metrics(row: TrialRow) -> Markup:
     return definitions(
         {
             "Steps": row.steps,

@@ -74,7 +74,7 @@ def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | N
 def simulation(store: Store, environment: str, policy: str) -> Simulated:
     """What the study's policy for an environment did in simulation, with the people that it trained with.
 
-    The figures are those that training measured and stored in the policy's file.
+    The metrics are those that training measured and stored in the policy's file.
     """
     try:
         source = store.policy_source(environment, policy)

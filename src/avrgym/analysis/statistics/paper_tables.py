@@ -83,7 +83,7 @@ def as_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
     """The same as files: a column for each reward and each success, groups of participants below each other."""
     for name in dict.fromkeys(table.name for table in tables):
         own = [table for table in tables if table.name == name]
-        heads = [f"{column} {figure}" for column in own[0].columns for figure in ("reward", "success")]
+        heads = [f"{column} {metric}" for column in own[0].columns for metric in ("reward", "success")]
         values = [
             {"simulated": table.simulated, "task": task}
             | dict(

@@ -1,4 +1,4 @@
-"""How a study stands: figures for the table of ``avrgym study status`` and for whoever leads it."""
+"""How a study stands: metrics for the table of ``avrgym study status`` and for whoever leads it."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from avrgym.study.storage.store import Store, find_all
 
 @dataclass(frozen=True)
 class ParticipantSummary:
-    """One participant in figures; practice trials count as trials."""
+    """One participant's metrics; practice trials count as trials."""
 
     participant: str
     state: str

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
-from avrgym.tasks.bed_bathing.reward import LIMB_GEOMS, is_washed
+from avrgym.tasks.bed_bathing.reward import LIMB_GEOMS, is_wiped
 from avrgym.tasks.experts.guide import Guide
 from avrgym.tasks.task import RunningEpisodes
 
@@ -83,7 +83,7 @@ class BedBathingExpert:
         self._waited[arrived | stuck], self._left_m[arrived | stuck] = 0, np.inf
         on = arrived | (stuck & (self._phase == WIPE))
         over = ((on & (self._phase == LIFT)) | (stuck & ~on)) & (self._phase != REST)
-        planned = np.where(is_washed(self._episodes.task_state), ALWAYS, len(SWEEPS))
+        planned = np.where(is_wiped(self._episodes.task_state), ALWAYS, len(SWEEPS))
         rests = over & (self._sweep + 1 >= planned)
         self._phase = np.where(over, np.where(rests, REST, COME), np.minimum(self._phase + on, REST))
         self._sweep = self._sweep + (over & ~rests)

@@ -1,4 +1,4 @@
-"""The rule by which the reactive expert washes an arm: down on its top, back on its outer side.
+"""The rule by which the reactive expert wipes an arm: down on its top, back on its outer side.
 
 Where around the arm the cloth is says which way it goes, so that nothing need be remembered. Places on the arm are
 counted along both limbs: 0 to 1 on the upper arm, 1 to 2 across the elbow, 2 to 3 on the forearm.

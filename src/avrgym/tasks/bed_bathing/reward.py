@@ -110,10 +110,10 @@ def evaluate_step(state: State, action: Array, task_state: BedBathingState) -> S
     }
     nothing = np.zeros((len(distance), 0), dtype=bool)
     wiped = newly_wiped.sum(axis=(-2, -1))
-    return StepResult(after, terms, distance, state.total_force_n, is_washed(after), wiped, nothing)
+    return StepResult(after, terms, distance, state.total_force_n, is_wiped(after), wiped, nothing)
 
 
-def is_washed(task_state: BedBathingState) -> Bools:
+def is_wiped(task_state: BedBathingState) -> Bools:
     """Whether enough of all markers are wiped (N,)."""
     return _count(task_state.wiped) >= SUCCESS_SHARE * _count(task_state.exists)
 
