@@ -1,5 +1,6 @@
 import { Connection, type Link } from "./connection";
 import { isRunning, linkWords, phaseLabel } from "./display";
+import { Driving } from "./driving";
 import { element } from "./element";
 import type { CommandName, Phase, ServerMessage, Status } from "./messages";
 import { statusWords, timingWords } from "./status";
@@ -15,6 +16,7 @@ export interface LiveEvents {
 /** The session that runs: its picture, how it stands, and the commands, by button and by key. */
 export class Live {
   private readonly connection: Connection;
+  private readonly driving: Driving;
   private readonly buttons = [...document.querySelectorAll<HTMLButtonElement>("[data-command]")];
   private phase: Phase | null = null;
   private paused = false;
@@ -32,6 +34,7 @@ export class Live {
     });
     for (const button of this.buttons)
       button.addEventListener("click", () => this.command(button.dataset["command"] as CommandName));
+    this.driving = new Driving(element("drive"), (message) => this.connection.send(message));
     window.addEventListener("keydown", (event) => this.key(event));
     element("picture").addEventListener("toggle", () => this.showPicture());
   }
@@ -69,9 +72,12 @@ export class Live {
     asked.set("embedded", "1");
     frame.title = "What happens in the simulation";
     frame.src = `spectator?${asked}#token=${this.token}`;
-    frame.addEventListener("load", () =>
-      frame.contentWindow?.addEventListener("keydown", (event) => event.key !== "Escape" && this.key(event)),
-    );
+    frame.addEventListener("load", () => {
+      const inside = frame.contentWindow;
+      if (!inside) return;
+      this.driving.listen(inside);
+      inside.addEventListener("keydown", (event) => event.key !== "Escape" && this.key(event));
+    });
     return frame;
   }
 
@@ -83,6 +89,7 @@ export class Live {
 
   private statusCame(status: Status): void {
     this.paused = status.paused;
+    this.driving.statusCame(status);
     for (const [id, words] of Object.entries(statusWords(status))) element(id).textContent = words;
     element("pause").dataset["command"] = this.paused ? "continue" : "pause";
     element("pause-word").textContent = this.paused ? "Continue" : "Pause";
@@ -109,6 +116,7 @@ export class Live {
   private key(event: KeyboardEvent): void {
     if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
     if (event.key === "Escape") return this.stop(event);
+    if (this.driving.takes(event)) return;
     if (isTyping(event.target) || !element<HTMLInputElement>("letters").checked) return;
     this.letter(event.key.toLowerCase(), event);
   }

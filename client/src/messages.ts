@@ -1,6 +1,6 @@
 // Written by `python -m avrgym.vr.typescript` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 4;
+export const PROTOCOL = 5;
 
 export const STALE_S = 0.2;
 
@@ -11,6 +11,8 @@ export type Sex = "man" | "woman";
 export type Vector3 = [number, number, number];
 
 export type Quaternion = [number, number, number, number];
+
+export type Shares = [number, number, number];
 
 export type Modality = "controller" | "hand" | "mouse" | "none";
 
@@ -129,7 +131,18 @@ export interface ChooseTheirBody {
   skin_tone: string;
 }
 
-export type ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody;
+/** How the operator moves the robot's hand, where they drive: many times a second while `engaged`.
+ *
+ * Shares of the hand's greatest speeds, in the participant's directions: `linear` ahead, to the left and up,
+ * `angular` about these axes. Once the operator is no longer engaged, or silent, the robot holds still. */
+export interface Drive {
+  type: "drive";
+  engaged: boolean;
+  linear: Shares;
+  angular: Shares;
+}
+
+export type ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody | Drive;
 
 /** The connection is accepted, as whose; whether a touch is felt and a success heard is the plan's choice. */
 export interface Welcome {
@@ -234,7 +247,8 @@ export interface Feedback {
 /** How the session stands, several times a second, for those who watch it; never sent to the participant.
  *
  * `step` counts the attempt's control steps, `reward` sums them up, `success` is so far; distance and
- * force are those of the latest one. `tracking_age_s` is the time since the newest usable frame. */
+ * force are those of the latest one. `tracking_age_s` is the time since the newest usable frame. `operated`: in
+ * this trial the experimenter drives; `idle`: the robot holds still for want of an action. */
 export interface Status {
   type: "status";
   phase: PhaseName;
@@ -253,6 +267,8 @@ export interface Status {
   tracking_age_s: number | null;
   left_modality: Modality;
   right_modality: Modality;
+  operated: boolean;
+  idle: boolean;
 }
 
 /** What the last second's ticks of 10 ms took, for those who watch; ticks given up since the beginning. */

@@ -1,4 +1,5 @@
 import type { Object3D } from "three";
+import { Driving } from "./driving";
 import { Eyes } from "./eyes";
 import type {
   CommandName,
@@ -19,6 +20,7 @@ function element<T extends HTMLElement>(id: string): T {
 export class Watching {
   fromInside = false;
   private readonly participant = new Eyes();
+  private driving: Driving | null = null;
 
   constructor(
     private readonly send: (message: ExperimenterMessage) => void,
@@ -38,6 +40,8 @@ export class Watching {
 
   welcomed({ role }: Welcome): void {
     element("commands").hidden = role !== "experimenter";
+    const drives = role === "experimenter" && !document.body.classList.contains("embedded");
+    if (drives) this.driving ??= new Driving(element("drive"), this.send);
   }
 
   /** What the participant sees. */
@@ -50,6 +54,7 @@ export class Watching {
   }
 
   statusCame(status: Status): void {
+    this.driving?.statusCame(status);
     for (const [id, text] of Object.entries(statusWords(status))) element(id).textContent = text;
     element<HTMLButtonElement>("pause").dataset["command"] = status.paused ? "continue" : "pause";
     element("pause").textContent = status.paused ? "Continue" : "Pause";

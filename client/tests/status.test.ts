@@ -20,6 +20,8 @@ const STATUS: Status = {
   tracking_age_s: 0.011,
   left_modality: "hand",
   right_modality: "hand",
+  operated: false,
+  idle: false,
 };
 
 describe("how a session stands", () => {

@@ -135,7 +135,7 @@ def example(info: inspect.Type) -> Any:
     if isinstance(info, inspect.LiteralType):
         return info.values[0]
     if isinstance(info, inspect.TupleType):
-        return [0.5 + place for place, _ in enumerate(info.item_types)]
+        return [0.5 - place / 8 for place, _ in enumerate(info.item_types)]
     if isinstance(info, inspect.ListType):
         return [example(info.item_type)] * 2
     if isinstance(info, inspect.UnionType):

@@ -13,10 +13,12 @@ import msgspec
 from avrgym.models.human import Sex
 from avrgym.recording import records
 
-PROTOCOL = 4
+PROTOCOL = 5
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+Share = Annotated[float, msgspec.Meta(ge=-1, le=1)]
+Shares = tuple[Share, Share, Share]
 Modality = Literal["controller", "hand", "mouse", "none"]
 """What one hand is tracked with."""
 
@@ -141,7 +143,19 @@ class CorrectTorsoHeight(Message, frozen=True, tag="correct_torso_height"):
     torso_height_m: float
 
 
-ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody
+class Drive(Message, frozen=True, tag="drive"):
+    """How the operator moves the robot's hand, where they drive: many times a second while ``engaged``.
+
+    Shares of the hand's greatest speeds, in the participant's directions: ``linear`` ahead, to the left and up,
+    ``angular`` about these axes. Once the operator is no longer engaged, or silent, the robot holds still.
+    """
+
+    engaged: bool
+    linear: Shares
+    angular: Shares
+
+
+ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody | Drive
 
 # From the server -------------------------------------------------------------------------------------------
 
@@ -272,7 +286,8 @@ class Status(Message, frozen=True, tag="status"):
     """How the session stands, several times a second, for those who watch it; never sent to the participant.
 
     ``step`` counts the attempt's control steps, ``reward`` sums them up, ``success`` is so far; distance and
-    force are those of the latest one. ``tracking_age_s`` is the time since the newest usable frame.
+    force are those of the latest one. ``tracking_age_s`` is the time since the newest usable frame. ``operated``: in
+    this trial the experimenter drives; ``idle``: the robot holds still for want of an action.
     """
 
     phase: PhaseName
@@ -291,6 +306,8 @@ class Status(Message, frozen=True, tag="status"):
     tracking_age_s: float | None
     left_modality: Modality
     right_modality: Modality
+    operated: bool
+    idle: bool
 
 
 class Timing(Message, frozen=True, tag="timing"):

@@ -35,6 +35,8 @@ def take_message(phase: Phase, message: Received) -> Phase:
             return phase.choose_body(message, "participant")
         case messages.CorrectTorsoHeight():
             return phase.correct_torso_height(message.torso_height_m)
+        case messages.Drive():
+            phase.drive(message)
         case messages.Command():
             return obey(phase, message.name)
         case messages.Hello():

@@ -5,6 +5,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.session.attempt import Attempt
 from avrgym.vr.session.feedback import ArmTouch
+from avrgym.vr.tracking.driving import Driver, Operator
 from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import TICK_S, ControlStep, LiveWorld
 
@@ -57,7 +58,7 @@ class Reporter:
 
 def status(
     phase: messages.Phase, attempt: Attempt | None, world: LiveWorld, tracking: TrackingState, now_s: float,
-    *, steps: int, paused: bool,
+    *, steps: int, paused: bool, driver: Driver,
 ) -> messages.Status:  # fmt: skip
     """How a session stands that is in a phase; a trial has so many ``steps``."""
     left, right = tracking.modalities
@@ -79,4 +80,6 @@ def status(
         tracking_age_s=tracking.age_s(now_s),
         left_modality=left,
         right_modality=right,
+        operated=isinstance(driver, Operator),
+        idle=driver.idle,
     )

@@ -270,7 +270,8 @@ class Session:
         self._reporter.tick(self.world, state.tracking.followed, step)
         if self._reporter.status_is_due:
             standing = self._message, self.attempt, self.world, state.tracking, state.now_s
-            state.send(status(*standing, steps=state.plan.trial_steps, paused=state.on_hold))
+            how = {"steps": state.plan.trial_steps, "paused": state.on_hold, "driver": state.driver}
+            state.send(status(*standing, **how))
 
 
 _TRACKING_LOST = "tracking_lost", f"no frame for {STALE_S} s: the person holds still"

@@ -18,7 +18,7 @@ from avrgym.vr.session.driving import Drivers
 from avrgym.vr.session.events import EventSink
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.trial_worlds import TrialWorlds
-from avrgym.vr.tracking.driving import Driver
+from avrgym.vr.tracking.driving import Driver, Operator
 from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import LiveWorld
 
@@ -163,6 +163,8 @@ class SessionState:
 
     def watch_driver(self) -> None:
         """Record whenever the driver fails or drives again; tell each kind of failure once an attempt."""
+        if isinstance(self.driver, Operator):
+            self.driver.watch(self.now_s)
         failure = self.driver.failure
         if failure == self.drivers.failure:
             return

@@ -270,9 +270,9 @@ class Operator:
         self._hand, self._still = Hand(episodes.simulation), still(episodes)
         self.let_go()
 
-    def drive(self, linear: Sequence[float], angular: Sequence[float], now_s: float) -> None:
+    def drive(self, linear: Array, angular: Array, now_s: float) -> None:
         """Move the hand so from now on, both (3,) as ``Hand.action`` takes them."""
-        self._wish, self._heard_s = (np.array(linear, float), np.array(angular, float)), now_s
+        self._wish, self._heard_s = (linear, angular), now_s
         self._changed = True
 
     def let_go(self) -> None:
@@ -298,3 +298,9 @@ class Operator:
     def close(self) -> None:
         """Hold the robot still."""
         self.let_go()
+
+
+def in_world(direction: Sequence[float]) -> Array:
+    """A vector (3,) in the world frame that is given ahead of the person, to their left and up."""
+    ahead, left, up = direction
+    return np.array([left, -ahead, up])

@@ -128,6 +128,9 @@ class Phase:
         self.state.correct_torso_height(torso_height_m)
         return self
 
+    def drive(self, wish: messages.Drive) -> None:
+        """Move the robot's hand; where no robot drives, none does."""
+
     def end(self) -> Phase:
         """End the session."""
         return self._refuse("the session is finished", "experimenter")

@@ -9,7 +9,7 @@ from avrgym.vr.session import events, phases
 from avrgym.vr.session.phases.kinds import InPlace, Stoppable
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
-from avrgym.vr.tracking.driving import Driver
+from avrgym.vr.tracking.driving import Driver, Operator, in_world
 from avrgym.vr.tracking.world import ControlStep
 
 
@@ -57,6 +57,14 @@ class Trial(Stoppable):
     @property
     def driver(self) -> Driver:
         return self.state.driver
+
+    def drive(self, wish: messages.Drive) -> None:
+        if not isinstance(self.driver, Operator):
+            self._refuse("in this trial nobody drives by hand", "experimenter")
+        elif wish.engaged:
+            self.driver.drive(in_world(wish.linear), in_world(wish.angular), self.state.now_s)
+        else:
+            self.driver.let_go()
 
     def finish_step(self, step: ControlStep) -> FreeAfter | Self:
         attempt = self.state.storage.attempt
