@@ -104,9 +104,9 @@ export class Driving {
   }
 
   private pressed(event: KeyboardEvent): void {
-    if (!this.takes(event) || event.key === "Escape") return;
-    event.preventDefault();
+    if (!this.operated || isWriting(event.target)) return;
     this.held.add(event.code);
+    if (this.takes(event) && event.key !== "Escape") event.preventDefault();
     if (event.code === DEAD_MANS_KEY && !event.repeat) this.tell();
   }
 

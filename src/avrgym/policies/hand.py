@@ -24,11 +24,11 @@ class Hand:
         scene = simulation.scene
         joints = [robot.PREFIX + joint for joint in scene.arm.joints]
         ends = robot.PREFIX + scene.robot.base, robot.PREFIX + scene.arm.end_effector
-        self._chain = chain_of(simulation.model, joints, *ends)
+        self.chain = chain_of(simulation.model, joints, *ends)
         self._simulation, self._speed_limit = simulation, scene.arm.speed_limit_rad_s
 
     def action(self, linear: Array, angular: Array) -> Array:
-        """The action (A,) that moves the hand so, as far as every joint keeps to its speed limit.
+        """The action (A,) that moves the hand so, as far as joints and hand keep to their speed limits.
 
         Args:
             linear: (3,) velocity of the hand's origin as a share of ``SPEED_LIMIT_M_S``, world frame; one longer
@@ -38,10 +38,15 @@ class Hand:
         _, q_wb = (pose[0] for pose in self._simulation.robot_base())
         velocity_w = _shortened(linear) * SPEED_LIMIT_M_S, _shortened(angular) * TURN_LIMIT_RAD_S
         velocity_b = np.concatenate([transforms.rotate(transforms.conjugate(q_wb), v) for v in velocity_w])
-        j = jacobian(self._chain, self._simulation.arm_angles_rad()[:1])[2][0]
+        j = jacobian(self.chain, self._simulation.arm_angles_rad()[:1])[2][0]
         speeds_rad_s = j.T @ np.linalg.solve(j @ j.T + DAMPING**2 * np.eye(6), velocity_b)
-        shares = speeds_rad_s / self._speed_limit
-        return shares / max(1.0, np.abs(shares).max())
+        shares, reached = speeds_rad_s / self._speed_limit, j @ speeds_rad_s
+        excess = (
+            np.abs(shares).max(),
+            np.linalg.norm(reached[:3]) / SPEED_LIMIT_M_S,
+            np.linalg.norm(reached[3:]) / TURN_LIMIT_RAD_S,
+        )
+        return shares / max(1.0, *excess)
 
 
 def _shortened(vector: Array) -> Array:

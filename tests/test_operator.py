@@ -1,0 +1,203 @@
+"""Laws of the operator: the hand goes where they say, no faster than it may, and only while they hold the key."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect, sync_playwright
+
+from avrgym.geometry.kinematics import jacobian
+from avrgym.models import robots
+from avrgym.policies.hand import SPEED_LIMIT_M_S, TURN_LIMIT_RAD_S, Hand
+from avrgym.replay.verification import verify
+from avrgym.study.dashboard.application import dashboard_app
+from avrgym.study.storage.store import Store
+from avrgym.tasks.episodes import Episodes
+from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.protocol.messages import Drive, Entered, Problem, Ready, SceneLoaded, Status
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session.plan import SessionPlan, load_policies
+from avrgym.vr.session.session import Session
+from avrgym.vr.tracking.driving import OPERATOR_HEARD_S
+from avrgym.vr.tracking.world import TICK_S, LiveWorld
+from studies import make_study
+from visit import Visit, plan
+
+STILL = (0.0, 0.0, 0.0)
+UP = (0.0, 0.0, 1.0)
+RELEASED = Drive(engaged=False, linear=STILL, angular=STILL)
+PATIENCE_MS = 120_000
+
+
+def operated(steps: int) -> SessionPlan:
+    """One trial of so many control steps that the experimenter drives."""
+    planned = plan(trial_steps=steps)
+    return replace(planned, trials=[replace(planned.trials[0], policy="operator")])
+
+
+def in_trial(folder: Path, steps: int) -> Visit:
+    visit = Visit(folder, operated(steps), load_policies(operated(steps)))
+    visit.go_to("trial")
+    return visit
+
+
+def hand_pos_w(world: LiveWorld) -> np.ndarray:
+    body = world.bodies.index(robots.PREFIX + world.scene_config.arm.end_effector)
+    return world.simulation.body_poses(0)[body, :3]
+
+
+@pytest.mark.parametrize("environment", ["avrgym/FeedingJaco-v1", "avrgym/FeedingPR2-v1"])
+def test_the_hand_never_exceeds_its_limits_nor_do_the_joints(environment: str) -> None:
+    """From any start, whatever is asked, also where the arm is nearly stretched."""
+    episodes, rng = Episodes(environment, 1, num_threads=1), np.random.default_rng(0)
+    for _ in range(4):
+        episodes.begin(np.array([0]), [rng])
+        hand = Hand(episodes.simulation)
+        for _ in range(40):
+            action = hand.action(*rng.choice([-1.0, 0.0, 1.0], (2, 3)))
+            assert np.abs(action).max() <= 1.0 + 1e-12
+            j = jacobian(hand.chain, episodes.simulation.arm_angles_rad())[2][0]
+            velocity = j @ (action * episodes.scene.arm.speed_limit_rad_s)
+            assert np.linalg.norm(velocity[:3]) <= SPEED_LIMIT_M_S + 1e-9
+            assert np.linalg.norm(velocity[3:]) <= TURN_LIMIT_RAD_S + 1e-9
+            episodes.step(action[None])
+
+
+@pytest.mark.parametrize(
+    ("linear", "direction_w"),
+    [((1.0, 0.0, 0.0), (0, -1, 0)), ((0.0, 1.0, 0.0), (1, 0, 0)), ((0.0, 0.0, 1.0), (0, 0, 1))],
+)
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_the_hand_goes_where_the_operator_says(
+    tmp_path: Path, linear: tuple[float, float, float], direction_w: tuple[float, float, float], way: float
+) -> None:
+    """Ahead of the person, to their left, up, and back again, before it meets anything."""
+    visit = in_trial(tmp_path, 30)
+    before = hand_pos_w(visit.session.world)
+    asked = Drive(engaged=True, linear=tuple(way * share for share in linear), angular=STILL)  # type: ignore[arg-type]
+    for _ in range(4):
+        visit.tell(asked)
+        visit.tick(5)
+    moved = hand_pos_w(visit.session.world) - before
+    along = float(moved @ np.array(direction_w)) * way
+    assert 0.01 < along < SPEED_LIMIT_M_S * 0.2
+    assert np.linalg.norm(moved - along * way * np.array(direction_w)) < 0.3 * along
+
+
+def test_who_lets_go_or_falls_silent_holds_the_robot_and_every_step_says_who_drove(tmp_path: Path) -> None:
+    visit = in_trial(tmp_path, 20)
+    for _ in range(9):
+        visit.tell(Drive(engaged=True, linear=UP, angular=STILL))
+        visit.tick(5)
+    visit.tell(RELEASED)
+    visit.tick(1)
+    assert visit.session.world.action_begun is not None, "the very next tick tells the robot"
+    assert not visit.session.world.action_begun.any()
+    visit.tick(44)
+    visit.tell(Drive(engaged=True, linear=UP, angular=STILL))
+    visit.until("questionnaire")
+    visit.answer(1, 2, 3, 4)
+    visit.leave()
+    (recording,) = visit.recordings()
+    steps = [step for _, step in recording.topics["/control"]]
+    assert {step.driver for step in steps} == {"operator"}
+    assert [step.idle for step in steps[5:9]] == [True] * 4
+    assert not any(step.idle for step in steps[1:4])
+    driven = [time_ns for time_ns, command in recording.topics["/commands"] if any(command.action)]
+    stopped = [time_ns for time_ns, command in recording.topics["/commands"] if not any(command.action)]
+    last = max(driven)
+    assert (min(time_ns for time_ns in stopped if time_ns > last) - last) / 1e9 <= 0.1 + TICK_S
+    told = min(time_ns for time_ns in driven if time_ns > stopped[1])
+    assert (last - told) / 1e9 <= OPERATOR_HEARD_S + TICK_S
+    assert all(step.idle for step in steps[-5:])
+    assert verify(recording).identical
+
+
+def test_who_watches_is_told_whether_somebody_drives(tmp_path: Path) -> None:
+    visit = in_trial(tmp_path, 30)
+    visit.tick(20)
+    assert (visit.said(Status)[-1].operated, visit.said(Status)[-1].idle) == (True, True)
+    for _ in range(10):
+        visit.tell(Drive(engaged=True, linear=UP, angular=STILL))
+        visit.tick(5)
+    assert not visit.said(Status)[-1].idle
+
+
+def test_where_a_policy_drives_nobody_else_does(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, plan(trial_steps=10))
+    visit.go_to("trial")
+    visit.tell(Drive(engaged=True, linear=UP, angular=STILL))
+    visit.tick(20)
+    (problem,) = visit.said(Problem)
+    assert (problem.role, problem.message) == ("experimenter", "in this trial nobody drives by hand")
+    assert visit.said(Status)[-1].operated is False
+
+
+@contextmanager
+def attended(server: LiveServer[Session]) -> Iterator[None]:
+    """Somebody takes part in a server's session, in this process."""
+    participant, over = SimulatedParticipant(draw_traits("woman", 1), 1), threading.Event()
+    session, post = server.session, server.loop.post
+
+    def attend() -> None:
+        post(Entered())
+        began_s = time.monotonic()
+        while not over.wait(0.02):
+            post(participant.frame(time.monotonic() - began_s, moving=session.phase != "calibration"))
+            if session.phase == "loading":
+                post(SceneLoaded(url=f"/scenes/{len(session.scenes) - 1}.glb"))
+            if session.phase in ("calibration", "check") and time.monotonic() - began_s > 1.0:
+                post(Ready())
+
+    participant.take_place(session.world.environment)
+    thread = threading.Thread(target=attend)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def test_an_experimenter_drives_with_the_keyboard_in_the_dashboard(tmp_path: Path) -> None:
+    planned = operated(steps=3000)
+    with (
+        Store(make_study(tmp_path / "study")) as store,
+        LiveServer(
+            lambda send: Session(planned, load_policies(planned), tmp_path / "recordings", send, "operated"),
+            "127.0.0.1",
+            0,
+            study=lambda tokens, _session: dashboard_app(store, tokens),
+        ) as server,
+        sync_playwright() as playwright,
+    ):
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        page = browser.new_page()
+        page.goto(server.urls("dashboard", server.tokens.experimenter)[0])
+        with attended(server):
+            panel, words = page.get_by_role("group", name="Drive the robot"), page.locator("#drive-words")
+            expect(panel).to_be_visible(timeout=PATIENCE_MS)
+            expect(words).to_have_text("The robot holds still.", timeout=PATIENCE_MS)
+            world = server.session.world
+            before = hand_pos_w(world)
+            page.keyboard.down("KeyE")
+            page.wait_for_timeout(300)
+            np.testing.assert_allclose(hand_pos_w(world), before, atol=1e-3)
+            page.keyboard.down("Space")
+            expect(words).to_have_text("You drive the robot.", timeout=PATIENCE_MS)
+            page.keyboard.down("KeyK")
+            page.wait_for_timeout(500)
+            page.keyboard.up("Space")
+            expect(words).to_have_text("The robot holds still.", timeout=PATIENCE_MS)
+            risen = hand_pos_w(world)
+            assert risen[2] > before[2] + 0.01
+            page.wait_for_timeout(300)
+            np.testing.assert_allclose(hand_pos_w(world), risen, atol=2e-3)
+            assert server.session.phase == "trial", "K skips no trial while the hand is driven"
+        browser.close()
