@@ -19,15 +19,19 @@ from avrgym.policies import controllers
 from avrgym.policies.controllers import ControllerError, Foreign
 from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, PolicyError
-from avrgym.recording.files import Recording
+from avrgym.recording.files import Recording, read_recording
 from avrgym.recording.records import Control
 from avrgym.replay.verification import verify
+from avrgym.study.sessions.simulation import simulate_study
+from avrgym.study.storage.store import Store
+from avrgym.tasks import TASKS
 from avrgym.vr.protocol.messages import Problem
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, load_policies
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.world import TICK_S
 from onnx_files import as_onnx
+from studies import make_study
 from visit import ENVIRONMENT, Visit, drive, plan
 
 FAILURES = {
@@ -266,6 +270,61 @@ def test_onnx_files_that_cannot_drive_are_refused(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(PolicyError, match=r"net\.onnx: not a readable \.onnx file"):
         find(str(path), ENVIRONMENT)
+
+
+def test_the_documented_controller_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the folder where the program runs."""
+    page = (Path(__file__).parents[1] / "docs" / "add_a_controller.md").read_text()
+    code = page.partition("```python\n# mine.py\n")[2].partition("```")[0]
+    (tmp_path / "mine.py").write_text(code)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    one, same = (evaluate(ENVIRONMENT, "mine:Reach", "original", 2, 0) for _ in range(2))
+    assert one == same
+
+
+def test_the_page_says_how_many_numbers_are_observed() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "add_a_controller.md").read_text()
+    rows = [
+        [cell.strip() for cell in line.split("|")[2:4]]
+        for line in page.splitlines()
+        if "quaternion 4" in line
+    ]
+    said = [
+        (int(size), [int(entry.split()[-1]) for entry in order.split(", ") if entry[-1].isdigit()])
+        for size, order in rows
+    ]
+    for (size, entries), task in zip(said, ("Feeding", "ScratchItch", "BedBathing"), strict=True):
+        assert sum(entries) == size == TASKS[task].observation_size
+
+
+def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
+    def study(name: str, policies: str) -> Path:
+        choices = {
+            "tasks": '["Feeding"]',
+            "robots": '["Jaco"]',
+            "policies": policies,
+            "practice_policy": '""',
+        }
+        return make_study(tmp_path / name, **choices, trial_steps="3", free_movement_s="0.0")
+
+    folder = study("study", '["bad_controllers:Raises", "zero", "ours"]')
+    (folder / "ours").mkdir()
+    as_onnx(drive(ENVIRONMENT), folder / "ours" / "FeedingJaco.onnx", 1, double=False)
+    assert CliRunner().invoke(app, ["study", "check", str(folder)]).exit_code == 0
+    simulate_study(folder, 1, 0, jobs=1)
+    with Store(folder) as store:
+        assert {trial.state for trial in store.trials("sub-001")} == {"completed"}
+        assert [event for event in store.events() if event.name == "controller failed"]
+    recordings = [read_recording(path) for path in folder.rglob("*.mcap")]
+    drivers = {step.driver for recording in recordings for step in steps_of(recording)}
+    assert drivers == {"bad_controllers:Raises", "zero", "ours"}
+    assert all(verify(recording).identical for recording in recordings)
+
+    with_operator = study("operated", '["operator"]')
+    assert CliRunner().invoke(app, ["study", "check", str(with_operator)]).exit_code == 0
+    refused = CliRunner().invoke(app, ["study", "simulate", str(with_operator), "--participants", "1"])
+    assert (refused.exit_code, "nobody drives the robot in a dry run" in refused.stderr) == (1, True)
 
 
 def test_plug_ins_have_names_and_a_broken_one_is_in_nobodys_way(monkeypatch: pytest.MonkeyPatch) -> None:

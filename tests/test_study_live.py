@@ -130,7 +130,7 @@ def test_a_missing_policy_is_named_before_a_session_opens(
     pseudonym = take_in(store)
     monkeypatch.setattr("avrgym.policies.trained.PACKAGED", tmp_path)
     with pytest.raises(
-        PolicyError, match=r"no policy .* for avrgym/FeedingJaco-v1; allowed: none is packaged"
+        PolicyError, match=r"no policy .* for avrgym/FeedingJaco-v1; allowed: oracle, random, zero, "
     ):
         StudyVisit(store, pseudonym)
     assert store.sessions(pseudonym) == []
