@@ -24,7 +24,7 @@ from avrgym.recording.records import Control
 from avrgym.replay.verification import verify
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage.store import Store
-from avrgym.tasks import TASKS
+from avrgym.tasks import sizes
 from avrgym.vr.protocol.messages import Problem
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, load_policies
@@ -295,7 +295,7 @@ def test_the_page_says_how_many_numbers_are_observed() -> None:
         for size, order in rows
     ]
     for (size, entries), task in zip(said, ("Feeding", "ScratchItch", "BedBathing"), strict=True):
-        assert sum(entries) == size == TASKS[task].observation_size
+        assert sum(entries) == size == sizes(f"avrgym/{task}Jaco-v1")[0]
 
 
 def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
