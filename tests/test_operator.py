@@ -19,7 +19,7 @@ from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.storage.store import Store
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.emulation.participants import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol.messages import Drive, Entered, Problem, Ready, SceneLoaded, Status
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.plan import SessionPlan, load_policies
