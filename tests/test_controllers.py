@@ -24,7 +24,7 @@ from avrgym.recording.records import Control
 from avrgym.replay.verification import verify
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage.store import Store
-from avrgym.tasks import sizes
+from avrgym.tasks.registry import sizes
 from avrgym.vr.protocol.messages import Problem
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, load_policies
