@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable, Iterator
-from itertools import chain
 
 import mujoco
 import numpy as np
@@ -68,19 +67,25 @@ def _numbers(side: str, arm: Arm) -> Iterator[str]:
 
 
 def _modelled(robot: Robot) -> Iterator[str]:
-    spec = robot.build(False)
+    missing = list(_missing(robot, robot.build(False)))
+    yield from missing
+    for side, arm in robot.arms.items() if not missing else ():
+        yield from _compiled(robot, side, arm)
+
+
+def _missing(robot: Robot, spec: mujoco.MjSpec) -> Iterator[str]:
+    """What the record names and the model lacks."""
     bodies, joints = ({thing.name for thing in things} for things in (spec.bodies, spec.joints))
     yield from _unknown("base", [robot.base], bodies)
     yield from _unknown("torso", [robot.torso], bodies)
     yield from _unknown("holding", robot.holding, joints)
+    fingers = {finger for grip in robot.grips.values() for finger in grip.fingers}
     for side, arm in robot.arms.items():
-        fingers = chain.from_iterable(grip.fingers for grip in robot.grips.values())
-        missing = [
-            *_unknown(f"end_effector of its {side} arm", [arm.end_effector], bodies),
-            *_unknown(f"joints of its {side} arm", arm.joints, joints),
-            *_unknown("fingers of its grips", sorted({arm.finger_prefix + name for name in fingers}), joints),
-        ]
-        yield from missing or _compiled(robot, side, arm)
+        yield from _unknown(f"end_effector of its {side} arm", [arm.end_effector], bodies)
+        yield from _unknown(f"joints of its {side} arm", arm.joints, joints)
+        yield from _unknown(
+            "fingers of its grips", sorted(arm.finger_prefix + name for name in fingers), joints
+        )
 
 
 def _unknown(field: str, names: Iterable[str], known: set[str]) -> Iterator[str]:

@@ -1,0 +1,235 @@
+"""Robots described as URDF, and meshes of any format, as parts of MuJoCo models."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.models import contacts
+from avrgym.models.parts import add_material, add_visual
+
+Array = NDArray[np.float64]
+
+TWO_TURNS_RAD = (-2.0 * np.pi, 2.0 * np.pi)
+"""The range of joints that the description has turn freely."""
+ARMATURE_KG_M2 = 0.05
+"""What a motor adds to what its joint turns, which URDF says nothing of; the Jaco's wrist has as much."""
+GREY = (0.75, 0.75, 0.77)
+ROOT = "world"
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """A description.
+
+    ``text`` is URDF (xacro must be expanded); ``find_mesh`` gives the file for the name of a mesh in it, such as
+    ``package://arm/meshes/base.dae``. Any format that trimesh reads will do (``.dae`` needs pycollada).
+    """
+
+    text: str
+    find_mesh: Callable[[str], Path]
+
+    def limits(self, joints: Sequence[str]) -> tuple[Array, Array]:
+        """The joints' highest speeds, rad/s, and torques, N·m, (J,) each.
+
+        Raises:
+            ValueError: for a joint without such limits.
+        """
+        found = {e.attrib["name"]: e.find("limit") for e in ElementTree.fromstring(self.text).iter("joint")}
+        return tuple(
+            np.array([_limit(name, found.get(name), key) for name in joints])
+            for key in ("velocity", "effort")
+        )  # type: ignore[return-value]
+
+    def spec(self, *, appearance: bool) -> mujoco.MjSpec:
+        """The model, its root a body named like the root link.
+
+        Weightless in gravity's field, as robots hold themselves. For each collision shape there is a capsule about it;
+        visual shapes are there with ``appearance``. Joints that turn freely have a range of two turns either way.
+        """
+        robot = ElementTree.fromstring(self.text)
+        shapes = {link.attrib["name"]: _shapes(link) for link in robot.findall("link")}
+        _make_importable(robot)
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot, encoding="unicode"))
+        for body in spec.bodies[1:]:
+            body.gravcomp = 1.0
+        for joint in spec.joints:
+            joint.armature = ARMATURE_KG_M2
+            joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+            if not np.ptp(joint.range):
+                joint.range, joint.limited = TWO_TURNS_RAD, mujoco.mjtLimited.mjLIMITED_TRUE
+        for link, (seen, touched) in shapes.items():
+            for number, shape in enumerate(touched):
+                _add_capsule(spec.body(link), self._vertices(shape), shape, f"{link}_{number}")
+            for number, shape in enumerate(seen if appearance else ()):
+                self._add_visual(spec, link, shape, f"{link}_{number}")
+        return spec
+
+    def _vertices(self, shape: "_Shape") -> Array:
+        """Points (V, 3) of a shape in its own frame."""
+        if shape.mesh is None:
+            return np.asarray(shape.primitive().vertices)
+        return np.concatenate([part.vertices for part in read_mesh(self.find_mesh(shape.mesh))]) * shape.scale
+
+    def _add_visual(self, spec: mujoco.MjSpec, link: str, shape: "_Shape", name: str) -> None:
+        parts = (shape.primitive(),) if shape.mesh is None else read_mesh(self.find_mesh(shape.mesh))
+        for number, part in enumerate(parts):
+            add_mesh(
+                spec, spec.body(link), f"{name}_{number}", part,
+                rgb=shape.rgb or colour_of(part), scale=shape.scale, pos=shape.pos, quat=shape.q,
+            )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """A link's visual or collision shape: a mesh's name, or a primitive with its size as in URDF."""
+
+    pos: Array
+    q: Array
+    rgb: tuple[float, float, float] | None
+    mesh: str | None = None
+    scale: Array | float = 1.0
+    kind: str = ""
+    size: Mapping[str, str] | None = None
+
+    def primitive(self) -> trimesh.Trimesh:
+        size = self.size or {}
+        if self.kind == "box":
+            return trimesh.creation.box(extents=_numbers(size["size"]))
+        if self.kind == "cylinder":
+            return trimesh.creation.cylinder(float(size["radius"]), float(size["length"]), sections=28)
+        return trimesh.creation.icosphere(subdivisions=2, radius=float(size["radius"]))
+
+
+@cache
+def read_mesh(file: Path) -> tuple[trimesh.Trimesh, ...]:
+    """The parts of a mesh file, each of one colour, where the file's own scene places them.
+
+    Raises:
+        ValueError: for a file that cannot be read, saying why.
+    """
+    try:
+        parts = trimesh.load_scene(file).dump()
+    except Exception as error:  # trimesh and what it calls raise anything
+        hint = "; `pip install pycollada` for .dae" if file.suffix.lower() == ".dae" else ""
+        raise ValueError(f"{file} cannot be read as a mesh: {error}{hint}") from error
+    return tuple(part for part in parts if isinstance(part, trimesh.Trimesh))
+
+
+def colour_of(mesh: trimesh.Trimesh) -> tuple[float, float, float]:
+    """Red, green and blue of a mesh, 0 to 1; grey where its file has none."""
+    colour = getattr(getattr(mesh.visual, "material", None), "main_color", None)
+    return GREY if colour is None else tuple(float(c) / 255.0 for c in colour[:3])  # type: ignore[return-value]
+
+
+def add_mesh(
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    name: str,
+    mesh: trimesh.Trimesh,
+    *,
+    rgb: Sequence[float],
+    scale: Array | float = 1.0,
+    **attributes,
+) -> None:
+    """Add a mesh that is only seen; ``attributes`` are those of its geom."""
+    material = add_material(spec, "rgb " + " ".join(f"{c:.3f}" for c in rgb), rgb, roughness=0.5)
+    spec.add_mesh(
+        name=name,
+        uservert=(np.asarray(mesh.vertices) * scale).ravel(),
+        userface=np.asarray(mesh.faces).ravel(),
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+    )
+    add_visual(body, mujoco.mjtGeom.mjGEOM_MESH, material, meshname=name, **attributes)
+
+
+def capsule_about(points: Array) -> tuple[Array, float]:
+    """The ends (2, 3) of the axis, and the radius, of a capsule about points (V, 3): along their longest extent.
+
+    The axis runs through the middle of the box along the principal axes; the radius is the farthest point's distance
+    from it across, the half-spheres reach as far as the points.
+    """
+    points = points[np.unique(np.round(points, 4), axis=0, return_index=True)[1]]
+    _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    along = points @ axes.T
+    middle = 0.5 * (along.min(axis=0) + along.max(axis=0))
+    across = np.sqrt(((along - middle)[:, 1:] ** 2).sum(axis=1))
+    radius = float(across.max())
+    half = max(0.5 * float(np.ptp(along[:, 0])) - radius, 1e-3)
+    end = np.array([half, 0.0, 0.0])
+    return np.stack([middle - end, middle + end]) @ axes, radius
+
+
+def _add_capsule(body: mujoco.MjsBody, points: Array, shape: _Shape, name: str) -> None:
+    ends, radius = capsule_about(points)
+    ends = shape.pos + transforms.rotate(shape.q, ends)
+    body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=ends.ravel(),
+        size=[radius, 0, 0],
+        mass=0.0,
+        group=contacts.COLLISION_GROUP,
+    )
+
+
+def _make_importable(robot: Element) -> None:
+    """Leave MuJoCo the kinematics and masses, and a root that stays a body of its own."""
+    children = {joint.find("child").attrib["link"] for joint in robot.findall("joint")}  # type: ignore[union-attr]
+    for link in robot.findall("link"):
+        for kind in ("visual", "collision"):
+            for shape in link.findall(kind):
+                link.remove(shape)
+        if link.attrib["name"] not in children and link.attrib["name"] != ROOT:
+            anchor = ElementTree.SubElement(robot, "joint", name="anchor", type="fixed")
+            ElementTree.SubElement(anchor, "parent", link=ROOT)
+            ElementTree.SubElement(anchor, "child", link=link.attrib["name"])
+            ElementTree.SubElement(robot, "link", name=ROOT)
+    extension = ElementTree.SubElement(robot, "mujoco")
+    ElementTree.SubElement(extension, "compiler", fusestatic="false", discardvisual="false")
+
+
+def _shapes(link: Element) -> tuple[list[_Shape], list[_Shape]]:
+    """What of a link is seen, and what touches."""
+    seen, touched = ([_shape(found) for found in link.findall(kind)] for kind in ("visual", "collision"))
+    return seen, touched
+
+
+def _shape(found: Element) -> _Shape:
+    origin, geometry = found.find("origin"), found.find("geometry")
+    attributes = {} if origin is None else origin.attrib
+    pos, rpy = (_numbers(attributes.get(key, "0 0 0")) for key in ("xyz", "rpy"))
+    colour = found.find("material/color")
+    rgb = None if colour is None else tuple(_numbers(colour.attrib["rgba"])[:3])
+    assert geometry is not None
+    (shape,) = geometry
+    if shape.tag == "mesh":
+        scale = _numbers(shape.attrib.get("scale", "1 1 1"))
+        return _Shape(pos, _fixed_angles(rpy), rgb, shape.attrib["filename"], scale)
+    return _Shape(pos, _fixed_angles(rpy), rgb, kind=shape.tag, size=shape.attrib)
+
+
+def _fixed_angles(rpy: Array) -> Array:
+    """The quaternion (4,) of turns about the fixed axes x, then y, then z."""
+    roll, pitch, yaw = (
+        transforms.from_axis_angle(axis, angle) for axis, angle in zip(np.eye(3), rpy, strict=True)
+    )
+    return transforms.multiply(yaw, transforms.multiply(pitch, roll))
+
+
+def _numbers(text: str) -> Array:
+    return np.array([float(number) for number in text.split()])
+
+
+def _limit(joint: str, limit: Element | None, key: str) -> float:
+    if limit is None or key not in limit.attrib:
+        raise ValueError(f"the description says no {key} of the joint {joint!r}")
+    return float(limit.attrib[key])
