@@ -1,0 +1,333 @@
+"""What is not as it should be gets a clear word each, and the rest of the analysis still comes."""
+
+import csv
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from analysed import chance, read_table, record_trial, run_trials, take_part
+from avrgym.analysis import study
+from avrgym.analysis.reading import trained_people
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.study import analyse
+from avrgym.cli.main import app
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.attempts import sha256_of
+from avrgym.study.storage.rows import TrialAttempt
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from html_page import Page
+from studies import make_study
+
+STORED = "reward and success are those that were stored with the trial"
+
+
+DESIGN = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "practice_policy": '""'}
+"""One robot, one task, both policies, no practice: two trials for each participant."""
+
+
+@pytest.fixture(autouse=True)
+def _few_people(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few people of the training: these tests are about words, not figures."""
+    monkeypatch.setattr(trained_people, "PEOPLE_PER_TASK", 20)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    """Nobody takes part yet."""
+    with Store(make_study(tmp_path / "study", **DESIGN)) as opened:
+        yield opened
+
+
+@pytest.fixture
+def words(store: Store, tmp_path: Path) -> Callable[[], str]:
+    """Analyses the study; gives all words of the page."""
+
+    def analysed() -> str:
+        page = write_analysis(analyse(store), store.folder, tmp_path / "out")
+        return " ".join(Page(page).text.split())
+
+    return analysed
+
+
+def attempt(store: Store, pseudonym: str, position: int) -> TrialAttempt:
+    (found,) = (each for each in store.attempts(pseudonym) if f"trial-{position:02}" in each.recording)
+    return found
+
+
+def recording(store: Store, pseudonym: str, position: int) -> Path:
+    return store.path(attempt(store, pseudonym, position).recording)
+
+
+def take_as_recorded(store: Store, pseudonym: str, position: int) -> None:
+    """Let the study know a recording as it is now."""
+    found = attempt(store, pseudonym, position)
+    with store.database.write() as connection:
+        checksum = sha256_of(store, found.recording)
+        ledger.update(connection, schema.ATTEMPT, found.id, sha256=checksum)
+
+
+def rewrite(store: Store, pseudonym: str, position: int, **changes) -> None:
+    """Put another recording in a trial's place."""
+    path = recording(store, pseudonym, position)
+    path.unlink()
+    trial = store.trials(pseudonym)[position - 1]
+    record_trial(path, store.participant(pseudonym), trial, **changes)
+
+
+def rows_of(tmp_path: Path, table: str, **values: str) -> list[Mapping[str, str]]:
+    """The rows of a table with these values."""
+    rows = read_table(tmp_path / "out", table)
+    return [row for row in rows if all(row[column] == value for column, value in values.items())]
+
+
+# Little data
+
+
+def test_an_empty_study(words: Callable[[], str], tmp_path: Path) -> None:
+    assert "Nobody has taken part yet: there is nothing to analyse." in words()
+    for path in (tmp_path / "out" / "tables").glob("*.csv"):
+        rows = list(csv.reader(path.read_text().splitlines()))
+        assert rows[0], path.name
+        assert len(rows) == 1 or path.stem in ("people", "biomechanics"), path.name
+    assert list((tmp_path / "out" / "figures").iterdir()) == []
+
+
+def test_someone_enrolled_without_any_trial(store: Store, words: Callable[[], str]) -> None:
+    take_part(store, simulated=False)
+    said = words()
+    assert "No trial was completed yet." in said
+    assert "No statement was rated yet." in said
+    assert "No counted trial has a whole recording of a body." in said
+
+
+def test_one_participant(store: Store, words: Callable[[], str], tmp_path: Path) -> None:
+    run_trials(store, take_part(store, simulated=False))
+    assert "SIMULATED" not in words()
+    (row,) = rows_of(tmp_path, "objective", policy="revised", task="Feeding")
+    assert (row["trials"], row["reward_low"], row["reward_high"]) == ("1", "", "")
+    rows = rows_of(tmp_path, "tests", family="policies, by participant")
+    assert {row["n_a"] for row in rows} == {"1"}
+
+
+def test_all_answers_equal(store: Store, words: Callable[[], str], tmp_path: Path) -> None:
+    for _ in range(2):
+        run_trials(store, take_part(store), rate=lambda *_: 4)
+    assert "Wilcoxon signed-rank, all differences are zero" in words()
+    rows = [row for row in read_table(tmp_path / "out", "tests") if row["quantity"] in ("L1", "L2")]
+    assert {(row["n"], row["p"], row["p_holm"], row["mark"]) for row in rows} == {("0", "", "", "")}
+
+
+def test_a_trial_without_its_partner_is_left_out_of_pairs(
+    store: Store, words: Callable[[], str], tmp_path: Path
+) -> None:
+    run_trials(store, take_part(store))
+    run_trials(store, take_part(store), 1)
+    words()
+    rows = [row for row in read_table(tmp_path / "out", "tests") if row["family"] == "policies, by trial"]
+    assert {row["n_a"] for row in rows} == {"1"}
+
+
+# Recordings
+
+
+@dataclass(frozen=True)
+class Broken:
+    """The analysis of a study in which every trial but one has something else that is wrong."""
+
+    words: str
+    out: Path
+
+
+@pytest.fixture(scope="module")
+def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
+    folder = tmp_path_factory.mktemp("broken")
+    with pytest.MonkeyPatch.context() as monkeypatch, Store(make_study(folder / "study", **DESIGN)) as store:
+        monkeypatch.setattr(trained_people, "PEOPLE_PER_TASK", 20)
+        for simulated in (True, True, False, True):
+            run_trials(store, take_part(store, simulated=simulated))
+        cut = recording(store, "sub-001", 1)
+        cut.write_bytes(cut.read_bytes()[: cut.stat().st_size * 2 // 3])
+        recording(store, "sub-001", 2).unlink()
+        recording(store, "sub-002", 1).write_bytes(b"foreign")
+        rewrite(store, "sub-002", 2, versions={"avrgym": "0.0.1", "mujoco": "3.9.0"})
+        rewrite(store, "sub-003", 1, simulated=True)
+        rewrite(store, "sub-003", 2, joints=["waist_x"])
+        rewrite(store, "sub-004", 1, other_course=9)
+        for pseudonym, position in product(("sub-001", "sub-002", "sub-003", "sub-004"), (1, 2)):
+            take_as_recorded(store, pseudonym, position)
+        page = write_analysis(analyse(store), store.folder, folder / "out")
+    return Broken(" ".join(Page(page).text.split()), folder / "out")
+
+
+@pytest.mark.parametrize(
+    ("participant", "position", "recorded", "said"),
+    [
+        ("sub-001", 1, "cut off", "is cut off: it holds"),
+        ("sub-001", 1, "cut off", f"of 5 control steps: {STORED}; it is missing from the biomechanics."),
+        (
+            "sub-001",
+            2,
+            "missing",
+            f"is not here: {STORED}; it is missing from the biomechanics and has no time",
+        ),
+        (
+            "sub-002",
+            1,
+            "unreadable",
+            "cannot be read: not a recording, or cut off before the end of its header",
+        ),
+        ("sub-002", 2, "whole", "was recorded with AVR Gym 0.0.1 (now "),
+        ("sub-002", 2, "whole", "MuJoCo 3.9.0 (now "),
+        (
+            "sub-003",
+            1,
+            "contradictory",
+            "differ in whether the participant was simulated: the trial is not counted.",
+        ),
+        (
+            "sub-003",
+            2,
+            "without a body",
+            "does not tell the person's body as this version has it: reward and success",
+        ),
+        ("sub-004", 1, "whole", "adds up to a reward of"),
+        ("sub-004", 2, "whole", "7 things:"),
+    ],
+)
+def test_each_recording_gets_its_word(
+    broken: Broken, participant: str, position: int, recorded: str, said: str
+) -> None:
+    (row,) = rows_of(broken.out.parent, "trials", participant=participant, position=str(position))
+    assert row["recorded"] == recorded
+    assert said in broken.words
+
+
+def test_the_rest_of_the_analysis_still_comes(broken: Broken) -> None:
+    rows = rows_of(broken.out.parent, "trials")
+    assert [row["counted"] for row in rows].count("true") == 7
+    assert all(row["reward"] for row in rows)
+    assert [bool(row["head_z_m"]) for row in rows] == [False] * 3 + [True, False, False, True, True]
+    assert "No time series: the recording is missing." in broken.words
+    assert {path.stem for path in (broken.out / "figures").iterdir()} >= {
+        "likert-people",
+        "head-positions-simulated",
+    }
+
+
+def test_answers_to_a_trial_that_does_not_count_do_not_count(broken: Broken) -> None:
+    answered = [row["counted"] for row in rows_of(broken.out.parent, "answers", participant="sub-003")]
+    assert sorted(answered) == ["false"] * 4 + ["true"] * 4
+
+
+def test_changed_recordings_are_named_and_nothing_is_analysed(store: Store, tmp_path: Path) -> None:
+    run_trials(store, take_part(store))
+    for position in (1, 2):
+        rewrite(store, "sub-001", position, other_course=9)
+    result = avrgym("analyze", store.folder, "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    for position in (1, 2):
+        name = attempt(store, "sub-001", position).recording
+        assert f"{name} was changed: its checksum is another" in result.stderr
+    assert "--skip-damaged" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_nothing_of_changed_recordings_is_used_where_they_are_skipped(store: Store, tmp_path: Path) -> None:
+    run_trials(store, take_part(store))
+    rewrite(store, "sub-001", 1, other_course=9)
+    assert avrgym("analyze", store.folder, "--out", tmp_path / "out", "--skip-damaged").exit_code == 0
+    changed, whole = read_table(tmp_path / "out", "trials")
+    assert (changed["recorded"], whole["recorded"]) == ("changed", "whole")
+    assert (changed["reward_recorded"], changed["torso_height_m"]) == ("", "")
+    assert float(changed["reward"]) == attempt(store, "sub-001", 1).metrics.reward
+    assert {row["position"] for row in read_table(tmp_path / "out", "control_steps")} == {"2"}
+    (problem,) = read_table(tmp_path / "out", "problems")
+    assert problem["what"] == "was changed: its checksum is another"
+
+
+# Policies
+
+
+def test_a_policy_that_is_not_found(tmp_path: Path) -> None:
+    with Store(make_study(tmp_path / "other", **DESIGN, policies='["original", "mine"]')) as other:
+        run_trials(other, take_part(other))
+        page = write_analysis(analyse(other), other.folder, tmp_path / "out")
+    said = " ".join(Page(page).text.split())
+    assert "Simulation of Feeding Jaco mine: no policy 'mine' for avrgym/FeedingJaco-v1" in said
+    rows = {
+        row["policy"]: row for row in read_table(tmp_path / "out", "objective") if row["task"] == "Feeding"
+    }
+    assert rows["original"]["simulation_reward_mean"]
+    assert not rows["mine"]["simulation_reward_mean"]
+
+
+# Folders
+
+
+def test_files_of_an_earlier_analysis_are_replaced_and_others_stay(
+    store: Store, words: Callable[[], str], tmp_path: Path
+) -> None:
+    words()
+    own = tmp_path / "out" / "figures" / "mine.svg"
+    own.write_text("mine")
+    run_trials(store, take_part(store))
+    words()
+    assert own.read_text() == "mine"
+    assert len(read_table(tmp_path / "out", "trials")) == 2
+    made = (tmp_path / "out" / "figures" / "likert-simulated.svg").exists()
+    delete_participant(store, "sub-001")
+    words()
+    assert (made, (tmp_path / "out" / "figures" / "likert-simulated.svg").exists()) == (True, False)
+
+
+def test_a_folder_with_tables_of_other_origin_is_refused(store: Store, tmp_path: Path) -> None:
+    theirs = tmp_path / "out" / "tables" / "trials.csv"
+    theirs.parent.mkdir(parents=True)
+    theirs.write_text("theirs")
+    (tmp_path / "out" / "results.json").write_text("{}")
+    with pytest.raises(StudyError, match="is not of an earlier analysis; choose another folder"):
+        write_analysis(analyse(store), store.folder, tmp_path / "out")
+    assert theirs.read_text() == "theirs"
+
+
+def test_deleting_a_participant_deletes_the_analysis_in_the_study(store: Store) -> None:
+    run_trials(store, take_part(store))
+    out = store.folder / "analysis"
+    write_analysis(analyse(store), store.folder, out)
+    (out / "notes.txt").write_text("mine")
+    delete_participant(store, "sub-001")
+    assert [path.name for path in out.rglob("*") if path.is_file()] == ["notes.txt"]
+
+
+# The command
+
+
+def avrgym(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_the_command_writes_into_the_study_and_its_figures_to_a_file(store: Store, tmp_path: Path) -> None:
+    run_trials(store, take_part(store), rate=chance)
+    recording(store, "sub-001", 1).unlink()
+    result = avrgym("analyze", store.folder, "--json", tmp_path / "figures.json")
+    assert result.exit_code == 0
+    assert f"report    {store.folder / 'analysis' / 'report' / 'index.html'}" in result.stdout
+    assert "not as it should be: 1; the report names each" in result.stdout
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    stored = json.loads((store.folder / "analysis" / "results.json").read_text())
+    assert {name: stored[name] for name in figures} == figures
+    assert figures["format"] == study.FORMAT
+
+
+def test_the_command_refuses_in_one_line(tmp_path: Path) -> None:
+    result = avrgym("analyze", tmp_path)
+    assert result.exit_code == 1
+    assert "holds no study.toml" in result.stderr
+    assert len(result.stderr.splitlines()) == 1

@@ -1,0 +1,319 @@
+"""A study's analysis: its numbers follow from its tables, people and simulated participants stay apart."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from analysed import ITEMS, break_off, run_trials, take_part
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.statistics.families import TRIAL, Compared, Question, corrected
+from avrgym.analysis.statistics.tests import holm, signed_rank
+from avrgym.analysis.study import Analysis, analyse
+from avrgym.learning.evaluation import wilson_interval
+from avrgym.study.people.participants import withdraw
+from avrgym.study.storage.store import Store
+from html_page import Page
+from studies import small_study
+
+PEOPLE, SIMULATED = 3, 5
+Frame = Any  # a pandas data frame, whose types no checker follows
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+    """People and simulated participants who finished, one who withdrew, and one who broke off an attempt."""
+    with Store(small_study(tmp_path_factory.mktemp("analysed"))) as opened:
+        for number in range(PEOPLE + SIMULATED):
+            simulated = number >= PEOPLE
+            run_trials(opened, take_part(opened, "man" if number % 2 else "woman", simulated=simulated))
+        gone = take_part(opened, simulated=False)
+        run_trials(opened, gone, 3)
+        withdraw(opened, gone)
+        pausing = take_part(opened)
+        run_trials(opened, pausing, 2)
+        break_off(opened, pausing)
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def analysis(store: Store) -> Analysis:
+    return analyse(store)
+
+
+@pytest.fixture(scope="module")
+def out(store: Store, analysis: Analysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("out")
+    assert write_analysis(analysis, store.folder, folder) == folder / "report" / "index.html"
+    return folder
+
+
+@pytest.fixture(scope="module")
+def tables(out: Path) -> dict[str, Frame]:
+    return {path.stem: pd.read_csv(path) for path in (out / "tables").glob("*.csv")}
+
+
+def only(frame: Frame, **values: Any) -> Frame:
+    for column, value in values.items():
+        frame = frame[frame[column] == value]
+    return frame
+
+
+# What counts
+
+
+def test_every_trial_attempt_and_state_is_counted_and_shown(tables: dict[str, Frame]) -> None:
+    trials, attempts = tables["trials"], tables["attempts"]
+    assert len(trials) == 5 * (PEOPLE + SIMULATED + 2)
+    assert trials["state"].value_counts().to_dict() == {"completed": 45, "planned": 5}
+    assert trials["attempts"].sum() == len(attempts) == 46
+    assert attempts["state"].value_counts().to_dict() == {"completed": 45, "stopped": 1}
+    assert trials["attempts_broken_off"].sum() == 1
+    assert trials["counted"].sum() == 4 * (PEOPLE + SIMULATED) + 1
+    gone = only(trials, participant_state="withdrawn")
+    assert (len(gone), gone["counted"].any()) == (5, False)
+    assert not only(trials, practice=True)["counted"].any()
+    missing = tables["participants"].set_index("participant")["trials_missing"]
+    assert missing.to_dict() == {"sub-009": 2, "sub-010": 3} | {f"sub-{n:03}": 0 for n in range(1, 9)}
+
+
+def test_every_table_says_what_was_simulated(tables: dict[str, Frame]) -> None:
+    assert all("simulated" in table.columns for table in tables.values())
+    assert tables["people"]["simulated"].all()
+    people = {f"sub-{number:03}" for number in (1, 2, 3, 9)}
+    for name in ("participants", "trials", "attempts", "answers", "reward_terms", "control_steps"):
+        assert set(only(tables[name], simulated=False)["participant"]) == people, name
+
+
+def test_people_and_simulated_participants_are_never_taken_together(tables: dict[str, Frame]) -> None:
+    objective = only(tables["objective"], task="Feeding").groupby("simulated")["trials"].max()
+    assert objective.to_dict() == {False: PEOPLE, True: SIMULATED + 1}
+    tests = only(tables["tests"], family="policies, by participant").groupby("simulated")["n_a"].max()
+    assert tests[False] == PEOPLE
+    heights = only(tables["biomechanics"], people="participants", quantity="torso_height_m")
+    assert heights.set_index("simulated")["n"].to_dict() == {False: PEOPLE, True: SIMULATED + 1}
+
+
+# Numbers from the tables alone
+
+
+def test_objective_measures_follow_from_the_trials(tables: dict[str, Frame]) -> None:
+    counted = only(tables["trials"], counted=True)
+    for row in tables["objective"].itertuples():
+        own = only(counted, simulated=row.simulated, robot=row.robot, policy=row.policy)
+        successes = int(own["success"].astype(bool).sum())
+        assert (row.trials, row.successes) == (len(own), successes)
+        assert (row.success_low, row.success_high) == pytest.approx(wilson_interval(successes, len(own)))
+        if row.task == "all":
+            assert np.isnan(row.reward_mean)
+            continue
+        interval = stats.ttest_1samp(own["reward"], 0.0).confidence_interval()
+        expected = (own["reward"].mean(), *interval)
+        assert (row.reward_mean, row.reward_low, row.reward_high) == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_papers_tables_hold_each_condition_and_mean_success(tables: dict[str, Frame]) -> None:
+    """Table I: simulation beside VR for a policy; table II: the policies in VR; the last row is over all tasks."""
+    rows = tables["objective"].set_index(["simulated", "task", "robot", "policy"])
+    shown = {policy: tables[f"paper_table_1_{policy}"] for policy in ("original", "revised")}
+    for policy, table in shown.items():
+        for _, row in table.iterrows():
+            for robot in ("PR2", "Jaco"):
+                own = rows.loc[(row["simulated"], row["task"], robot, policy)]
+                both = (
+                    tables["paper_table_2"]
+                    .set_index(["simulated", "task"])
+                    .loc[(row["simulated"], row["task"])]
+                )
+                assert row[f"VR {robot} success"] == both[f"{policy} {robot} success"] == own["success_rate"]
+                assert row[f"simulation {robot} success"] == own["simulation_success_rate"]
+                for column in (f"simulation {robot} reward", f"VR {robot} reward"):
+                    assert np.isnan(row[column]) == (row["task"] == "all")
+    parts = rows.drop("all", level="task")
+    for key, whole in rows.xs("all", level="task").iterrows():
+        tasks = parts.xs(key, level=("simulated", "robot", "policy"))
+        assert whole["simulation_success_rate"] == pytest.approx(tasks["simulation_success_rate"].mean())
+        assert whole["simulation_episodes"] == tasks["simulation_episodes"].sum()
+
+
+def test_recorded_rewards_and_terms_follow_from_the_control_steps(tables: dict[str, Frame]) -> None:
+    keys = ["participant", "position"]
+    steps = tables["control_steps"].groupby(keys)
+    completed = only(tables["trials"], state="completed").set_index(keys)
+    assert np.allclose(
+        steps["reward"].sum(), completed["reward_recorded"].loc[steps.size().index], atol=1e-12
+    )
+    assert np.allclose(completed["reward_recorded"], completed["reward"], rtol=1e-12, atol=0)
+    assert np.allclose(steps["force_on_person_n"].max(), completed["force_peak_n"], rtol=1e-12, atol=0)
+    distances = only(tables["reward_terms"], term="distance_m").set_index(keys)["sum"]
+    assert np.allclose(steps["term_distance_m"].sum(), distances, atol=1e-12)
+
+
+def test_answers_in_numbers_follow_from_the_answers(tables: dict[str, Frame]) -> None:
+    counted = only(tables["answers"], counted=True)
+    for row in tables["subjective"].itertuples():
+        own = only(counted, simulated=row.simulated, item=row.item, policy=row.policy)
+        own = own if row.robot == "all" else only(own, robot=row.robot)
+        assert (row.n, row.median) == (len(own), own["value"].median())
+        assert (row.lower_quartile, row.upper_quartile) == tuple(own["value"].quantile([0.25, 0.75]))
+        assert row.mean == pytest.approx(own["value"].mean(), abs=1e-12)
+    likert = tables["likert"].groupby(["simulated", "item", "policy"])
+    assert np.allclose(likert["share"].sum(), 1.0)
+
+
+@pytest.mark.parametrize(("simulated", "item"), list(product([False, True], ITEMS)))
+def test_policies_are_compared_as_scipy_compares_the_exported_answers(
+    tables: dict[str, Frame], simulated: bool, item: str
+) -> None:
+    own = only(tables["answers"], counted=True, simulated=simulated, item=item)
+    pairs = own.pivot(index=["participant", "task", "robot"], columns="policy", values="value").dropna()
+    differences = (pairs["revised"] - pairs["original"]).to_numpy()
+    used = differences[differences != 0]
+    (row,) = only(
+        tables["tests"], simulated=simulated, family="policies, by trial", quantity=item
+    ).itertuples()
+    assert (row.n_a, row.n, row.zeros) == (len(pairs), len(used), len(differences) - len(used))
+    assert row.median_a == pairs["revised"].median()
+    assert row.p == pytest.approx(exact_p(used), abs=1e-12)
+    ranks = stats.rankdata(np.abs(used))
+    expected = (ranks[used > 0].sum() - ranks[used < 0].sum()) / ranks.sum()
+    assert row.effect == pytest.approx(expected, abs=1e-12)
+
+
+def exact_p(used: np.ndarray) -> float:
+    """Of all choices of signs, the share with a sum of signed ranks at least as far from zero."""
+    ranks = stats.rankdata(np.abs(used))
+    signs = np.array(list(product([-1.0, 1.0], repeat=len(used))))
+    return float(np.mean(np.abs(signs @ ranks) >= abs(np.sign(used) @ ranks) - 1e-9))
+
+
+def test_success_is_compared_with_the_middle_by_participant(tables: dict[str, Frame]) -> None:
+    own = only(tables["answers"], counted=True, simulated=True, item="L1", policy="revised")
+    means = own.groupby("participant")["value"].mean() - 4
+    rows = only(
+        tables["tests"], simulated=True, family="L1 against the middle, by participant", group_a="revised"
+    )
+    assert rows["p"].item() == pytest.approx(exact_p(means[means != 0].to_numpy()), abs=1e-12)
+
+
+def test_families_are_corrected_by_holm(tables: dict[str, Frame]) -> None:
+    for _, family in tables["tests"].groupby(["simulated", "family"]):
+        given = [None if np.isnan(p) else p for p in family["p"]]
+        expected = [np.nan if p is None else p for p in holm(given)]
+        assert np.allclose(family["p_holm"], expected, equal_nan=True, atol=1e-15)
+
+
+def test_a_family_that_is_added_appears_in_the_report(
+    store: Store, analysis: Analysis, tmp_path: Path
+) -> None:
+    found = signed_rank([2.0, 3.0])
+    hum = Compared("hum_db", ("PR2", [3.0, 4.0]), ("Jaco", [1.0, 1.0]), found)
+    added = corrected(True, Question("noise", table="How loud robots are"), TRIAL, [hum])
+    report = write_analysis(replace(analysis, families=[*analysis.families, added]), store.folder, tmp_path)
+    shown = report.read_text()
+    assert "How loud robots are (simulated participants)" in shown
+    assert "hum_db" in shown
+
+
+def test_biomechanics_follow_from_trials_and_people(tables: dict[str, Frame]) -> None:
+    trials = only(tables["trials"], counted=True, simulated=True, recorded="whole")
+    people = only(tables["people"], people="revised")
+    heights = trials.groupby("participant")["torso_height_m"].median()
+    row = row_of(tables, "torso heights, by participant", "torso_height_m", "revised")
+    expected: Any = stats.mannwhitneyu(heights, people["torso_height_m"], method="exact")
+    assert (row.p, row.statistic) == pytest.approx((expected.pvalue, expected.statistic), abs=1e-12)
+    row = row_of(tables, "head positions, by trial", "head_z_m, seated", "revised")
+    partners = people["head_z_m"].to_numpy()[: len(trials)]
+    expected = stats.wilcoxon(trials["head_z_m"].to_numpy() - partners, method="exact")
+    assert (row.n, row.p) == (len(trials), pytest.approx(expected.pvalue, abs=1e-12))
+    row = row_of(tables, "whole head positions, by participant", "head_m, seated", "original")
+    axes = ["head_x_m", "head_y_m", "head_z_m"]
+    own = trials.groupby("participant")[axes].mean().to_numpy()
+    others = only(tables["people"], people="original")[axes].to_numpy()
+    expected = 2 * apart(own, others) - apart(own, own) - apart(others, others)
+    assert row.statistic == pytest.approx(expected, abs=1e-12)
+
+
+def apart(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.linalg.norm(a[:, None] - b[None], axis=-1).mean())
+
+
+def row_of(tables: dict[str, Frame], family: str, quantity: str, people: str) -> Any:
+    rows = only(tables["tests"], simulated=True, family=family, quantity=quantity, group_b=people)
+    (row,) = rows.itertuples()
+    return row
+
+
+def test_ranges_say_what_would_have_covered_the_participants(tables: dict[str, Frame]) -> None:
+    ranges = only(tables["ranges"], simulated=True).set_index("quantity")
+    heights = only(tables["participants"], simulated=True).groupby("sex")["torso_height_m"]
+    for sex in ("man", "woman"):
+        row = ranges.loc[f"torso_height_{sex}_m"]
+        assert (row["least"], row["most"]) == pytest.approx((heights.min()[sex], heights.max()[sex]))
+    assert ranges.loc["torso_height_man_m", ["original_covers", "revised_covers"]].tolist() == [0.0, 1.0]
+    trials = only(tables["trials"], counted=True, simulated=True)
+    within = trials["waist_x_least_deg"].ge(-10) & trials["waist_x_most_deg"].le(10)
+    assert ranges.loc["waist_x_deg, all of a trial", "revised_covers"] == pytest.approx(within.mean())
+
+
+def test_the_results_file_holds_the_tables(out: Path, tables: dict[str, Frame]) -> None:
+    results = json.loads((out / "results.json").read_text())
+    for name, table in tables.items():
+        if name not in ("people", "control_steps"):
+            assert len(results[name]) == len(table), name
+    p = np.array([row["p"] for row in results["tests"]], float)
+    assert np.allclose(p, tables["tests"]["p"], rtol=1e-12, atol=0, equal_nan=True)
+    assert len(results["files"]) == len(tables) + 12 + 1
+
+
+# The page and the files
+
+
+def test_the_page_is_one_file_with_unique_ids_and_working_references(store: Store, out: Path) -> None:
+    page = Page(out / "report" / "index.html")
+    ids = page.attributes("id")
+    assert len(set(ids)) == len(ids)
+    references = page.attributes("href") + page.attributes("src") + page.attributes("xlink:href")
+    inner = [reference for reference in references if reference[0] == "#"]
+    assert {reference[1:] for reference in inner} <= set(ids)
+    files = [(out / "report" / name).resolve() for name in references if name[0] != "#"]
+    assert len(files) == 45
+    assert all(path.is_file() and path.is_relative_to(store.folder) for path in files)
+    assert not {"script", "link", "iframe"} & {tag for tag, _ in page.tags}
+
+
+def test_the_page_says_what_was_found_and_what_was_simulated(out: Path, tables: dict[str, Frame]) -> None:
+    words = " ".join(Page(out / "report" / "index.html").text.split())
+    expected = {
+        "6 of the 10 participants here are simulated",
+        "avrgym replay recordings/sub-001/ses-01/trial-02_attempt-1.mcap",
+        "Nothing: every recording is here, whole and consistent.",
+        "sub-010, 1: Feeding",
+        "SIMULATED PARTICIPANTS",
+        *(f"{item} The robot" for item in ("L1", "L4")),
+    }
+    assert {text for text in expected if text not in words} == set()
+    row = tables["objective"].iloc[0]
+    assert f"{row.reward_mean:.0f} ({100 * row.success_rate:.0f} %)".replace("-", "−") in words
+
+
+@pytest.mark.parametrize("group", ["people", "simulated"])
+def test_figures_of_simulated_participants_say_so(out: Path, group: str) -> None:
+    figures = sorted((out / "figures").glob(f"*-{group}.svg"))
+    assert len(figures) == 6
+    for figure in figures:
+        assert ("SIMULATED PARTICIPANTS" in figure.read_text()) == (group == "simulated"), figure.name
+
+
+def test_the_same_study_gives_the_same_bytes(store: Store, out: Path, tmp_path: Path) -> None:
+    folder = out.parent / tmp_path.name
+    write_analysis(analyse(store), store.folder, folder)
+    files = [path.relative_to(out) for path in out.rglob("*") if path.is_file()]
+    assert [name for name in files if (out / name).read_bytes() != (folder / name).read_bytes()] == []

@@ -1,0 +1,326 @@
+import json
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from places import ROOT
+
+pytest.importorskip("stable_baselines3", reason="training is an extra")
+
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecNormalize
+
+from avrgym.envs.registration import AssistiveVectorEnv
+from avrgym.learning import training
+from avrgym.learning.stable_baselines import SB3VectorEnv
+from avrgym.learning.training import (
+    Progress,
+    TrainingConfiguration,
+    configuration_for,
+    export_policy,
+    resume,
+    train,
+)
+from avrgym.policies.trained import Policy
+from avrgym.tasks.episodes import EPISODE_STEPS
+from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.tasks.scratch_itch.detour import around_arm_m
+
+FEEDING = "avrgym/FeedingJaco-v1"
+SCRATCHING = "avrgym/ScratchItchJaco-v1"
+TINY = TrainingConfiguration(
+    environment=FEEDING,
+    people="revised",
+    steps=3200,
+    seed=4,
+    worlds=8,
+    epochs=2,
+    threads=1,
+    imitation_rounds=0,
+)
+LONG = replace(TINY, steps=5 * 8 * 200, imitation_rounds=3, imitation_share=0.7)
+HARD = replace(TINY, steps=3 * 8 * 200, hard_share=0.5)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> tuple[Policy, Path]:
+    """A training of two updates, and its folder."""
+    out = tmp_path_factory.mktemp("runs") / "tiny"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "MEASURED_EPISODES", 2)
+        return train(TINY, out), out
+
+
+# The settings
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_schedules_go_evenly_from_their_beginning_to_their_end(environment):
+    how = configuration_for(environment, "revised", 1_000_000, 0)
+    steps = np.linspace(how.imitation_steps, how.steps, 31)
+    log_std, rate, weight = (
+        np.array([at(step) for step in steps])
+        for at in (how.log_std_at, how.learning_rate_at, how.force_weight_at)
+    )
+    assert_allclose(log_std, np.linspace(*how.log_std, 31))
+    assert_allclose(rate[[0, 15, 30]], how.learning_rate * np.array([1.0, 0.5, 0.01]))
+    assert (np.diff(rate) < 0.0).all()
+    assert_allclose(
+        weight[[0, 10, 15, 20, 30]], how.force_weight_per_n * np.array([0.0, 0.0, 0.5, 1.0, 1.0]), atol=1e-12
+    )
+    assert [at(0) for at in (how.log_std_at, how.learning_rate_at)] == [log_std[0], rate[0]]
+
+
+def test_the_page_of_the_policies_says_how_they_are_trained():
+    tables = runpy.run_path(str(ROOT / "examples" / "policy_tables.py"))
+    page = (ROOT / "docs" / "policies.md").read_text().splitlines()
+    assert [row for row in tables["settings_table"]() if row not in page] == []
+
+
+# The wrapper
+
+
+def test_the_wrapper_tells_terminal_observations_only_at_the_end():
+    env = SB3VectorEnv(AssistiveVectorEnv(FEEDING, 3, num_threads=1))
+    reference = AssistiveVectorEnv(FEEDING, 3, num_threads=1)
+    env.seed(5)
+    assert_array_equal(env.reset(), reference.reset(seed=5)[0])
+    still = np.zeros((3, 7), np.float32)
+    returns = np.zeros(3)
+    for _ in range(199):
+        _, reward, done, infos = env.step(still)
+        returns += reward
+        reference.step(still)
+        assert not done.any()
+        assert infos == [{}, {}, {}]
+    observation, reward, done, infos = env.step(still)
+    expected_observation, expected_reward, _, _, last = reference.step(still)
+    assert done.all()
+    assert_array_equal(observation, expected_observation)
+    assert_array_equal(reward, expected_reward)
+    for i, info in enumerate(infos):
+        assert info["TimeLimit.truncated"] is True
+        assert info["success"] is False
+        assert info["episode_return"] == pytest.approx(returns[i] + np.asarray(reward)[i])
+        assert_array_equal(info["terminal_observation"], last["final_obs"][i])
+        assert not np.array_equal(info["terminal_observation"], np.asarray(observation)[i])
+
+
+def test_the_wrapper_goes_on_with_other_episodes():
+    env = SB3VectorEnv(AssistiveVectorEnv(FEEDING, 2, num_threads=1))
+    env.seed(5)
+    first = env.reset()
+    assert not np.array_equal(env.reset(), first)
+    env.seed(5)
+    assert_array_equal(env.reset(), first)
+
+
+def test_force_on_the_person_costs_what_the_wrapper_is_told():
+    env = SB3VectorEnv(AssistiveVectorEnv(SCRATCHING, 2, num_threads=1))
+    reference = AssistiveVectorEnv(SCRATCHING, 2, num_threads=1)
+    env.seed(5)
+    env.reset()
+    reference.reset(seed=5)
+    env.force_weight_per_n = 0.5
+    expert = reference.episodes.task.reactive_expert(reference.episodes)
+    most_n = 0.0
+    for _ in range(60):
+        action = expert(reference.episodes.observe()).astype(np.float32)
+        _, learned, _, _ = env.step(action)
+        _, reward, _, _, info = reference.step(action)
+        assert_allclose(learned, reward - 0.5 * info["force_on_person"], atol=1e-9)
+        most_n = max(most_n, info["force_on_person"].max())
+    assert most_n > 1.0
+
+
+def test_detours_cost_what_the_wrapper_is_told_but_for_the_last_step():
+    env = SB3VectorEnv(AssistiveVectorEnv(SCRATCHING, 2, num_threads=1))
+    env.seed(5)
+    env.reset()
+    env.detour_weight_per_m = 2.0
+    rng, returns, costs = np.random.default_rng(0), np.zeros(2), np.zeros(2)
+    for _ in range(EPISODE_STEPS - 1):
+        _, learned, _, _ = env.step(rng.uniform(-1.0, 1.0, (2, 7)).astype(np.float32))
+        returns += learned
+        costs += 2.0 * around_arm_m(env.env.episodes.simulation.state(), env.env.episodes.task_state)
+    _, learned, _, infos = env.step(np.zeros((2, 7), np.float32))
+    assert_allclose(returns + learned + costs, [info["episode_return"] for info in infos])
+    assert costs.max() > 0.1
+
+
+# Training
+
+
+def test_a_training_leaves_a_policy_that_loads(trained):
+    policy, out = trained
+    found = Policy.load(out / "policy.safetensors")
+    assert found.metadata == policy.metadata
+    assert found.metadata.environment == FEEDING
+    assert found.metadata.people == "revised"
+    assert found.metadata.seed == 4
+    assert 0 < found.metadata.steps <= 3200
+    assert set(found.metadata.measured) >= {"success_rate", "reward_mean", "force_mean_newton"}
+    assert found.mean(np.zeros((2, 25))).shape == (2, 7)
+
+
+def test_a_training_stores_its_configuration_and_its_log(trained):
+    _, out = trained
+    assert json.loads((out / "configuration.json").read_text())["minibatch"] == TINY.minibatch
+    assert list((out / "tensorboard").rglob("events.out.tfevents.*"))
+
+
+def test_a_used_folder_is_refused_and_left_alone(trained):
+    _, out = trained
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    with pytest.raises(FileExistsError, match="already holds a training; choose another folder"):
+        train(TINY, out)
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+def test_scratching_gets_better_within_20_000_steps(tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
+    few = TrainingConfiguration(
+        environment=SCRATCHING, people="revised", steps=20_000, seed=1, worlds=8, minibatch=200, imitation_rounds=0,
+        log_std=(-0.7, -1.0), threads=1,
+    )  # fmt: skip
+    heard: list[Progress] = []
+    train(few, tmp_path, heard.append)
+    rewards = [progress.reward_mean for progress in heard]
+    assert np.mean(rewards[-3:]) > np.mean(rewards[:3]) + 5.0
+
+
+class Killed(Exception):
+    """Something ended the training."""
+
+
+Whole = tuple[Path, list[Progress]]
+"""The folder of a training that nothing interrupted, and what it told of."""
+
+
+def train_whole(configuration: TrainingConfiguration, out: Path) -> Whole:
+    heard: list[Progress] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "MEASURED_EPISODES", 2)
+        train(configuration, out, heard.append)
+    return out, heard
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Whole:
+    """Three rounds of imitation and two updates."""
+    out, heard = train_whole(LONG, tmp_path_factory.mktemp("runs") / "whole")
+    assert [progress.steps for progress in heard] == [3200, 4800, 6400, 8000]
+    return out, heard
+
+
+@pytest.mark.parametrize("told", [2, 3], ids=["in its imitation", "in PPO"])
+def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(told, whole, tmp_path, monkeypatch):
+    assert_goes_on(LONG, told, whole, tmp_path, monkeypatch)
+
+
+def test_a_training_with_hard_episodes_that_was_cut_off_goes_on_with_the_same(tmp_path, monkeypatch):
+    uncut = train_whole(HARD, tmp_path / "whole")
+    assert_goes_on(HARD, 2, uncut, tmp_path, monkeypatch)
+    assert json.loads(torch.load(uncut[0] / "checkpoint.pt", weights_only=True)["notes"])["hard"]
+
+
+def assert_goes_on(
+    configuration: TrainingConfiguration, told: int, whole: Whole, tmp_path: Path, monkeypatch
+) -> None:
+    """Assert that a training that is killed when it has told so often goes on as the whole one did."""
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
+    heard: list[Progress] = []
+
+    def kill(progress: Progress) -> None:
+        heard.append(progress)
+        if len(heard) == told:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train(configuration, tmp_path / "cut", kill)
+    resume(tmp_path / "cut", heard.append)
+    uncut, expected = whole
+    assert heard == [*expected[:told], *expected[told - 1 :]]
+    first, second = (
+        torch.load(out / "checkpoint.pt", weights_only=True) for out in (tmp_path / "cut", uncut)
+    )
+    for part in ("policy", "observations", "returns"):
+        for name, value in first[part].items():
+            assert_array_equal(np.asarray(value), np.asarray(second[part][name]), err_msg=name)
+    assert first["episodes"] == second["episodes"]
+    assert json.loads(first["notes"])["hard"] == json.loads(second["notes"])["hard"]
+    assert sorted(path.name for path in (tmp_path / "cut").iterdir()) == sorted(
+        path.name for path in uncut.iterdir()
+    )
+
+
+def test_a_training_may_be_imitation_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
+    policy = train(replace(TINY, steps=2 * 8 * 200, imitation_rounds=9, imitation_share=1.0), tmp_path)
+    assert policy.metadata.steps == 2 * 8 * 200
+    assert policy.metadata.measured["episodes"] == 2
+    assert policy.action_deviation == pytest.approx(np.exp(TINY.log_std[0]))
+    with pytest.raises(ValueError, match="is complete"):
+        resume(tmp_path)
+
+
+def test_a_training_whose_expert_s_files_are_damaged_says_so(tmp_path):
+    def kill(progress: Progress) -> None:
+        raise Killed
+
+    with pytest.raises(Killed):
+        train(LONG, tmp_path, kill)
+    (tmp_path / "shown" / "round_0000.npz").write_bytes(b"PK")
+    with pytest.raises(ValueError, match=r"round_0000\.npz: not what an expert showed"):
+        resume(tmp_path)
+
+
+def test_only_a_training_that_was_cut_off_can_be_resumed(trained, tmp_path):
+    _, out = trained
+    with pytest.raises(ValueError, match="is complete, after 3200 steps"):
+        resume(out)
+    with pytest.raises(ValueError, match="holds no training to resume"):
+        resume(tmp_path)
+    (tmp_path / "configuration.json").write_bytes((out / "configuration.json").read_bytes())
+    (tmp_path / "checkpoint.pt").write_bytes((out / "checkpoint.pt").read_bytes()[:1000])
+    with pytest.raises(ValueError, match=r"checkpoint\.pt: not a checkpoint of this training"):
+        resume(tmp_path)
+
+
+def test_an_unknown_environment_leaves_nothing_behind(tmp_path):
+    with pytest.raises(ValueError, match="unknown environment 'avrgym/Flying-v1'"):
+        train(TrainingConfiguration(environment="avrgym/Flying-v1"), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+# The exported policy
+
+
+def test_the_exported_policy_acts_as_the_model_does(rng):
+    """Also where observations are clipped, and after the normaliser has seen some."""
+    native = AssistiveVectorEnv(FEEDING, 4, people="revised", num_threads=1)
+    env = VecNormalize(SB3VectorEnv(native), clip_obs=5.0)
+    model = PPO("MlpPolicy", env, seed=1, device="cpu", policy_kwargs={"activation_fn": torch.nn.Tanh})
+    env.reset()
+    for action in rng.uniform(-1, 1, (20, 4, 7)).astype(np.float32):
+        env.step(action)
+    observations = np.concatenate([native.episodes.observe(), rng.uniform(-3, 3, (200, 25))])
+    normalised = np.asarray(env.normalize_obs(observations))
+    expected, _ = model.predict(normalised, deterministic=True)
+    exported = export_policy(model, TINY, 0.0, [])
+    assert_allclose(np.clip(exported.mean(observations), -1.0, 1.0), expected, atol=1e-5)
+    assert exported.action_deviation == pytest.approx(np.exp(TINY.log_std[0]))
+    assert np.abs(normalised).max() == 5.0

@@ -1,0 +1,343 @@
+"""Fitting people to a study, and meeting them in training, evaluation and Gymnasium's environments."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from msgspec.structs import asdict
+from typer.testing import CliRunner, Result
+
+from avrgym.analysis.fitting import FITTED_JOINTS, covering_range, fit_people, write_people
+from avrgym.cli.main import app
+from avrgym.learning.evaluation import evaluate
+from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEXES, Sex
+from avrgym.people import distributions
+from avrgym.people.files import PeopleFileError, parse_people, read_people
+from avrgym.recording.files import RecordingWriter
+from avrgym.recording.records import Answer, BodyTargets, Control, Event, TrackingFrame
+from avrgym.study.people.participants import enrol, record_consent, record_inclusion
+from avrgym.study.storage.answers import record_answer
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt
+from avrgym.study.storage.sessions import close_session, open_session
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.tasks.registry import TASKS
+from places import ROOT
+from studies import METRICS, fitting_answers, make_study
+
+TASK = "Feeding"
+REST_DEG = np.degrees(TASKS[TASK].pose.rest_rad)
+ENDS_S = 3.0
+"""The robot drives from 1 s until then."""
+HEIGHTS_M: Mapping[Sex, list[float]] = {"man": [0.55, 0.58], "woman": [0.51, 0.54, 0.52]}
+LEANS_DEG = [1.0, 4.0, -2.0, 0.0, 3.0]
+"""How far each participant leans, in the order in which they come."""
+
+
+def angles_deg(**added: float) -> np.ndarray:
+    """The task's pose with some joints turned farther."""
+    angles = REST_DEG.copy()
+    for joint, degrees in added.items():
+        angles[JOINT_INDEX[joint]] += degrees
+    return angles
+
+
+def record(
+    path: Path, sex: Sex, torso_height_m: float, lean_deg: float, moved_deg: float, held: bool
+) -> None:
+    """A trial in which somebody leans, and for its last second turns the head too; ``held``: they were not tracked."""
+    metadata = {
+        "environment": f"avrgym/{TASK}Jaco-v1",
+        "person": {"sex": sex, "torso_height_m": torso_height_m},
+        "joints": list(JOINTS),
+    }
+    writer = RecordingWriter(path, metadata)
+    leaning, turned = angles_deg(waist_x=lean_deg), angles_deg(waist_x=lean_deg, head_z=moved_deg)
+    for time_s, pose in ((0.0, angles_deg(waist_x=40.0)), (0.9, leaning), (ENDS_S - 1.0, turned)):
+        writer.write("/body_targets", round(1e9 * time_s), BodyTargets(np.radians(pose).tolist()))
+        if time_s == 0.9:
+            writer.write("/events", 10**9, Event("phase", "trial"))
+    for frame in range(round(10 * ENDS_S)):
+        time_s = 0.1 * frame
+        tracking = TrackingFrame(frame, 1e3 * time_s, time_s, applied=not held, held=held)
+        writer.write("/tracking", round(1e9 * time_s), tracking)
+    control = Control(1, [0.0], [0.0] * 7, -1.0, {"distance_m": 1.0}, False, 1.0, 0.0)
+    writer.write("/control", round(1e9 * ENDS_S), control)
+    writer.write(
+        "/body_targets", round(1e9 * ENDS_S) + 1, BodyTargets(np.radians(angles_deg(waist_x=70)).tolist())
+    )
+    for item in ("L1", "L2", "L3", "L4"):
+        writer.write("/answers", round(1e9 * ENDS_S) + 2, Answer(item, 4, 1.0))
+    writer.close({"result": "completed", **asdict(METRICS)})
+
+
+def take_part(
+    store: Store,
+    sex: Sex,
+    torso_height_m: float,
+    lean_deg: float,
+    moved_deg: float,
+    simulated: bool,
+    *,
+    held: bool = False,
+) -> None:
+    """Somebody completes their trials."""
+    pseudonym = enrol(store, sex, age_years=22, simulated=simulated)
+    record_consent(store, pseudonym)
+    assert record_inclusion(store, pseudonym, fitting_answers(store))
+    session = open_session(store, pseudonym)
+    for trial in store.remaining_trials(pseudonym):
+        attempt = begin_attempt(store, session.id, trial.position)
+        record(store.path(attempt.recording), sex, torso_height_m, lean_deg, moved_deg, held)
+        for item in store.design.items_at("after_trial"):
+            record_answer(store, attempt.id, Answer(item.id, 4, 1.0))
+        complete_attempt(store, attempt.id, METRICS)
+    close_session(store, session.id)
+
+
+def study(folder: Path, *, moved_deg: float = 1.0, simulated: bool = True, count: int = 5) -> Path:
+    """A study with one task and robot, two trials each, of so many participants."""
+    make_study(folder, tasks=f'["{TASK}"]', robots='["Jaco"]', practice_policy='""')
+    bodies: list[tuple[Sex, float]] = [(sex, height_m) for sex in SEXES for height_m in HEIGHTS_M[sex]]
+    with Store(folder) as store:
+        for (sex, height_m), lean_deg in list(zip(bodies, LEANS_DEG, strict=True))[:count]:
+            take_part(store, sex, height_m, lean_deg, moved_deg, simulated)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return study(tmp_path_factory.mktemp("still"))
+
+
+@pytest.fixture(scope="module")
+def fitted(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("people") / "people.toml"
+    write_people(fit_people(folder), out)
+    return out
+
+
+def avrgym(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+# The rule ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [2, 5, 20])
+def test_ranges_cover_everybody_and_end_on_average_where_people_do(
+    rng: np.random.Generator, count: int
+) -> None:
+    drawn = rng.uniform(-1.0, 3.0, (4000, count))
+    ranges = np.array([covering_range(values, (-np.inf, np.inf)) for values in drawn])
+    assert (ranges[:, 0] <= drawn.min(axis=1)).all()
+    assert (ranges[:, 1] >= drawn.max(axis=1)).all()
+    error = ranges.std(axis=0) / np.sqrt(len(ranges))
+    assert (np.abs(ranges.mean(axis=0) - [-1.0, 3.0]) < 4.0 * error).all()
+
+
+def test_ranges_stay_within_what_the_model_allows() -> None:
+    assert covering_range([0.1, 0.9], (0.0, 1.0)) == (0.0, 1.0)
+
+
+# From a study ------------------------------------------------------------------------------------------------
+
+
+def test_who_sits_still_is_found_where_they_were_all_the_while(fitted: Path) -> None:
+    """The head was turned for the last of two seconds: half of it counts. What lies around the trial does not."""
+    found = read_people(fitted, TASKS)
+    assert not found.cooperating
+    pose = found.poses[TASK]
+    assert tuple(pose) == FITTED_JOINTS
+    assert pose["waist_x"] == pytest.approx((-2.0 - 6.0 / 4, 4.0 + 6.0 / 4))
+    assert pose["head_z"] == pytest.approx((0.5, 0.5))
+    assert pose["right_elbow_x"] == pytest.approx((-90.0, -90.0))
+    assert found.torso_height_m.man == pytest.approx((0.52, 0.61))
+    assert found.torso_height_m.woman == pytest.approx((0.51 - 0.015, 0.54 + 0.015))
+
+
+def test_who_moves_is_found_where_the_robot_found_them(tmp_path: Path) -> None:
+    found = fit_people(study(tmp_path / "moving", moved_deg=20.0)).people
+    assert found.cooperating
+    assert found.poses[TASK]["head_z"] == (0.0, 0.0)
+
+
+def test_the_file_says_where_it_comes_from_and_is_the_same_every_time(
+    folder: Path, fitted: Path, tmp_path: Path
+) -> None:
+    source = read_people(fitted, TASKS).source
+    assert source is not None
+    assert (source.men, source.women, source.trials, source.simulated) == (2, 3, 10, True)
+    text = fitted.read_text()
+    assert "# People fitted by `avrgym fit-people` to 5 simulated participants" in text
+    assert "# Only 5 participants: on average 67% of other people" in text
+    again = tmp_path / "again.toml"
+    result = avrgym("fit-people", folder, "--out", again)
+    assert result.exit_code == 0
+    assert "67% of other people" in result.stdout
+    assert again.read_bytes() == fitted.read_bytes()
+    assert avrgym("fit-people", folder, "--out", again).exit_code == 1
+
+
+def test_simulated_participants_do_not_count_beside_people(tmp_path: Path) -> None:
+    folder = study(tmp_path / "mixed", simulated=False, count=3)
+    with Store(folder) as store:
+        take_part(store, "man", 0.70, 70.0, 1.0, simulated=True)
+    fit = fit_people(folder)
+    assert fit.people.source is not None
+    assert (fit.people.source.participants, fit.people.source.simulated) == (3, False)
+    assert fit.people.poses[TASK]["waist_x"][1] < 10.0
+    assert "Fewer than two of sex 'woman' took part" in fit.remarks
+
+
+def test_a_trial_whose_person_was_held_is_left_out_and_named(tmp_path: Path) -> None:
+    folder = study(tmp_path / "held", count=3)
+    with Store(folder) as store:
+        take_part(store, "woman", 0.60, 50.0, 1.0, True, held=True)
+    fit = fit_people(folder)
+    assert fit.people.source is not None
+    assert fit.people.source.participants == 3
+    assert fit.people.poses[TASK]["waist_x"][1] < 10.0
+    assert [words.partition(": ")[0] for words in fit.left_out] == _recordings("sub-004")
+    assert all("its person was held for 100.0 % of the time" in words for words in fit.left_out)
+
+
+def _recordings(pseudonym: str) -> list[str]:
+    return [f"recordings/{pseudonym}/ses-01/trial-0{number}_attempt-1.mcap" for number in (1, 2)]
+
+
+def test_a_recording_that_was_changed_or_breaks_off_is_left_out_and_named(tmp_path: Path) -> None:
+    folder = study(tmp_path / "broken", count=3)
+    for path in (folder / "recordings" / "sub-002").rglob("*.mcap"):
+        path.write_bytes(path.read_bytes()[:-400])
+    fit = fit_people(folder)
+    assert fit.people.source is not None
+    assert fit.people.source.participants == 2
+    assert [words.partition(" ")[0] for words in fit.left_out] == _recordings("sub-002")
+    assert all(words.endswith("was changed: its checksum is another") for words in fit.left_out)
+    assert "left out  recordings/sub-002" in avrgym("fit-people", folder, "--out", tmp_path / "p.toml").stdout
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_too_few_participants_are_refused(tmp_path: Path, count: int) -> None:
+    folder = study(tmp_path / "few", count=count)
+    with pytest.raises(StudyError, match=f"2 participants with completed trials, not {count}"):
+        fit_people(folder)
+    result = avrgym("fit-people", folder, "--out", tmp_path / "p.toml")
+    assert (result.exit_code, len(result.stderr.splitlines())) == (1, 1)
+    assert not (tmp_path / "p.toml").exists()
+
+
+# The people of a file ----------------------------------------------------------------------------------------
+
+
+def test_drawn_people_fill_the_ranges_of_the_file(fitted: Path, rng: np.random.Generator) -> None:
+    file, distribution = read_people(fitted, TASKS), distributions.find_distribution(str(fitted), TASKS)
+    pose = distribution.pose_in(TASK, TASKS[TASK].pose)
+    group = distributions.sample(distribution, pose, SEATED, None, rng.random((4000, distributions.UNIFORMS)))
+    for sex, limits in (("man", file.torso_height_m.man), ("woman", file.torso_height_m.woman)):
+        heights_m = group.torso_height_m[group.is_woman == (sex == "woman")]
+        assert (heights_m.min(), heights_m.max()) == pytest.approx(limits, abs=1e-3)
+    drawn_deg = np.degrees(group.joint_angles_rad)
+    for joint in ("waist_x", "head_z", "left_elbow_x"):
+        low, high = file.poses[TASK].get(joint, (-90.0, -90.0))
+        column = drawn_deg[:, JOINT_INDEX[joint]]
+        assert (column.min(), column.max()) == pytest.approx((low, high), abs=0.01 * (high - low) + 1e-9)
+
+
+def test_elsewhere_they_are_found_in_the_tasks_own_pose(fitted: Path) -> None:
+    distribution, usual = distributions.find_distribution(str(fitted), TASKS), TASKS["ScratchItch"].pose
+    pose = distribution.pose_in("ScratchItch", usual)
+    np.testing.assert_array_equal(pose.rest_rad, usual.rest_rad)
+    np.testing.assert_array_equal(pose.spread_rad, usual.spread_rad)
+
+
+def test_environments_and_evaluation_meet_them(fitted: Path) -> None:
+    env = gym.make(f"avrgym/{TASK}Jaco-v1", people=str(fitted))
+    lows, highs = zip(
+        *(read_people(fitted, TASKS).poses[TASK][joint] for joint in FITTED_JOINTS), strict=True
+    )
+    for seed in range(3):
+        env.reset(seed=seed)
+        person = env.unwrapped.episodes.person_in(0)  # pyright: ignore[reportAttributeAccessIssue]
+        drawn = np.degrees([person.joint_angles_rad[JOINT_INDEX[joint]] for joint in FITTED_JOINTS])
+        assert (drawn >= np.array(lows) - 1e-6).all()
+        assert (drawn <= np.array(highs) + 1e-6).all()
+    assert evaluate(f"avrgym/{TASK}Jaco-v1", "zero", str(fitted), 1, 0).people == str(fitted)
+
+
+def test_a_training_keeps_its_people(fitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also when their file has gone, and the policy says that they were fitted."""
+    training = pytest.importorskip("avrgym.learning.training", reason="training is an extra")
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
+    own, out = tmp_path / "mine.toml", tmp_path / "run"
+    own.write_bytes(fitted.read_bytes())
+    tiny = training.TrainingConfiguration(
+        environment=f"avrgym/{TASK}Jaco-v1",
+        people=str(own),
+        steps=400,
+        worlds=2,
+        minibatch=400,
+        epochs=1,
+        threads=1,
+        imitation_rounds=0,
+    )
+    policy = training.train(tiny, out)
+    assert policy.metadata.people == "fitted: mine.toml"
+    assert (out / training.PEOPLE_FILE).read_bytes() == fitted.read_bytes()
+    own.unlink()
+    (out / training.CHECKPOINT_FILE).unlink()
+    assert training.resume(out).metadata.people == "fitted: mine.toml"
+
+
+GOOD = """cooperating = false
+
+[torso_height_m]
+man = [0.50, 0.60]
+woman = [0.50, 0.60]
+
+[poses.Feeding]
+waist_x = [-5.0, 5]
+"""
+
+
+def test_the_example_of_the_documents_is_a_file_of_people() -> None:
+    text = (ROOT / "docs" / "closing_the_loop.md").read_text()
+    (example,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    found = parse_people(example, "example", TASKS)
+    assert tuple(found.poses["Feeding"]) == ("waist_x", "head_z")
+    assert found.source is not None
+
+
+def test_a_file_by_hand_needs_no_source() -> None:
+    assert parse_people(GOOD, "p.toml", TASKS).poses == {"Feeding": {"waist_x": (-5.0, 5.0)}}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[0.50, 0.60]\n\n", "[0.60, 0.50]\n\n", "p.toml:5: woman is .* within 0.4 to 0.75 m"),
+        ("man = [0.50", "man = [0.20", "p.toml:4: man is .* within 0.4 to 0.75 m"),
+        ("[poses.Feeding]", "[poses.Feding]", "p.toml:8: unknown task 'Feding'; allowed: Feeding, Drinking"),
+        ("waist_x", "hip_x", "p.toml:8: unknown joint 'hip_x'; allowed: waist_x"),
+        ("[-5.0, 5]", "[-5.0, 500]", "p.toml:8: waist_x is .* within -30 to 75 degrees"),
+        ("[-5.0, 5]", '"wide"', "p.toml:8: waist_x is wide"),
+        ("cooperating = false", "cooperating = 3", "p.toml:1: Expected bool"),
+        ("cooperating = false", "", "p.toml:1: .*missing required field cooperating"),
+        ("cooperating = false", "cooperating = false\ntall = 1", "unknown field tall"),
+        ("cooperating = false", "cooperating = ", "p.toml: not TOML"),
+    ],
+)
+def test_mistakes_in_a_file_are_named_with_their_line(old: str, new: str, words: str) -> None:
+    with pytest.raises(PeopleFileError, match=words):
+        parse_people(GOOD.replace(old, new), "p.toml", TASKS)
+
+
+def test_the_commands_name_what_people_there_are(tmp_path: Path) -> None:
+    for command in ("evaluate", "train"):
+        result = avrgym(command, f"avrgym/{TASK}Jaco-v1", "--people", "nobody.toml")
+        assert result.exit_code == 1
+        assert "unknown people 'nobody.toml'; the distributions are original, revised" in result.stderr

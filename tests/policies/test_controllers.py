@@ -1,0 +1,345 @@
+"""Laws of controllers: whoever drives, in whatever way they fail, the robot holds and the session goes on."""
+
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import bad_controllers
+from avrgym.cli.main import app
+from avrgym.learning import evaluation
+from avrgym.learning.evaluation import evaluate, evaluate_all
+from avrgym.policies import controllers
+from avrgym.policies.controllers import ControllerError, Foreign
+from avrgym.policies.registry import find
+from avrgym.policies.trained import Policy, PolicyError
+from avrgym.recording.files import Recording, read_recording
+from avrgym.recording.records import Control
+from avrgym.replay.verification import verify
+from avrgym.study.sessions.simulation import simulate_study
+from avrgym.study.storage.store import Store
+from avrgym.tasks.registry import sizes
+from avrgym.vr.protocol.messages import Problem
+from avrgym.vr.session import events
+from avrgym.vr.session.plan import SessionPlan, load_policies
+from avrgym.vr.session.session import Session
+from avrgym.vr.tracking.world import TICK_S
+from onnx_files import as_onnx
+from places import ROOT
+from studies import make_study
+from visit import ENVIRONMENT, Visit, drive, plan
+
+FAILURES = {
+    "NotFinite": "not_finite",
+    "Infinite": "not_finite",
+    "WrongShape": "wrong_shape",
+    "TooFew": "wrong_shape",
+    "Words": "exception",
+    "Nothing": "wrong_shape",
+    "Raises": "exception",
+    "LeavesAtOnce": "exception",
+}
+"""Those that fail at their second and third step, and how that is told."""
+STEPS = 6
+
+
+def driven_by(name: str, **changes) -> SessionPlan:
+    """One short trial with a controller of ``bad_controllers``."""
+    planned = plan(trial_steps=STEPS, **changes)
+    trials = [replace(trial, policy=f"bad_controllers:{name}") for trial in planned.trials]
+    return replace(planned, trials=trials)
+
+
+def completed(visit: Visit) -> list[Recording]:
+    """Let a visit go on to its end, at the pace of a clock where a controller runs beside it."""
+    visit.sit_down()
+    while visit.phase != "finished":
+        if visit.phase == "questionnaire":
+            visit.answer(1)
+        visit.tick()
+    visit.leave()
+    return visit.recordings()
+
+
+class LiveVisit(Visit):
+    """A visit on the wall's clock; ``slowest_s`` is how long its longest tick took."""
+
+    slowest_s = 0.0
+
+    def tick(self, count: int = 1) -> None:
+        for _ in range(count):
+            began_s = time.monotonic()
+            super().tick()
+            took_s = time.monotonic() - began_s
+            if self.phase == "trial":
+                self.slowest_s = max(self.slowest_s, took_s)
+                time.sleep(max(0.0, TICK_S - took_s))
+
+
+@pytest.fixture
+def workers() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(1) as workers:
+        yield workers
+
+
+def live(folder: Path, plan: SessionPlan, workers: ThreadPoolExecutor) -> LiveVisit:
+    """A visit whose controllers run beside it."""
+    told: list[events.SessionEvent] = []
+    visit = LiveVisit(
+        folder,
+        plan,
+        make=lambda send: Session(
+            plan, load_policies(plan), folder, send, "live", observe=told.append, workers=workers
+        ),
+    )
+    visit.observed = told
+    return visit
+
+
+def steps_of(recording: Recording) -> list[Control]:
+    return [step for _, step in recording.topics["/control"]]
+
+
+def events_of(recording: Recording) -> list[tuple[str, str]]:
+    named = [(event.name, event.detail) for _, event in recording.topics["/events"]]
+    return [each for each in named if each[0].startswith("controller")]
+
+
+def check_held(recording: Recording, name: str, kind: str) -> None:
+    """A recording of a trial in which a controller failed at its second and third step, and drove again."""
+    steps = steps_of(recording)
+    assert [step.idle for step in steps] == [False, True, True, False, False, False]
+    assert {step.driver for step in steps} == {f"bad_controllers:{name}"}
+    assert all(step.action[0] == (0.0 if step.idle else 0.5) for step in steps)
+    failed, *_, drives = events_of(recording)
+    assert failed[0] == "controller_failed"
+    assert failed[1].partition(":")[0] == kind
+    assert drives == ("controller_drives", "")
+    assert recording.outcome is not None
+    assert recording.outcome["result"] == "completed"
+    assert verify(recording).identical
+
+
+@pytest.mark.parametrize(("name", "kind"), FAILURES.items())
+def test_who_fails_holds_the_robot_and_the_session_completes(tmp_path: Path, name: str, kind: str) -> None:
+    visit = Visit(tmp_path, driven_by(name), load_policies(driven_by(name)))
+    (recording,) = completed(visit)
+    check_held(recording, name, kind)
+    (problem,) = visit.said(Problem)
+    assert (problem.role, kind in problem.message) == ("experimenter", True)
+    (told,) = [each for each in visit.observed if isinstance(each, events.ControllerFailed)]
+    assert told.reason.startswith(f"{kind}: ")
+    assert told.reason.isprintable()
+
+
+@pytest.mark.parametrize(("name", "kind"), FAILURES.items())
+def test_the_same_holds_beside_a_live_session(
+    tmp_path: Path, workers: ThreadPoolExecutor, name: str, kind: str
+) -> None:
+    (recording,) = completed(live(tmp_path, driven_by(name), workers))
+    steps = steps_of(recording)
+    assert len(steps) == STEPS
+    assert all(step.action[0] == 0.0 for step in steps if step.idle)
+    assert kind in {
+        detail.partition(":")[0] for event, detail in events_of(recording) if event == "controller_failed"
+    }
+    assert verify(recording).identical
+
+
+def test_who_never_answers_stops_nobody_and_is_replaced(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
+    visit = live(tmp_path, driven_by("Hangs", seeds=(3, 4)), workers)
+    recordings = completed(visit)
+    assert len(recordings) == 2
+    for recording in recordings:
+        steps = steps_of(recording)
+        assert steps[0].action[0] == 0.5, "a fresh controller drives every trial"
+        assert [step.idle for step in steps[2:]] == [True] * (STEPS - 2)
+        assert events_of(recording) == [("controller_failed", "late: no answer within 80 ms")]
+        assert verify(recording).identical
+    assert visit.slowest_s < 0.2
+
+
+def test_an_answer_that_comes_late_is_dropped(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
+    visit = live(tmp_path, driven_by("Slow"), workers)
+    (recording,) = completed(visit)
+    actions = {command.action[0] for _, command in recording.topics["/commands"]}
+    assert actions == {0.5, 0.0}, "what came after a quarter of a second would have been -0.5"
+    assert visit.slowest_s < 0.2
+    assert ("controller_failed", "late: no answer within 80 ms") in events_of(recording)
+    assert verify(recording).identical
+
+
+def test_who_fails_to_begin_never_drives(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, driven_by("RaisesAtReset"), load_policies(driven_by("RaisesAtReset")))
+    (recording,) = completed(visit)
+    assert all(step.idle and not any(step.action) for step in steps_of(recording))
+    assert events_of(recording) == [("controller_failed", "exception: RuntimeError: not today")]
+
+
+def test_controllers_are_let_go_with_their_session(tmp_path: Path) -> None:
+    before = bad_controllers.Steady.closed
+    completed(Visit(tmp_path, driven_by("Steady"), load_policies(driven_by("Steady"))))
+    assert bad_controllers.Steady.closed == before + 2, "the one that was tried out, and the one that drove"
+
+
+def test_figures_follow_from_the_seed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever runs beside, in however many processes, and whether each is made or copied."""
+    noisy, ready = ("bad_controllers:Noisy", "bad_controllers:READY")
+    first = evaluate(ENVIRONMENT, noisy, "original", 3, 0)
+    assert first == evaluate_all([ENVIRONMENT], noisy, "original", 3, 0, jobs=2)[0]
+    assert first == replace(evaluate(ENVIRONMENT, ready, "original", 3, 0), policy=noisy)
+    assert first != evaluate(ENVIRONMENT, noisy, "original", 3, 1)
+    monkeypatch.setattr(evaluation, "MAX_WORLDS", 2)
+    assert first == evaluate(ENVIRONMENT, noisy, "original", 3, 0)
+
+
+def test_a_failure_ends_an_evaluation_in_one_line() -> None:
+    with pytest.raises(ControllerError, match=r"^not_finite: "):
+        evaluate(ENVIRONMENT, "bad_controllers:NotFinite", "original", 1, 0)
+    ended = CliRunner().invoke(
+        app, ["evaluate", ENVIRONMENT, "--policy", "bad_controllers:Raises", "--episodes", "1"]
+    )
+    assert ended.exit_code == 1
+    (line,) = ended.stderr.splitlines()
+    assert "exception: KeyError" in line
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("no_such_module:Thing", "cannot be imported (ModuleNotFoundError: No module named 'no_such_module')"),
+        ("bad_controllers:Missing", "has no attribute 'Missing'"),
+        ("bad_controllers:", "has no attribute ''"),
+        (":Steady", "cannot be imported (ValueError: Empty module name)"),
+        ("bad_controllers:WithoutReset", "a WithoutReset without reset; a controller has reset(seed, environment)"),
+        ("bad_controllers:unmakeable", "cannot be made (FileNotFoundError: weights.bin)"),
+        ("bad_controllers:READY.chance.x", "has no attribute 'chance'"),
+        ("operator", "nobody can drive the robot here"),
+        ("nobody", "allowed: original, revised, oracle, random, zero, "),
+        ("nobody.onnx", "no policy 'nobody.onnx'"),
+    ],
+)  # fmt: skip
+def test_what_cannot_drive_is_refused_in_one_line(name: str, words: str) -> None:
+    with pytest.raises(PolicyError) as refused:
+        find(name, ENVIRONMENT)
+    assert words in str(refused.value)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("policy", ["original", "revised"])
+@pytest.mark.parametrize("rows", [1, None, "N"])
+def test_a_packaged_policy_as_onnx_acts_the_same(tmp_path: Path, policy: str, rows: int | str | None) -> None:
+    """Its mean action, to 1e-6: one row or several at a time, single precision or double."""
+    packaged = find(policy, ENVIRONMENT)
+    assert isinstance(packaged, Policy)
+    rng = np.random.default_rng(0)
+    observations = rng.normal(packaged.observation_mean, np.sqrt(packaged.observation_variance), (50, 25))
+    expected = np.clip(packaged.mean(observations), -1, 1)
+    for double, tolerance in ((True, 1e-6), (False, 2e-4)):
+        path = tmp_path / f"{double}.onnx"
+        as_onnx(packaged, path, rows, double=double)
+        found = find(str(path), ENVIRONMENT)
+        assert isinstance(found, Foreign)
+        actions = [controllers.answer(found.make(), observation, 7) for observation in observations]
+        np.testing.assert_allclose(actions, expected, rtol=0, atol=tolerance)
+
+
+def test_an_onnx_file_drives_a_session_and_an_evaluation(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
+    path = tmp_path / "calm.onnx"
+    as_onnx(replace(drive(ENVIRONMENT), action_deviation=0.0), path, 1, double=False)
+    planned = plan(trial_steps=STEPS)
+    planned = replace(planned, trials=[replace(planned.trials[0], policy=str(path))])
+    (recording,) = completed(live(tmp_path / "recordings", planned, workers))
+    assert {
+        round(abs(value), 3) for step in steps_of(recording) if not step.idle for value in step.action
+    } == {0.6}
+    assert verify(recording).identical
+    assert evaluate(ENVIRONMENT, str(path), "original", 1, 0).episodes == 1
+
+
+def test_onnx_files_that_cannot_drive_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "net.onnx"
+    as_onnx(drive("avrgym/BedBathingJaco-v1"), path, 1, double=False)
+    with pytest.raises(PolicyError, match=r"takes one input of float or double, of shape \(25,\), \(1, 25\)"):
+        find(str(path), ENVIRONMENT)
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(PolicyError, match=r"net\.onnx: not a readable \.onnx file"):
+        find(str(path), ENVIRONMENT)
+
+
+def test_the_documented_controller_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the folder where the program runs."""
+    page = (ROOT / "docs" / "add_a_controller.md").read_text()
+    code = page.partition("```python\n# mine.py\n")[2].partition("```")[0]
+    (tmp_path / "mine.py").write_text(code)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    one, same = (evaluate(ENVIRONMENT, "mine:Reach", "original", 2, 0) for _ in range(2))
+    assert one == same
+
+
+def test_the_page_says_how_many_numbers_are_observed() -> None:
+    page = (ROOT / "docs" / "add_a_controller.md").read_text()
+    rows = [
+        [cell.strip() for cell in line.split("|")[2:4]]
+        for line in page.splitlines()
+        if "quaternion 4" in line
+    ]
+    said = [
+        (int(size), [int(entry.split()[-1]) for entry in order.split(", ") if entry[-1].isdigit()])
+        for size, order in rows
+    ]
+    for (size, entries), task in zip(said, ("Feeding", "ScratchItch", "BedBathing"), strict=True):
+        assert sum(entries) == size == sizes(f"avrgym/{task}Jaco-v1")[0]
+
+
+def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
+    def study(name: str, policies: str) -> Path:
+        choices = {
+            "tasks": '["Feeding"]',
+            "robots": '["Jaco"]',
+            "policies": policies,
+            "practice_policy": '""',
+        }
+        return make_study(tmp_path / name, **choices, trial_steps="3", free_movement_s="0.0")
+
+    folder = study("study", '["bad_controllers:Raises", "zero", "ours"]')
+    (folder / "ours").mkdir()
+    as_onnx(drive(ENVIRONMENT), folder / "ours" / "FeedingJaco.onnx", 1, double=False)
+    assert CliRunner().invoke(app, ["study", "check", str(folder)]).exit_code == 0
+    simulate_study(folder, 1, 0, jobs=1)
+    with Store(folder) as store:
+        assert {trial.state for trial in store.trials("sub-001")} == {"completed"}
+        assert [event for event in store.events() if event.name == "controller failed"]
+    recordings = [read_recording(path) for path in folder.rglob("*.mcap")]
+    drivers = {step.driver for recording in recordings for step in steps_of(recording)}
+    assert drivers == {"bad_controllers:Raises", "zero", "ours"}
+    assert all(verify(recording).identical for recording in recordings)
+
+    with_operator = study("operated", '["operator"]')
+    assert CliRunner().invoke(app, ["study", "check", str(with_operator)]).exit_code == 0
+    refused = CliRunner().invoke(app, ["study", "simulate", str(with_operator), "--participants", "1"])
+    assert (refused.exit_code, "nobody drives the robot in a dry run" in refused.stderr) == (1, True)
+
+
+def test_plug_ins_have_names_and_a_broken_one_is_in_nobodys_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    group = controllers.GROUP
+    found = [
+        EntryPoint("calm", "bad_controllers:Steady", group),
+        EntryPoint("broken", "no_such_module:Thing", group),
+    ]
+    monkeypatch.setattr(controllers, "entry_points", lambda group: found)
+    assert find("calm", ENVIRONMENT).name == "calm"  # type: ignore[union-attr]
+    with pytest.raises(
+        PolicyError, match=r"broken = no_such_module:Thing: cannot be imported \(ModuleNotFound"
+    ):
+        find("broken", ENVIRONMENT)
+    with pytest.raises(PolicyError, match="zero, calm, broken, FILE"):
+        find("nobody", ENVIRONMENT)
+    assert evaluate(ENVIRONMENT, "zero", "original", 1, 0).episodes == 1

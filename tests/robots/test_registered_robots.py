@@ -1,0 +1,182 @@
+"""What is true of every robot: ours, and those of the example package."""
+
+import sys
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from avrgym.geometry import kinematics, transforms
+from avrgym.models.contacts import VISUAL_GROUP
+from avrgym.models.cup import CUP
+from avrgym.models.human import Person
+from avrgym.models.robot import Arm, Robot, UnsuitableError, robot_spec, robot_with
+from avrgym.models.scene import build_spec
+from avrgym.models.scratcher import SCRATCHER
+from avrgym.models.spoon import SPOON
+from avrgym.models.washcloth import WASHCLOTH
+from avrgym.robots import registry
+from avrgym.robots.records import check_robot
+from avrgym.robots.registry import ROBOTS
+from avrgym.tasks.registry import TASKS
+from avrgym.tasks.task import Task
+from avrgym.vr.scene.scene_export import export_glb
+from glb import GlbFile
+from places import ROOT
+
+sys.path.append(str(ROOT / "examples" / "extension" / "src"))
+
+from avrgym_example.gen3 import GEN3
+from avrgym_example.ur5 import UR5
+
+TOOLS = {tool.name: tool for tool in (SPOON, CUP, SCRATCHER, WASHCLOTH)}
+EVERY = {robot.name: robot for robot in (*ROBOTS.values(), GEN3, UR5)}
+GRIPS = [(robot, tool) for robot in EVERY.values() for tool in robot.grips]
+DEEPEST_M, PINCHED_M, FARTHEST_M = 0.003, 0.008, 0.003
+"""How deep a finger's hull may lie in a tool's, and in the cloth that it pinches; how far off it is at most."""
+
+
+@pytest.fixture(params=EVERY.values(), ids=list(EVERY))
+def robot(request) -> Robot:
+    return request.param
+
+
+def arm_of(robot: Robot) -> Arm:
+    return next(iter(robot.arms.values()))
+
+
+def suits(task: Task, robot: Robot) -> bool:
+    try:
+        task.scene(robot)
+    except UnsuitableError:
+        return False
+    return True
+
+
+def chain_of(robot: Robot, arm: Arm) -> kinematics.Chain:
+    model = robot_spec(robot, arm, appearance=False).compile()
+    return kinematics.chain_of(model, arm.joints, robot.base, arm.end_effector)
+
+
+def test_its_record_is_whole(robot):
+    check_robot(robot)
+
+
+def test_inverse_kinematics_is_the_inverse_of_forward(robot, rng):
+    """From 0.3 rad beside them, poses well inside the ranges are found again."""
+    arm = arm_of(robot)
+    chain = chain_of(robot, arm)
+    middle, half = 0.5 * (chain.lower_rad + chain.upper_rad), 0.5 * (chain.upper_rad - chain.lower_rad)
+    angles = middle + 0.8 * half * rng.uniform(-1.0, 1.0, (200, len(arm.joints)))
+    pos, q = kinematics.forward(chain, angles)
+    found = kinematics.solve(chain, pos, q, angles + rng.uniform(-0.3, 0.3, angles.shape), iterations=200)
+    right = (found.position_error_m < 1e-3) & (found.rotation_error_rad < 1e-2)
+    assert right.mean() > 0.97
+    again_pos, again_q = kinematics.forward(chain, found.angles_rad[right])
+    assert_allclose(again_pos, pos[right], atol=1e-3)
+    turns = transforms.to_matrix(again_q) - transforms.to_matrix(q[right])
+    assert np.abs(turns).max() < 1.5e-2
+
+
+def test_sizes_follow_its_joints(robot):
+    joints = len(arm_of(robot).joints)
+    for task in (task for task in TASKS.values() if suits(task, robot)):
+        with_jaco = task.observation(task.scene(ROBOTS["Jaco"])).size
+        assert len(task.scene(robot).arm.joints) == joints
+        assert task.observation(task.scene(robot)).size == with_jaco + joints - 7
+
+
+@pytest.mark.parametrize(("robot", "tool"), GRIPS, ids=[f"{robot.name} {tool}" for robot, tool in GRIPS])
+def test_its_grip_holds_the_tool_without_overlap(robot, tool):
+    model = robot_with(robot, arm_of(robot), TOOLS[tool], "tool", appearance=True).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    seen = [geom for geom in range(model.ngeom) if model.geom_group[geom] == VISUAL_GROUP]
+    of_tool = [geom for geom in seen if carried_by(model, geom, "tool")]
+    fingers = [geom for geom in seen if "finger" in model.body(model.geom_bodyid[geom]).name.lower()]
+    fingers = [geom for geom in fingers if carried_by(model, geom, arm_of(robot).end_effector, siblings=True)]
+    assert of_tool
+    assert fingers
+    gaps = np.array(
+        [mujoco.mj_geomDistance(model, data, one, other, 0.1, None) for one in fingers for other in of_tool]
+    )
+    deepest = PINCHED_M if tool == "washcloth" else DEEPEST_M
+    assert -deepest < gaps.min() < FARTHEST_M
+
+
+def carried_by(model: mujoco.MjModel, geom: int, name: str, *, siblings: bool = False) -> bool:
+    """Whether a body carries a geom, or, with ``siblings``, the body that carries that one does."""
+    root, body = model.body(name).id, int(model.geom_bodyid[geom])
+    if siblings:
+        root = int(model.body_parentid[root])
+    while body not in (0, root):
+        body = int(model.body_parentid[body])
+    return body == root
+
+
+def test_its_looks_change_nothing_that_moves(robot):
+    plain, dressed = (robot_spec(robot, arm_of(robot), appearance=seen).compile() for seen in (False, True))
+    for field in ("body_mass", "body_inertia", "body_pos", "body_quat", "jnt_range", "actuator_gainprm"):
+        assert_allclose(getattr(plain, field), getattr(dressed, field))
+
+
+@pytest.mark.parametrize("robot", [GEN3, UR5], ids=lambda robot: robot.name)
+def test_a_browser_is_shown_a_robot_of_a_package(robot):
+    """Every moving link has a node with a mesh in the scene that clients draw."""
+    scene = TASKS["Feeding"].scene(robot)
+    model = build_spec(scene, Person(), moving=True, appearance=True).compile()
+    drawn = {body for body, node in GlbFile(export_glb(model)).nodes("body").items() if node.get("children")}
+    links = {model.body(model.joint(f"robot/{joint}").bodyid[0]).name for joint in scene.arm.joints}
+    assert links <= drawn
+
+
+# What is refused
+
+
+ARM = UR5.arms["right"]
+BROKEN = {
+    "a capital letter": replace(UR5, name="my-robot"),
+    "it has no arms": replace(UR5, arms={}),
+    "it has no mounts": replace(UR5, mounts={}),
+    "it has no grips": replace(UR5, grips={}),
+    "unknown mounts 'sofa'; allowed: wheelchair, bed": replace(UR5, mounts={"sofa": UR5.mounts["bed"]}),
+    "has 5 joints; allowed: 6 or more": replace(UR5, arms={"right": replace(ARM, joints=ARM.joints[:5])}),
+    r"seed_pose_rad of its right arm has shape \(7,\); allowed: \(6,\)": replace(
+        UR5, arms={"right": replace(ARM, seed_pose_rad=np.zeros(7))}
+    ),
+    "torque_limit_n_m of its right arm must be above 0": replace(
+        UR5, arms={"right": replace(ARM, torque_limit_n_m=np.zeros(6))}
+    ),
+    "base: its model has no 'floor'": replace(UR5, base="floor"),
+    "end_effector of its right arm: its model has no 'paw'": replace(
+        UR5, arms={"right": replace(ARM, end_effector="paw")}
+    ),
+    "fingers of its grips: its model has no 'thumb'": replace(
+        UR5, grips={"spoon": replace(UR5.grips["spoon"], fingers={"thumb": 0.0})}
+    ),
+    "outside the range of elbow": replace(
+        UR5, arms={"right": replace(ARM, seed_pose_rad=np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))}
+    ),
+}
+
+
+@pytest.mark.parametrize("words", BROKEN)
+def test_a_record_with_something_missing_is_refused_in_clear_words(words):
+    before = dict(ROBOTS)
+    with pytest.raises(ValueError, match=words):
+        registry.register(BROKEN[words])
+    assert before == ROBOTS
+
+
+def test_a_name_that_is_taken_is_refused():
+    with pytest.raises(ValueError, match="there is a robot Jaco already"):
+        registry.register(replace(UR5, name="Jaco"))
+
+
+def test_a_robot_does_the_tasks_for_which_it_has_everything():
+    spoon_only = replace(UR5, grips={"spoon": UR5.grips["spoon"]})
+    assert [name for name, task in TASKS.items() if suits(task, spoon_only)] == ["Feeding"]
+    with pytest.raises(ValueError, match="UR5 has no grip 'cup', only spoon"):
+        TASKS["Drinking"].scene(spoon_only)

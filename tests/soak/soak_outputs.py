@@ -1,0 +1,22 @@
+"""Damage to recordings, at more places than the suite has time for: no export passes over it."""
+
+from pathlib import Path
+
+import pytest
+
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
+from damage import count_unnoticed
+from studies import run_participant, small_study, take_in
+
+PLACES = 5000
+
+
+def test_damage_anywhere_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    folder = small_study(tmp_path / "study")
+    with Store(folder) as store:
+        run_participant(store, take_in(store))
+    unnoticed = count_unnoticed(folder, PLACES)
+    print(f"\n{PLACES} recordings cut or flipped, {unnoticed} exported without a word")
+    assert unnoticed == 0

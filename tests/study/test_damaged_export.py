@@ -1,0 +1,176 @@
+"""Exports of studies with damaged recordings: refused with their names, or without them and with a list."""
+
+import csv
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import pyarrow.parquet as pq
+import pytest
+import sqlalchemy as sa
+from typer.testing import CliRunner, Result
+
+from avrgym.cli.main import app
+from avrgym.study.export import FORMATS, LEFT_OUT, export_study
+from avrgym.study.export.trials import completed_attempts, verified
+from avrgym.study.storage import database, schema
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from damage import BROKEN, count_unnoticed
+from studies import STEPS, run_participant, small_study, take_in
+
+TRIALS = 5
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study that two participants have completed."""
+    folder = small_study(tmp_path_factory.mktemp("whole") / "study")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(database.URL_VARIABLE, raising=False)
+        with Store(folder) as store:
+            for _ in range(2):
+                run_participant(store, take_in(store))
+    return folder
+
+
+@pytest.fixture
+def folder(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy to damage."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    return Path(shutil.copytree(whole, tmp_path / "study"))
+
+
+def export(folder: Path, data_format: str, *options: str) -> Result:
+    out = folder.parent / "out"
+    arguments = ["study", "export", str(folder), "--format", data_format, "--out", str(out), *options]
+    return CliRunner().invoke(app, arguments)
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:3000])
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def replace(path: Path) -> None:
+    shutil.copy(path.with_name("trial-03_attempt-1.mcap"), path)
+
+
+DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
+    "cut": (cut, "was changed: its checksum is another"),
+    "empty": (lambda path: path.write_bytes(b""), "was changed: its checksum is another"),
+    "flipped": (flip, "was changed: its checksum is another"),
+    "another": (replace, "was changed: its checksum is another"),
+    "missing": (Path.unlink, "is missing"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("data_format", FORMATS)
+def test_a_damaged_recording_is_named_and_nothing_is_exported(
+    folder: Path, data_format: str, damage: str
+) -> None:
+    break_it, words = DAMAGES[damage]
+    break_it(folder / BROKEN)
+    before = sorted(folder.parent.iterdir())
+    result = export(folder, data_format)
+    assert result.exit_code == 1
+    (line,) = result.stderr.splitlines()
+    assert f"{BROKEN} {words}; --skip-damaged leaves out" in line
+    assert sorted(folder.parent.iterdir()) == before
+
+
+@pytest.mark.parametrize("data_format", FORMATS)
+def test_every_damaged_recording_is_named(folder: Path, data_format: str) -> None:
+    broken = sorted(folder.rglob("*.mcap"))[::3]
+    for path in broken:
+        cut(path)
+    line = export(folder, data_format).stderr
+    assert all(str(path.relative_to(folder)) in line for path in broken)
+
+
+@pytest.mark.parametrize("data_format", FORMATS)
+def test_damaged_recordings_can_be_left_out_and_are_listed(folder: Path, data_format: str) -> None:
+    cut(folder / BROKEN)
+    result = export(folder, data_format, "--skip-damaged")
+    assert result.exit_code == 0
+    assert f"left out  {BROKEN} was changed" in result.stdout
+    out = folder.parent / "out"
+    (row,) = rows(out / LEFT_OUT)
+    assert (row["participant"], row["position"], row["why"]) == (
+        "sub-001", "2", f"{BROKEN} was changed: its checksum is another",
+    )  # fmt: skip
+    assert exported_trials(out, data_format) == 2 * TRIALS - 1
+
+
+@pytest.mark.parametrize("data_format", FORMATS)
+def test_a_sound_study_lists_nothing(folder: Path, data_format: str) -> None:
+    assert export(folder, data_format, "--skip-damaged").exit_code == 0
+    out = folder.parent / "out"
+    assert not (out / LEFT_OUT).exists()
+    assert exported_trials(out, data_format) == 2 * TRIALS
+
+
+def exported_trials(out: Path, data_format: str) -> int:
+    """How many trials the files hold, each of them whole."""
+    match data_format:
+        case "csv":
+            lengths = len(rows(out / "control_steps.csv")) / STEPS
+        case "bids":
+            tables = [path.read_text().splitlines() for path in out.rglob("*_motion.tsv")]
+            assert {len(lines) for lines in tables} == {STEPS}
+            lengths = len(tables)
+        case "hdf5":
+            demonstrations = []
+            for path in out.glob("*.hdf5"):
+                with h5py.File(path) as file:
+                    demonstrations += [len(each["actions"]) for each in file["data"].values()]  # pyright: ignore
+            assert set(demonstrations) == {STEPS}
+            lengths = len(demonstrations)
+        case _:
+            tables = [pq.read_table(path) for path in out.rglob("episodes/**/*.parquet")]
+            lengths = sum(len(table) for table in tables)
+    return int(lengths)
+
+
+@pytest.mark.parametrize("data_format", FORMATS)
+def test_a_study_of_which_nothing_is_whole_exports_only_what_is_stored(
+    folder: Path, data_format: str
+) -> None:
+    for path in folder.rglob("*.mcap"):
+        path.unlink()
+    assert export(folder, data_format, "--skip-damaged").exit_code == 0
+    assert len(rows(folder.parent / "out" / LEFT_OUT)) == 2 * TRIALS
+
+
+def test_a_recording_of_another_station_is_said_to_be_there(folder: Path) -> None:
+    (folder / BROKEN).unlink()
+    with Store(folder) as store:
+        store.station = "another"
+        with pytest.raises(StudyError, match=f"{BROKEN} is not here; it was recorded at "):
+            export_study(store, "csv", folder.parent / "out")
+
+
+def test_a_completed_trial_without_a_checksum_or_with_an_incomplete_recording_is_refused(
+    folder: Path,
+) -> None:
+    with Store(folder) as store:
+        with store.database.write() as connection:
+            connection.execute(sa.update(schema.ATTEMPT).values(sha256=None))
+        _, left_out = verified(list(completed_attempts(store)))
+    assert len(left_out) == 2 * TRIALS
+
+
+def test_damage_anywhere_is_noticed(folder: Path) -> None:
+    assert count_unnoticed(folder, 200) == 0

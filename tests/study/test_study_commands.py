@@ -1,0 +1,217 @@
+"""The program ``avrgym study``, and what its check finds."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+from typer.testing import CliRunner, Result
+
+from avrgym.cli.main import app
+from avrgym.policies.trained import packaged_policies
+from avrgym.recording.files import RecordingWriter
+from avrgym.recording.records import Answer
+from avrgym.study.checking.checks import check_study
+from avrgym.study.storage import database, schema
+from avrgym.study.storage.answers import record_answer
+from avrgym.study.storage.attempts import begin_attempt
+from avrgym.study.storage.sessions import open_session
+from avrgym.study.storage.store import Store
+from places import ROOT
+from studies import make_study, run_participant, small_study, take_in
+
+FIRST = "recordings/sub-001/ses-01/trial-01_attempt-1.mcap"
+SECOND = "recordings/sub-001/ses-01/trial-02_attempt-1.mcap"
+
+
+def study(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, ["study", *(str(argument) for argument in arguments)])
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A study whose first participant has finished and whose second has begun."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    folder = small_study(tmp_path / "study")
+    with Store(folder) as store:
+        run_participant(store, take_in(store))
+        run_participant(store, take_in(store, simulated=False, name="Ada"), trials=2, simulated=False)
+    return folder
+
+
+@pytest.fixture
+def store(folder: Path) -> Iterator[Store]:
+    with Store(folder) as opened:
+        yield opened
+
+
+def test_the_life_of_a_study_on_the_command_line(folder: Path, tmp_path: Path) -> None:
+    shown = study("status", folder, "--json", tmp_path / "status.json")
+    assert shown.exit_code == 0
+    assert "1 of 8 participants completed, 0 withdrew, 0 excluded, 0 deleted" in shown.stdout
+    status = json.loads((tmp_path / "status.json").read_text())
+    assert (status["simulated"], status["filled"], status["completed_cells"]) == (
+        1,
+        [2, 0, 0, 0],
+        [1, 0, 0, 0],
+    )
+    assert [row["trials_completed"] for row in status["participants"]] == [5, 2]
+    assert [row["simulated"] for row in status["participants"]] == [True, False]
+
+    checked = study("check", folder, "--json", tmp_path / "check.json")
+    assert checked.exit_code == 0
+    assert not any(finding["wrong"] for finding in json.loads((tmp_path / "check.json").read_text()))
+    assert "nothing is wrong" in checked.stdout
+
+    exported = study("export", folder, "--format", "csv", "--out", tmp_path / "tables")
+    assert exported.exit_code == 0
+    assert "pseudonymised, not anonymous" in exported.stdout
+    assert (tmp_path / "tables" / "trials.csv").is_file()
+
+    deleted = study("delete-participant", folder, "sub-002")
+    assert deleted.exit_code == 0
+    assert "1 deleted" in study("status", folder).stdout
+    assert study("check", folder).exit_code == 0
+
+
+def test_a_new_study_is_written_once(tmp_path: Path) -> None:
+    assert study("new", tmp_path / "study").exit_code == 0
+    again = study("new", tmp_path / "study")
+    assert again.exit_code == 1
+    assert "holds study.toml already" in again.stderr
+    status = study("status", tmp_path / "study")
+    assert status.exit_code == 0
+    assert "0 of 8 participants completed" in status.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["status", "nowhere"], "nowhere holds no study.toml; `avrgym study new nowhere` writes one"),
+        (["check", "nowhere"], "holds no study.toml"),
+        (["export", "STUDY", "--format", "xlsx", "--out", "new"], "unknown format 'xlsx'; allowed: csv, bids"),
+        (["export", "STUDY", "--format", "csv", "--out", "STUDY"], "holds something already"),
+        (["delete-participant", "STUDY", "sub-009"], "there is no sub-009"),
+        (["delete-participant", "STUDY", "../x"], "'../x' is no participant; allowed: sub-001"),
+        (["status", "STUDY", "--json", "no/such/file.json"], "there is no folder no/such"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_done_is_said_in_one_line(folder: Path, arguments: list[str], message: str) -> None:
+    result = study(*(str(folder) if argument == "STUDY" else argument for argument in arguments))
+    assert result.exit_code == 1
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("avrgym: ")
+    assert message in line
+
+
+def test_the_page_about_studies_leads_from_consent_to_a_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "study.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    exec(code, {})
+    assert len(capsys.readouterr().out.splitlines()) == 20
+    with Store(tmp_path / "my-study") as store:
+        assert [session.state for session in store.sessions("sub-001")] == ["closed"]
+
+
+# What the check finds
+
+
+def _flip(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+def _forget_an_answer(store: Store) -> None:
+    with store.database.write() as connection:
+        connection.execute(sa.delete(schema.ANSWER).where(schema.ANSWER.c.id == 2))
+
+
+def _change(table: sa.Table, **values: int | str) -> Callable[[Store], None]:
+    def change(store: Store) -> None:
+        with store.database.write() as connection:
+            connection.execute(sa.update(table).where(table.c.id == 2).values(**values))
+
+    return change
+
+
+def _mark(store: Store, simulated: bool) -> None:
+    with store.database.write() as connection:
+        connection.execute(sa.update(schema.PARTICIPANT).values(simulated=simulated))
+
+
+DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
+    "missing": (lambda s: s.path(FIRST).unlink(), FIRST, "is missing"),
+    "changed": (lambda s: _flip(s.path(FIRST)), FIRST, "its checksum is another"),
+    "empty": (lambda s: s.path(FIRST).write_bytes(b""), FIRST, "does not load"),
+    "stray": (lambda s: s.path("recordings/x.mcap").write_bytes(b""), "recordings/x.mcap", "belongs to no attempt"),
+    "link": (lambda s: s.path("recordings/x").symlink_to("/"), "recordings/x", "belongs to no attempt"),
+    "answer gone": (_forget_an_answer, SECOND, "completed without answers to L2"),
+    "answer changed": (_change(schema.ANSWER, value=7), SECOND, "with another answer"),
+    "seed changed": (_change(schema.TRIAL, seed=1), SECOND, "with another seed"),
+    "person marked": (lambda s: _mark(s, simulated=False), FIRST, "with another simulated"),
+    "trial undone": (_change(schema.TRIAL, state="planned"), "trial 2 of sub-001", "is planned with 1 completed"),
+    "escape": (_change(schema.ATTEMPT, recording="../../x.mcap"), "../../x.mcap", "leads out of the study's folder"),
+    "open key": (lambda s: s.path("private/key.json").chmod(0o644), "private/key.json", "others than its owner"),
+    "stranger": (
+        lambda s: s.path("private/key.json").write_text('{"sub-009": {"name": "Ada", "contact": ""}}'),
+        "private/key.json", "names sub-009, who is not in this study",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_the_check_finds_and_names(folder: Path, store: Store, damage: str) -> None:
+    act, where, what = DAMAGES[damage]
+    act(store)
+    findings = check_study(store)
+    assert any(finding.wrong and finding.where == where and what in finding.what for finding in findings)
+    checked = study("check", folder)
+    assert checked.exit_code == 1
+    assert re.search(rf"wrong  {re.escape(where)}: .*{re.escape(what)}", checked.stdout)
+
+
+def test_a_policy_that_is_still_missing_is_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    folder = make_study(tmp_path, tasks='["Feeding"]', policies='["mine", "revised"]', robots='["Jaco"]')
+    with Store(folder) as store:
+        (finding,) = check_study(store)
+        assert (finding.where, finding.wrong) == ("policy mine", True)
+        assert "no policy 'mine' for avrgym/FeedingJaco-v1; allowed: original, revised" in finding.what
+        own = folder / "mine" / "FeedingJaco.safetensors"
+        own.parent.mkdir()
+        shutil.copy(packaged_policies("avrgym/FeedingJaco-v1")["original"], own)
+        assert check_study(store) == []
+        assert store.policy_source("avrgym/FeedingJaco-v1", "mine") == str(own)
+        assert store.policy_source("avrgym/FeedingJaco-v1", "revised") == "revised"
+
+
+def test_an_attempt_that_runs_is_no_fault(store: Store) -> None:
+    session = open_session(store, "sub-002")
+    begin_attempt(store, session.id, store.remaining_trials("sub-002")[0].position)
+    assert not any(finding.wrong for finding in check_study(store))
+
+
+def test_an_answer_may_lack_where_a_crash_cut_its_recording(store: Store) -> None:
+    session = open_session(store, "sub-002")
+    trial = store.remaining_trials("sub-002")[0]
+    attempt = begin_attempt(store, session.id, trial.position)
+    planned = {name: getattr(trial, name) for name in ("environment", "policy", "seed", "practice")}
+    RecordingWriter(store.path(attempt.recording), {**planned, "simulated": False}).close()
+    record_answer(store, attempt.id, Answer("L1", 6, 1.25))
+    assert not any(finding.wrong for finding in check_study(store))
+
+
+def test_recordings_of_another_station_are_noted_only(folder: Path, store: Store) -> None:
+    store.station = "elsewhere"
+    store.path(FIRST).unlink()
+    (finding,) = (finding for finding in check_study(store) if finding.where == FIRST)
+    assert not finding.wrong
+    assert "is not here; it was recorded at" in finding.what

@@ -1,0 +1,158 @@
+"""A study's design: the paper's protocol as default, and errors that lead to the line."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from avrgym.models.furniture.real import RealFurniture
+from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import create_study
+from places import DATA
+
+TEXT = default_text()
+TLX = """
+[[questionnaires]]
+name = "nasa_tlx"
+when = "after_session"
+order = "random"
+items = [
+    { id = "mental", text = "How mentally demanding was the task?", points = 21, low = "very low", high = "very high" },
+    { id = "physical", text = "How physically demanding was it?", points = 21, low = "very low", high = "very high" },
+    { id = "temporal", text = "How hurried was its pace?", points = 21, low = "very low", high = "very high" },
+]
+"""
+
+
+def test_a_new_study_holds_the_paper_s_protocol(tmp_path: Path) -> None:
+    design = read_design(create_study(tmp_path / "a" / "study"))
+    assert (design.participants, design.trial_steps, design.blind_experimenter) == (8, 200, False)
+    assert design.tasks == ("Feeding", "Drinking", "ScratchItch", "BedBathing")
+    assert design.conditions == (
+        ("PR2", "original"), ("PR2", "revised"), ("Jaco", "original"), ("Jaco", "revised"),
+    )  # fmt: skip
+    assert design.items_at("after_trial") == LIKERT_ITEMS
+    assert {question.id for question in design.inclusion if not question.required} == {
+        "impairment",
+        "epilepsy",
+    }
+
+
+def test_every_setting_is_explained() -> None:
+    for line in re.findall(r"^(\w+) = ", TEXT, re.MULTILINE):
+        before = TEXT[: TEXT.index(f"\n{line} = ")].rpartition("\n\n")[2]
+        assert "#" in before or "[" in before, f"{line} has no comment"
+
+
+@pytest.mark.parametrize("held", ["study.toml", "study.db", "recordings", "private"])
+def test_a_folder_that_holds_a_study_stays_as_it_is(tmp_path: Path, held: str) -> None:
+    (tmp_path / held).write_text("precious")
+    with pytest.raises(StudyError, match=f"holds {held} already; choose another folder"):
+        create_study(tmp_path)
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(held, "precious")]
+
+
+MISTAKES = [
+    ('tasks = ["Feeding"', 'tasks = ["Feding"', "unknown name 'Feding'; allowed: Feeding, Drinking"),
+    ('["PR2", "Jaco"]', '["PR2",\n  "R2D2"]', "unknown name 'R2D2'; allowed: Jaco, PR2"),
+    ('["PR2", "Jaco"]', '["PR2",\n  "PR2"]', "'PR2' stands here twice"),
+    ('["PR2", "Jaco"]', "[]", "robots: Expected array of length >= 1"),
+    ('"original", "revised"]', '"../secret"]', "'../secret' is no name; allowed: a packaged policy"),
+    ('practice_policy = "revised"', 'practice_policy = "/etc"', "'/etc' is no name"),
+    ("participants = 8", "participants = 0", "participants: Expected int >= 1"),
+    ("participants = 8", 'participants = "eight"', "participants: Expected int, got str"),
+    ("trial_steps = 200", "trial_steps = 20.5", "trial_steps: Expected int, got float"),
+    ("free_movement_s = 5.0", "free_movement_s = inf", "free_movement_s: Expected float <= 600"),
+    ("free_movement_s = 5.0", "free_movement_s = nan", "free_movement_s"),
+    ("seed = 0", "sead = 0", "unknown name 'sead'; allowed: title, participants, seed"),
+    ("seed = 0", "seed =", "not TOML"),
+    ("blind_experimenter = false", "blind_experimenter = 0", "Expected bool, got int"),
+    ('id = "epilepsy"', 'id = "adult"', "'adult' stands twice"),
+    ('id = "epilepsy"', 'id = "a/b"', "'a/b' is no name"),
+    ("required = true\n\n[[inclusion]]\nid = \"able", "required = 1\n\n[[inclusion]]\nid = \"able", "Expected bool"),
+    ('id = "L4"', 'id = "L1"', "'L1' stands twice"),
+    ('robot.", points = 7', 'robot.", points = 1', "points: Expected int >= 2"),
+    ('{ id = "L3", ', "{ ", "missing required field id"),
+    ('when = "after_trial"', 'when = "never"', "'never' is not known; allowed: before_session, after_trial"),
+    ('order = "fixed"', 'order = "alphabetical"', "'alphabetical' is not known; allowed: fixed, random"),
+    ('version = "1"', 'version = ""', "version: Expected str of length >= 1"),
+    ('url = ""', 'url = "mysql://host"', 'allowed: "" or postgresql://user@host/name'),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("good", "bad", "message"), MISTAKES, ids=[bad for _, bad, _ in MISTAKES])
+def test_a_mistake_is_named_with_its_line(tmp_path: Path, good: str, bad: str, message: str) -> None:
+    assert TEXT.count(good) >= 1
+    text = TEXT.replace(good, bad, 1)
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    with pytest.raises(DesignError, match=re.escape(message)) as caught:
+        read_design(path)
+    name, line, _ = str(caught.value).removeprefix(str(tmp_path) + "/").split(":", 2)
+    assert name == "study.toml"
+    begin = TEXT[: TEXT.index(good)].count("\n") + 1
+    assert begin <= int(line) <= begin + bad.count("\n") + 1
+
+
+def test_a_missing_setting_is_named() -> None:
+    with pytest.raises(DesignError, match=r"study.toml:\d+: Object missing required field seed"):
+        parse_design(TEXT.replace("seed = 0", ""))
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_bytes(b"title = \xff")
+    with pytest.raises(DesignError, match="not text in UTF-8"):
+        read_design(tmp_path / "study.toml")
+
+
+# Questionnaires and blinding
+
+
+def test_other_questionnaires_are_added_and_asked_at_their_moment() -> None:
+    design = parse_design(TEXT + TLX)
+    assert [item.id for item in design.items_at("after_trial")] == ["L1", "L2", "L3", "L4"]
+    assert design.items_at("before_session") == ()
+    orders = {tuple(item.id for item in design.items_at("after_session", seed)) for seed in range(30)}
+    assert orders > {("mental", "physical", "temporal")}
+    assert all(set(order) == {"mental", "physical", "temporal"} for order in orders)
+    assert design.items_at("after_session", 4) == design.items_at("after_session", 4)
+
+
+def test_ids_are_unique_over_all_questionnaires() -> None:
+    with pytest.raises(DesignError, match="'L1' stands twice"):
+        parse_design(TEXT + TLX.replace('"mental"', '"L1"'))
+
+
+def test_a_blinded_experimenter_sees_letters() -> None:
+    blind = TEXT.replace("blind_experimenter = false", "blind_experimenter = true")
+    designs = [parse_design(blind.replace("seed = 0", f"seed = {seed}")) for seed in range(20)]
+    assert {design.shown_policy("revised", practice=False) for design in designs} == {"A", "B"}
+    for design in designs:
+        assert {design.shown_policy(policy, practice=False) for policy in design.policies} == {"A", "B"}
+        assert design.shown_policy("revised", practice=True) == "practice"
+    assert parse_design(TEXT).shown_policy("revised", practice=False) == "revised"
+
+
+def test_what_is_said_of_tasks_furniture_and_publication_is_checked_line_by_line():
+    text = default_text()
+    design = parse_design(text)
+    assert set(design.goals) == set(design.tasks)
+    assert design.furniture == RealFurniture()
+    for old, new, words in (
+        ("Feeding = ", "Feding = ", "unknown name 'Feding'; allowed: Feeding"),
+        ("seat_height_m = 0.485", "seat_height_m = 48.5", "seat_height_m is 48.5; allowed: 0.3 to 0.7"),
+        ("seat_back_deg = 90.0", "seat_angle = 90.0", "unknown name 'seat_angle'; allowed: seat_height_m"),
+        ('recruitment = ""', "recruitment = 3", "recruitment"),
+    ):
+        line = text[: text.index(old)].count("\n") + 1
+        with pytest.raises(DesignError, match=words) as refused:
+            parse_design(text.replace(old, new))
+        assert abs(int(str(refused.value).split(":")[1]) - line) <= 2
+
+
+def test_a_design_of_an_earlier_version_tells_tasks_and_furniture_by_itself():
+    text = (DATA / "study-of-0.1.0" / "study.toml").read_text()
+    design = parse_design(text)
+    assert (design.goals, design.furniture) == ({}, RealFurniture())

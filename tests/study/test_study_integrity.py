@@ -1,0 +1,264 @@
+"""Edits and damage from outside are noticed, and what the program does itself is not."""
+
+import random
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+
+from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.finding import Finding
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import add_note, enrol, withdraw
+from avrgym.study.storage import database, schema, seal
+from avrgym.study.storage.database import LEDGER_BEGUN
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from flips import flip_bit, noticed
+from places import DATA
+from processes import die_with_parent
+from studies import (
+    new_postgresql_database,
+    postgresql_programs,
+    postgresql_server,
+    run_participant,
+    small_study,
+    take_in,
+)
+
+OLD = DATA / "study-of-0.1.0"
+
+
+@pytest.fixture(scope="module")
+def postgresql() -> Iterator[Path]:
+    programs = postgresql_programs()
+    if programs is None:
+        pytest.skip("PostgreSQL's server is not installed (Debian: postgresql), so SQLite alone is tested")
+    with postgresql_server(programs) as server:
+        yield server
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def folder(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A study in each kind of database: one participant has finished, one has begun."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    if request.param == "postgresql":
+        server = request.getfixturevalue("postgresql")
+        monkeypatch.setenv(database.URL_VARIABLE, new_postgresql_database(server))
+    return _study(tmp_path / "study")
+
+
+@pytest.fixture
+def on_sqlite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    return _study(tmp_path / "study")
+
+
+def _study(folder: Path) -> Path:
+    with Store(small_study(folder)) as store:
+        run_participant(store, take_in(store))
+        run_participant(store, take_in(store, simulated=False, name="Ada"), trials=2, simulated=False)
+        add_note(store, "sub-002", "laughed")
+    return folder
+
+
+def wrong(folder: Path) -> list[Finding]:
+    with Store(folder) as store:
+        return [finding for finding in check_study(store) if finding.wrong]
+
+
+def run_sql(folder: Path, *statements: str) -> None:
+    """Edit the database as anybody could who does not go through the study."""
+    with Store(folder) as store, store.database._engine.begin() as connection:
+        for statement in statements:
+            connection.execute(sa.text(statement))
+
+
+# Edits
+
+EDITS = {
+    "policies swapped": "UPDATE trial SET policy = CASE policy WHEN 'revised' THEN 'original' ELSE 'revised' END",
+    "a better reward": """UPDATE attempt SET figures = '{"steps": 3, "reward": 999, "success": true, "seconds": 4.0}'
+                          WHERE id = 2""",
+    "an unknown state": "UPDATE participant SET state = 'zombie' WHERE number = 2",
+    "another known state": "UPDATE participant SET state = 'withdrawn' WHERE number = 1",
+    "events dropped": "DROP TABLE event",
+    "an event from the middle": "DELETE FROM event WHERE id = 7",
+    "the last events": "DELETE FROM event WHERE id > 30",
+    "an answer": "UPDATE answer SET value = 1 WHERE id = 3",
+    "its response time": "UPDATE answer SET response_time_s = 1.26 WHERE id = 3",
+    "a note": "UPDATE note SET text = 'cried'",
+    "an added answer": """INSERT INTO answer (id, session, attempt, item, value, response_time_s, answered_at)
+                          VALUES (99, 1, 1, 'L1', 7, 1.0, '2026-01-01')""",
+    "an age": "UPDATE participant SET age_years = 23 WHERE number = 1",
+    "a consent": "UPDATE participant SET consented_at = '2020-01-01' WHERE number = 1",
+    "a checksum": "UPDATE attempt SET sha256 = NULL WHERE id = 1",
+    "a protocol": "UPDATE study SET created_at = '2020-01-01'",
+    "an entry changed": "UPDATE ledger SET digest = 'x' WHERE number = 9",
+    "an entry gone": "DELETE FROM ledger WHERE number = 9",
+    "the last entries": "DELETE FROM ledger WHERE number > 40",
+    "the whole ledger": "DELETE FROM ledger",
+    "no ledger": "DROP TABLE ledger",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_an_edit_of_the_database_is_noticed(folder: Path, edit: str) -> None:
+    assert wrong(folder) == []
+    run_sql(folder, EDITS[edit])
+    assert wrong(folder) != []
+
+
+def test_the_end_of_chain_and_rows_cannot_be_cut_together(folder: Path) -> None:
+    run_sql(
+        folder,
+        "DELETE FROM note",
+        "DELETE FROM ledger WHERE number = (SELECT max(number) FROM ledger)",
+    )
+    assert "it was set back" in str(wrong(folder))
+
+
+def test_rows_that_are_read_are_checked(folder: Path) -> None:
+    run_sql(folder, EDITS["an unknown state"])
+    with Store(folder) as store, pytest.raises(StudyError, match="unknown state 'zombie'; allowed: enrolled"):
+        store.participants()
+
+
+def test_what_the_program_does_itself_is_no_edit(folder: Path) -> None:
+    with Store(folder) as store, Store(folder) as beside:
+        assert [finding for finding in check_study(store) if finding.wrong] == []
+        withdraw(beside, "sub-002", "felt sick")
+        enrol(store, "man")
+        assert [finding for finding in check_study(beside) if finding.wrong] == []
+    assert wrong(folder) == []
+
+
+def test_a_deletion_keeps_the_chain_and_leaves_nothing_to_guess_from(folder: Path) -> None:
+    with Store(folder) as store:
+        delete_participant(store, "sub-002")
+    assert wrong(folder) == []
+    with Store(folder) as store, store.database.read() as connection:
+        kept = sa.select(schema.PARTICIPANT.c.salt).where(schema.PARTICIPANT.c.number == 2)
+        assert connection.execute(kept).first() is None
+        entries = connection.execute(
+            sa.select(schema.LEDGER).where(schema.LEDGER.c.table == "participant", schema.LEDGER.c.key == 2)
+        ).all()
+        assert entries[-1].content is None
+
+
+def test_a_refused_action_leaves_no_entry(folder: Path) -> None:
+    with Store(folder) as store:
+        before = store.database.head()
+        with pytest.raises(StudyError):
+            withdraw(store, "sub-009")
+        with pytest.raises(StudyError, match="is not one of sub-002"):
+            add_note(store, "sub-002", "x", session=99)
+        assert store.database.head() == before
+    assert wrong(folder) == []
+
+
+# SQLite's file
+
+
+def test_every_flipped_bit_of_the_file_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
+    assert wrong(on_sqlite) == []
+    chance = random.Random(19)
+    unnoticed = [
+        bit
+        for bit in (flip_bit(on_sqlite, tmp_path / "copy", chance, "study.db") for _ in range(25))
+        if not noticed(tmp_path / "copy")
+    ]
+    assert unnoticed == []
+
+
+def test_a_change_before_a_session_is_still_noticed_after_it(on_sqlite: Path) -> None:
+    path = on_sqlite / "study.db"
+    data = bytearray(path.read_bytes())
+    data[_unused(data)] ^= 1
+    path.write_bytes(data)
+    with Store(on_sqlite) as store:
+        enrol(store, "man")
+    assert [finding.where for finding in wrong(on_sqlite)] == ["study.db"]
+    (on_sqlite / seal.MISMATCH).unlink()
+    assert wrong(on_sqlite) == []
+
+
+def _unused(data: bytearray) -> int:
+    """Where a page's free space lies, which no value is read from."""
+    return next(at for at in range(8192, len(data)) if not any(data[at - 40 : at + 40]))
+
+
+def test_a_database_set_back_to_an_older_copy_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
+    for name in ("study.db", "study.db.sha256"):
+        shutil.copy(on_sqlite / name, tmp_path)
+    with Store(on_sqlite) as store:
+        add_note(store, "sub-002", "a later note")
+    for name in ("study.db", "study.db.sha256"):
+        shutil.copy(tmp_path / name, on_sqlite)
+    assert "it was set back" in str(wrong(on_sqlite))
+    with Store(on_sqlite) as store:
+        add_note(store, "sub-002", "it goes on")
+    assert "it was set back" in str(wrong(on_sqlite))
+
+
+@pytest.mark.parametrize("name", ["study.head", "study.db.sha256"])
+def test_damage_beside_the_database_is_noticed(on_sqlite: Path, name: str) -> None:
+    path = on_sqlite / name
+    data = bytearray(path.read_bytes())
+    for bit in range(0, 8 * len(data), 7):
+        data[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(data)
+        assert wrong(on_sqlite) != [], f"bit {bit}"
+        data[bit // 8] ^= 1 << bit % 8
+
+
+def test_a_missing_head_is_named(on_sqlite: Path) -> None:
+    (on_sqlite / "study.head").unlink()
+    assert [finding.where for finding in wrong(on_sqlite)] == ["study.head"]
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from avrgym.study.people.participants import add_note
+from avrgym.study.storage.store import Store
+store = Store(Path(sys.argv[1]))
+print("ready", flush=True)
+while True:
+    add_note(store, "sub-002", "again")
+"""
+
+
+def test_kills_between_transaction_and_seal_raise_no_alarm(folder: Path) -> None:
+    """The share of 200 that every run of the tests can afford."""
+    for pause in range(3):
+        command = [sys.executable, "-c", KILLED, folder]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, preexec_fn=die_with_parent) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == b"ready\n"
+            with Store(folder) as store:
+                while len(store.notes("sub-002")) < 5 * (pause + 1):
+                    pass
+            process.kill()
+        assert wrong(folder) == []
+
+
+# Earlier versions
+
+
+def test_a_study_of_an_earlier_version_begins_its_ledger(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    folder = Path(shutil.copytree(OLD, tmp_path / "old"))
+    with Store(folder) as store:
+        assert [event.name for event in store.events()][-1] == LEDGER_BEGUN
+        findings = check_study(store)
+    assert {finding.where for finding in findings if finding.wrong} <= {"private", "private/key.json"}
+    assert any(finding.where == "ledger" and not finding.wrong for finding in findings)
+    run_sql(folder, "UPDATE answer SET value = 8 - value WHERE id = 5")
+    assert "answer 5" in {finding.where for finding in wrong(folder)}

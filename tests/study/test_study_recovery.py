@@ -1,0 +1,204 @@
+"""A database that was lost, a medium that cannot be written, files that others may read."""
+
+import os
+import shutil
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from msgspec.structs import asdict
+from typer.testing import CliRunner, Result
+
+from avrgym.cli.main import app
+from avrgym.recording.files import read_recording
+from avrgym.recording.records import Answer
+from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.rebuilding import rebuild_study
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import enrol
+from avrgym.study.storage import database, keyfile, store
+from avrgym.study.storage.rows import TrialAttempt
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from places import DATA
+from studies import run_participant, small_study, take_in
+
+OLD = DATA / "study-of-0.1.0"
+
+
+@pytest.fixture(autouse=True)
+def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    """A study of an earlier version: twelve completed trials, and a name without any."""
+    return Path(shutil.copytree(OLD, tmp_path / "old"))
+
+
+@pytest.fixture
+def open_umask() -> Iterator[None]:
+    before = os.umask(0)
+    yield
+    os.umask(before)
+
+
+def avrgym(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+# A lost database
+
+
+@pytest.mark.parametrize("leave", ["private", "recordings", "study.head"])
+def test_a_lost_database_is_not_made_anew(tmp_path: Path, leave: str) -> None:
+    folder = small_study(tmp_path / "study")
+    with Store(folder) as opened:
+        run_participant(opened, take_in(opened, simulated=False, name="Ada"), trials=1, simulated=False)
+    for name in {"study.db", "study.db.sha256", "private", "recordings", "study.head"} - {leave}:
+        path = folder / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    before = contents(folder)
+    for command in ("status", "check", "enrol --body man", "simulate", "delete-participant sub-001"):
+        name, *options = command.split()
+        refused = avrgym("study", name, folder, *options)
+        assert refused.exit_code == 1, command
+        assert f"`avrgym study rebuild {folder}`" in refused.stderr
+    assert contents(folder) == before
+    (folder / "study.db").write_bytes(b"")
+    assert avrgym("study", "status", folder).exit_code == 1
+
+
+def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None:
+    kept = Path(shutil.copytree(old, tmp_path / "kept"))
+    (old / "study.db").unlink()
+    before = contents(old)
+    rebuilt = rebuild_study(old)
+    assert (rebuilt.participants, rebuilt.attempts, rebuilt.answers) == (1, 12, 32)
+    assert rebuilt.left_out == ("sub-002: no recording tells of them",)
+    assert {name: data for name, data in contents(old).items() if name in before} == before
+    with Store(old) as again, Store(kept) as original:
+        for name in ("trials", "attempts", "answers"):
+            rows, expected = (getattr(each, name)("sub-001") for each in (again, original))
+            assert [_facts(row) for row in rows] == [_facts(row) for row in expected]
+        for attempt in again.attempts("sub-001"):
+            assert attempt.torso_height_m == read_recording(old / attempt.recording).torso_height_m
+        participant = again.participant("sub-001")
+        assert (participant.state, participant.sex, participant.cell) == ("completed", "man", 0)
+        wrong = [finding.what for finding in check_study(again) if finding.wrong]
+        assert [what for what in wrong if "others than" not in what] == [
+            "names sub-002, who is not in this study: delete-participant removes that"
+        ]
+        assert enrol(again, "man") == "sub-003"
+        delete_participant(again, "sub-002")
+    assert keyfile.read_key(old) == {}
+    assert b"Example Person" not in b"".join(contents(old).values())
+
+
+def _facts(row: object) -> dict:
+    """A row without ids and times, which are made anew."""
+    made_anew = ("id", "started_at", "ended_at", "answered_at")
+    values = asdict(row) if isinstance(row, Answer) else vars(row)
+    facts = {name: value for name, value in values.items() if name not in made_anew}
+    if isinstance(row, TrialAttempt):
+        facts["metrics"] = (row.metrics.steps, row.metrics.reward, row.metrics.success)
+        del facts["torso_height_m"]  # 0.1.0 left it to the recordings
+    return facts
+
+
+def test_a_database_that_is_there_is_not_rebuilt(old: Path) -> None:
+    with Store(old) as opened:
+        before = opened.participants()
+    with pytest.raises(StudyError, match="has a database; only a lost one is made anew"):
+        rebuild_study(old)
+    with Store(old) as opened:
+        assert opened.participants() == before
+
+
+# A medium that cannot be written
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_study_that_cannot_be_written_is_read(
+    old: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, closed: bool
+) -> None:
+    """Also where a process was killed and the log of SQLite still holds what it wrote; and of an earlier version."""
+    folder = old
+    if not closed:
+        used = small_study(tmp_path / "used")
+        with Store(used) as opened:
+            run_participant(opened, take_in(opened))
+            folder = Path(shutil.copytree(used, tmp_path / "copied"))
+        assert (folder / "study.db-wal").stat().st_size
+    shutil.copytree(folder / "recordings", tmp_path / "recordings")
+    before = contents(folder)
+    monkeypatch.setattr(store, "_can_write", lambda folder: False)
+    status = avrgym("study", "status", folder)
+    assert "1 of" in status.stdout
+    assert avrgym("study", "export", folder, "--format", "csv", "--out", tmp_path / "csv").exit_code == 0
+    checked = avrgym("study", "check", folder).stdout
+    assert "ledger" in checked
+    assert not any(line.startswith("wrong  study.") for line in checked.splitlines())
+    refused = avrgym("study", "enrol", folder, "--body", "man")
+    assert refused.exit_code == 1
+    (line,) = refused.stderr.splitlines()
+    assert line.endswith("cannot be written: the study is only read there")
+    assert contents(folder) == before
+
+
+# Files that others may read
+
+
+@pytest.mark.usefixtures("open_umask")
+def test_whatever_a_study_leaves_is_its_owner_s_alone(tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    assert avrgym("study", "new", folder).exit_code == 0
+    with Store(folder) as opened:
+        run_participant(opened, take_in(opened, simulated=False, name="Ada"), trials=1, simulated=False)
+        assert _open(folder) == []
+    assert avrgym("study", "export", folder, "--format", "bids", "--out", tmp_path / "bids").exit_code == 0
+    assert _open(folder) == _open(tmp_path / "bids") == []
+
+
+def _open(folder: Path) -> list[Path]:
+    return [each for each in (folder, *folder.rglob("*")) if stat.S_IMODE(each.stat().st_mode) & 0o077]
+
+
+def test_an_older_study_s_files_are_taken_from_others_on_request(old: Path) -> None:
+    noted = avrgym("study", "check", old)
+    assert (
+        "recordings: others than their owner may use 15 files or folders; --fix-permissions" in noted.stdout
+    )
+    fixed = avrgym("study", "check", old, "--fix-permissions")
+    assert "others than" not in fixed.stdout
+    assert fixed.exit_code == 0
+    assert {path.name for path in _open(old)} <= {"old", "study.toml"}
+
+
+# What a killed write leaves
+
+
+def test_what_a_killed_write_left_is_found_and_removed(tmp_path: Path) -> None:
+    folder = small_study(tmp_path / "study")
+    with Store(folder) as opened:
+        take_in(opened, simulated=False, name="Ada")
+        left = folder / "private" / ".key.json.4194305.part"
+        left.write_text('{"sub-001": {"name": "Ada"')
+        analysis = folder / "analysis" / ".analysis-x"
+        analysis.mkdir(parents=True)
+        (analysis / "page.html").write_text("sub-001")
+        wrong = {finding.where for finding in check_study(opened) if finding.wrong}
+        assert {"private/.key.json.4194305.part", "analysis/.analysis-x"} <= wrong
+    with Store(folder) as opened:
+        assert not left.exists()
+        left.write_text('{"sub-001": {"name": "Ada"')
+        delete_participant(opened, "sub-001")
+    assert not left.exists()
+    assert not analysis.exists()
+    assert b"Ada" not in b"".join(contents(folder).values())

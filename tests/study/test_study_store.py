@@ -1,0 +1,650 @@
+"""A study's store, on SQLite and PostgreSQL: what may happen, what may not, and what stays after a crash."""
+
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+
+from avrgym.recording.outcomes import Metrics
+from avrgym.recording.records import Answer
+from avrgym.study.design.allocation import cell_orders
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
+from avrgym.study.storage import database, schema
+from avrgym.study.storage.answers import record_answer, record_session_answer
+from avrgym.study.storage.attempts import BROKEN_OFF, begin_attempt, complete_attempt, end_attempt
+from avrgym.study.storage.rows import Trial
+from avrgym.study.storage.sessions import close_session, open_session, skip_trial, tell
+from avrgym.study.storage.states import TRANSITIONS, StudyError, check_transition
+from avrgym.study.storage.store import Store
+from avrgym.system.processes import is_running
+from places import HELPERS
+from processes import die_with_parent
+from studies import (
+    METRICS,
+    fitting_answers,
+    make_study,
+    new_postgresql_database,
+    postgresql_programs,
+    postgresql_server,
+    record,
+    run_participant,
+    run_trial,
+    small_study,
+    take_in,
+)
+
+ITEMS = ("L1", "L2", "L3", "L4")
+
+
+@pytest.fixture(scope="session")
+def postgresql() -> Iterator[Path]:
+    programs = postgresql_programs()
+    if programs is None:
+        pytest.skip("PostgreSQL's server is not installed (Debian: postgresql), so SQLite alone is tested")
+    with postgresql_server(programs) as server:
+        yield server
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The database of the test's studies."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    if request.param == "postgresql":
+        server = request.getfixturevalue("postgresql")
+        monkeypatch.setenv(database.URL_VARIABLE, new_postgresql_database(server))
+    return request.param
+
+
+@pytest.fixture
+def store(kind: str, tmp_path: Path) -> Iterator[Store]:
+    with Store(small_study(tmp_path / "study")) as opened:
+        yield opened
+
+
+def contents(store: Store) -> dict[str, list]:
+    """Every row of every table."""
+    with store.database.read() as connection:
+        return {
+            table.name: [tuple(row) for row in connection.execute(sa.select(table))]
+            for table in schema.METADATA.sorted_tables
+        }
+
+
+def refused(store: Store, action: Callable[[], object], message: str) -> None:
+    """The action raises and leaves all rows and files as they were."""
+    rows, files = contents(store), sorted(store.folder.rglob("*.mcap"))
+    with pytest.raises(StudyError, match=message):
+        action()
+    assert contents(store) == rows
+    assert sorted(store.folder.rglob("*.mcap")) == files
+
+
+# The whole life
+
+
+def test_a_participant_goes_from_enrolment_to_the_last_answer(store: Store) -> None:
+    pseudonym = enrol(store, "man", age_years=24)
+    record_consent(store, pseudonym)
+    assert record_inclusion(store, pseudonym, fitting_answers(store))
+    session = open_session(store, pseudonym)
+    planned = store.remaining_trials(pseudonym)
+    assert [trial.position for trial in planned] == [1, 2, 3, 4, 5]
+    for trial in planned:
+        run_trial(store, session, trial)
+    add_note(store, pseudonym, "laughed at the spoon", session.id)
+    tell(store, session.id, "reconnected", "after 0.4 s")
+    close_session(store, session.id)
+
+    participant = store.participant(pseudonym)
+    assert (participant.state, participant.sex, participant.age_years) == ("completed", "man", 24)
+    assert participant.consent_version == "1"
+    assert store.remaining_trials(pseudonym) == []
+    assert {trial.state for trial in store.trials(pseudonym)} == {"completed"}
+    attempts = store.attempts(pseudonym)
+    assert [attempt.recording for attempt in attempts] == [
+        f"recordings/sub-001/ses-01/trial-{number:02}_attempt-1.mcap" for number in range(1, 6)
+    ]
+    assert all(attempt.metrics == METRICS and len(attempt.sha256 or "") == 64 for attempt in attempts)
+    assert Counter(answer.item for answer in store.answers(pseudonym)) == dict.fromkeys(ITEMS, 4)
+    assert [note.text for note in store.notes(pseudonym)] == ["laughed at the spoon"]
+    names = [event.name for event in store.events()]
+    assert names[:4] == [
+        "participant enrolled",
+        "participant consented",
+        "participant allocated",
+        "session open",
+    ]
+    assert names[-3:] == ["reconnected", "session closed", "participant completed"]
+    assert Counter(names)["attempt completed"] == Counter(names)["trial completed"] == 5
+
+
+def test_what_was_stored_is_there_after_opening_again(kind: str, tmp_path: Path) -> None:
+    folder = small_study(tmp_path)
+    with Store(folder) as store:
+        run_participant(store, take_in(store), trials=2)
+        before = contents(store)
+    with Store(folder) as store:
+        assert contents(store) == before
+
+
+def test_a_broken_off_attempt_is_repeated_and_a_skipped_trial_comes_last(store: Store) -> None:
+    pseudonym = take_in(store)
+    session = open_session(store, pseudonym)
+    practice, first, *_ = store.remaining_trials(pseudonym)
+    run_trial(store, session, practice)
+    for number, state in enumerate(BROKEN_OFF, start=1):
+        attempt = begin_attempt(store, session.id, first.position)
+        assert attempt.number == number
+        record(store, attempt, first)
+        end_attempt(store, attempt.id, state, Metrics(steps=1))
+    skip_trial(store, session.id, first.position)
+    assert [trial.position for trial in store.remaining_trials(pseudonym)] == [3, 4, 5, 2]
+    assert run_trial(store, session, first).number == len(BROKEN_OFF) + 1
+    assert [a.state for a in store.attempts(pseudonym)] == ["completed", *BROKEN_OFF, "completed"]
+    assert all(attempt.sha256 for attempt in store.attempts(pseudonym))
+
+
+def test_answers_about_a_session_are_kept_apart(kind: str, tmp_path: Path) -> None:
+    folder = small_study(tmp_path)
+    with open(folder / "study.toml", "a") as file:
+        file.write('[[questionnaires]]\nname = "end"\nwhen = "after_session"\n')
+        file.write('items = [{ id = "E1", text = "Again?", points = 5, low = "never", high = "soon" }]\n')
+    with Store(folder) as store:
+        session = open_session(store, take_in(store))
+        refused(
+            store,
+            lambda: record_session_answer(store, session.id, Answer("L1", 3, 1.0)),
+            "no item 'L1'; allowed: E1",
+        )
+        refused(store, lambda: record_session_answer(store, session.id, Answer("E1", 6, 1.0)), "from 1 to 5")
+        record_session_answer(store, session.id, Answer("E1", 5, 1.0))
+        refused(
+            store, lambda: record_session_answer(store, session.id, Answer("E1", 4, 1.0)), "never replaced"
+        )
+        (answer,) = store.answers("sub-001")
+        assert (answer.session, answer.attempt, answer.item, answer.value) == (session.id, None, "E1", 5)
+
+
+# What may not happen
+
+
+@pytest.mark.parametrize("table", TRANSITIONS)
+def test_only_the_stated_transitions_are_allowed(table: str) -> None:
+    states = TRANSITIONS[table]
+    for before in states:
+        for after in states:
+            if after in states[before]:
+                check_transition(table, "it", before, after)
+            else:
+                with pytest.raises(
+                    StudyError, match=f"it is {before} and cannot become {after}; what may follow"
+                ):
+                    check_transition(table, "it", before, after)
+
+
+def test_there_is_no_trial_without_consent(store: Store) -> None:
+    pseudonym = enrol(store, "woman")
+    refused(store, lambda: open_session(store, pseudonym), "is enrolled; only the allocated have sessions")
+    answers = fitting_answers(store)
+    refused(
+        store, lambda: record_inclusion(store, pseudonym, answers), "is enrolled and cannot become allocated"
+    )
+    record_consent(store, pseudonym)
+    refused(store, lambda: open_session(store, pseudonym), "is consented; only the allocated have sessions")
+    refused(store, lambda: record_consent(store, pseudonym), "is consented and cannot become consented")
+    record_inclusion(store, pseudonym, answers)
+    open_session(store, pseudonym)
+
+
+def test_who_does_not_fit_is_excluded_and_takes_no_order(store: Store) -> None:
+    pseudonym = enrol(store, "woman")
+    record_consent(store, pseudonym)
+    refused(
+        store,
+        lambda: record_inclusion(store, pseudonym, {"adult": True}),
+        "the questions are adult, able_bodied",
+    )
+    assert not record_inclusion(store, pseudonym, fitting_answers(store) | {"epilepsy": True})
+    participant = store.participant(pseudonym)
+    assert (participant.state, participant.cell, store.trials(pseudonym)) == ("excluded", None, [])
+    assert participant.inclusion is not None
+    assert participant.inclusion["epilepsy"]
+    assert store.participant(take_in(store)).cell == 0
+
+
+def test_simulated_participants_never_take_the_place_of_people(store: Store) -> None:
+    cells = [
+        store.participant(take_in(store, simulated=simulated)).cell
+        for simulated in (True, True, False, True, False)
+    ]
+    assert cells == [0, 1, 0, 2, 1]
+
+
+def test_withdrawal_in_mid_trial_ends_attempt_and_session_for_good(store: Store) -> None:
+    pseudonym = take_in(store)
+    session = open_session(store, pseudonym)
+    attempt = begin_attempt(store, session.id, 1)
+    withdraw(store, pseudonym, "felt sick")
+    assert [a.state for a in store.attempts(pseudonym)] == ["stopped"]
+    assert [s.state for s in store.sessions(pseudonym)] == ["closed"]
+    assert store.attempts(pseudonym)[0].sha256 is None
+    assert "felt sick" in [event.detail for event in store.events()]
+    for action in (
+        lambda: complete_attempt(store, attempt.id, METRICS),
+        lambda: record_answer(store, attempt.id, Answer("L1", 3, 1.0)),
+        lambda: begin_attempt(store, session.id, 1),
+        lambda: open_session(store, pseudonym),
+        lambda: withdraw(store, pseudonym),
+    ):
+        refused(store, action, "is (stopped|closed|withdrawn)")
+
+
+def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
+    pseudonym, other = take_in(store), take_in(store)
+    session = open_session(store, pseudonym)
+    refused(store, lambda: open_session(store, pseudonym), "is open at .*; close it there, or take over")
+    refused(store, lambda: begin_attempt(store, session.id, 9), "there is no trial 9")
+    refused(store, lambda: begin_attempt(store, 99, 1), "there is no session 99")
+    refused(store, lambda: add_note(store, other, "x", session.id), "is not one of sub-002")
+    refused(store, lambda: tell(store, session.id, "x", attempt_id=1), "there is no attempt 1")
+    practice, first, *_ = store.remaining_trials(pseudonym)
+    run_trial(store, session, practice)
+    refused(store, lambda: begin_attempt(store, session.id, 1), "trial 1 of sub-001 is completed and cannot")
+    refused(store, lambda: skip_trial(store, session.id, 1), "is completed and cannot become skipped")
+    attempt = begin_attempt(store, session.id, 2)
+    refused(store, lambda: begin_attempt(store, session.id, 2), "is running and cannot become running")
+    refused(store, lambda: begin_attempt(store, session.id, 3), "still runs; end it before")
+    refused(
+        store, lambda: end_attempt(store, attempt.id, "completed"), "allowed: stopped, paused, interrupted"
+    )
+    refused(
+        store,
+        lambda: record_answer(store, attempt.id, Answer("L9", 3, 1.0)),
+        "no item 'L9'; allowed: L1, L2, L3, L4",
+    )
+    refused(
+        store, lambda: record_answer(store, attempt.id, Answer("L1", 8, 1.0)), "whole numbers from 1 to 7"
+    )
+    refused(store, lambda: record_answer(store, attempt.id, Answer("L1", 3, -1.0)), "no response time")
+    for item in ITEMS[:3]:
+        record_answer(store, attempt.id, Answer(item, 3, 1.0))
+    refused(store, lambda: record_answer(store, attempt.id, Answer("L1", 4, 1.0)), "L1 is answered already")
+    refused(store, lambda: complete_attempt(store, attempt.id, METRICS), "L4 not answered")
+    record_answer(store, attempt.id, Answer("L4", 3, 1.0))
+    refused(store, lambda: complete_attempt(store, attempt.id, METRICS), "there is no recordings/sub-001")
+    record(store, attempt, first)
+    refused(
+        store,
+        lambda: complete_attempt(store, attempt.id, Metrics(reward=float("nan"))),
+        "reward: nan is no metric",
+    )
+    complete_attempt(store, attempt.id, METRICS)
+    refused(store, lambda: complete_attempt(store, attempt.id, METRICS), "is completed; it must be running")
+
+
+@pytest.mark.parametrize(
+    "pseudonym", ["sub-002", "sub-1", "../..", "sub-000", "sub-001/..", "", "sub-٠٠١", "sub-001\n"]
+)
+def test_an_unknown_participant_is_refused(store: Store, pseudonym: str) -> None:
+    take_in(store)
+    for action in (open_session, withdraw, record_consent, Store.participant):
+        refused(store, lambda action=action: action(store, pseudonym), "no participant|there is no sub-002")
+
+
+def test_a_stray_file_is_never_overwritten(store: Store) -> None:
+    session = open_session(store, take_in(store))
+    stray = store.path("recordings/sub-001/ses-01/trial-01_attempt-1.mcap")
+    stray.parent.mkdir(parents=True)
+    stray.write_text("precious")
+    attempt = begin_attempt(store, session.id, 1)
+    assert attempt.recording == "recordings/sub-001/ses-01/trial-01_attempt-2.mcap"
+    assert stray.read_text() == "precious"
+
+
+def test_an_attempt_takes_the_file_that_was_opened_for_it(store: Store, tmp_path: Path) -> None:
+    session = open_session(store, take_in(store))
+    folder = store.path(session.folder)
+    folder.mkdir(parents=True)
+    for path in (
+        folder / "missing.mcap",
+        tmp_path / "x.mcap",
+        folder / ".." / "x.mcap",
+        store.folder / "study.toml",
+    ):
+        if path.name == "x.mcap":
+            path.write_bytes(b"")
+        refused(store, lambda path=path: begin_attempt(store, session.id, 1, path), "is no file in")
+    opened = folder / "trial-01_attempt-7.mcap"
+    opened.write_bytes(b"")
+    attempt = begin_attempt(store, session.id, 1, opened)
+    assert (attempt.number, attempt.recording) == (1, f"{session.folder}/trial-01_attempt-7.mcap")
+
+
+def test_recordings_do_not_leave_the_study_through_a_link(store: Store, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    session = open_session(store, take_in(store))
+    (store.folder / "recordings").mkdir()
+    (store.folder / "recordings" / "sub-001").symlink_to(elsewhere)
+    refused(store, lambda: begin_attempt(store, session.id, 1), "leads out of the study's folder")
+    assert list(elsewhere.iterdir()) == []
+
+
+def test_the_protocol_stays_as_it_is_once_someone_has_an_order(kind: str, tmp_path: Path) -> None:
+    folder = small_study(tmp_path)
+    Store(folder).close()
+    make_study(folder, tasks='["Feeding"]', seed="5")
+    with Store(folder) as store:
+        take_in(store)
+    make_study(folder, tasks='["Drinking"]', seed="5")
+    with pytest.raises(StudyError, match=r"tasks changed after the first participant; it was \['Feeding'\]"):
+        Store(folder)
+    make_study(folder, tasks='["Feeding"]', seed="5", title='"Another title"')
+    Store(folder).close()
+
+
+# Crashes
+
+
+CRASH = """
+import os, sys
+from pathlib import Path
+from avrgym.study.storage.attempts import begin_attempt
+from avrgym.study.storage.sessions import open_session
+from avrgym.study.storage.store import Store
+store = Store(Path(sys.argv[1]))
+begin_attempt(store, open_session(store, sys.argv[2]).id, 1)
+os._exit(9)
+"""
+
+
+def test_a_session_of_a_process_that_died_is_taken_over_at_once(store: Store) -> None:
+    pseudonym = take_in(store)
+    assert subprocess.run([sys.executable, "-c", CRASH, store.folder, pseudonym]).returncode == 9
+    session = open_session(store, pseudonym)
+    assert session.number == 2
+    assert [visit.state for visit in store.sessions(pseudonym)] == ["interrupted", "open"]
+    assert [attempt.state for attempt in store.attempts(pseudonym)] == ["interrupted"]
+    attempt = begin_attempt(store, session.id, 1)
+    assert attempt.recording == "recordings/sub-001/ses-02/trial-01_attempt-2.mcap"
+
+
+def test_another_station_s_session_ends_only_on_request(store: Store) -> None:
+    pseudonym = take_in(store)
+    store.station = "elsewhere"
+    open_session(store, pseudonym)
+    store.station = "here"
+    refused(store, lambda: open_session(store, pseudonym), "is open at elsewhere")
+    assert open_session(store, pseudonym, take_over=True).number == 2
+
+
+def test_a_trial_that_only_lacked_its_completion_is_completed_after_a_crash(store: Store) -> None:
+    pseudonym = take_in(store)
+    session = open_session(store, pseudonym)
+    practice, first, second, *_ = store.remaining_trials(pseudonym)
+    run_trial(store, session, practice)
+    attempt = begin_attempt(store, session.id, first.position)
+    record(store, attempt, first)
+    for item in ITEMS:
+        record_answer(store, attempt.id, Answer(item, 3, 1.0))
+    session = open_session(store, pseudonym, take_over=True)
+    assert [a.state for a in store.attempts(pseudonym)] == ["completed", "completed"]
+    assert store.attempts(pseudonym)[1].metrics == METRICS
+    attempt = begin_attempt(store, session.id, second.position)
+    record(store, attempt, second)
+    open_session(store, pseudonym, take_over=True)
+    assert [a.state for a in store.attempts(pseudonym)] == ["completed", "completed", "interrupted"]
+
+
+WORKER = """
+import sys
+import time
+from pathlib import Path
+from avrgym.study.storage.store import Store
+from studies import run_participant
+with Store(Path(sys.argv[1])) as store:
+    print("ready", flush=True)
+    run_participant(store, "sub-001")
+"""
+
+
+def test_kill_9_at_any_moment_changes_neither_order_nor_seeds_nor_loses_a_trial(
+    kind: str, tmp_path: Path
+) -> None:
+    folder = make_study(tmp_path / "study", tasks='["Feeding", "Drinking"]')
+    rng = random.Random(7)
+    with Store(folder) as store:
+        take_in(store)
+        planned = [_plan(trial) for trial in store.trials("sub-001")]
+        completed: set[int] = set()
+        for _ in range(5):
+            _run_and_kill(folder, rng.uniform(0.0, 0.4))
+            now_completed = {
+                trial.position for trial in store.trials("sub-001") if trial.state == "completed"
+            }
+            assert completed <= now_completed
+            completed = now_completed
+            assert [_plan(trial) for trial in store.trials("sub-001")] == planned
+        if store.participant("sub-001").state == "allocated":
+            run_participant(store, "sub-001")
+        attempts = store.attempts("sub-001")
+        numbers = Counter(attempt.trial for attempt in attempts)
+        for attempt in attempts:
+            assert attempt.number <= numbers[attempt.trial]
+        assert len({(attempt.trial, attempt.number) for attempt in attempts}) == len(attempts)
+        assert Counter(a.state for a in attempts)["completed"] == len(planned)
+        assert [t.state for t in store.trials("sub-001")] == ["completed"] * len(planned)
+        assert len(store.answers("sub-001")) >= 8 * len(ITEMS)
+    print(
+        f"{kind}: {len(completed)} trials despite kills, {len(attempts) - len(planned)} attempts broken off"
+    )
+
+
+def _run_and_kill(folder: Path, after_s: float) -> None:
+    """Start a session in a process of its own and end it, at some moment of its work, as a crash would."""
+    command = [sys.executable, "-c", WORKER, folder]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=HELPERS, preexec_fn=die_with_parent) as worker:
+        assert worker.stdout is not None
+        assert worker.stdout.readline() == b"ready\n"
+        time.sleep(after_s)
+        worker.kill()
+
+
+def _plan(trial: Trial) -> tuple:
+    return trial.position, trial.environment, trial.policy, trial.seed, trial.practice
+
+
+# Deletion
+
+
+def test_of_a_deleted_participant_only_a_tombstone_stays(store: Store) -> None:
+    for _ in range(2):
+        run_participant(store, take_in(store), trials=2)
+    add_note(store, "sub-001", "a note")
+    kept = store.trials("sub-002"), store.attempts("sub-002"), store.answers("sub-002")
+    delete_participant(store, "sub-001")
+    assert [participant.pseudonym for participant in store.participants()] == ["sub-002"]
+    assert (store.trials("sub-002"), store.attempts("sub-002"), store.answers("sub-002")) == kept
+    assert {event.participant for event in store.events()} == {2}
+    assert [tombstone.number for tombstone in store.tombstones()] == [1]
+    assert len(contents(store)["attempt"]) == len(kept[1])
+    refused(store, lambda: delete_participant(store, "sub-003"), "there is no sub-003")
+
+
+# Several stations
+
+
+STATION = """
+import json, sys
+from pathlib import Path
+from avrgym.study.storage.store import Store
+from studies import take_in
+with Store(Path(sys.argv[1])) as store:
+    print(json.dumps([take_in(store) for _ in range(int(sys.argv[2]))]))
+"""
+
+
+def test_stations_at_the_same_time_never_share_an_allocation(kind: str, tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "study", tasks='["Feeding", "Drinking"]')
+    each, stations = 4, 3
+    command = [sys.executable, "-c", STATION, folder, str(each)]
+    running = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=HELPERS) for _ in range(stations)
+    ]
+    given = [json.loads(process.communicate(timeout=120)[0]) for process in running]
+    assert {process.returncode for process in running} == {0}
+    everyone = [pseudonym for pseudonyms in given for pseudonym in pseudonyms]
+    assert len(set(everyone)) == each * stations
+    with Store(folder) as store:
+        participants = store.participants()
+        filled = Counter(participant.cell for participant in participants)
+        assert len(participants) == each * stations
+        assert set(filled.values()) == {each * stations // len(cell_orders(store.design))}
+        seeds = [trial.seed for p in participants for trial in store.trials(p.pseudonym)]
+        assert len(set(seeds)) == len(seeds)
+
+
+# Migrations
+
+
+@pytest.fixture
+def newer(tmp_path: Path) -> Path:
+    """The migrations as they may be after another one was added."""
+    folder = tmp_path / "migrations"
+    shutil.copytree(database.MIGRATIONS, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "versions" / "9999_colour.py").write_text(
+        "import sqlalchemy as sa\nfrom alembic import op\n"
+        "revision, down_revision = '9999_colour', '0003_torso_height'\n"
+        "def upgrade():\n    op.add_column('note', sa.Column('colour', sa.String))\n"
+    )
+    return folder
+
+
+def test_the_migrations_lead_to_the_tables(store: Store) -> None:
+    with store.database.write() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), schema.METADATA) == []
+
+
+def test_an_older_study_is_brought_up_to_date_after_a_backup(
+    store: Store, newer: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_participant(store, take_in(store), trials=2)
+    before = contents(store)
+    store.close()
+    monkeypatch.setattr(database, "MIGRATIONS", newer)
+    with Store(store.folder) as again:
+        assert contents(again) == before
+        with again.database.read() as connection:
+            columns = sa.inspect(connection).get_columns("note")
+        assert "colour" in {column["name"] for column in columns}
+    (backup,) = (store.folder / "backups").iterdir()
+    assert backup.name.startswith("0003_torso_height-")
+    if kind == "sqlite":
+        copy = store.folder / "copy"
+        copy.mkdir()
+        shutil.copy(store.folder / "study.toml", copy)
+        shutil.copy(backup, copy / "study.db")
+        monkeypatch.undo()
+        with Store(copy) as restored:
+            assert contents(restored) == before
+    else:
+        rows = json.loads(backup.read_text())
+        assert {name: len(rows[name]) for name in before} == {name: len(before[name]) for name in before}
+        assert rows["participant"][0]["number"] == 1
+
+
+def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_ledger(
+    store: Store, kind: str
+) -> None:
+    pseudonym = take_in(store)
+    run_participant(store, pseudonym, trials=2)
+    before = contents(store)
+    with store.database.write() as connection:
+        for change in (
+            "ALTER TABLE attempt DROP COLUMN torso_height_m",
+            "UPDATE alembic_version SET version_num = '0002_ledger'",
+        ):
+            connection.execute(sa.text(change))
+    store.close()
+    with Store(store.folder) as again:
+        assert contents(again) == before
+        assert again.database.faults() == []
+        assert [attempt.torso_height_m for attempt in again.attempts(pseudonym)] == [None, None]
+        session = open_session(again, pseudonym)
+        attempt = begin_attempt(again, session.id, 3, torso_height_m=0.5625)
+        end_attempt(again, attempt.id, "stopped")
+        assert again.attempts(pseudonym)[-1].torso_height_m == 0.5625
+        assert again.database.faults() == []
+
+
+def test_a_study_of_a_newer_version_is_refused_and_left_alone(
+    store: Store, newer: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = contents(store)
+    store.close()
+    with monkeypatch.context() as later:
+        later.setattr(database, "MIGRATIONS", newer)
+        Store(store.folder).close()
+    with pytest.raises(
+        StudyError,
+        match=r"made by a newer AVR Gym \(9999_colour\); this one knows 0001_first, 0002_ledger, 0003",
+    ):
+        Store(store.folder)
+    monkeypatch.setattr(database, "MIGRATIONS", newer)
+    with Store(store.folder) as again:
+        assert contents(again) == before
+
+
+def test_a_folder_without_a_design_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(StudyError, match=r"holds no study.toml; `avrgym study new"):
+        Store(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_database_that_cannot_be_reached_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = small_study(tmp_path)
+    monkeypatch.setenv(database.URL_VARIABLE, "mysql://host/name")
+    with pytest.raises(StudyError, match="AVRGYM_STUDY_DATABASE: not a database; allowed: postgresql://"):
+        Store(folder)
+    monkeypatch.setenv(database.URL_VARIABLE, f"postgresql://nobody@/none?host={tmp_path}")
+    with pytest.raises(StudyError, match=r"the study's database: .*connection"):
+        Store(folder)
+    monkeypatch.delenv(database.URL_VARIABLE)
+    (folder / "study.db").write_bytes(b"not a database at all" * 100)
+    with pytest.raises(StudyError, match="the study's database: file is not a database"):
+        Store(folder)
+
+
+def test_every_write_waits_for_the_disk(tmp_path: Path) -> None:
+    with Store(small_study(tmp_path)) as store, store.database.write() as connection:
+        pragmas = {
+            name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
+            for name in ("synchronous", "journal_mode")
+        }
+        assert pragmas == {"synchronous": 2, "journal_mode": "wal"}
+
+
+def test_a_process_that_has_ended_does_not_run() -> None:
+    """Also before its parent has asked how it ended."""
+    assert is_running(os.getpid())
+    with subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.read()
+        give_up = time.monotonic() + 60.0
+        while is_running(process.pid):
+            assert time.monotonic() < give_up
+            time.sleep(0.01)
+        assert process.returncode is None
+    assert not is_running(process.pid)

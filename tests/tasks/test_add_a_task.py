@@ -1,0 +1,143 @@
+"""A task of another package, built from docs/add_a_task.md, works wherever an environment's id does."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from places import ROOT
+
+PAGE = (ROOT / "docs" / "add_a_task.md").read_text()
+RECORD, CHECK = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
+ENVIRONMENT = "avrgym/TouchElbowJaco-v1"
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory) -> Path:
+    """A folder of packages: that of the page, and one with tasks that are broken."""
+    folder = tmp_path_factory.mktemp("site")
+    (folder / "touch_elbow.py").write_text(RECORD)
+    (folder / "unfinished.py").write_text(
+        "from dataclasses import replace\n"
+        "from touch_elbow import TOUCH_ELBOW\n"
+        "TWICE = TOUCH_ELBOW\n"
+        "def scene(robot):\n    raise RuntimeError('no scene yet')\n"
+        "NO_SCENE = replace(TOUCH_ELBOW, name='NoScene', scene=scene)\n"
+    )
+    entries = re.search(r'^\[project\.entry-points."avrgym\.tasks"\]\n(.*?)^```', PAGE, re.M | re.S)
+    assert entries
+    _install(folder, "touch-elbow", entries[1].replace('"', ""))
+    _install(
+        folder,
+        "unfinished",
+        "Missing = nowhere:TASK\nNoRecord = json:dumps\nNoScene = unfinished:NO_SCENE\nTwice = unfinished:TWICE\n",
+    )
+    return folder
+
+
+def _install(folder: Path, name: str, entries: str) -> None:
+    about = folder / f"{name.replace('-', '_')}-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(f"[avrgym.tasks]\n{entries}")
+
+
+def _python(installed: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
+    paths = os.pathsep.join([str(ROOT / "src"), str(installed)])
+    return subprocess.run(
+        [sys.executable, *arguments],
+        env={**os.environ, "PYTHONPATH": paths},
+        cwd=installed,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+def _avrgym(installed: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
+    return _python(installed, "-c", "from avrgym.cli import app; app()", *arguments)
+
+
+def test_the_page_s_own_test_passes(installed):
+    ran = _python(installed, "-c", CHECK)
+    assert ran.returncode == 0, ran.stderr
+
+
+def test_broken_tasks_are_named_and_skipped(installed):
+    listed = _avrgym(installed, "envs", "--json", "envs.json")
+    assert listed.returncode == 0, listed.stderr
+    rows = json.loads((installed / "envs.json").read_text())
+    assert [
+        row["env"] for row in rows if row["task"] not in ("Feeding", "Drinking", "ScratchItch", "BedBathing")
+    ] == [
+        "avrgym/TouchElbowJaco-v1",
+        "avrgym/TouchElbowPR2-v1",
+    ]
+    said = " ".join(listed.stdout.split())
+    for name, reason in (
+        ("Missing = nowhere:TASK (unfinished 1.0)", "No module named 'nowhere'"),
+        ("NoRecord = json:dumps (unfinished 1.0)", "allowed: a Task"),
+        ("avrgym/NoSceneJaco-v1", "no scene yet"),
+        ("NoScene = unfinished:NO_SCENE (unfinished 1.0)", "no robot can do task NoScene"),
+        ("Twice = unfinished:TWICE (unfinished 1.0)", "there is already a task TouchElbow"),
+    ):
+        assert re.search(f"skipped {re.escape(name)}: \\w+: .*{re.escape(reason)}", said), said
+
+
+def test_a_module_that_is_imported_before_avrgym_is_told_so(installed):
+    ran = _python(installed, "-c", "import touch_elbow")
+    assert ran.returncode == 0
+    assert "touch_elbow was imported before avrgym; import avrgym first" in ran.stderr
+
+
+def test_it_is_evaluated_and_measured(installed):
+    evaluated = _avrgym(
+        installed, "evaluate", ENVIRONMENT, "--policy", "oracle", "--episodes", "4", "--json", "rows.json"
+    )
+    assert evaluated.returncode == 0, evaluated.stderr
+    (row,) = json.loads((installed / "rows.json").read_text())
+    assert row["success_rate"] >= 0.75
+    measured = _avrgym(installed, "bench", "sim", "--env", ENVIRONMENT, "--num-envs", "2")
+    assert measured.returncode == 0, measured.stderr
+
+
+STUDY = """
+from pathlib import Path
+import re
+import avrgym
+from avrgym.models.human import Person
+from avrgym.study.storage.store import create_study
+from avrgym.vr.tracking.world import LiveWorld
+
+LiveWorld("{environment}", Person()).begin(seed=1)
+path = create_study(Path("study"))
+design = path.read_text()
+changes = {{"tasks": '["TouchElbow"]', "robots": '["Jaco"]', "policies": '["mine"]', "practice_policy": '"mine"'}}
+for name, value in changes.items():
+    design = re.sub(f"^{{name}} = .*$", f"{{name}} = {{value}}", design, flags=re.M)
+path.write_text(design)
+"""
+
+
+def test_it_is_trained_studied_reported_and_verified(installed):
+    def run(*arguments: str) -> None:
+        ran = _avrgym(installed, *arguments)
+        assert ran.returncode == 0, ran.stderr + ran.stdout
+
+    run("train", ENVIRONMENT, "--steps", "800", "--out", "run")
+    made = _python(installed, "-c", STUDY.format(environment=ENVIRONMENT))
+    assert made.returncode == 0, made.stderr
+    (installed / "study" / "mine").mkdir()
+    (installed / "run" / "policy.safetensors").rename(
+        installed / "study" / "mine" / "TouchElbowJaco.safetensors"
+    )
+    run("study", "simulate", "study", "--participants", "1", "--seed", "1")
+    run("analyze", "study", "--out", "report")
+    assert "touched" in (installed / "report" / "tables" / "reward_terms.csv").read_text()
+    recording = next((installed / "study" / "recordings").rglob("*.mcap"))
+    run("replay", str(recording), "--verify")

@@ -1,0 +1,234 @@
+"""Connections beyond measure: who stays, who goes, and that those who take part notice nothing."""
+
+import resource
+import socket
+import ssl
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from test_access import hear, opened, participant, tell
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection
+
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Entered, Phase, State
+from avrgym.vr.server import gate as gate_module
+from avrgym.vr.server.access import Tokens
+from avrgym.vr.server.certificate import certificate_for
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session.session import Session
+from hostile import PATIENCE_S, ask, dial, idle, is_closed, is_open, request, status
+from visit import driving, plan
+
+PLAN = plan(free_movement_s=0.2, trial_steps=200)
+
+
+@pytest.fixture
+def make_server(tmp_path: Path) -> Callable[..., LiveServer[Session]]:
+    def make(**options) -> LiveServer[Session]:
+        return LiveServer(
+            lambda send: Session(PLAN, driving(PLAN), tmp_path, send, "test"), "127.0.0.1", 0, **options
+        )
+
+    return make
+
+
+@pytest.fixture
+def server(make_server: Callable[..., LiveServer[Session]]) -> Iterator[LiveServer[Session]]:
+    with make_server() as server:
+        yield server
+
+
+def await_that(condition: Callable[[], bool]) -> None:
+    give_up = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < give_up
+        time.sleep(0.01)
+
+
+def test_small_messages_are_sent_at_once(
+    server: LiveServer[Session], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nagle's algorithm is off on what is accepted: else an answer may wait 40 ms for an acknowledgement."""
+    accepted: list[socket.socket] = []
+    known = gate_module.Connection
+    monkeypatch.setattr(
+        gate_module, "Connection", lambda taken, host: accepted.append(taken) or known(taken, host)
+    )
+    with opened(server, "/watch", server.tokens.spectator) as watcher:
+        assert isinstance(hear(watcher, State), State)
+        assert accepted
+        assert all(taken.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) for taken in accepted)
+
+
+def test_of_too_many_strangers_the_longest_silent_goes(
+    make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gate_module, "MOST_STRANGERS", 8)
+    with make_server() as server, idle(server.port, 8) as first:
+        with idle(server.port, 5):
+            await_that(lambda: [is_open(each) for each in first] == [False] * 5 + [True] * 3)
+        assert status(ask(server.port, request(server.port, "/", b"Connection: close\r\n"))) == 200
+
+
+class Listener:
+    """Reads what a socket is sent, on a thread of its own, as browsers do; ``heard`` counts it by kind."""
+
+    def __init__(self, connection: ClientConnection) -> None:
+        self.heard: Counter[type] = Counter()
+        self.ended: ConnectionClosed | None = None
+        self._connection = connection
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def _listen(self) -> None:
+        try:
+            for data in self._connection:
+                self.heard[type(messages.decode_server(bytes(data)))] += 1  # pyright: ignore[reportArgumentType]
+        except ConnectionClosed as ended:
+            self.ended = ended
+
+    def hears_more(self, kind: type) -> None:
+        """Wait for another message of a kind."""
+        before = self.heard[kind]
+        await_that(lambda: self.heard[kind] > before or self.ended is not None)
+        assert self.ended is None
+
+
+def test_the_three_parties_stay_and_are_served_whatever_comes(
+    make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Six times as many strangers as may be, while participant, experimenter and spectator are connected."""
+    monkeypatch.setattr(gate_module, "MOST_STRANGERS", 16)
+    with (
+        make_server() as server,
+        participant(server) as seated,
+        opened(server, "/watch", server.tokens.experimenter) as experimenter,
+        opened(server, "/watch", server.tokens.spectator) as spectator,
+    ):
+        parties = {"participant": seated, "experimenter": experimenter, "spectator": spectator}
+        listening = {role: Listener(connection) for role, connection in parties.items()}
+        for each in listening.values():
+            each.hears_more(State)
+        with idle(server.port, 100):
+            for role in parties:
+                token = {"authorization": f"Bearer {getattr(server.tokens, role)}"}
+                for path in ("/", "/spectator", "/scenes/0.glb"):
+                    url = f"http://127.0.0.1:{server.port}{path}"
+                    assert httpx.get(url, headers=token, timeout=PATIENCE_S).status_code == 200
+            tell(seated, Entered())
+            listening["participant"].hears_more(Phase)
+            for each in listening.values():
+                each.hears_more(State)
+        assert server.loop.error is None
+
+
+def test_one_address_fills_no_more_than_its_share(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of another machine; those of this one share an address with a headset on a cable."""
+    monkeypatch.setattr(gate_module, "MOST_STRANGERS", 8)
+    ended: list[str] = []
+
+    class Taken(gate_module.Connection):
+        def end(self) -> None:
+            ended.append(self.host)
+            self.role = "spectator"  # no stranger any more
+
+    with socket.create_server(("127.0.0.1", 0)) as listener, socket.socket() as unused:
+        gate = gate_module.Gate(listener, Tokens.new())
+        hosts = ["192.0.2.1"] * 4 + ["192.0.2.2", "127.0.0.1", "127.0.0.1", "127.0.0.1", "192.0.2.3"]
+        for port, host in enumerate(hosts):
+            gate._connections[host, port] = Taken(unused, host)
+            gate._make_room(host)
+    assert ended == ["192.0.2.1"] * 2
+
+
+def test_silence_is_closed(
+    make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gate_module, "SILENT_S", 0.2)
+    monkeypatch.setattr(gate_module, "SWEEP_EVERY_S", 0.05)
+    with make_server() as server:
+        for said in (b"", b"GET / HTTP/1.1\r\nHost: ", request(server.port)):
+            with dial(server.port) as connection:
+                connection.sendall(said)
+                assert is_closed(connection)
+        with participant(server) as seated:
+            listening = Listener(seated)
+            time.sleep(0.5)
+            tell(seated, Entered())
+            listening.hears_more(State)
+
+
+def test_drop_by_drop_is_no_request(
+    make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A header that goes on and on counts as silence."""
+    monkeypatch.setattr(gate_module, "SILENT_S", 0.3)
+    monkeypatch.setattr(gate_module, "SWEEP_EVERY_S", 0.05)
+    with make_server() as server, dial(server.port) as connection:
+        connection.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ")
+        await_that(lambda: not accepts(connection, b"x"))
+
+
+def accepts(connection: socket.socket, data: bytes) -> bool:
+    """Whether more can be sent."""
+    try:
+        connection.sendall(data)
+    except OSError:
+        return False
+    return True
+
+
+def test_handshakes_that_do_not_come_are_closed(
+    make_server: Callable[..., LiveServer[Session]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gate_module, "HANDSHAKE_S", 0.3)
+    certificate = certificate_for(("lab",), tmp_path / "certificate")
+    with make_server(certificate=certificate) as server:
+        with idle(server.port, 20) as silent:
+            assert all(is_closed(each) for each in silent)
+        trusted = ssl.create_default_context(cafile=str(certificate.certificate_file))
+        page = httpx.get(f"https://localhost:{server.port}/", verify=trusted, timeout=PATIENCE_S)
+        assert page.status_code == 200
+
+
+def test_where_file_handles_run_out_the_server_goes_on(server: LiveServer[Session]) -> None:
+    """All that the process may have are taken for a while: nobody can be accepted, then everybody again."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with participant(server) as seated, socket.socket() as waiting, socket.socket() as later:
+        used = max(waiting.fileno(), later.fileno())
+        busy_s = time.process_time()
+        resource.setrlimit(resource.RLIMIT_NOFILE, (used + 1, hard))
+        try:
+            waiting.connect(("127.0.0.1", server.port))
+            later.connect(("127.0.0.1", server.port))
+            for _ in range(20):
+                hear(seated, State)
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        assert time.process_time() - busy_s < PATIENCE_S
+        later.settimeout(PATIENCE_S)
+        later.sendall(request(server.port))
+        assert status(later.recv(1 << 16)) == 200
+        assert isinstance(hear(seated, State), State)
+
+
+def test_who_may_have_one_connection_too_many_is_a_stranger_by_it(
+    make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A token opens many connections, but not so many that the server has none left."""
+    monkeypatch.setattr(gate_module, "MOST_STRANGERS", 4)
+    monkeypatch.setattr(gate_module, "MOST_OF_ONE_ROLE", 2)
+    token = b"Authorization: Bearer "
+    with make_server() as server, idle(server.port, 4) as many:
+        shown = token + server.tokens.spectator.encode() + b"\r\n"
+        for each in many:
+            each.sendall(request(server.port, "/scenes/99.glb", shown))
+            assert status(each.recv(1 << 16)) == 404
+        with idle(server.port, 4):
+            await_that(lambda: sum(map(is_open, many)) == 2)

@@ -1,0 +1,94 @@
+"""Keeping processors awake: the request lasts as long as it should, and nobody is disturbed who may not ask."""
+
+import os
+from pathlib import Path
+
+import pytest
+from test_loop import FakeSession, run
+
+from avrgym.vr.server import keep_awake
+from avrgym.vr.server.keep_awake import AT_ONCE, DRIVER_FILE, LATENCY_FILE, KeepAwake
+
+
+@pytest.fixture
+def guest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A virtual machine's file of latencies."""
+    (tmp_path / "driver").write_text("haltpoll\n")
+    monkeypatch.setattr(keep_awake, "DRIVER_FILE", tmp_path / "driver")
+    monkeypatch.setattr(keep_awake, "LATENCY_FILE", tmp_path / "latency")
+    return tmp_path / "latency"
+
+
+def holds(kept: KeepAwake) -> bool:
+    """Whether it has the file open."""
+    return kept._held is not None and not kept._held.closed
+
+
+def test_no_waiting_is_asked_for_until_it_is_let_go(guest: Path) -> None:
+    kept = KeepAwake()
+    kept.set(False)
+    assert not guest.exists()
+    for _ in range(2):
+        for _ in range(2):
+            kept.set(True)
+            assert holds(kept)
+            assert guest.read_bytes() == AT_ONCE == bytes(4)
+        held = kept._held
+        kept.set(False)
+        assert not holds(kept)
+        assert held is not None
+        assert held.closed
+
+
+@pytest.mark.parametrize("driver", ["intel_idle", "none", None])
+def test_a_machine_of_its_own_is_left_alone(guest: Path, driver: str | None) -> None:
+    keep_awake.DRIVER_FILE.unlink()
+    if driver:
+        keep_awake.DRIVER_FILE.write_text(f"{driver}\n")
+    KeepAwake().set(True)
+    assert not guest.exists()
+
+
+def test_who_may_not_ask_goes_on_without(guest: Path) -> None:
+    guest.mkdir()
+    kept = KeepAwake()
+    kept.set(True)
+    guest.rmdir()
+    kept.set(True)
+    assert not guest.exists()
+
+
+def test_the_loop_keeps_processors_awake_while_something_moves(
+    guest: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[bool] = []
+    keep = KeepAwake.set
+
+    def note(kept: KeepAwake, awake: bool) -> None:
+        asked.append(awake)
+        keep(kept, awake)
+
+    def rest(ticks: int) -> None:
+        session.at_rest = ticks <= 3
+
+    monkeypatch.setattr(KeepAwake, "set", note)
+    session = FakeSession(rest)
+    run(session, 8)
+    assert asked[:8] == 3 * [False] + 5 * [True]
+    assert not asked[-1]
+    assert guest.read_bytes() == AT_ONCE
+
+
+@pytest.mark.skipif(
+    not DRIVER_FILE.exists()
+    or DRIVER_FILE.read_text().strip() != keep_awake.GUEST_DRIVER
+    or not os.access(LATENCY_FILE, os.R_OK | os.W_OK),
+    reason="only a virtual machine whose system can keep processors awake, and lets this user, shows it",
+)
+def test_the_system_hears_it() -> None:
+    kept = KeepAwake()
+    before = LATENCY_FILE.read_bytes()
+    kept.set(True)
+    assert LATENCY_FILE.read_bytes() == AT_ONCE
+    kept.set(False)
+    assert LATENCY_FILE.read_bytes() == before

@@ -1,0 +1,250 @@
+"""Which phases follow which: what their annotations name, and nothing else; and what must not leave a session stuck."""
+
+import random
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Self, get_args, get_type_hints
+
+import pytest
+
+from avrgym.vr.protocol.messages import (
+    Answer,
+    ChooseBody,
+    ChooseTheirBody,
+    Command,
+    CommandName,
+    CorrectTorsoHeight,
+    Entered,
+    Hello,
+    Left,
+    OriginReset,
+    Question,
+    Ready,
+    Recalibrate,
+    Scene,
+    SceneLoaded,
+    Stop,
+)
+from avrgym.vr.protocol.received import Disconnected, Received
+from avrgym.vr.session import events as session_events
+from avrgym.vr.session.phases import PHASES
+from avrgym.vr.session.phases.phase import Phase
+from avrgym.vr.session.session import Session
+from visit import Visit, driving, plan
+
+SEEDS = (2, 3, 4)
+"""Their walks see every phase."""
+SITTING, LYING = "avrgym/FeedingJaco-v1", "avrgym/BedBathingJaco-v1"
+
+STEPS = [
+    name
+    for name, method in vars(Phase).items()
+    if callable(method) and not name.startswith("_") and get_type_hints(method).get("return") is Phase
+]
+"""The methods that return the phase that follows."""
+
+
+def owner(phase: type[Phase], step: str) -> type[Phase]:
+    """The class whose method it is."""
+    return next(cls for cls in phase.__mro__ if step in vars(cls))
+
+
+def followers(phase: type[Phase], step: str) -> set[type[Phase]]:
+    """The phases that may follow by the method's annotation."""
+    cls = owner(phase, step)
+    if cls is Phase:
+        return {phase}
+    named = get_type_hints(vars(cls)[step])["return"]
+    return {phase if kind is Self else kind for kind in get_args(named) or (named,)}
+
+
+@pytest.mark.parametrize("phase", PHASES)
+def test_every_annotation_names_phases(phase: type[Phase]) -> None:
+    assert len(STEPS) > 20
+    for step in STEPS:
+        assert followers(phase, step) <= set(PHASES)
+
+
+@pytest.mark.parametrize(
+    ("flag", "step"),
+    [
+        ("can_be_stopped", "stop"),
+        ("in_place", "repeat"),
+        ("awaits_ready", "ready"),
+        ("can_recalibrate", "recalibrate"),
+        ("can_choose_body", "choose_body"),
+    ],
+)
+def test_a_phase_says_what_it_can_do(flag: str, step: str) -> None:
+    for phase in PHASES:
+        assert getattr(phase, flag) == (owner(phase, step) is not Phase)
+
+
+class Walk:
+    """A session of sitting and lying trials in a random world: a slow disk, a failing observer, a moody participant."""
+
+    COMMANDS: tuple[CommandName, ...] = (
+        "stop",
+        "pause",
+        "continue",
+        "continue",
+        "repeat",
+        "skip",
+        "recalibrate",
+    )
+    DISRUPTIONS: Sequence[Received] = (
+        Entered(), Left(), Disconnected(), OriginReset(), Recalibrate(), Stop(), Ready(), Hello(4, "", "", True),
+        ChooseBody("woman", "fair"), ChooseBody("man", "dark"), ChooseTheirBody("woman", "blue"), Answer("L1", 4, 1.0),
+        CorrectTorsoHeight(0.55), CorrectTorsoHeight(5.0), *(Command(name) for name in COMMANDS),
+    )  # fmt: skip
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.messages = 0
+        self._chance, self._world = random.Random(seed), random.Random(seed + 1000)
+        self._busy = 0
+        session = plan(seeds=range(12), practice=True, environments=(SITTING, LYING))
+        how: dict[str, Any] = {"observe": self._observe, "kept": self._is_stored}
+        self.visit = Visit(
+            folder,
+            session,
+            make=lambda send: Session(session, driving(session), folder, send, "walk", **how),
+        )
+        self.visit.loads = self.visit.content = False
+
+    def _observe(self, _event: session_events.SessionEvent) -> None:
+        if self._world.random() < 0.01:
+            raise OSError("the observer fails")
+        self._busy = self._world.choice([0, 0, 0, 3, 20])
+
+    def _is_stored(self) -> bool:
+        self._busy = max(0, self._busy - 1)
+        return self._busy == 0
+
+    def step(self) -> None:
+        """Go on as the session wants it, disturb it, or let time pass."""
+        drawn = self._chance.random()
+        if drawn < 0.05:
+            self._tell(self._chance.choice(self.DISRUPTIONS))
+        elif drawn < 0.052:
+            self.visit.tracking = not self.visit.tracking
+        elif drawn < 0.054:
+            self.visit._ticks += 60
+        elif drawn < 0.5:
+            self._go_on()
+        else:
+            self.visit.participant.take_place(self._environment())
+            self.visit.tick(self._chance.choice([1, 1, 2, 10]))
+
+    def _environment(self) -> str:
+        trials = self.visit.session.plan.trials
+        return trials[min(self.visit.session.trial, len(trials) - 1)].environment
+
+    def _go_on(self) -> None:
+        if self.visit.phase == "waiting":
+            self._tell(Entered())
+        elif self.visit.phase in ("calibration", "check", "paused"):
+            self._tell(self._chance.choice([Ready(), Ready(), Command("continue")]))
+        elif self.visit.phase == "loading" and self.visit.said(Scene):
+            shown = SceneLoaded(self.visit.said(Scene)[-1].url)
+            self._tell(self._chance.choice([shown, shown, shown, OriginReset()]))
+        elif self.visit.phase == "questionnaire":
+            asked = self.visit.said(Question)[-1]
+            self._tell(Answer(asked.item, self._chance.randint(1, asked.points), 1.0))
+
+    def _tell(self, message: Received) -> None:
+        self.messages += 1
+        self.visit.tell(message)
+
+
+def test_no_message_and_no_tick_leads_where_no_annotation_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Thousands of messages at random; every phase is seen, and every method's outcome compared."""
+    allowed = {(phase, step): followers(phase, step) for phase in PHASES for step in STEPS}
+    seen: set[type[Phase]] = set()
+
+    def watch(cls: type[Phase], step: str) -> None:
+        method = vars(cls)[step]
+
+        def watched(phase: Phase, *given: Any) -> Phase:
+            follows = method(phase, *given)
+            assert follows is phase or type(follows) in allowed[type(phase), step]
+            seen.update((type(phase), type(follows)))
+            return follows
+
+        monkeypatch.setattr(cls, step, watched)
+
+    for cls in {cls for phase in PHASES for cls in phase.__mro__ if issubclass(cls, Phase)}:
+        for step in STEPS:
+            if step in vars(cls):
+                watch(cls, step)
+    messages = 0
+    for seed in SEEDS:
+        walk = Walk(tmp_path / str(seed), seed)
+        for _ in range(2000):
+            walk.step()
+        walk.visit.leave()
+        messages += walk.messages
+    print(f"\n{messages} messages")
+    assert messages > 2000
+    assert seen == set(PHASES)
+
+
+# What must not leave a session stuck -------------------------------------------------------------------------
+
+
+def test_a_session_whose_end_cannot_be_stored_stays_finished(tmp_path: Path) -> None:
+    def fail(event: session_events.SessionEvent) -> None:
+        if isinstance(event, session_events.PhaseEntered) and event.phase == "finished":
+            raise OSError("the database is gone")
+
+    short = plan()
+    visit = Visit(
+        tmp_path,
+        short,
+        make=lambda send: Session(short, driving(short), tmp_path, send, "x", observe=fail),
+    )
+    visit.go_to("finished")
+    visit.tick()
+    visit.tell(Ready())
+    visit.tick()
+    assert visit.phase == "finished"
+    assert "the database is gone" in visit.problems[-2]
+    visit.leave()
+
+
+def test_a_torso_height_may_be_corrected_while_the_scene_loads(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, plan())
+    visit.go_to("loading")
+    visit.tell(CorrectTorsoHeight(torso_height_m=0.61))
+    visit.tick(3)
+    visit.loads = True
+    visit.until("trial")
+    assert visit.session.world.person.torso_height_m == 0.61
+    visit.leave()
+
+
+def test_a_failure_while_the_scene_loads_is_forgotten_when_a_trial_is_stored_late(tmp_path: Path) -> None:
+    stored, failures, trials = [True], [OSError("the database is gone")], plan(seeds=(1, 2))
+
+    def is_stored() -> bool:
+        if visit.phase == "loading" and visit.loads and failures:
+            raise failures.pop()
+        return stored[0]
+
+    visit = Visit(tmp_path, trials)
+    visit.session = Session(trials, driving(trials), tmp_path, visit.heard.append, "x", kept=is_stored)
+    visit.go_to("loading")
+    visit.loads = True
+    visit.until("paused")
+    visit.tell(Ready())
+    visit.until("questionnaire")
+    stored[0] = False
+    visit.answer(4, 4, 4, 4)
+    visit.tick(5)
+    assert visit.phase == "loading"
+    stored[0] = True
+    entered = len(visit.phases)
+    visit.until("trial")
+    assert visit.phases[entered:] == ["loading", "free_before", "countdown", "trial"]
+    visit.leave()

@@ -1,0 +1,104 @@
+"""Who reads what was wrong: whom it concerns, and nobody else."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import get_args
+
+import pytest
+from test_access import hear, opened, participant, tell
+from websockets.sync.client import ClientConnection
+
+from avrgym.vr.protocol.messages import (
+    PROTOCOL,
+    Answer,
+    ChooseBody,
+    Command,
+    CommandName,
+    CorrectTorsoHeight,
+    Entered,
+    Hello,
+    Message,
+    Phase,
+    Problem,
+    Recalibrate,
+    Stop,
+)
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session.session import Session
+from visit import Visit, driving, plan
+
+WAITING = "waiting"
+BY_EXPERIMENTER = (
+    *(Command(name=name) for name in ("stop", "continue", "repeat", "skip", "recalibrate")),
+    CorrectTorsoHeight(torso_height_m=9.0),
+    ChooseBody(sex="man", skin_tone="plaid"),
+    Hello(PROTOCOL, "?", "again", emulated=True),
+)
+BY_PARTICIPANT = (
+    Stop(),
+    Recalibrate(),
+    Answer(item="L1", value=1, response_time_s=1.0),
+    ChooseBody(sex="man", skin_tone="plaid"),
+    Hello(PROTOCOL, "?", "again", emulated=True),
+)
+
+
+@pytest.fixture
+def parties(tmp_path: Path) -> Iterator[dict[str, ClientConnection]]:
+    """All three, connected to a session that waits."""
+    with ExitStack() as entered:
+        server = entered.enter_context(
+            LiveServer(lambda send: Session(plan(), driving(plan()), tmp_path, send, "test"), "127.0.0.1", 0)
+        )
+        watching = {
+            role: entered.enter_context(opened(server, "/watch", getattr(server.tokens, role)))
+            for role in ("experimenter", "spectator")
+        }
+        for socket in watching.values():
+            hear(socket, Phase)
+        yield {"participant": entered.enter_context(participant(server)), **watching}
+
+
+def problems(parties: dict[str, ClientConnection]) -> dict[str, int]:
+    """How many problems each was told of, until the participant entered VR, which all are told of."""
+    tell(parties["participant"], Entered())
+    counts = {}
+    for role, socket in parties.items():
+        counts[role] = 0
+        while not (isinstance(heard := hear(socket, Message), Phase) and heard.name != WAITING):
+            counts[role] += isinstance(heard, Problem)
+    return counts
+
+
+def test_the_participant_reads_nothing_of_the_experimenters_mistakes(
+    parties: dict[str, ClientConnection],
+) -> None:
+    experimenter = parties["experimenter"]
+    for wrong in BY_EXPERIMENTER:
+        tell(experimenter, wrong)
+        assert isinstance(hear(experimenter, Problem), Problem)
+    experimenter.send("nonsense")
+    assert isinstance(hear(experimenter, Problem), Problem)
+    assert problems(parties) == {"participant": 0, "experimenter": 0, "spectator": 0}
+
+
+def test_the_experimenter_reads_what_was_wrong_for_the_participant(
+    parties: dict[str, ClientConnection],
+) -> None:
+    for wrong in BY_PARTICIPANT:
+        tell(parties["participant"], wrong)
+        assert isinstance(hear(parties["participant"], Problem), Problem)
+    told = problems(parties)
+    own = sum(isinstance(wrong, Hello) for wrong in BY_PARTICIPANT)
+    assert told == {"participant": 0, "experimenter": len(BY_PARTICIPANT) - own, "spectator": 0}
+
+
+@pytest.mark.parametrize("phase", ["waiting", "calibration", "check", "trial", "questionnaire", "finished"])
+def test_every_mistake_names_whose_it_is(tmp_path: Path, phase: str) -> None:
+    visit = Visit(tmp_path, plan())
+    visit.go_to(phase)
+    before = len(visit.said(Problem))
+    for name in get_args(CommandName):
+        visit.tell(Command(name=name))
+    assert {problem.role for problem in visit.said(Problem)[before:]} <= {"experimenter"}
