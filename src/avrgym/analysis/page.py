@@ -103,7 +103,9 @@ def figure(picture: Markup, caption: str) -> Markup:
     return tag("figure", picture, tag("figcaption", caption))
 
 
-def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence], numbers: Sequence[int]) -> Markup:
+def table(
+    caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]], numbers: Sequence[int]
+) -> Markup:
     """A table that scrolls by itself where the page is narrow; ``numbers`` are the columns to align at their ends."""
     kinds = ["number" if column in numbers else "text" for column in range(len(heads))]
     head = [tag("th", text, scope="col", class_=kind) for text, kind in zip(heads, kinds, strict=True)]

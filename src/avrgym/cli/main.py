@@ -227,7 +227,7 @@ def _free_session(
     return lambda send: Session(plan, policies, recordings, send, identifier=name, workers=workers)
 
 
-def _explain(server: "LiveServer", experimenters_page: str) -> None:
+def _explain(server: "LiveServer[Any]", experimenters_page: str) -> None:
     """Say which addresses to open."""
     own, *in_network = server.urls()
     say(
@@ -277,7 +277,7 @@ def view(
         _wait(server)
 
 
-def _wait(server: "LiveServer") -> None:
+def _wait(server: "LiveServer[Any]") -> None:
     try:
         server.wait()
     except KeyboardInterrupt:

@@ -1,6 +1,6 @@
 """The command ``avrgym replay``."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -59,7 +59,7 @@ def replay(
 
 
 @contextmanager
-def _naming(file: Path) -> Iterator[None]:
+def _naming(file: Path) -> Generator[None]:
     """Say which recording cannot be read or replayed."""
     from avrgym.recording.files import RecordingError
     from avrgym.replay.trial import ReplayError
@@ -83,7 +83,7 @@ def _read(file: Path) -> "Recording":
 
 
 @contextmanager
-def _progress(recording: "Recording", words: str) -> Iterator[Callable[[], None]]:
+def _progress(recording: "Recording", words: str) -> Generator[Callable[[], None]]:
     """A bar that each recorded state moves on."""
     with progress_bar(words, len(recording.topics["/physics"])) as bar:
         yield bar.advance

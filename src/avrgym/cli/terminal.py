@@ -8,7 +8,7 @@ import json
 import os
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Column, Table
 
 from avrgym.system.files import write_whole
+from avrgym.system.plain_values import is_array
 
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
 _AS_WIDE_AS_NEEDED = 100_000
@@ -36,7 +37,7 @@ Jobs = Annotated[
 
 
 @contextmanager
-def plain_errors() -> Iterator[None]:
+def plain_errors() -> Generator[None]:
     """Turn an error that the user can mend into one clear line and exit code 1."""
     try:
         yield
@@ -113,7 +114,7 @@ class Bar:
 
 
 @contextmanager
-def progress_bar(words: str, total: float | None = None) -> Iterator[Bar]:
+def progress_bar(words: str, total: float | None = None) -> Generator[Bar]:
     """A bar that is there while long work goes on; it sways where nobody knows the ``total``."""
     left = TimeRemainingColumn(elapsed_when_finished=True)
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), left)
@@ -124,6 +125,6 @@ def progress_bar(words: str, total: float | None = None) -> Iterator[Bar]:
 def _cell(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.3g}"
-    if isinstance(value, list | tuple):
+    if is_array(value):
         return ", ".join(_cell(item) for item in value)
     return printable(str(value)).expandtabs()

@@ -78,7 +78,8 @@ def write_report(
 
 
 def _read_all(paths: list[Path]) -> tuple[list[Recording], list[str]]:
-    readable, unreadable = [], []
+    readable: list[Recording] = []
+    unreadable: list[str] = []
     for path in paths:
         try:
             readable.append(read_recording(path))
@@ -129,7 +130,7 @@ def _overview(recordings: list[Recording]) -> Markup:
     )
 
 
-def _overview_row(number: int, recording: Recording) -> tuple:
+def _overview_row(number: int, recording: Recording) -> tuple[object, ...]:
     summary = summarise(recording)
     return (
         tag("a", number, href=f"#trial-{number}"),
@@ -205,7 +206,7 @@ def _plots(recording: Recording) -> Markup:
     if not control:
         return tag("p", "No step of the robot was recorded.", class_="faint")
     times_s = [log_time_ns / 1e9 for log_time_ns, _ in control]
-    weights = recording.metadata.get("reward_weights") or {}
+    weights: dict[str, float] = recording.metadata.get("reward_weights") or {}
     return trial_charts(times_s, [record for _, record in control], weights)
 
 
@@ -214,7 +215,7 @@ def _reward_terms(recording: Recording) -> Markup:
     names = dict.fromkeys(name for record in control for name in record.reward_terms)
     if not names:
         return Markup()
-    weights = recording.metadata.get("reward_weights") or {}
+    weights: dict[str, float] = recording.metadata.get("reward_weights") or {}
     rows = [
         _term_row(name, sum(record.reward_terms.get(name, 0.0) for record in control), weights.get(name))
         for name in names

@@ -54,7 +54,7 @@ def measure_simulation(
         raise ValueError(f"{num_envs} environments; at least 1 is needed")
     episodes = Episodes(environment_id, num_envs, distribution="revised")
     _run(episodes, seed=0, steps=2)
-    runs = []
+    runs: list[_Run] = []
     for seed in range(RUNS):
         runs.append(_run(episodes, seed, EPISODE_STEPS))
         progress()
@@ -80,7 +80,7 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     reset_s = perf_counter() - began
     bare = _bare(episodes.simulation.batch)
     began = perf_counter()
-    commands = []
+    commands: list[Array] = []
     for action in actions:
         episodes.step(action)
         commands.append(episodes.simulation.controls())

@@ -1,7 +1,9 @@
 """The native vector environment: many worlds stepped together."""
 
+from collections.abc import Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -21,18 +23,22 @@ from avrgym.envs.vector_conventions import (
     reset_mask,
 )
 from avrgym.models.human import Person
+from avrgym.system.plain_values import is_array
 from avrgym.tasks.episodes import EPISODE_STEPS, Episodes, Step, checked_actions
 
 Array = NDArray[np.float64]
 
 
-class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
+class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
     """N worlds stepped together; they behave as ``gymnasium.vector.SyncVectorEnv`` of N single environments does.
 
     ``autoreset_mode`` says when a world whose episode has ended begins the next one: within the same step, which is
     usual here, in the next step, which then ignores the world's action and rewards nothing, or when ``reset`` is told
     by ``options={"reset_mask": mask}``.
     """
+
+    single_observation_space: gym.Space[Any]
+    single_action_space: gym.Space[Any]
 
     def __init__(
         self,
@@ -177,7 +183,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], Array]):
         Raises:
             ValueError: for another number of values than worlds.
         """
-        each = values if isinstance(values, list | tuple) else [values] * self.num_envs
+        each: Sequence[Any] = values if is_array(values) else [values] * self.num_envs
         if len(each) != self.num_envs:
             raise ValueError(
                 f"{len(each)} values for {self.num_envs} worlds; allowed: one for each, or one for all"
@@ -217,7 +223,7 @@ def _state(generator: np.random.Generator) -> dict[str, Any]:
     return dict(generator.bit_generator.state)
 
 
-def _check_count(name: str, count: int, most: float = np.inf) -> None:
+def _check_count(name: str, count: object, most: float = np.inf) -> None:
     if not isinstance(count, int | np.integer) or not 1 <= count <= most:
         allowed = "1 or more" if most == np.inf else f"1 to {most}"
         raise ValueError(f"{name} is {count!r}; allowed: {allowed}")

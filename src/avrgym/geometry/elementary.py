@@ -11,7 +11,7 @@ the last place of 1, or of the result where that is larger; those of powers grow
 
 import hashlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, wraps
@@ -27,7 +27,7 @@ _by_numpy: ContextVar[bool] = ContextVar("_by_numpy", default=False)
 
 
 @contextmanager
-def by_numpy() -> Iterator[None]:
+def by_numpy() -> Generator[None]:
     """Have NumPy's functions instead, in this thread: worlds of version 1 began with them."""
     token = _by_numpy.set(True)
     try:
@@ -49,7 +49,11 @@ def _or_by_numpy(numpys: Function) -> Callable[[Function], Function]:
     return decorate
 
 
-@_or_by_numpy(lambda x: (np.sin(x), np.cos(x)))
+def _numpys_sine_and_cosine(x: Array) -> tuple[Array, Array]:
+    return np.sin(x), np.cos(x)
+
+
+@_or_by_numpy(_numpys_sine_and_cosine)
 def sine_and_cosine(x: ArrayLike) -> tuple[Array, Array]:
     """sin x and cos x of radians; more precise than 10⁻¹⁵ (float32: 10⁻⁶) for up to 10⁵ turns (float32: 100).
 
@@ -148,9 +152,12 @@ def power(base: ArrayLike, exponent: ArrayLike) -> Array:
     return np.where(base > 0.0, scale * (more + 1.0), np.where(exponent == 0.0, 1.0, 0.0))
 
 
+_FLOATING = (np.dtype(np.float32), np.dtype(np.float64))
+
+
 def _floating(x: ArrayLike) -> Array:
     x = np.asarray(x)
-    return x if x.dtype in (np.float32, np.float64) else x.astype(np.float64)
+    return x if x.dtype in _FLOATING else x.astype(np.float64)
 
 
 def _number(x: Array, value: float) -> Any:

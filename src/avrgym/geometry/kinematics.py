@@ -8,6 +8,7 @@ row's result has the same bits alone and among others.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -75,7 +76,7 @@ def _product(a: Array, b: Array) -> Array:
     return reduce(np.add, (np.multiply.outer(column, row) for column, row in zip(a.T, b, strict=True)))
 
 
-def _snapped(values: Array) -> list:
+def _snapped(values: Array) -> list[Any]:
     """Numbers within rounding of 0 and ±1 become these, which cost nothing to multiply by."""
     whole = np.round(values)
     return np.where(np.abs(values - whole) < 1e-12, whole, values).tolist()

@@ -8,7 +8,7 @@ compiled model of one person and the per-world fields of many come from it.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Literal
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -324,10 +324,11 @@ class Layout:
 
 def proportions_of(is_woman: NDArray[np.bool_]) -> Proportions:
     """The unscaled measures of N people, each field an array (N,)."""
-    names = [f.name for f in fields(Proportions)]
-    return Proportions(
-        **{name: np.where(is_woman, getattr(WOMAN, name), getattr(MAN, name)) for name in names}
-    )
+    measures: dict[str, Any] = {
+        each.name: np.where(is_woman, getattr(WOMAN, each.name), getattr(MAN, each.name))
+        for each in fields(Proportions)
+    }
+    return Proportions(**measures)
 
 
 def layout(is_woman: NDArray[np.bool_], torso_height_m: Array, posture: Posture = SEATED) -> Layout:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -116,7 +117,7 @@ def _material(part: str) -> str:
 
 
 def _bind(skin: mujoco.MjsSkin, shape: Shape, pos: Mapping[str, Array], q: Mapping[str, Array]) -> None:
-    used = np.unique(shape.bodies[shape.weights > 0.0])
+    used: list[int] = np.unique(shape.bodies[shape.weights > 0.0]).tolist()
     names = [BODIES[body] for body in used]
     skin.bodyname = [PREFIX + name for name in names]
     skin.bindpos = np.concatenate([pos[name] for name in names])
@@ -170,7 +171,7 @@ def _drawn(sex: Sex) -> Mapping[str, tuple[Shape, Array]]:
 STORED = ("vertices", "opening", "uv", "faces", "bodies", "weights")
 
 
-def _unpacked(stored: Mapping[str, NDArray]) -> tuple[Shape, Array]:
+def _unpacked(stored: Mapping[str, NDArray[Any]]) -> tuple[Shape, Array]:
     shape = Shape(
         vertices=PLACE_M * stored["vertices"] / np.iinfo(np.int16).max,
         uv=stored["uv"] / np.iinfo(np.uint16).max,

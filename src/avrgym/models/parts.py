@@ -1,6 +1,7 @@
 """Adding geoms to a body: one for the picture, one for contact, or both."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 
@@ -14,7 +15,7 @@ SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE
 
 
 def add_collision(
-    body: mujoco.MjsBody, name: str, kind: mujoco.mjtGeom, bits: ContactBits, **attributes
+    body: mujoco.MjsBody, name: str, kind: mujoco.mjtGeom, bits: ContactBits, **attributes: Any
 ) -> None:
     """Add an invisible geom that touches; attributes as of ``MjsBody.add_geom``."""
     body.add_geom(
@@ -27,7 +28,7 @@ def add_collision(
     )
 
 
-def add_visual(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, **attributes) -> None:
+def add_visual(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, **attributes: Any) -> None:
     """Add a visible geom without mass that nothing touches; attributes as of ``MjsBody.add_geom``."""
     body.add_geom(
         type=kind, material=material, group=VISUAL_GROUP, contype=0, conaffinity=0, mass=0.0, **attributes
@@ -35,7 +36,7 @@ def add_visual(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, **attr
 
 
 def add_skin(
-    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, material: str, mesh: Mesh, **attributes
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, material: str, mesh: Mesh, **attributes: Any
 ) -> None:
     """Add a visible mesh made by ``shapes``; ``name`` names the mesh asset."""
     spec.add_mesh(

@@ -113,7 +113,7 @@ class Robot:
     mounts: Mapping[Place, Mount]
     grips: Mapping[str, Grip]
     half_width_m: float = 0.0
-    holding: Mapping[str, float] = field(default_factory=dict)
+    holding: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
 class UnsuitableError(ValueError):

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ class Mesh:
     """Vertices (V, 3) in metres and triangles (F, 3), counter-clockwise seen from outside."""
 
     vertices: Array
-    faces: NDArray[np.int32]
+    faces: NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def _close_at_centres(rings: Array) -> Mesh:
 
 def _close(rings: Array, first: Array, last: Array) -> Mesh:
     """The skin of rings (R, S, 3) with a point (3,) at either end."""
-    count, segments, _ = rings.shape
+    count, segments = len(rings), len(rings[0])
     vertices = np.concatenate([rings.reshape(-1, 3), first[None], last[None]])
     start, end = count * segments, count * segments + 1
     around = np.arange(segments)
@@ -119,7 +120,7 @@ def _band_faces(rings: int, segments: int, closed: bool) -> NDArray[np.int32]:
     return np.concatenate([first, second]).astype(np.int32)
 
 
-def _outward(vertices: Array, faces: NDArray[np.int32]) -> NDArray[np.int32]:
+def _outward(vertices: Array, faces: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum()
     return (faces if volume > 0.0 else faces[:, ::-1]).astype(np.int32)

@@ -65,7 +65,7 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[Array, A
     """
     layout = human.layout(people.is_woman, people.torso_height_m, posture)
     pos_w, q_w = human.body_frames(people, posture)
-    segments = []
+    segments: list[Array] = []
     for name, geom in GEOMS.items():
         reach = layout.geom_size[name][:, 1:2] * np.array(geom.axis or Z)
         ends = layout.geom_pos[name][:, None] + np.stack([-reach, reach], axis=1)

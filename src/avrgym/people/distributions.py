@@ -40,7 +40,7 @@ class Distribution:
     torso_height_woman_m: tuple[float, float]
     waist_deg: float
     cooperating: bool = False
-    poses: Mapping[str, JointRanges] = field(default_factory=dict)
+    poses: Mapping[str, JointRanges] = field(default_factory=dict[str, JointRanges])
 
     def pose_in(self, task: str, usual: "Pose") -> "Pose":
         """How these people are found in a task, whose own pose is the ``usual`` one."""

@@ -14,6 +14,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from avrgym.models.human import JOINTS, TORSO_HEIGHT_RANGE_M
+from avrgym.system.plain_values import is_array, is_table
 from avrgym.system.toml_places import Place, line_of
 
 Range = tuple[float, float]
@@ -97,10 +98,11 @@ def _mistakes(values: Mapping[str, Any], tasks: Collection[str]) -> Iterator[tup
     """Where a value is that no type forbids but that cannot be, and what is allowed."""
     for sex, heights in _table(values, "torso_height_m").items():
         yield from _range_mistakes(("torso_height_m", sex), heights, TORSO_HEIGHT_RANGE_M, "m")
-    for task, joints in _table(values, "poses").items():
+    poses = _table(values, "poses")
+    for task in poses:
         if task not in tasks:
             yield ("poses", task), f"unknown task {task!r}; allowed: {', '.join(tasks)}"
-        for joint, angles in joints.items() if isinstance(joints, dict) else ():
+        for joint, angles in _table(poses, task).items():
             if joint not in JOINTS:
                 yield ("poses", task, joint), f"unknown joint {joint!r}; allowed: {', '.join(JOINTS)}"
                 continue
@@ -109,12 +111,12 @@ def _mistakes(values: Mapping[str, Any], tasks: Collection[str]) -> Iterator[tup
 
 
 def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    found = values.get(name, {})
-    return found if isinstance(found, dict) else {}
+    found = values.get(name)
+    return found if is_table(found) else {}
 
 
 def _range_mistakes(place: Place, found: Any, limits: Range, unit: str) -> Iterator[tuple[Place, str]]:
-    numbers = isinstance(found, list) and len(found) == 2 and all(isinstance(n, int | float) for n in found)
+    numbers = is_array(found) and len(found) == 2 and all(isinstance(n, int | float) for n in found)
     if not (numbers and limits[0] <= found[0] <= found[1] <= limits[1]):
         low, high = limits
         yield place, f"{place[-1]} is {found}; allowed: [lowest, highest] within {low:g} to {high:g} {unit}"

@@ -1,7 +1,7 @@
 """What keeps simulated people from moving as they want, as the 2020 reference offers it."""
 
 from dataclasses import replace
-from typing import Literal, cast, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ def find_impairment(name: str) -> Impairment:
     """
     if name not in IMPAIRMENTS:
         raise ValueError(f"unknown impairment {name!r}; the impairments are {', '.join(IMPAIRMENTS)}")
-    return cast(Impairment, name)
+    return name
 
 
 def impair(people: People, impairment: Impairment, uniforms: Array) -> People:

@@ -33,7 +33,7 @@ class OnnxController:
 
 
 def find_onnx(
-    path: str | os.PathLike, environment_id: str, observation_size: int, action_size: int
+    path: str | os.PathLike[str], environment_id: str, observation_size: int, action_size: int
 ) -> Foreign:
     """Load a network for an environment whose observations and actions have the given sizes.
 
@@ -59,7 +59,7 @@ def find_onnx(
     return Foreign(os.fspath(path), lambda: OnnxController(session))
 
 
-def _check(path: str | os.PathLike, environment_id: str, kind: str, ends: list[Any], size: int) -> None:
+def _check(path: str | os.PathLike[str], environment_id: str, kind: str, ends: list[Any], size: int) -> None:
     """Refuse all but one tensor of shape (size,), (1, size) or (any, size)."""
     if len(ends) == 1 and ends[0].type in DTYPES and _fits(ends[0].shape, size):
         return

@@ -1,6 +1,6 @@
 """All that ``--policy`` may name, and how it acts in worlds whose episodes have begun."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,7 +89,7 @@ def find_for_session(name: str, environment_id: str) -> AnyPolicy:
 
 
 @contextmanager
-def acting(policy: Autonomous, world: Episodes, generators: Sequence[np.random.Generator]) -> Iterator[Act]:
+def acting(policy: Autonomous, world: Episodes, generators: Sequence[np.random.Generator]) -> Generator[Act]:
     """What turns observations (N, O) into actions (N, A), in a world whose episodes have begun.
 
     Others' controllers are one for each world, made anew. Each is seeded from its world's generator, and closed when

@@ -135,7 +135,7 @@ class Policy:
         normalised = (observations - self.observation_mean) / deviation
         return np.clip(normalised, -self.observation_clip, self.observation_clip)
 
-    def save(self, path: str | os.PathLike, *, overwrite: bool = False) -> None:
+    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
         """Write the whole file or nothing; an existing one is kept unless ``overwrite``."""
         path = Path(path)
         if path.exists() and not overwrite:
@@ -145,7 +145,7 @@ class Policy:
         write_whole(path, data)
 
     @classmethod
-    def load(cls, path: str | os.PathLike) -> "Policy":
+    def load(cls, path: str | os.PathLike[str]) -> "Policy":
         """Read a policy; anything but a sound file of this format raises ``PolicyError``."""
         try:
             with safetensors.safe_open(path, framework="numpy") as file:
@@ -163,7 +163,7 @@ def packaged_policies(environment_id: str) -> dict[str, Path]:
     return {file.stem.removeprefix(f"{scene}-"): file for file in files}
 
 
-def find_policy(name_or_path: str | os.PathLike, environment_id: str) -> Path:
+def find_policy(name_or_path: str | os.PathLike[str], environment_id: str) -> Path:
     """The file of a packaged policy by its name, such as ``original``, or of any other by its path."""
     packaged = packaged_policies(environment_id)
     if str(name_or_path) in packaged:
@@ -178,7 +178,7 @@ def find_policy(name_or_path: str | os.PathLike, environment_id: str) -> Path:
 
 
 def load_policy(
-    name_or_path: str | os.PathLike,
+    name_or_path: str | os.PathLike[str],
     environment_id: str,
     observation_size: int,
     action_size: int,

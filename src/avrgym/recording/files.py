@@ -46,7 +46,7 @@ class RecordingWriter:
         metadata: The trial's whole configuration, plain values.
     """
 
-    def __init__(self, path: str | os.PathLike, metadata: Mapping[str, Any]):
+    def __init__(self, path: str | os.PathLike[str], metadata: Mapping[str, Any]):
         self.path = Path(path)
         self._failure: Exception | None = None
         self._queue: SimpleQueue[tuple[str, int, Record] | None] = SimpleQueue()
@@ -239,7 +239,7 @@ class Recording:
         return topics
 
 
-def read_recording(path: str | os.PathLike) -> Recording:
+def read_recording(path: str | os.PathLike[str]) -> Recording:
     """Read a recording up to where a crash or damage may have ended it; ``RecordingError`` without a header."""
     records, whole = _intact_records(path)
     metadata = _metadata(records)
@@ -255,7 +255,7 @@ def read_recording(path: str | os.PathLike) -> Recording:
     )
 
 
-def read_configuration(path: str | os.PathLike) -> dict[str, Any]:
+def read_configuration(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read only the configuration of a trial, which begins its recording; ``RecordingError`` where there is none."""
     with open(path, "rb") as file:
         try:
@@ -271,10 +271,11 @@ def read_configuration(path: str | os.PathLike) -> dict[str, Any]:
 
 def torso_height_m(configuration: Mapping[str, Any]) -> float | None:
     """The torso height of the person's body in a trial, if its configuration tells it."""
-    return (configuration.get("person") or {}).get("torso_height_m")
+    person: Mapping[str, Any] = configuration.get("person") or {}
+    return person.get("torso_height_m")
 
 
-def _intact_records(path: str | os.PathLike) -> tuple[list[mcap_records.McapRecord], bool]:
+def _intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.McapRecord], bool]:
     """The records before the first damage, and whether there was none.
 
     Messages lie in chunks, each of which has a checksum: a message outside of them is damage to another record's kind.
@@ -300,7 +301,7 @@ def _intact_records(path: str | os.PathLike) -> tuple[list[mcap_records.McapReco
 
 
 def _metadata(records: list[mcap_records.McapRecord]) -> dict[str, dict[str, Any]]:
-    metadata = {}
+    metadata: dict[str, dict[str, Any]] = {}
     for record in records:
         if isinstance(record, mcap_records.Metadata):
             with suppress(msgspec.DecodeError):
@@ -309,7 +310,7 @@ def _metadata(records: list[mcap_records.McapRecord]) -> dict[str, dict[str, Any
 
 
 def _messages(
-    path: str | os.PathLike, records: list[mcap_records.McapRecord]
+    path: str | os.PathLike[str], records: list[mcap_records.McapRecord]
 ) -> tuple[list[tuple[str, int, Any]], bool]:
     """The messages before the first gap in their numbers, and whether there was none; 0 is no number."""
     names: dict[int, str] = {}

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import msgspec
 
 from avrgym.recording.questionnaire import MOST_POINTS
+from avrgym.system.plain_values import is_array, is_table
 
 
 class Record(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -149,17 +150,17 @@ def json_schema(topic: str) -> bytes:
 def _spell_out(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
-    if isinstance(value, dict):
+    if is_table(value):
         return {name: _spell_out(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
+    if is_array(value):
         return [_spell_out(item) for item in value]
     return value
 
 
 def _resolve(node: Any, definitions: dict[str, Any]) -> Any:
-    if isinstance(node, list):
+    if is_array(node):
         return [_resolve(item, definitions) for item in node]
-    if not isinstance(node, dict):
+    if not is_table(node):
         return node
     if "$ref" in node:
         return _resolve(definitions[node["$ref"].rpartition("/")[2]], definitions)

@@ -1,6 +1,7 @@
 """What the page of a replay shows: the scene's poses over time, and what happened when."""
 
 from collections.abc import Callable
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -75,7 +76,8 @@ def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Tim
 
 def _frames(playback: Playback, progress: Callable[[], None]) -> tuple[list[float], list[bytes]]:
     """Times and poses of as many states as a live client is sent."""
-    times_s, frames = [], []
+    times_s: list[float] = []
+    frames: list[bytes] = []
     states = (again for again in playback.run(follow=True) if isinstance(again, StateAgain))
     for number, state in enumerate(states):
         if number % STATE_EVERY_TICKS == 0:
@@ -111,6 +113,6 @@ def _happenings(recording: Recording) -> list[Happening]:
     return [*entered, *events, *answers]
 
 
-def _in_words(answer: Answer, item: dict | None) -> str:
+def _in_words(answer: Answer, item: dict[str, Any] | None) -> str:
     of_points = f" of {item['points']}: {item['text']}" if item else ""
     return f"{answer.item}: {answer.value}{of_points}"

@@ -92,7 +92,9 @@ def verify(recording: Recording, progress: Callable[[], None] = lambda: None) ->
         ReplayError: when it cannot be stepped.
     """
     playback, ledger = Playback(recording), _Ledger()
-    states, steps, until_s = [], [], 0.0
+    states: list[bool] = []
+    steps: list[bool] = []
+    until_s = 0.0
     for again in playback.run():
         if isinstance(again, StateAgain):
             states.append(ledger.compare_state(again, playback.episodes.simulation.model))

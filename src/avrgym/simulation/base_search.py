@@ -99,7 +99,7 @@ def search(
         goal_q_w: (n, G, 4), or None where any rotation will do.
         seed_rad: (J,), where the search for the start pose begins.
     """
-    count, per_world = candidates.yaw_rad.shape
+    count, per_world = len(candidates.yaw_rad), candidates.yaw_rad.shape[1]
     bases = BasePoses(candidates.pos_w.reshape(-1, 3), candidates.yaw_rad.reshape(-1))
     world = np.repeat(np.arange(count), per_world)
     pos, q = _point_from(bases, start_pos_w[world]), _rotation_from(bases, start_q_w[world])

@@ -4,7 +4,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 
 FROM_TERMINAL = tuple(getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name))
@@ -12,7 +12,7 @@ FROM_TERMINAL = tuple(getattr(signal, name) for name in ("SIGINT", "SIGHUP") if 
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
+def undisturbed() -> Generator[None]:
     """Processes that are started within this context never see what a terminal sends."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

@@ -29,7 +29,7 @@ def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[Broken]:
     Returns:
         What cannot be loaded, is of another kind, or made ``add`` raise an exception.
     """
-    broken = []
+    broken: list[Broken] = []
     for entry in sorted(entry_points(group=group), key=_name):
         try:
             add(_object(entry, kind))

@@ -24,7 +24,7 @@ CLIENT = Path(__file__).parents[3] / "client"
 HEADER = """// Written by `python -m avrgym.vr.typescript` from the server's own definitions. Do not edit.
 """
 
-SCALARS = {
+SCALARS: dict[type[inspect.Type], str] = {
     inspect.IntType: "number",
     inspect.FloatType: "number",
     inspect.StrType: "string",
@@ -33,7 +33,7 @@ SCALARS = {
     inspect.BytesType: "Uint8Array",
 }
 
-SCALAR_EXAMPLES = {
+SCALAR_EXAMPLES: dict[type[inspect.Type], object] = {
     inspect.IntType: 7,
     inspect.FloatType: 1.25,
     inspect.StrType: "Würfel",

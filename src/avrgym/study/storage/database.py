@@ -3,7 +3,7 @@
 import json
 import os
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -70,7 +70,7 @@ class Database:
             raise
 
     @contextmanager
-    def read(self) -> Iterator[sa.Connection]:
+    def read(self) -> Generator[sa.Connection]:
         """A transaction that sees one moment of the study."""
         with self._begin() as connection:
             if not self.is_sqlite:
@@ -78,7 +78,7 @@ class Database:
             yield connection
 
     @contextmanager
-    def write(self) -> Iterator[sa.Connection]:
+    def write(self) -> Generator[sa.Connection]:
         """A transaction that no other one's writing overlaps; on disk afterwards, or undone by an error.
 
         Rows are written with ``ledger``'s functions, or count as changed by something else.
@@ -99,7 +99,7 @@ class Database:
             self._seal.note(head)
 
     @contextmanager
-    def _lock(self, **options: float) -> Iterator[sa.Connection]:
+    def _lock(self, **options: float) -> Generator[sa.Connection]:
         """A transaction of which there is one at a time."""
         with self._begin(writes=True, **options) as connection:
             if not self.is_sqlite:
@@ -107,7 +107,7 @@ class Database:
             yield connection
 
     @contextmanager
-    def _begin(self, **options: float) -> Iterator[sa.Connection]:
+    def _begin(self, **options: float) -> Generator[sa.Connection]:
         with (
             _database_errors(),
             self._engine.connect().execution_options(**options) as connection,
@@ -286,7 +286,7 @@ def _refuse_if_lost(folder: Path, database: str) -> None:
 
 
 @contextmanager
-def _database_errors() -> Iterator[None]:
+def _database_errors() -> Generator[None]:
     try:
         yield
     except (SQLAlchemyError, sqlite3.Error, UnicodeError, json.JSONDecodeError) as error:

@@ -27,6 +27,7 @@ from avrgym.tasks.registry import sizes
 from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, outside, within_s
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.received import Received
 from avrgym.vr.server.loop import LateTick, RealTimeLoop
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
@@ -144,11 +145,11 @@ class _Times:
         self.stood_still: list[Span] | None = None
         self.stolen_s = 0.0
 
-    def watch(self, loop: RealTimeLoop) -> None:
+    def watch(self, loop: RealTimeLoop[Session]) -> None:
         """Note when frames reach a loop's inbox."""
         post = loop.post
 
-        def note(message) -> None:
+        def note(message: Received) -> None:
             if isinstance(message, messages.Tracking):
                 self.arrived[message.sequence] = time.monotonic()
             post(message)
@@ -170,7 +171,7 @@ class _TimedSession(Session):
         plan: SessionPlan,
         policies: Policies,
         folder: Path,
-        send,
+        send: messages.Send,
         workers: ThreadPoolExecutor,
         times: _Times,
     ) -> None:
@@ -183,7 +184,7 @@ class _TimedSession(Session):
 
         super().__init__(plan, policies, folder, send_noted, "bench", workers=workers)
 
-    def receive(self, message, now_s: float) -> None:
+    def receive(self, message: Received, now_s: float) -> None:
         if isinstance(message, messages.Tracking):
             self._times.taken[message.sequence] = time.monotonic()
         super().receive(message, now_s)
@@ -199,7 +200,7 @@ Trips = dict[int, tuple[float, float]]
 """By number of the tracking frame: when it was sent, and when the first state came that follows it."""
 
 
-def _attend(server: LiveServer, seconds: float) -> Trips:
+def _attend(server: LiveServer[Session], seconds: float) -> Trips:
     """Let the client's process attend until the trial is over; its figures."""
     here, there = multiprocessing.Pipe()
     client = multiprocessing.get_context("spawn").Process(
@@ -311,7 +312,8 @@ def _missed(late: list[LateTick]) -> int:
 
 def _late_running(late: list[LateTick], stood_still: list[Span]) -> list[LateTick]:
     """Those ticks that were later than processors stood still since the first of them that follow one another."""
-    running, began_s, next_s = [], -np.inf, -np.inf
+    running: list[LateTick] = []
+    began_s, next_s = -np.inf, -np.inf
     for tick in late:
         if tick.due_s > next_s + 0.5 * TICK_S:
             began_s = tick.due_s

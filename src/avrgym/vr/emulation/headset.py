@@ -175,7 +175,7 @@ class BrowserAttendance:
         return self.taken
 
     def _notice(self, phase: dict[str, Any], now_s: float) -> None:
-        found = phase["name"], phase["trial"]
+        found: tuple[str, int] = phase["name"], phase["trial"]
         if found != self._phase:
             self._phase, self._phase_began, self._changed_s = found, now_s, now_s
             self._asked = ""

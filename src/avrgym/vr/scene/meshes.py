@@ -1,5 +1,7 @@
 """Triangle meshes of MuJoCo's visual geoms, with normals, simplified to what a headset can show."""
 
+from typing import cast
+
 import mujoco
 import numpy as np
 import trimesh
@@ -66,7 +68,7 @@ def _simplified(full: trimesh.Trimesh) -> trimesh.Trimesh:
         full = full.simplify_quadric_decimation(
             face_count=DETAILED_TRIANGLES + (count - DETAILED_TRIANGLES) // 6
         )
-    return trimesh.graph.smooth_shade(full, angle=SMOOTHING_ANGLE_RAD)
+    return cast(trimesh.Trimesh, trimesh.graph.smooth_shade(full, angle=SMOOTHING_ANGLE_RAD))
 
 
 def _flat(mesh: trimesh.Trimesh) -> trimesh.Trimesh:

@@ -16,6 +16,7 @@ import io
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -133,7 +134,13 @@ class _Export:
         return self._add_primitive(surface, mesh.faces, finish), scale
 
     def _surface(
-        self, vertices: Array, normals: Array, materials: NDArray, scale: float, *, quantised: bool = True
+        self,
+        vertices: Array,
+        normals: Array,
+        materials: NDArray[np.int64],
+        scale: float,
+        *,
+        quantised: bool = True,
     ) -> dict[str, int]:
         places = np.round(vertices / scale * _SHORT).astype(np.int16) if quantised else vertices.astype("<f4")
         linear = self._model.mat_rgba[materials, :3] ** GAMMA
@@ -143,7 +150,9 @@ class _Export:
             "COLOR_0": self._glb.add_vertices(_full_range(linear, np.uint8), normalized=True),
         }
 
-    def _add_primitive(self, attributes: dict[str, int], faces: NDArray, finish: Finish) -> int:
+    def _add_primitive(
+        self, attributes: dict[str, int], faces: NDArray[np.integer[Any]], finish: Finish
+    ) -> int:
         indices = self._glb.add_indices(faces)
         primitive = {"attributes": attributes, "indices": indices, "material": self._material(finish)}
         return self._glb.add("meshes", primitives=[primitive])
@@ -246,7 +255,7 @@ def _alike(model: mujoco.MjModel, carried: dict[int, list[int]]) -> list[list[in
     return [bodies for bodies in groups.values() if len(bodies) >= FEWEST_ALIKE]
 
 
-def _full_range(shares: Array, kind: type) -> NDArray:
+def _full_range(shares: Array, kind: type[np.unsignedinteger[Any]]) -> NDArray[np.unsignedinteger[Any]]:
     return np.round(shares * np.iinfo(kind).max).astype(kind)
 
 

@@ -8,6 +8,7 @@ swing to the body.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from avrgym.vr.scene.meshes import pose_matrix
 
 Array = NDArray[np.float64]
+Numbers = NDArray[Any]
 
 BONES_PER_VERTEX = 4
 TWISTING = ("upper_arm", "forearm")
@@ -56,6 +58,7 @@ def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
     """All skins of a model; where two of one material meet, their normals agree."""
     normals = _normals(model)
     for skin in range(model.nskin):
+        count: int = model.skin_vertnum[skin]
         bones, weights = _bones(model, skin)
         weights = np.pad(weights, ((0, 0), (0, max(0, BONES_PER_VERTEX - len(bones)))))
         bone_of = np.argsort(-weights, axis=1, kind="stable")[:, :BONES_PER_VERTEX]
@@ -63,7 +66,7 @@ def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
         bone_of = np.where(weight_of > 0.0, bone_of, 0)
         yield Skin(
             name=model.skin(skin).name,
-            materials=np.full(model.skin_vertnum[skin], model.skin_matid[skin], int),
+            materials=np.full(count, model.skin_matid[skin], int),
             vertices=_rows(model.skin_vert, model.skin_vertadr, model.skin_vertnum, skin),
             normals=normals[skin],
             uv=_uv(model, skin),
@@ -132,7 +135,7 @@ def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
     return vertices[np.searchsorted(places, rim)]
 
 
-def _edges(faces: NDArray) -> NDArray[np.int64]:
+def _edges(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """The edges (E, 2) of triangles, each in its triangle's direction."""
     return faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
 
@@ -142,7 +145,7 @@ def _edge_numbers(edges: NDArray[np.int64], places: int) -> NDArray[np.int64]:
     return edges[:, 0] * places + edges[:, 1]
 
 
-def _rows(values: NDArray, starts: NDArray, counts: NDArray, index: int) -> NDArray:
+def _rows(values: Numbers, starts: Numbers, counts: Numbers, index: int) -> Numbers:
     return values[starts[index] : starts[index] + counts[index]]
 
 
@@ -154,7 +157,8 @@ def _uv(model: mujoco.MjModel, skin: int) -> Array:
 def _bones(model: mujoco.MjModel, skin: int) -> tuple[tuple[Bone, ...], Array]:
     """The bones of a skin and the weights (V, B) of its vertices."""
     vertices = _rows(model.skin_vert, model.skin_vertadr, model.skin_vertnum, skin)
-    bones, weights = [], []
+    bones: list[Bone] = []
+    weights: list[Array] = []
     first = model.skin_boneadr[skin]
     for bone in range(first, first + model.skin_bonenum[skin]):
         body = model.body(model.skin_bonebodyid[bone])

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from typing import TypeVar
 
 from avrgym.vr.protocol.messages import Message, Problem, Role, State, Status, Timing, Welcome
@@ -97,7 +97,7 @@ class Broadcast:
         return lambda message: self._call(outbox.push, message)
 
     @contextlib.contextmanager
-    def connection(self, role: Role) -> Iterator[Outbox]:
+    def connection(self, role: Role) -> Generator[Outbox]:
         """Take a place; gives the outbox to send from."""
         self._events, outbox = asyncio.get_running_loop(), Outbox()
         self._join(outbox, role)

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -17,7 +17,7 @@ from avrgym.vr.server.access import Tokens
 from avrgym.vr.server.broadcast import Broadcast, Farewell, Outbox
 from avrgym.vr.server.gate import Gate
 from avrgym.vr.server.inbox import is_stop
-from avrgym.vr.server.loop import RealTimeLoop
+from avrgym.vr.server.loop import RealTimeLoop, S
 from avrgym.vr.tracking.world import TICK_S
 
 HELLO_TIMEOUT_S = 5.0
@@ -60,7 +60,12 @@ WATCHING = Channel(("experimenter", "spectator"), messages.decode_experimenter, 
 
 
 async def serve_connection(
-    socket: WebSocket, channel: Channel, tokens: Tokens, gate: Gate, broadcast: Broadcast, loop: RealTimeLoop
+    socket: WebSocket,
+    channel: Channel,
+    tokens: Tokens,
+    gate: Gate,
+    broadcast: Broadcast,
+    loop: RealTimeLoop[S],
 ) -> None:
     """Serve one connection from its hello to its end."""
     await socket.accept()
@@ -97,7 +102,7 @@ async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast:
 _NO_TOKEN = "the address of this page lacks the session's token; open the one that the server printed"
 
 
-async def _until_either(*directions) -> None:
+async def _until_either(*directions: Coroutine[Any, Any, None]) -> None:
     tasks = [asyncio.create_task(each) for each in directions]
     await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     for task in tasks:
@@ -106,7 +111,7 @@ async def _until_either(*directions) -> None:
 
 
 async def _receive(
-    socket: WebSocket, channel: Channel, role: Role, loop: RealTimeLoop, outbox: Outbox
+    socket: WebSocket, channel: Channel, role: Role, loop: RealTimeLoop[S], outbox: Outbox
 ) -> None:
     pace = Pace()
     with contextlib.suppress(WebSocketDisconnect):

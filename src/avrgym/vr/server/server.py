@@ -27,7 +27,7 @@ SCENE_KEPT_S = 3600
 
 
 def create_app(
-    loop: RealTimeLoop,
+    loop: RealTimeLoop[S],
     broadcast: Broadcast,
     tokens: Tokens,
     gate: Gate,

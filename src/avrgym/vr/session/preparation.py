@@ -1,11 +1,15 @@
 """Makes the world of a trial ahead of time, so that the real-time thread never waits for a compiler."""
 
+from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from typing import Self
+from typing import ParamSpec, Self, TypeVar
 
 from avrgym.models.human import Person, Sex
 from avrgym.vr.tracking.world import LiveWorld
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -33,8 +37,8 @@ class TrialKey:
 class AtOnce(Executor):
     """Runs what is submitted before it returns: for sessions in simulated time, which must not depend on threads."""
 
-    def submit(self, fn, /, *args, **kwargs) -> Future:
-        future: Future = Future()
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        future: Future[T] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
         except Exception as error:

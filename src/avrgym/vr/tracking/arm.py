@@ -317,7 +317,8 @@ def _clipped(x: Array, lower: Array | float, upper: Array | float) -> Array:
 
 def solution_ms(calls: int = 1000) -> float:
     """The median processor time of the solution for one arm, milliseconds, while a hand circles before the chest."""
-    solver, angles, times = ArmSolver(Person()), AT_REST_RAD[None], []
+    solver, angles = ArmSolver(Person()), AT_REST_RAD[None]
+    times: list[float] = []
     for angle in np.linspace(0.0, 2.0 * np.pi, calls):
         hand_pos = np.array([[0.05 + 0.1 * cos(angle), -0.3, -0.1 + 0.1 * sin(angle)]])
         began_s = process_time()

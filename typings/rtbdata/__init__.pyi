@@ -1,0 +1,3 @@
+"""The package's folders are all that is used of it."""
+
+__path__: list[str]
