@@ -89,7 +89,7 @@ class Database:
             yield connection
 
     @contextmanager
-    def _write(self) -> Iterator[sa.Connection]:
+    def _write(self) -> Generator[sa.Connection]:
         with self._lock() as connection:
             self._unseal(connection)
             ledger.open_entries(connection)
