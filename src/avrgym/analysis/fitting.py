@@ -121,7 +121,8 @@ def _see_all(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None]
 ) -> tuple[list[SeenTrial], list[str]]:
     """What every recording shows, and what is wrong with those that show nothing."""
-    trials, left_out = [], []
+    trials: list[SeenTrial] = []
+    left_out: list[str] = []
     for number, attempt in enumerate(attempts, start=1):
         try:
             trials.append(_see(attempt))
@@ -214,7 +215,7 @@ def _pose(trials: Sequence[SeenTrial], moving: bool) -> dict[str, Range]:
     """
     if len({trial.participant for trial in trials}) < 2:
         return {}
-    ranges = {}
+    ranges: dict[str, Range] = {}
     for name in FITTED_JOINTS:
         angles = (
             (t.participant, (t.beginning_deg if moving else t.mean_deg)[JOINT_INDEX[name]]) for t in trials

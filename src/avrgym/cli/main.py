@@ -33,9 +33,10 @@ from avrgym.tasks.registry import ENVIRONMENTS, find_environment, sizes
 
 if TYPE_CHECKING:
     from avrgym.models.furniture.real import RealFurniture
+    from avrgym.vr.protocol.messages import Send
     from avrgym.vr.server.certificate import Certificate
     from avrgym.vr.server.server import LiveServer
-    from avrgym.vr.session.session import Send, Session
+    from avrgym.vr.session.session import Session
 
 app = Program(
     no_args_is_help=True,

@@ -1,5 +1,8 @@
 """The Gymnasium environments, registered: one world, or many as the native vector environment."""
 
+# Gymnasium's functions: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
 from typing import Any, ClassVar
 
 import gymnasium as gym

@@ -39,6 +39,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
 
     single_observation_space: gym.Space[Any]
     single_action_space: gym.Space[Any]
+    action_space: gym.Space[Any]
 
     def __init__(
         self,

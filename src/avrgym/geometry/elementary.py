@@ -15,13 +15,15 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, wraps
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[Any]
 Function = Callable[..., Any]
+P = ParamSpec("P")
+T = TypeVar("T")
 
 _by_numpy: ContextVar[bool] = ContextVar("_by_numpy", default=False)
 
@@ -36,13 +38,13 @@ def by_numpy() -> Generator[None]:
         _by_numpy.reset(token)
 
 
-def _or_by_numpy(numpys: Function) -> Callable[[Function], Function]:
+def _or_by_numpy(numpys: Function) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Decorate a function that does what ``numpys`` does."""
 
-    def decorate(own: Function) -> Function:
+    def decorate(own: Callable[P, T]) -> Callable[P, T]:
         @wraps(own)
-        def chosen(*arguments: ArrayLike) -> Any:
-            return (numpys if _by_numpy.get() else own)(*arguments)
+        def chosen(*arguments: P.args, **named: P.kwargs) -> T:
+            return (numpys if _by_numpy.get() else own)(*arguments, **named)
 
         return chosen
 

@@ -4,6 +4,9 @@ The file holds tensors, numbers and text; reading it runs no code. Stable-Baseli
 global random stream, which therefore belongs to it.
 """
 
+# Stable-Baselines3's attributes: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
 import io
 import json
 from pathlib import Path
@@ -31,7 +34,7 @@ def save(path: Path, model: PPO, native: AssistiveVectorEnv, notes: dict[str, An
     normaliser = normaliser_of(model)
     state = {
         "steps": model.num_timesteps,
-        "updates": model._n_updates,
+        "updates": model._n_updates,  # pyright: ignore[reportPrivateUsage]
         "policy": model.policy.state_dict(),
         "optimizer": model.policy.optimizer.state_dict(),
         "observations": _moments(normaliser.obs_rms),
@@ -58,7 +61,8 @@ def restore(path: Path, model: PPO, native: AssistiveVectorEnv) -> dict[str, Any
         model.policy.optimizer.load_state_dict(state["optimizer"])
     except Exception as error:  # torch raises many kinds
         raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
-    model.num_timesteps, model._n_updates = state["steps"], state["updates"]
+    model.num_timesteps = state["steps"]
+    model._n_updates = state["updates"]  # pyright: ignore[reportPrivateUsage]
     normaliser = normaliser_of(model)
     _set_moments(normaliser.obs_rms, state["observations"])
     _set_moments(normaliser.ret_rms, state["returns"])

@@ -4,9 +4,13 @@ The policy drives ever more of the worlds, the expert says at every step what it
 learns to do the same from all that was gathered so far.
 """
 
+# Stable-Baselines3's attributes and PyTorch's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any, cast
 from zipfile import BadZipFile
 
 import numpy as np
@@ -91,14 +95,17 @@ def _gather(
     """One episode in every world: what the expert showed, and return and success of the policy's own."""
     expert = episodes.task.reactive_expert(episodes)
     observation = episodes.observe()
-    seen, shown, infos = [], [], []
+    seen: list[Array] = []
+    shown: list[Array] = []
+    infos: list[dict[str, Any]] = []
     for _ in range(EPISODE_STEPS):
         seen.append(observation)
         shown.append(np.clip(expert(observation), -1.0, 1.0))
         own, _ = model.predict(np.asarray(normaliser.normalize_obs(observation)), deterministic=True)
-        _, _, _, infos = normaliser.step(np.where(by_expert[:, None], shown[-1], own))
+        actions = np.where(by_expert[:, None], shown[-1], own)
+        infos = cast(list[dict[str, Any]], normaliser.step(actions)[3])
         observation = np.asarray(normaliser.get_original_obs())
-    own_infos = [infos[world] for world in np.nonzero(~by_expert)[0]]
+    own_infos = [info for info, shows in zip(infos, by_expert, strict=True) if not shows]
     observations, actions = (np.concatenate(rows).astype(np.float32) for rows in (seen, shown))
     return Shown(observations, actions), finished_episodes(own_infos)
 

@@ -1,5 +1,8 @@
 """The native vector environment for Stable-Baselines3."""
 
+# Stable-Baselines3's attributes: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
 from collections.abc import Sequence
 from typing import Any
 
@@ -54,9 +57,10 @@ class SB3VectorEnv(VecEnv):
 
     def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
         observation, reward, _, truncated, info = self.env.step(self._actions)
-        force_n = info["force_on_person"]
+        force_n: Array = info["force_on_person"]
         if truncated.any():
-            force_n = np.where(truncated, info["final_info"]["force_on_person"], force_n)
+            final_n: Array = info["final_info"]["force_on_person"]
+            force_n = np.where(truncated, final_n, force_n)
         self._returns += reward
         self._forces_n += force_n / EPISODE_STEPS
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -112,7 +116,7 @@ def normaliser_of(model: PPO) -> VecNormalize:
 def go_on_from(model: PPO, observation: Array) -> None:
     """Let a model's next update begin with observations (N, O) of episodes that all worlds have just begun."""
     model._last_obs = normaliser_of(model).normalize_obs(observation)  # type: ignore[assignment]
-    model._last_episode_starts = np.ones(len(observation), dtype=bool)
+    model._last_episode_starts = np.ones(len(observation), dtype=bool)  # pyright: ignore[reportPrivateUsage]
 
 
 class ObservationScale(RunningMeanStd):

@@ -3,6 +3,9 @@
 Needs the extra ``train``. What it leaves is a policy file that needs neither of them.
 """
 
+# Stable-Baselines3's attributes: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
 import shutil
 import subprocess
 import time
@@ -11,7 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from math import exp
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import torch
@@ -365,7 +368,7 @@ def export_policy(
 
     ``seconds`` it was trained for; of the ``curve`` a hundred points are kept.
     """
-    normaliser = normaliser_of(model)
+    normaliser, steps = normaliser_of(model), cast(int, model.num_timesteps)
     actor = model.policy
     layers = [layer for layer in actor.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
     layers.append(actor.action_net)  # type: ignore[arg-type]
@@ -377,11 +380,11 @@ def export_policy(
         observation_variance=normaliser.obs_rms.var,  # type: ignore[union-attr]
         observation_clip=normaliser.clip_obs,
         observation_epsilon=normaliser.epsilon,
-        action_deviation=exp(configuration.log_std_at(model.num_timesteps)),
+        action_deviation=exp(configuration.log_std_at(steps)),
         metadata=PolicyMetadata(
             environment=configuration.environment,
             people=people_name(configuration.people),
-            steps=model.num_timesteps,
+            steps=steps,
             seed=configuration.seed,
             git_commit=_git_commit(),
             seconds=round(seconds, 1),

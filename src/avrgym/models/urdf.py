@@ -1,9 +1,13 @@
 """Robots described as URDF, and meshes of any format, as parts of MuJoCo models."""
 
+# trimesh's functions: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -138,7 +142,7 @@ def add_mesh(
     *,
     rgb: Sequence[float],
     scale: Array | float = 1.0,
-    **attributes,
+    **attributes: Any,
 ) -> None:
     """Add a mesh that is only seen; ``attributes`` are those of its geom."""
     material = add_material(spec, "rgb " + " ".join(f"{c:.3f}" for c in rgb), rgb, roughness=0.5)

@@ -3,6 +3,9 @@
 A joint's range is given in degrees; what has no range keeps the task's own pose.
 """
 
+# tomlkit's documents: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
 import re
 import tomllib
 from collections.abc import Collection, Iterator, Mapping

@@ -38,7 +38,7 @@ class Hand:
         _, q_wb = (pose[0] for pose in self._simulation.robot_base())
         velocity_w = _shortened(linear) * SPEED_LIMIT_M_S, _shortened(angular) * TURN_LIMIT_RAD_S
         velocity_b = np.concatenate([transforms.rotate(transforms.conjugate(q_wb), v) for v in velocity_w])
-        j = jacobian(self.chain, self._simulation.arm_angles_rad()[:1])[2][0]
+        j: Array = jacobian(self.chain, self._simulation.arm_angles_rad()[:1])[2][0]
         speeds_rad_s = j.T @ np.linalg.solve(j @ j.T + DAMPING**2 * np.eye(6), velocity_b)
         shares, reached = speeds_rad_s / self._speed_limit, j @ speeds_rad_s
         excess = (

@@ -9,7 +9,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -148,7 +148,7 @@ class Policy:
     def load(cls, path: str | os.PathLike[str]) -> "Policy":
         """Read a policy; anything but a sound file of this format raises ``PolicyError``."""
         try:
-            with safetensors.safe_open(path, framework="numpy") as file:
+            with cast(Any, safetensors.safe_open(path, framework="numpy")) as file:
                 return _read(file)
         except PolicyError as error:
             raise PolicyError(f"{path}: {error}") from error

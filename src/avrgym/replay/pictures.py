@@ -1,5 +1,8 @@
 """Videos and image sequences of a recorded trial, drawn by MuJoCo's renderer."""
 
+# PyAV's streams: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
 import io
 import os
 from collections.abc import Callable, Iterator

@@ -22,7 +22,7 @@ from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
 from avrgym.simulation.world_version import WORLD_VERSION, check_world_version
 from avrgym.simulation.worlds import Ids, Simulation, Start, State
 from avrgym.tasks.registry import TASKS, find_environment, find_task
-from avrgym.tasks.task import StepResult, TaskState, merge
+from avrgym.tasks.task import StepResult, TaskState, arrays_of, merge
 
 Array = NDArray[np.float64]
 
@@ -169,7 +169,7 @@ class Episodes:
             "placed_pos_w": {
                 name: pos[world].tolist() for name, pos in self.simulation.placed_pos_w().items()
             },
-            "memory": {name: array[world].tolist() for name, array in vars(self.task_state).items()},
+            "memory": {name: array[world].tolist() for name, array in arrays_of(self.task_state).items()},
         }
 
     def begin_as(self, start: Mapping[str, Any]) -> None:
@@ -181,7 +181,7 @@ class Episodes:
         first = np.array([0])
         task_state = {
             name: np.array(start["memory"][name], array.dtype).reshape(array[:1].shape)
-            for name, array in vars(self.task_state).items()
+            for name, array in arrays_of(self.task_state).items()
         }
         placed = {name: np.array([start["placed_pos_w"][name]]) for name in self.scene.movable}
         pos_w, q_w, angles = (
@@ -195,7 +195,7 @@ class Episodes:
         parts = np.cumsum(
             [distributions.UNIFORMS, impairments.UNIFORMS, behaviour.UNIFORMS, self.task.uniforms]
         )
-        uniforms = np.stack([generator.random(parts[-1]) for generator in generators])
+        uniforms = np.stack([generator.random(int(parts[-1])) for generator in generators])
         for_people, for_impairments, for_minds, for_task = np.split(uniforms, parts[:-1], axis=1)
         who = impairments.impair(self._draw_people(for_people), self._impairment, for_impairments)
         self.people = merge(self.people, who, ids)

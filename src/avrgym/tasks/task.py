@@ -212,11 +212,14 @@ _FUNCTIONS = (
 )
 
 
+def arrays_of(task_state: object) -> dict[str, NDArray[Any]]:
+    """What a task's state of N worlds holds, by name."""
+    return vars(task_state)
+
+
 def merge(old: TaskState, new: TaskState, ids: NDArray[np.intp]) -> TaskState:
     """The arrays ``old`` of N worlds with the worlds ``ids`` replaced by ``new``."""
-    arrays = {}
-    for name, array in vars(old).items():
-        array = array.copy()
+    arrays = {name: array.copy() for name, array in arrays_of(old).items()}
+    for name, array in arrays.items():
         array[ids] = getattr(new, name)
-        arrays[name] = array
     return type(old)(**arrays)

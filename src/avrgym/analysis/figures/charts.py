@@ -106,7 +106,7 @@ def _time_tick(x: float, second: float) -> str:
 
 
 def _key(names: list[str]) -> list[str]:
-    parts = []
+    parts: list[str] = []
     for index, name in enumerate(names):
         x, y = LEFT + index % 2 * (WIDTH - LEFT) / 2, HEIGHT + LINES_BELOW * (index // 2) + 6
         parts.append(f'<path d="M{x:g} {y - 4}h18" stroke="{_colour(index)}" stroke-width="2"/>')

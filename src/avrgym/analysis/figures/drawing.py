@@ -1,5 +1,8 @@
 """The figures of a study, drawn once: as files of their own, and inside a page in its colours."""
 
+# Matplotlib's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
 import io
 import re
 from collections.abc import Mapping

@@ -1,5 +1,8 @@
 """What a study's figures show: answers, objective measures, torso heights and head positions of one group."""
 
+# Matplotlib's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from textwrap import wrap
@@ -43,7 +46,7 @@ def group_name(simulated: bool) -> str:
 
 def draw_study(analysis: Analysis) -> list[Drawing]:
     """All figures that there are data for, people's first."""
-    drawings = []
+    drawings: list[Drawing] = []
     for simulated in sorted({row.simulated for row in analysis.objective}):
         drawings += [
             success_figure(analysis.design, simulated, analysis.objective),

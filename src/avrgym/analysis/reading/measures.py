@@ -50,7 +50,7 @@ def measure(recording: Recording, posture: Posture) -> Measured:
 
 def other_versions(recording: Recording) -> str:
     """With which versions the trial was recorded, if they are not those that run now; else nothing."""
-    recorded = recording.metadata.get("versions") or {}
+    recorded: Mapping[str, str] = recording.metadata.get("versions") or {}
     present = versions()
     names = {"avrgym": "AVR Gym", "mujoco": "MuJoCo"}
     return ", ".join(
@@ -84,7 +84,7 @@ def _body(recording: Recording, posture: Posture) -> Body | None:
 
 
 def _person(metadata: Mapping[str, Any]) -> tuple[str, float] | None:
-    person = metadata.get("person") or {}
+    person: Mapping[str, Any] = metadata.get("person") or {}
     known = person.get("sex") in SEXES and isinstance(person.get("torso_height_m"), float)
     if not known or metadata.get("joints") != list(JOINTS):
         return None
@@ -95,4 +95,4 @@ def _held(targets: Sequence[tuple[int, Any]], times_ns: Sequence[int]) -> Array:
     """The targets (n, 20) in force at each time; before the first one, the first."""
     begins_ns = [time_ns for time_ns, _ in targets]
     present = np.maximum(np.searchsorted(begins_ns, times_ns, side="right") - 1, 0)
-    return np.array([targets[index][1].joint_targets for index in present])
+    return np.array([targets[int(index)][1].joint_targets for index in present])

@@ -32,13 +32,13 @@ TrialKey = tuple[str, int]
 class Observations:
     """All that was observed in a study, in the order of participants and trials."""
 
-    participants: list[ParticipantRow] = field(default_factory=list)
-    trials: list[TrialRow] = field(default_factory=list)
-    attempts: list[AttemptRow] = field(default_factory=list)
-    answers: list[AnswerRow] = field(default_factory=list)
-    terms: list[TermRow] = field(default_factory=list)
-    problems: list[ProblemRow] = field(default_factory=list)
-    series: dict[TrialKey, Measured] = field(default_factory=dict)
+    participants: list[ParticipantRow] = field(default_factory=list[ParticipantRow])
+    trials: list[TrialRow] = field(default_factory=list[TrialRow])
+    attempts: list[AttemptRow] = field(default_factory=list[AttemptRow])
+    answers: list[AnswerRow] = field(default_factory=list[AnswerRow])
+    terms: list[TermRow] = field(default_factory=list[TermRow])
+    problems: list[ProblemRow] = field(default_factory=list[ProblemRow])
+    series: dict[TrialKey, Measured] = field(default_factory=dict[TrialKey, Measured])
 
 
 def observe(
@@ -242,7 +242,7 @@ def _answers(
     found: Observations,
 ) -> Iterator[AnswerRow]:
     answers = answers_of(store, participant, attempts)
-    compared = _compared(answers) if participant.state in TAKES_PART else set()
+    compared = _compared(answers) if participant.state in TAKES_PART else set[int]()
     found.problems.extend(_asked_again(participant, answers, compared))
     for answer in answers:
         about = answer.exported
@@ -258,7 +258,7 @@ def _answers(
 def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
     """The ids of the answers about sessions that count: of each item the latest after one, the latest before that."""
     before, after = SESSION_MOMENTS
-    ids = set()
+    ids: set[int] = set()
     for item in {answer.given.item for answer in answers}:
         own = {answer.given.id: answer.moment for answer in answers if answer.given.item == item}
         last = max((each for each in own if own[each] == after), default=None)

@@ -46,7 +46,7 @@ def write_study_page(path: Path, analysis: Analysis, drawings: Sequence[Drawing]
 def _notices(analysis: Analysis) -> Markup:
     everyone = analysis.observed.participants
     simulated = sum(row.simulated for row in everyone)
-    notices = []
+    notices: list[Markup] = []
     if simulated:
         which = "All" if simulated == len(everyone) else f"{simulated} of the {len(everyone)}"
         words = (

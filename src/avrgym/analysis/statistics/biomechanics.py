@@ -56,7 +56,7 @@ def measured_groups(trials: Sequence[TrialRow]) -> list[Measures]:
 
 def biomechanics_rows(groups: Sequence[Measures], people: Sequence[PersonRow]) -> list[BiomechanicsRow]:
     """Torso heights, and head positions by posture: of participants, one value each, and of the training's people."""
-    rows = []
+    rows: list[BiomechanicsRow] = []
     for group in groups:
         own = heights(group)
         rows.append(_distribution(group.simulated, "torso_height_m", "any", "participants", own))
@@ -120,7 +120,7 @@ def range_rows(groups: Sequence[Measures]) -> list[RangeRow]:
 
     Waists are looked at twice: by the means of the trials, and by all that was seen in a trial.
     """
-    rows = []
+    rows: list[RangeRow] = []
     for group in groups:
         for sex in SEXES:
             spans = [(height_m, height_m) for height_m in heights(group, sex)]

@@ -89,7 +89,7 @@ def _partners(trials: Sequence[TrialRow], people: Sequence[PersonRow], name: str
     """For each trial another person drawn for its task, from the first on; after the last the first again."""
     drawn = {task: [row for row in people if (row.people, row.task) == (name, task)] for task in TASKS}
     taken = dict.fromkeys(TASKS, 0)
-    partners = []
+    partners: list[PersonRow] = []
     for trial in trials:
         own = drawn[trial.task]
         partners.append(own[taken[trial.task] % len(own)])

@@ -27,7 +27,7 @@ def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRo
         (task, robot, policy): simulation(store, environment_id(task, robot), policy)
         for task, robot, policy in product(design.tasks, design.robots, design.policies)
     }
-    rows = []
+    rows: list[ObjectiveRow] = []
     for simulated in sorted({row.simulated for row in trials if row.counted}):
         own = [row for row in trials if row.counted and row.simulated is simulated]
         for (task, robot, policy), measured in beside.items():

@@ -27,7 +27,7 @@ def about_sessions(design: Design) -> list[Questionnaire]:
 
 def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerRow]:
     """How each item was answered before and after sessions, and how answers changed."""
-    rows = []
+    rows: list[SessionAnswerRow] = []
     for simulated, questionnaire, given in _asked(design, answers):
         for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
             before, after = given.get((BEFORE, item.id), {}), given.get((AFTER, item.id), {})

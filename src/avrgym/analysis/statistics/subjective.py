@@ -22,7 +22,7 @@ Key = tuple[str, ...]
 def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SubjectiveRow]:
     """How each item was answered with each policy: over all, by task, by robot, and by both."""
     tasks, robots = (ALL, *design.tasks), (ALL, *design.robots)
-    rows = []
+    rows: list[SubjectiveRow] = []
     for simulated in _groups(answers):
         for item, policy, task, robot in product(rated_items(design), design.policies, tasks, robots):
             values = [
@@ -37,7 +37,7 @@ def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Subjec
 
 def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
     """How often each value was answered to each item after trials, with each policy."""
-    rows = []
+    rows: list[LikertRow] = []
     for simulated, questionnaire in product(_groups(answers), asked_at(design, AFTER_TRIAL)):
         for item, policy in product(questionnaire.items, design.policies):
             values = [row.value for row in _of(answers, simulated, item.id, policy)]
@@ -77,7 +77,7 @@ def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family
     one participant are not independent, so that p over trials is too small where participants differ in general; over
     participants each gives one value, the mean of their trials.
     """
-    families = []
+    families: list[Family] = []
     for simulated in _groups(answers):
         rated = asked_at(design, AFTER_TRIAL)
         for questionnaire, unit in product(rated[:1], (TRIAL, PARTICIPANT)):

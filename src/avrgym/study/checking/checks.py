@@ -196,7 +196,7 @@ def _differences(
 
 def _files(store: Store) -> list[str]:
     """All files among the recordings, and links to anything, relative to the study's folder."""
-    found = []
+    found: list[str] = []
     for folder, folders, files in os.walk(store.folder / RECORDINGS):
         links = [name for name in folders if (Path(folder) / name).is_symlink()]
         found += [str((Path(folder) / name).relative_to(store.folder).as_posix()) for name in files + links]

@@ -120,7 +120,7 @@ class _Rebuilding:
 
     def _visits(self, number: int) -> dict[str, list[_Kept]]:
         """The recordings of each session, in the order of their names; a session may have none that loads."""
-        visits = {}
+        visits: dict[str, list[_Kept]] = {}
         for folder in sorted((self._store.folder / RECORDINGS / pseudonym_of(number)).glob("ses-*")):
             loaded = [self._load(path) for path in sorted(folder.glob("*.mcap"))]
             visits[folder.name] = [each for each in loaded if each]

@@ -45,7 +45,7 @@ def plan_trials(design: Design, cell: int, participant: int) -> tuple[PlannedTri
     for block in cell_orders(design)[cell]:
         for robot, policy, practice in _conditions(design, block, practice_robots[block.task]):
             environment = environment_id(design.tasks[block.task], robot)
-            seed = int(rng.integers(2**31))
+            seed = int(rng.integers(1 << 31))
             trials.append(PlannedTrial(len(trials) + 1, environment, policy, seed, practice))
     return tuple(trials)
 
@@ -60,7 +60,7 @@ def practice_robots_of(design: Design, participant: int) -> tuple[str, ...]:
     group, place = divmod(participant - 1, robots)
     rng = np.random.default_rng([design.seed, _PRACTICE, group])
     shifts = rng.permutation(np.arange(len(design.tasks)) % robots)
-    return tuple(design.robots[index] for index in (rng.permutation(robots)[place] + shifts) % robots)
+    return tuple(design.robots[int(index)] for index in (rng.permutation(robots)[place] + shifts) % robots)
 
 
 _PRACTICE = 2**32 - 1

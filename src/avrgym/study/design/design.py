@@ -272,7 +272,7 @@ def _explain(error: msgspec.ValidationError) -> tuple[Place, str]:
 
 def _struct_at(place: Place) -> type[msgspec.Struct]:
     names = [key for key in place if isinstance(key, str)]
-    structs = {
+    structs: dict[tuple[str, ...], type[msgspec.Struct]] = {
         (): Design,
         ("consent",): Consent,
         ("inclusion",): InclusionQuestion,

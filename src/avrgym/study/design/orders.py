@@ -73,7 +73,7 @@ def _spread(task_of: NDArray[np.intp], rows: int) -> NDArray[np.intp]:
     and that have equally many like them in earlier cells, make a perfect matching; the matchings share out the
     rows evenly.
     """
-    cells, places = task_of.shape
+    cells, places = map(int, task_of.shape)
     earlier = np.array(
         [(task_of[:cell] == task_of[cell]).sum(axis=0) for cell in range(cells)], np.intp
     ).reshape(cells, places)

@@ -226,7 +226,8 @@ def _rows_of_answers(
 
     With them comes what item each column holds.
     """
-    rows, asked = [], {}
+    rows: list[dict[str, Any]] = []
+    asked: dict[str, str] = {}
     people = {person.number: person for person in store.participants()}
     for number, own in groupby(attempts, key=lambda exported: exported.participant.number):
         about = {e.attempt.id: f"{e.task}_{e.robot}_{e.trial.policy}" for e in own}

@@ -36,7 +36,9 @@ def _write_dataset(attempts: Sequence[ExportedAttempt], folder: Path) -> None:
         (folder / place).mkdir(parents=True)
     (folder / "README.md").write_text(NOTICE + "\n", encoding="utf-8")
     tasks = list(dict.fromkeys(_task(exported) for exported in attempts))
-    episodes, rows, start = [], [], 0
+    episodes: list[Columns] = []
+    rows: list[dict[str, Any]] = []
+    start = 0
     for number, exported in enumerate(attempts):
         columns = _columns(exported, number, start, tasks.index(_task(exported)))
         length = len(columns["index"])

@@ -30,8 +30,8 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> N
 
 def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt]) -> None:
     data = file.create_group("data")
-    environment = {"env_name": attempts[0].trial.environment, "type": GYM_TYPE, "env_kwargs": {}}
-    data.attrs["env_args"] = json.dumps(environment)
+    environment = attempts[0].trial.environment
+    data.attrs["env_args"] = json.dumps({"env_name": environment, "type": GYM_TYPE, "env_kwargs": {}})
     data.attrs["notice"] = NOTICE
     data.attrs["total"] = sum(
         _write_demonstration(data.create_group(f"demo_{number}"), exported)

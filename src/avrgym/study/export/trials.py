@@ -191,7 +191,8 @@ def verified(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None] = lambda done, all_: None
 ) -> tuple[list[ExportedAttempt], list[LeftOut]]:
     """Those whose recordings are whole and unchanged, and the others; ``progress`` is told how many were read."""
-    sound, left_out = [], []
+    sound: list[ExportedAttempt] = []
+    left_out: list[LeftOut] = []
     for number, exported in enumerate(attempts, start=1):
         try:
             exported.read_whole()

@@ -111,7 +111,7 @@ class StudyVisit:
         What was answered before a crash is not asked again.
         """
         asked = self.store.design.items_at(when, seed=self.stored.participant)
-        answered = answered_in_visit(self.store, self.stored) if asked else set()
+        answered = answered_in_visit(self.store, self.stored) if asked else set[tuple[str, str]]()
         return tuple(item for item in asked if (when, item.id) not in answered)
 
     def record(self, answer: Answer, when: str) -> Future[None]:

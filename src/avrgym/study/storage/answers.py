@@ -69,7 +69,7 @@ def answer_moments(
     for event in events:
         if event.name.startswith(f"{ANSWERED} "):
             said.setdefault((event.session, event.detail), []).append(event.name.removeprefix(f"{ANSWERED} "))
-    moments = {}
+    moments: dict[int, str] = {}
     for answer in reversed(list(answers)):
         if answer.attempt is not None:
             moments[answer.id] = "after_trial"

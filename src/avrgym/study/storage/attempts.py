@@ -64,20 +64,20 @@ def begin_attempt(
         change_state(connection, trial, "running", about(session))
         _check_idle(connection, session)
         number = len(find_all(connection, TrialAttempt, trial=trial.id)) + 1
-        row = {
-            "trial": trial.id,
-            "session": session.id,
-            "number": number,
-            "state": "running",
-            "recording": _name(store, session, recording)
-            if recording
-            else _free_name(store, session, trial, number),
-            "metrics": {},
-            "torso_height_m": torso_height_m,
-            "started_at": now(),
-        }
-        attempt = ledger.insert(connection, schema.ATTEMPT, **row)
-        record_event(connection, "attempt running", row["recording"], {**about(session), "attempt": attempt})
+        name = _name(store, session, recording) if recording else _free_name(store, session, trial, number)
+        attempt = ledger.insert(
+            connection,
+            schema.ATTEMPT,
+            trial=trial.id,
+            session=session.id,
+            number=number,
+            state="running",
+            recording=name,
+            metrics={},
+            torso_height_m=torso_height_m,
+            started_at=now(),
+        )
+        record_event(connection, "attempt running", name, {**about(session), "attempt": attempt})
         return find(connection, TrialAttempt, "attempt", id=attempt)
 
 

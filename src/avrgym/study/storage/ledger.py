@@ -79,7 +79,8 @@ def close_entries(connection: sa.Connection) -> Head | None:
     rows = sorted(connection.info.pop(_WRITTEN))
     if not rows:
         return None
-    entries, after = [], head(connection)
+    entries: list[dict[str, Any]] = []
+    after = head(connection)
     for name, group in groupby(rows, key=lambda row: row[0]):
         keys = [key for _, key in group]
         contents = _contents(connection, TABLES[name], keys)
@@ -118,7 +119,7 @@ def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
         return
     if (broken := _first_break(entries)) is not None:
         yield LEDGER.name, f"entry {broken} does not follow the one before it: one was changed or is missing"
-    latest = {(entry.table, entry.key): entry.content for entry in entries}
+    latest = {(entry["table"], entry["key"]): entry["content"] for entry in entries}
     for name, table in TABLES.items():
         expected = {
             key: content for (of, key), content in latest.items() if of == name and content is not None
@@ -126,12 +127,12 @@ def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
         yield from _faults_of(connection, table, expected)
 
 
-def _first_break(entries: list[sa.Row]) -> int | None:
+def _first_break(entries: list[sa.RowMapping]) -> int | None:
     """The number of the first entry that does not follow from those before it."""
     before = Head()
     for entry in entries:
-        after = before.after(entry.table, entry.key, entry.content)
-        if (entry.number, entry.digest) != (after.number, after.digest):
+        after = before.after(entry["table"], entry["key"], entry["content"])
+        if (entry["number"], entry["digest"]) != (after.number, after.digest):
             return before.number + 1
         before = after
     return None
@@ -166,22 +167,21 @@ def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None
     Columns without a value do not count, so that a later version may add some.
     """
     name = key_of(table).name
-    rows = (row._mapping for row in _rows(connection, table, keys))
     return {
         row[name]: _sha256(
             [table.name, {column: value for column, value in row.items() if value is not None}]
         )
-        for row in rows
+        for row in _rows(connection, table, keys)
     }
 
 
-def _rows(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> list[sa.Row]:
-    """A table's rows; an error leaves the transaction usable."""
+def _rows(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> list[sa.RowMapping]:
+    """A table's rows by column; an error leaves the transaction usable."""
     query = sa.select(table).order_by(key_of(table))
     if keys is not None:
         query = query.where(key_of(table).in_(keys))
     with connection.begin_nested():
-        return list(connection.execute(query).all())
+        return list(connection.execute(query).mappings())
 
 
 def _wrote(connection: sa.Connection, table: sa.Table, key: int) -> None:

@@ -11,7 +11,7 @@ from avrgym.study.storage.states import StudyError
 
 def remains(folder: Path) -> list[str]:
     """What is there, in words, that only a study with a database leaves."""
-    found = []
+    found: list[str] = []
     if keyfile.read_key(folder):
         found.append(f"names in {keyfile.FOLDER}/{keyfile.FILE}")
     if any(path.is_file() for path in (folder / RECORDINGS).rglob("*")):

@@ -191,10 +191,10 @@ class Store:
                 self._change_protocol(connection, protocol)
 
     def _change_protocol(self, connection: sa.Connection, protocol: dict[str, Any]) -> None:
-        stored = connection.execute(sa.select(schema.STUDY.c.protocol)).scalar()
+        stored: dict[str, Any] = connection.execute(sa.select(schema.STUDY.c.protocol)).scalar() or {}
         if stored == protocol:
             return
-        changed = [name for name, value in protocol.items() if (stored or {}).get(name) != value]
+        changed = [name for name, value in protocol.items() if stored.get(name) != value]
         taken = sa.select(schema.PARTICIPANT.c.number).where(schema.PARTICIPANT.c.cell.is_not(None))
         if stored and connection.execute(taken.limit(1)).first():
             raise StudyError(

@@ -49,11 +49,11 @@ def wipe(state: State, task_state: TaskState, guide: Guide) -> Aim:
     border = BORDER_RAD + (ELBOW_BORDER_RAD - BORDER_RAD) * np.sqrt(elbow)
     back = _gradual((angle - border) / SOFT_RAD)
     side = np.maximum(back, _gradual((along - HAND_END) / SOFT_END))
-    turn = np.clip(TOP_RAD + side * (SIDE_RAD - TOP_RAD) - angle, -AHEAD_RAD, AHEAD_RAD)
+    turn: Array = np.clip(TOP_RAD + side * (SIDE_RAD - TOP_RAD) - angle, -AHEAD_RAD, AHEAD_RAD)
     advance = np.maximum(np.clip(1.0 - above_m / ADVANCING_M, SLOWEST, 1.0), np.minimum(1.0, 3.0 * elbow))
     next_along = np.clip(along + (1.0 - 2.0 * back) * AHEAD * advance, 0.0, 3.0)
     skin_w, q_w, out = _arm_pose(
-        state, np.where(away, 0.0, next_along), np.where(away, TOP_RAD, angle + turn)
+        state, np.where(away, 0.0, next_along), np.where(away, float(TOP_RAD), angle + turn)
     )
     deeper = np.clip(YIELD_M_N * (expert.FORCE_N - state.tool_force_n), SOFTER_M, FIRMER_M)
     deeper = np.where(state.tool_force_n > 0.0, deeper, LOST_M)
@@ -78,7 +78,7 @@ def _on_arm(state: State) -> tuple[Array, Array, Array]:
     limb = ((from_elbow * (upper.along_w + lower.along_w)).sum(axis=-1) > 0.0).astype(np.intp)
     at = limb_frame(state, limb)
     offset, length = state.tool_pos_w - at.start_w, at.length_m
-    far = (offset * at.along_w).sum(axis=-1)
+    far: Array = (offset * at.along_w).sum(axis=-1)
     angle = elementary.arctan2((offset * at.outwards_w).sum(axis=-1), (offset * at.top_w).sum(axis=-1))
     share = np.clip((far - FROM_ENDS_M) / (length - 2.0 * FROM_ENDS_M), 0.0, 1.0)
     to_elbow = np.where(limb == 0, length - far, far)

@@ -32,7 +32,7 @@ TIPPED_RAD, FULL_RAD, EMPTY_RAD = np.radians([45.0, 70.0, 92.0])
 """At the first tilt the cup comes to the mouth: then the fingers before it pass below the chin. Up to the second
 no water pours; at the third none is left."""
 POUR_RAD_S = 0.04
-TILTS_RAD = np.linspace(TIPPED_RAD, EMPTY_RAD, 5)
+TILTS_RAD = np.linspace(float(TIPPED_RAD), float(EMPTY_RAD), 5)
 """Where a way is looked at before it is taken."""
 
 FORWARD, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -103,11 +103,12 @@ class DrinkingExpert:
     def _tilting_cost_s(self, state: State, way: Way, angles_rad: Array) -> Array:
         """What it costs, (N,), that the rim stays away from the mouth and the arm comes close to something."""
         gap_m = np.full(len(angles_rad), np.inf)
-        for tilt in TILTS_RAD:
-            pos_w, q_w = at_mouth(state, way, np.full_like(way.roll_rad, tilt))
+        poses = [at_mouth(state, way, np.full_like(way.roll_rad, tilt)) for tilt in TILTS_RAD.tolist()]
+        for pos_w, q_w in poses:
             angles_rad = self._guide.angles_at(pos_w, q_w, angles_rad)
             gap = self._clearance.least_m(angles_rad[:, None], state, tool=False)[:, 0]
             gap_m = np.minimum(gap_m, gap)
+        pos_w, q_w = poses[-1]
         reached_w, _ = self._guide.pose(angles_rad)
         distance = norm(_edge_w(pos_w, q_w, way) - state.mouth_pos_w) + norm(pos_w - reached_w)
         return SECONDS_PER_M * distance + BLOCKED_S * np.clip(1.0 - gap_m / CLEARANCE_M, 0.0, 1.0)

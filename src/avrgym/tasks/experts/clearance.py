@@ -40,7 +40,10 @@ def arm_shape(scene: SceneConfig) -> ArmShape:
     mujoco.mj_kinematics(model, data)
     bodies = [int(model.joint(name).bodyid[0]) for name in scene.arm.joints]
     tool = model.body(TOOL_BODY).id
-    link, ends, radius, is_tool = [], [], [], []
+    link: list[int] = []
+    ends: list[Array] = []
+    radius: list[float] = []
+    is_tool: list[bool] = []
     for geom in np.nonzero(model.geom_group == contacts.COLLISION_GROUP)[0]:
         carrier = _carrier(model, int(model.geom_bodyid[geom]), bodies)
         if carrier is None:

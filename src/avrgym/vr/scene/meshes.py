@@ -1,5 +1,8 @@
 """Triangle meshes of MuJoCo's visual geoms, with normals, simplified to what a headset can show."""
 
+# trimesh's functions: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
 from typing import cast
 
 import mujoco

@@ -12,6 +12,9 @@ Colours are those of the vertices, so that all of one finish on one node is one 
 faster than many small ones.
 """
 
+# trimesh's functions: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
 import io
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -270,8 +270,8 @@ class Session:
         self._reporter.tick(self.world, state.tracking.followed, step)
         if self._reporter.status_is_due:
             standing = self._message, self.attempt, self.world, state.tracking, state.now_s
-            how = {"steps": state.plan.trial_steps, "paused": state.on_hold, "driver": state.driver}
-            state.send(status(*standing, **how))
+            steps, paused = state.plan.trial_steps, state.on_hold
+            state.send(status(*standing, steps=steps, paused=paused, driver=state.driver))
 
 
 _TRACKING_LOST = "tracking_lost", f"no frame for {STALE_S} s: the person holds still"

@@ -1,0 +1,5 @@
+"""PyArrow carries no types, so all of its names count as ``Any``."""
+
+from typing import Any
+
+def __getattr__(name: str) -> Any: ...
