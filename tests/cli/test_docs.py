@@ -9,7 +9,7 @@ import pytest
 from typer.main import get_command
 
 from avrgym.cli.main import app
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, environment_id
 from places import ROOT
 
 README = (ROOT / "README.md").read_text()
@@ -24,10 +24,16 @@ def test_links_and_pictures_lead_somewhere(document):
     assert [target for target in local if not (document.parent / target).exists()] == []
 
 
+EXAMPLES = {
+    environment_id(task, robot) for task in (*TASKS, "TouchElbow") for robot in ("Jaco", "Gen3", "UR5")
+}
+"""Those of the pages on how to add a task and a robot."""
+
+
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_every_environment_that_is_named_exists(document):
     named = set(re.findall(r"avrgym/[A-Za-z0-9]+-v\d+", document.read_text()))
-    assert named <= {*ENVIRONMENTS, "avrgym/TouchElbowJaco-v1"}  # built on the page of how to add a task
+    assert named <= {*ENVIRONMENTS, *EXAMPLES}
 
 
 def test_every_environment_is_described_with_a_picture():

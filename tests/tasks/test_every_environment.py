@@ -13,8 +13,9 @@ from avrgym.tasks.registry import ENVIRONMENTS
 from worlds import jerky_actions
 
 CARRYING = [name for name in ENVIRONMENTS if "Feeding" in name or "Drinking" in name]
-ALLOWED_DEPTH_M = 0.03
-"""A person gives way under what presses: by 15 mm at the 100 N that a contact carries at most, or more."""
+ALLOWED_DEPTH_M = 0.1
+"""A person gives way under what presses: by 4 mm at the 31 N that a point carries at most, and farther where an arm at
+full speed goes on, up to 76 mm here."""
 SLACK_M = 0.003
 
 
