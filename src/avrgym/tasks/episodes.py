@@ -4,7 +4,7 @@ The Gymnasium environments and the live VR trial both run on this.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -125,7 +125,7 @@ class Episodes:
         self.simulation = Simulation(
             self.scene,
             num_worlds,
-            moving=moving or self._moved_by_themselves or self.task.people_give_way,
+            moving=moving or self._moved_by_themselves or self.task.strength_share is not None,
             num_threads=num_threads,
             braked=world_version > 1,
             gives_way=world_version > 1,
@@ -203,9 +203,14 @@ class Episodes:
         self._put(ids, self.task.start(self.scene, who, for_task), self.task.init_state(who, for_task))
 
     def _put(self, ids: Ids, start: Start, task_state: TaskState) -> None:
-        self.simulation.reset(ids, start)
+        self.simulation.reset(ids, replace(start, people=self._with_strength(start.people)))
         self._arm_start_rad[ids] = start.arm_angles_rad
         self.task_state = merge(self.task_state, task_state, ids)
+
+    def _with_strength(self, people: People) -> People:
+        """The people with what strength the task leaves them."""
+        share = self.task.strength_share
+        return people if share is None else replace(people, strength_share=share * people.strength_share)
 
     def _conflicts(self, ids: Ids) -> dict[int, Conflict]:
         """What lacks room, in those of worlds ``ids`` (n,) where anything does, by world.

@@ -107,7 +107,8 @@ class Task:
         goal: tells a participant in one sentence what the task is, and not how it is done (paper, section V).
         pose: how people sit or lie.
         offered: what cooperating people bring to the tool.
-        people_give_way: whether the robot can move the joints of people who do nothing by themselves.
+        strength_share: with what share of their strength people hold their pose, so that the robot can move their joints;
+            without one, those who do nothing by themselves are stiff.
         scene: says what stands in the scene with a robot.
         uniforms: how many uniform numbers a start takes.
         start: where things begin, drawn from the scene, the people and uniform numbers (n, ``uniforms``).
@@ -143,7 +144,7 @@ class Task:
     expert: Expert
     reactive_expert: Expert
     views: Views
-    people_give_way: bool = False
+    strength_share: float | None = None
     training: TrainingSettings = field(default_factory=TrainingSettings)
     detour_m: Callable[[State, TaskState], Array] | None = None
     marks: Marks | None = None
@@ -162,6 +163,10 @@ class Task:
         if self.offered not in OFFERED:
             raise ValueError(
                 f"offered of task {self.name} is {self.offered!r}; allowed: {', '.join(map(repr, OFFERED))}"
+            )
+        if self.strength_share is not None and not 0.0 < self.strength_share <= 1.0:
+            raise ValueError(
+                f"strength_share of task {self.name} is {self.strength_share!r}; allowed: above 0 to 1, or None"
             )
         if not self.weights:
             raise ValueError(
