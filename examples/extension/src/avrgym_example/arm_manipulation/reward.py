@@ -1,0 +1,83 @@
+"""How lifting is rewarded, and where the forearm is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.geometry.transforms import norm
+from avrgym.models.human import People
+from avrgym.simulation.worlds import RightArm, State
+from avrgym.tasks.task import StepResult
+
+Array = NDArray[np.float64]
+
+ELBOW, WRIST = 1, 2
+ALONG = 0.75
+"""Where on the way from elbow to wrist the hook takes the forearm."""
+UNDER = (0.0, 1.0, 0.0)
+"""What of the forearm faces down once it is lifted, forearm's frame."""
+ARMREST_X_M, ABOVE_M, BESIDE_M = -0.265, 0.83, 0.06
+"""The armrest's middle, how high the forearm is above it, and how far off its middle it may be."""
+HELD_STEPS = 10
+STRONG_FORCE_N = 30.0
+
+
+@dataclass(frozen=True)
+class ArmState:
+    """For how many control steps on end the forearm has been above the armrest, and whether for long enough, (N,)."""
+
+    steps: NDArray[np.intp]
+    done: NDArray[np.bool_]
+
+
+def init_state(people: People, uniforms: Array) -> ArmState:
+    """Not lifted yet."""
+    return ArmState(np.zeros(len(uniforms), np.intp), np.zeros(len(uniforms), bool))
+
+
+def taken_w(arm: RightArm) -> Array:
+    """Where the hook takes the forearm, on its axis, (N, 3), world frame."""
+    elbow_w, wrist_w = arm.right_arm_pos_w[:, ELBOW], arm.right_arm_pos_w[:, WRIST]
+    return elbow_w + ALONG * (wrist_w - elbow_w)
+
+
+def under_w(arm: RightArm) -> Array:
+    """The direction out of the forearm's lower side, (N, 3), world frame."""
+    return transforms.rotate(arm.right_arm_q_w[:, ELBOW], UNDER)
+
+
+def to_armrest(arm: RightArm) -> Array:
+    """How far the forearm still has to go to the person's left and up, (N, 2)."""
+    x, _, z = taken_w(arm).T
+    return np.stack([ARMREST_X_M - x, np.maximum(ABOVE_M - z, 0.0)], axis=-1)
+
+
+WEIGHTS = {
+    "distance_m": -1.0, "to_armrest_m": -4.0, "action_squared": -0.01, "lifted": 1.0, "strong_force_n": -0.02
+}  # fmt: skip
+
+
+def evaluate_step(state: State, action: Array, task_state: ArmState) -> StepResult:
+    """Success is a forearm that was above the armrest for a second on end."""
+    way = to_armrest(state)
+    lifted = (np.abs(way[:, 0]) < BESIDE_M) & (way[:, 1] == 0.0)
+    steps = np.where(lifted, task_state.steps + 1, 0)
+    done = task_state.done | (steps >= HELD_STEPS)
+    distance = norm(state.tool_pos_w - taken_w(state))
+    return StepResult(
+        task_state=ArmState(steps, done),
+        terms={
+            "distance_m": distance,
+            "to_armrest_m": norm(way),
+            "action_squared": (action * action).sum(axis=-1),
+            "lifted": lifted.astype(float),
+            "strong_force_n": np.where(state.total_force_n >= STRONG_FORCE_N, state.total_force_n, 0.0),
+        },
+        distance_m=distance,
+        force_on_person_n=state.total_force_n,
+        success=done,
+        events=done & ~task_state.done,
+        gone=np.zeros((len(distance), 0), dtype=bool),
+    )

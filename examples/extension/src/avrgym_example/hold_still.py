@@ -1,0 +1,18 @@
+"""A controller that lets the arm be where it is."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.tasks.registry import sizes
+
+
+class HoldStill:
+    """Asks for no movement, of however many joints the robot has."""
+
+    def reset(self, seed: int, environment: str) -> None:
+        """Begin an episode of an environment; nothing here is left to chance."""
+        _, self._joints = sizes(environment)
+
+    def act(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Zeros (A,)."""
+        return np.zeros(self._joints)
