@@ -78,6 +78,6 @@ def evaluate_step(state: State, action: Array, task_state: ArmState) -> StepResu
         distance_m=distance,
         force_on_person_n=state.total_force_n,
         success=done,
-        events=done & ~task_state.done,
+        events=(done & ~task_state.done).astype(np.intp),
         gone=np.zeros((len(distance), 0), dtype=bool),
     )

@@ -1,0 +1,101 @@
+"""The example package, installed apart beside another one that is broken, and commands that find both."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from places import ROOT
+
+STUDY = """
+from pathlib import Path
+from avrgym.study.storage.store import create_study
+
+create_study(Path("study"))
+"""
+
+
+def install(folder: Path) -> None:
+    """Install the example package into a folder as pip does, and a package of which nothing can be used."""
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-index",
+        "--no-deps",
+        "--no-build-isolation",
+    ]
+    subprocess.run([*command, "--target", folder, ROOT / "examples" / "extension"], check=True, timeout=300)
+    about = folder / "unfinished-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: unfinished\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(
+        "".join(
+            f"[avrgym.{kind}]\nunfinished = unfinished:MISSING\n"
+            for kind in ("tasks", "robots", "controllers")
+        )
+    )
+
+
+def environment_with(folder: Path) -> dict[str, str]:
+    """The variables of processes that find the packages of a folder."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(folder)])}
+
+
+def python(folder: Path, *arguments: str) -> str:
+    """What a Python process prints that runs in the folder and finds its packages; it must succeed."""
+    ran = subprocess.run(
+        [sys.executable, *arguments],
+        env=environment_with(folder),
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stdout
+    return ran.stdout
+
+
+def avrgym(folder: Path, *arguments: str) -> str:
+    """What a command prints that finds the packages of a folder."""
+    return python(folder, "-c", "from avrgym.cli import app; app()", *arguments)
+
+
+def train_and_study(folder: Path, task: str, robot: str, term: str, steps: int) -> None:
+    """From training to a report with a reward term and a recording that steps again to the same bits, by command."""
+    environment = f"avrgym/{task}{robot}-v1"
+    avrgym(folder, "train", environment, "--steps", str(steps), "--out", "run")
+    policy = "run/policy.safetensors"
+    avrgym(folder, "evaluate", environment, "--policy", policy, "--episodes", "2", "--json", "rows.json")
+    (row,) = json.loads((folder / "rows.json").read_text())
+    print(f"\n{environment} after {steps} steps: {row}")
+    python(folder, "-c", STUDY)
+    _set(
+        folder / "study" / "study.toml",
+        tasks=[task],
+        robots=[robot],
+        policies=["mine", "hold-still"],
+        practice_policy="mine",
+    )
+    (folder / "study" / "mine").mkdir()
+    (folder / policy).rename(folder / "study" / "mine" / f"{task}{robot}.safetensors")
+    avrgym(folder, "study", "simulate", "study", "--participants", "1", "--seed", "1")
+    avrgym(folder, "analyze", "study", "--out", "report")
+    assert term in (folder / "report" / "tables" / "reward_terms.csv").read_text()
+    recordings = sorted((folder / "study" / "recordings").rglob("*.mcap"))
+    assert recordings
+    avrgym(folder, "replay", str(recordings[0]), "--verify")
+
+
+def _set(design: Path, **values: object) -> None:
+    text = design.read_text()
+    for name, value in values.items():
+        text, found = re.subn(f"^{name} = .*$", f"{name} = {json.dumps(value)}", text, flags=re.M)
+        assert found == 1, name
+    design.write_text(text)

@@ -1,0 +1,24 @@
+"""Each example of another package, trained for as long as a first look takes: `make soak`."""
+
+from pathlib import Path
+
+import pytest
+
+from extension import install, train_and_study
+
+STEPS = 20_000
+
+
+@pytest.mark.parametrize(
+    ("task", "robot", "term"),
+    [
+        ("ArmManipulation", "Jaco", "to_armrest_m"),
+        ("Feeding", "Gen3", "distance_m"),
+        ("Feeding", "UR5", "distance_m"),
+    ],
+)
+def test_it_is_trained_studied_reported_and_verified(
+    tmp_path: Path, task: str, robot: str, term: str
+) -> None:
+    install(tmp_path)
+    train_and_study(tmp_path, task, robot, term, STEPS)
