@@ -1,7 +1,6 @@
 """The example package, installed apart, is everywhere that the environments of AVR Gym are."""
 
 import json
-import os
 import re
 from pathlib import Path
 
@@ -83,7 +82,7 @@ def test_it_is_trained_studied_reported_and_verified(installed: Path) -> None:
 
 def test_a_browser_is_served_its_scene(installed: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(os, "environ", environment_with(installed))
+        patch.setenv("PYTHONPATH", environment_with(installed)["PYTHONPATH"])
         with served(installed / "served", "--env", ENVIRONMENT, "--policy", "hold-still") as running:
             address, token = running.participant.split("/#token=")
             allowed = {"authorization": f"Bearer {token}"}

@@ -1,6 +1,7 @@
 """Processes that tests start: none outlives the tests, however those end."""
 
 import ctypes
+import re
 import signal
 import subprocess
 import sys
@@ -35,14 +36,14 @@ class Served:
 
 @contextmanager
 def served(study: Path, *options: str) -> Iterator[Served]:
-    """`avrgym serve` of a study; killed when the context ends, unless it has ended before."""
+    """`avrgym serve` of a study, or of sessions without one, whose experimenter looks on as spectators do; killed when the context ends, unless it has ended before."""
     command = [AVRGYM, "serve", "--port", "0", "--study", study, *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent) as process:
         try:
             assert process.stdout is not None
             lines = (line.strip() for line in process.stdout)
             participant = next(line for line in lines if "/#token=" in line)
-            dashboard = next(line for line in lines if "/dashboard#token=" in line)
+            dashboard = next(line for line in lines if re.search("/(dashboard|spectator)#token=", line))
             yield Served(process, participant, dashboard)
         finally:
             process.kill()
