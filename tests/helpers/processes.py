@@ -36,7 +36,7 @@ class Served:
 
 @contextmanager
 def served(study: Path, *options: str) -> Iterator[Served]:
-    """`avrgym serve` of a study, or of sessions without one, whose experimenter looks on as spectators do; killed when the context ends, unless it has ended before."""
+    """`avrgym serve`, of a study or without one; killed when the context ends, unless it has ended before."""
     command = [AVRGYM, "serve", "--port", "0", "--study", study, *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent) as process:
         try:

@@ -107,8 +107,8 @@ class Task:
         goal: tells a participant in one sentence what the task is, and not how it is done (paper, section V).
         pose: how people sit or lie.
         offered: what cooperating people bring to the tool.
-        strength_share: with what share of their strength people hold their pose, so that the robot can move their joints;
-            without one, those who do nothing by themselves are stiff.
+        strength_share: with what share of their strength people hold their pose, so that the robot can move their
+            joints; without one, those who do nothing by themselves are stiff.
         scene: says what stands in the scene with a robot.
         uniforms: how many uniform numbers a start takes.
         start: where things begin, drawn from the scene, the people and uniform numbers (n, ``uniforms``).
