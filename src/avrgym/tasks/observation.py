@@ -140,3 +140,18 @@ RIGHT_ARM_FROM_TORSO = tuple(
     for joint, name in enumerate(("shoulder", "elbow", "wrist"))
 )
 """What tasks have in common; the torso is the robot's, the axes are the world's."""
+
+
+def tool_at_the_mouth(scene: SceneConfig) -> Observation:
+    """Tool, arm and head, for what is brought to the mouth."""
+    return Observation(
+        (
+            TOOL_FROM_TORSO,
+            TOOL_ROTATION,
+            TOOL_FROM_MOUTH,
+            arm_angles(scene),
+            HEAD_FROM_TORSO,
+            HEAD_ROTATION,
+            TOOL_FORCE,
+        )
+    )

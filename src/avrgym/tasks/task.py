@@ -78,6 +78,10 @@ class View(NamedTuple):
     elevation_deg: float
 
 
+BESIDE_WHEELCHAIR = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
+"""Of a robot that stands on the floor and brings something to the mouth of who sits in the wheelchair."""
+
+
 class Views(NamedTuple):
     """The views of a mounted robot and of one that stands on the floor; neither arm nor person hides what it does."""
 

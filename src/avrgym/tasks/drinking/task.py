@@ -11,16 +11,15 @@ from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import Start
-from avrgym.tasks import observation as seen
 from avrgym.tasks import places
 from avrgym.tasks.drinking.expert import DrinkingExpert
 from avrgym.tasks.drinking.reactive import give_drink
 from avrgym.tasks.drinking.reward import WEIGHTS, evaluate_step, init_state
 from avrgym.tasks.drinking.training import TRAINING
 from avrgym.tasks.experts.reactive import Reactive
-from avrgym.tasks.observation import Observation
+from avrgym.tasks.observation import tool_at_the_mouth
 from avrgym.tasks.person import HEAD_TURNED
-from avrgym.tasks.task import Task, View, Views
+from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
 
 Array = NDArray[np.float64]
 
@@ -43,21 +42,6 @@ def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     return places.start(scene, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:])
 
 
-def observation(scene: SceneConfig) -> Observation:
-    """Cup, arm and head."""
-    return Observation(
-        (
-            seen.TOOL_FROM_TORSO,
-            seen.TOOL_ROTATION,
-            seen.TOOL_FROM_MOUTH,
-            seen.arm_angles(scene),
-            seen.HEAD_FROM_TORSO,
-            seen.HEAD_ROTATION,
-            seen.TOOL_FORCE,
-        )
-    )
-
-
 DRINKING = Task(
     name="Drinking",
     goal="Drink the water from the cup.",
@@ -67,14 +51,14 @@ DRINKING = Task(
     uniforms=3 + places.UNIFORMS,
     start=start,
     init_state=init_state,
-    observation=observation,
+    observation=tool_at_the_mouth,
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
     expert=DrinkingExpert,
     reactive_expert=partial(Reactive, aim=give_drink),
     views=Views(
         mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
-        on_floor=View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0),
+        on_floor=BESIDE_WHEELCHAIR,
     ),
     training=TRAINING,
 )

@@ -12,16 +12,15 @@ from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.spoon import SPOON
 from avrgym.simulation.worlds import Start
-from avrgym.tasks import observation as seen
 from avrgym.tasks import places
 from avrgym.tasks.experts.reactive import Reactive
 from avrgym.tasks.feeding.expert import FeedingExpert
 from avrgym.tasks.feeding.reactive import feed
 from avrgym.tasks.feeding.reward import WEIGHTS, evaluate_step, init_state
 from avrgym.tasks.feeding.training import TRAINING
-from avrgym.tasks.observation import Observation
+from avrgym.tasks.observation import tool_at_the_mouth
 from avrgym.tasks.person import HEAD_TURNED
-from avrgym.tasks.task import Task, View, Views
+from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
 
 Array = NDArray[np.float64]
 
@@ -54,21 +53,6 @@ def _goals(people: People) -> tuple[Array, Array]:
     return np.stack([mouth, mouth], axis=1), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw)
 
 
-def observation(scene: SceneConfig) -> Observation:
-    """Spoon, arm and head."""
-    return Observation(
-        (
-            seen.TOOL_FROM_TORSO,
-            seen.TOOL_ROTATION,
-            seen.TOOL_FROM_MOUTH,
-            seen.arm_angles(scene),
-            seen.HEAD_FROM_TORSO,
-            seen.HEAD_ROTATION,
-            seen.TOOL_FORCE,
-        )
-    )
-
-
 FEEDING = Task(
     name="Feeding",
     goal="Eat the food from the spoon.",
@@ -78,14 +62,14 @@ FEEDING = Task(
     uniforms=6 + places.UNIFORMS,
     start=start,
     init_state=init_state,
-    observation=observation,
+    observation=tool_at_the_mouth,
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
     expert=FeedingExpert,
     reactive_expert=partial(Reactive, aim=feed),
     views=Views(
         mounted=View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
-        on_floor=View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0),
+        on_floor=BESIDE_WHEELCHAIR,
     ),
     training=TRAINING,
 )
