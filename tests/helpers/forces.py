@@ -10,8 +10,9 @@ from starts import begun
 
 Array = NDArray[np.float64]
 
-MOST_FORCE_N = 400.0
-"""Of all contacts together: that of each is derived in ``models.yielding``, how many there are at once is measured."""
+MOST_FORCE_N = 500.0
+"""Of all contacts together, up to ten at once where a hand is wedged between forearm, chest and thighs: that of each is
+derived in ``models.yielding``, how many there are is measured."""
 
 HOW = ("random", "constant", "at the person")
 

@@ -13,9 +13,8 @@ from avrgym.tasks.registry import ENVIRONMENTS
 from worlds import jerky_actions
 
 CARRYING = [name for name in ENVIRONMENTS if "Feeding" in name or "Drinking" in name]
-ALLOWED_DEPTH_M = 0.1
-"""A person gives way under what presses: by 4 mm at the 31 N that a point carries at most, and farther where an arm at
-full speed goes on, up to 76 mm here."""
+ALLOWED_DEPTH_M = 0.03
+"""A person gives way under what presses: by 1 cm at 68 N on one point, by 3 cm at 86 N."""
 SLACK_M = 0.003
 
 

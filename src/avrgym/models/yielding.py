@@ -4,9 +4,9 @@ Torque alone bounds no force. Close to a joint's axis, along a stretched arm, or
 trunk, a motor of 24 N m presses with thousands of newtons on what cannot move, and MuJoCo's contacts are as stiff as
 the things that touch are heavy to move. What bounds the force at one point of contact is the person's own give:
 
-- At rest a person is a spring of 45 N/mm at the first touch that gives way ever more: ``MOST_CONTACT_FORCE_N`` at a
-  depth of 4 mm, less beyond, whatever presses. ISO/TS 15066 gives springs of 10 to 150 N/mm for skin and flesh, and
-  110 to 220 N as what people bear before it hurts: who can, draws back long before.
+- At rest a person is a spring of 25 N/mm at the first touch that gives way ever more: 21 N at 1 mm, 50 N at 4 mm, 68 N
+  at 1 cm, and ``MOST_CONTACT_FORCE_N`` at ``DEEPEST_M``. ISO/TS 15066 gives springs of 10 to 150 N/mm for skin and
+  flesh, and 110 to 220 N as what people bear before it hurts: who can, draws back long before.
 - What strikes adds ``strike_force_n`` at most. With A the inverse mass at the contact and R the contact's own give, it
   is b v / (A + R). What moves with an energy E closes with v ≤ √(2 E A), so that this is at most b √(2 E) / (2 √R), at
   A = R: stiff things cannot close fast. For n contacts at once the same bounds the root of the sum of their squares.
@@ -17,6 +17,8 @@ the things that touch are heavy to move. What bounds the force at one point of c
 The sum over contacts grows with how many points touch. So thin walls of tools count as one shape, see ``tools.Hull``.
 Who trembles would press with full strength five times a second, and is held to ``TREMBLING_SHARE`` of it.
 """
+
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -29,16 +31,43 @@ from avrgym.models.tools import Hull, Tool
 
 Array = NDArray[np.float64]
 
-STIFFNESS_S2, DAMPING_S = 3000.0, 50.0
-"""MuJoCo's acceleration of a contact per metre of depth (1/s²) and per m/s (1/s)."""
-IMPEDANCE = (0.98, 0.40)
-"""At the first touch, and from ``GIVEN_WAY_M`` on; linear between."""
-GIVEN_WAY_M = 0.03
+
+@dataclass(frozen=True, kw_only=True)
+class Give:
+    """How a contact gives way: MuJoCo's parameters of it.
+
+    Its impedance falls from ``first`` at the touch to ``last`` at ``depth_m``, along a power of the depth on either
+    side of ``midpoint`` (a share of ``depth_m``); see "Impedance" in MuJoCo's documentation of solver parameters.
+    """
+
+    stiffness_s2: float
+    """Acceleration per metre of depth (1/s²)."""
+    damping_s: float
+    """Acceleration per m/s (1/s)."""
+    first: float
+    last: float
+    depth_m: float
+    midpoint: float = 0.5
+    power: float = 1.0
+
+    def impedance(self, depth_m: Array) -> Array:
+        """MuJoCo's impedance at a depth, between 0 and 1; any shape."""
+        share = np.clip(depth_m / self.depth_m, 0.0, 1.0)
+        rising = self.midpoint * (share / self.midpoint) ** self.power
+        levelling = 1.0 - (1.0 - self.midpoint) * ((1.0 - share) / (1.0 - self.midpoint)) ** self.power
+        return self.first + (self.last - self.first) * np.where(share < self.midpoint, rising, levelling)
+
+
+FLESH = Give(
+    stiffness_s2=1700.0, damping_s=50.0, first=0.98, last=0.80, depth_m=0.1, midpoint=0.005, power=3.0
+)
+PAD = Give(stiffness_s2=1400.0, damping_s=25.0, first=0.70, last=0.30, depth_m=0.03)
+"""Of the washcloth, whose low friction makes MuJoCo's contact 20 times as stiff: 15 N/mm at the first touch and 70 N
+at most. Its own layers are softer by far, so that gentle wiping does not tell."""
 INVERSE_MASS_PER_KG = 3.2
 """What the person's yielding adds to what a contact has to move; the robot's own share makes it softer still."""
-PAD_STIFFNESS_S2, PAD_DAMPING_S, PAD_IMPEDANCE = 1400.0, 25.0, (0.70, 0.30)
-"""The same for the washcloth, whose low friction makes MuJoCo's contact 20 times as stiff: 15 N/mm at the first touch
-and 70 N at most. Its own layers are softer by far, so that gentle wiping does not tell."""
+DEEPEST_M = 0.05
+"""Farther in, where only an arm at full speed comes against people who cannot move, the spring grows stiffer again."""
 TREMBLING_SHARE = 1 / 3
 """Of their strength, with which people press who tremble: our assumption. It suffices for their tremor, measured
 to swing a shoulder by 6° and a head by 17° either way, and for 7° and 20° with all their strength."""
@@ -48,17 +77,17 @@ _ALONE = 1e6
 
 def contact_force_n(depth_m: Array) -> Array:
     """What a contact of one point with a person carries at rest, where the robot cannot be moved; any shape."""
-    impedance = np.interp(depth_m, [0.0, GIVEN_WAY_M], IMPEDANCE)
-    return STIFFNESS_S2 * depth_m * impedance**2 / ((1.0 - impedance) * INVERSE_MASS_PER_KG)
+    impedance = FLESH.impedance(depth_m)
+    return FLESH.stiffness_s2 * depth_m * impedance**2 / ((1.0 - impedance) * INVERSE_MASS_PER_KG)
 
 
-MOST_CONTACT_FORCE_N = float(contact_force_n(np.linspace(0.0, GIVEN_WAY_M, 501)).max())
+MOST_CONTACT_FORCE_N = float(contact_force_n(np.linspace(0.0, DEEPEST_M, 501)).max())
 
 
 def strike_force_n(energy_j: Array) -> Array:
     """What the speed of things that move with this energy adds to a contact at most; any shape."""
-    give = (1.0 - IMPEDANCE[0]) / IMPEDANCE[0] * INVERSE_MASS_PER_KG
-    return 0.5 * DAMPING_S * np.sqrt(2.0 * energy_j / give)
+    give = (1.0 - FLESH.first) / FLESH.first * INVERSE_MASS_PER_KG
+    return 0.5 * FLESH.damping_s * np.sqrt(2.0 * energy_j / give)
 
 
 def bound_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: float) -> None:
@@ -76,24 +105,15 @@ def bound_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: float) -> 
         if geom.name.startswith(human.PREFIX):
             soften(geom)
         elif geom.name.startswith(robot.PREFIX) and geom.priority:  # tools whose own parameters count alone
-            if geom.condim == 1:
-                soften(geom)
-            else:
-                soften(geom, PAD_STIFFNESS_S2, PAD_DAMPING_S, PAD_IMPEDANCE)
+            soften(geom, FLESH if geom.condim == 1 else PAD)
     for joint, torque in zip(arm.joints, torque_limit_n_m(arm, lead_rad), strict=True):
         spec.actuator(robot.PREFIX + joint).forcerange = [-torque, torque]
 
 
-def soften(
-    geom: mujoco.MjsGeom,
-    stiffness_s2: float = STIFFNESS_S2,
-    damping_s: float = DAMPING_S,
-    impedance: tuple[float, float] = IMPEDANCE,
-) -> None:
+def soften(geom: mujoco.MjsGeom, give: Give = FLESH) -> None:
     """Set a geom's contact; MuJoCo takes negative numbers as stiffness and damping."""
-    last = impedance[1]
-    geom.solref = [-stiffness_s2 * last**2, -damping_s * last]
-    geom.solimp = [*impedance, GIVEN_WAY_M, 0.5, 1.0]
+    geom.solref = [-give.stiffness_s2 * give.last**2, -give.damping_s * give.last]
+    geom.solimp = [give.first, give.last, give.depth_m, give.midpoint, give.power]
     geom.solmix = _ALONE
 
 
