@@ -28,7 +28,7 @@ demo: $(DONE)/demo $(DONE)/chromium $(CLIENT) ## a whole session of a simulated 
 
 test: setup lint ## every check: linters, types, the client's tests, the tests
 	cd client && npm test
-	.venv/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 soak: setup ## crashes and sessions for half an hour: nothing is lost, memory stays flat
 	.venv/bin/python -m pytest -s tests/soak/*.py

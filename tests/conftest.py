@@ -41,11 +41,10 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="module")
 def unhurried() -> Iterator[None]:
     """For tests in real time: no trial ends because a busy machine stands still or tracks late."""
-    from avrgym.vr.session import session, state
+    from unhurried import lift_limits
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(session, "LOST_TIME_S", float("inf"))
-        patch.setattr(state, "UNTRACKED_S", 60.0)
+        lift_limits(patch)
         yield
 
 

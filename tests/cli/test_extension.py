@@ -83,7 +83,9 @@ def test_it_is_trained_studied_reported_and_verified(installed: Path) -> None:
 def test_a_browser_is_served_its_scene(installed: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", environment_with(installed)["PYTHONPATH"])
-        with served(installed / "served", "--env", ENVIRONMENT, "--policy", "hold-still") as running:
+        with served(
+            installed / "served", "--env", ENVIRONMENT, "--policy", "hold-still", unhurried=True
+        ) as running:
             address, token = running.participant.split("/#token=")
             allowed = {"authorization": f"Bearer {token}"}
             scene = httpx.get(f"{address}/scenes/0.glb", headers=allowed, timeout=60.0)

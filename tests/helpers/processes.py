@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from places import HELPERS
+
 AVRGYM = Path(sys.executable).with_name("avrgym")
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
@@ -35,9 +37,13 @@ class Served:
 
 
 @contextmanager
-def served(study: Path, *options: str) -> Iterator[Served]:
-    """`avrgym serve`, of a study or without one; killed when the context ends, unless it has ended before."""
-    command = [AVRGYM, "serve", "--port", "0", "--study", study, *options]
+def served(study: Path, *options: str, unhurried: bool = False) -> Iterator[Served]:
+    """`avrgym serve`, of a study or without one; killed when the context ends, unless it has ended before.
+
+    ``unhurried`` servers end no trial because the machine is busy.
+    """
+    program = [sys.executable, HELPERS / "unhurried.py"] if unhurried else [AVRGYM]
+    command = [*program, "serve", "--port", "0", "--study", study, *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent) as process:
         try:
             assert process.stdout is not None
