@@ -41,10 +41,10 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="module")
 def unhurried() -> Iterator[None]:
     """For tests in real time: no trial ends because a busy machine stands still or tracks late."""
-    from unhurried import lift_limits
+    from limits import UNHURRIED, set_limits
 
     with pytest.MonkeyPatch.context() as patch:
-        lift_limits(patch)
+        set_limits(UNHURRIED, patch)
         yield
 
 

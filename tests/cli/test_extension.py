@@ -9,6 +9,7 @@ import pytest
 
 from extension import avrgym, environment_with, install, python, train_and_study
 from glb import GlbFile
+from limits import UNHURRIED
 from places import ROOT
 from processes import served
 
@@ -84,7 +85,7 @@ def test_a_browser_is_served_its_scene(installed: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", environment_with(installed)["PYTHONPATH"])
         with served(
-            installed / "served", "--env", ENVIRONMENT, "--policy", "hold-still", unhurried=True
+            installed / "served", "--env", ENVIRONMENT, "--policy", "hold-still", limits=UNHURRIED
         ) as running:
             address, token = running.participant.split("/#token=")
             allowed = {"authorization": f"Bearer {token}"}

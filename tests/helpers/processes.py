@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from places import HELPERS
+from limits import with_limits
 
 AVRGYM = Path(sys.executable).with_name("avrgym")
 _PR_SET_PDEATHSIG = 1
@@ -37,13 +37,9 @@ class Served:
 
 
 @contextmanager
-def served(study: Path, *options: str, unhurried: bool = False) -> Iterator[Served]:
-    """`avrgym serve`, of a study or without one; killed when the context ends, unless it has ended before.
-
-    ``unhurried`` servers end no trial because the machine is busy.
-    """
-    program = [sys.executable, HELPERS / "unhurried.py"] if unhurried else [AVRGYM]
-    command = [*program, "serve", "--port", "0", "--study", study, *options]
+def served(study: Path, *options: str, limits: tuple[str, ...] = ()) -> Iterator[Served]:
+    """`avrgym serve`, of a study or without one; killed when the context ends, unless it has ended before."""
+    command = [*with_limits(*limits), "serve", "--port", "0", "--study", study, *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent) as process:
         try:
             assert process.stdout is not None

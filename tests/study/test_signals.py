@@ -16,9 +16,11 @@ from websockets.sync.client import ClientConnection, connect
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
+from limits import with_limits
 from processes import AVRGYM, die_with_parent, served
 from studies import make_study, take_in
 
+IMPATIENT = ("avrgym.study.storage.sqlite:WAIT_S=4", "avrgym.study.sessions.live:PATIENCE_S=2")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 PATIENCE_S = 60.0
 
@@ -90,7 +92,8 @@ def test_a_session_whose_end_cannot_be_stored_is_told_and_exit_code_1(
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     with Store(make_study(tmp_path, tasks='["Feeding"]')) as store:
         pseudonym = take_in(store)
-        command = [AVRGYM, "serve", "--port", "0", "--study", tmp_path, "--participant", pseudonym]
+        options = ["serve", "--port", "0", "--study", tmp_path, "--participant", pseudonym]
+        command = [*with_limits(*IMPATIENT), *options]
         with subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=die_with_parent
         ) as running:
