@@ -156,13 +156,10 @@ def _sum_up(batch: _Batch, results: list[Results]) -> Evaluation:
 
 def wilson_interval(successes: int, count: int) -> tuple[float, float]:
     """The 95 % score interval of a share (Wilson, J. Am. Stat. Assoc. 22, 1927)."""
-    z = 1.959963984540054
-    share = successes / count
-    centre = (share + z * z / (2 * count)) / (1 + z * z / count)
-    half = z * np.sqrt(share * (1 - share) / count + z * z / (4 * count * count)) / (1 + z * z / count)
-    low = 0.0 if successes == 0 else centre - half
-    high = 1.0 if successes == count else centre + half
-    return float(low), float(high)
+    from scipy import stats
+
+    interval = stats.binomtest(successes, count).proportion_ci(0.95, method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def _run(

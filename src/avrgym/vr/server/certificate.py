@@ -6,12 +6,12 @@ whether to trust it.
 
 import datetime
 import ipaddress
-import os
 import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import platformdirs
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
@@ -35,9 +35,8 @@ class Certificate:
 
 
 def data_folder() -> Path:
-    """Where this user's programs keep data (XDG Base Directory Specification)."""
-    base = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
-    return Path(base) / "avrgym"
+    """Where this user's programs keep data; on Linux ``$XDG_DATA_HOME`` or ``~/.local/share``."""
+    return platformdirs.user_data_path("avrgym", appauthor=False)
 
 
 def lan_names() -> tuple[str, ...]:
