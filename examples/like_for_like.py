@@ -1,103 +1,135 @@
 """Original against Revised, like for like: same recipe, same steps, same seeds; only the people in training differ.
 
-    python examples/like_for_like.py train FOLDER    trains what is not trained yet, and goes on where it was cut off
-    python examples/like_for_like.py meet FOLDER     has each policy meet `participants`, whom neither knew
-    python examples/like_for_like.py table FOLDER    prints the table
+    python examples/like_for_like.py train    trains what is not trained yet, and goes on where it was cut off
+    python examples/like_for_like.py meet     has each policy meet `participants`, whom neither kind met in training
+    python examples/like_for_like.py table    prints the table of docs/policies.md
 
-Needs the extra `train`.
+The policies lie in `examples/like_for_like/`, what trainings under way need in `runs/`. Needs the extra `train`.
 """
 
-import json
 import sys
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
+from statistics import mean
+from typing import NamedTuple
 
-import numpy as np
+import msgspec
 
 from avrgym.learning.evaluation import evaluate
+from avrgym.policies.trained import Policy
+from avrgym.system.files import write_whole
 from avrgym.tasks.registry import ENVIRONMENTS
 
 SEEDS = (1, 2, 3)
 PEOPLE = ("original", "revised")
-STEPS = {"Feeding": 128_000, "Drinking": 64_000, "ScratchItch": 256_000, "BedBathing": 256_000}
+STEPS = {"Feeding": 256_000, "Drinking": 64_000, "ScratchItch": 256_000, "BedBathing": 256_000}
 """By task: a step of drinking takes ten times as long."""
 EPISODES, SHOWN_SEED = 100, 0
-TRAINED_FILE, MET_FILE = "trained.json", "participants.json"
+FOLDER, UNDER_WAY = Path(__file__).with_suffix(""), Path("runs/like_for_like")
+MET_FILE = FOLDER / "participants.json"
+
+
+class Run(NamedTuple):
+    """One training."""
+
+    environment: str
+    people: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Of the environment, the people and the seed."""
+        return f"{short(self.environment)}-{self.people}-{self.seed}"
+
+    @property
+    def policy(self) -> Path:
+        """The file of what was trained."""
+        return FOLDER / f"{self.name}.safetensors"
+
+
+RUNS = [Run(environment, people, seed) for seed in SEEDS for environment in ENVIRONMENTS for people in PEOPLE]
+"""The first seed's first."""
 
 
 def main() -> None:
     """Do one of the three."""
-    do = {"train": train_all, "meet": meet_all, "table": print_table}
-    if len(sys.argv) != 3 or sys.argv[1] not in do:
+    do: dict[str, Callable[[], None]] = {"train": train_all, "meet": meet_all, "table": print_table}
+    if len(sys.argv) != 2 or sys.argv[1] not in do:
         sys.exit(__doc__)
-    do[sys.argv[1]](Path(sys.argv[2]))
+    do[sys.argv[1]]()
 
 
-def runs(folder: Path) -> list[tuple[str, str, int, Path]]:
-    """Environment, people, seed and folder of every training, the first seed's first."""
-    return [
-        (
-            environment,
-            people,
-            seed,
-            folder / f"{environment.split('/')[1].removesuffix('-v1')}-{people}-{seed}",
-        )
-        for seed in SEEDS
-        for environment in ENVIRONMENTS
-        for people in PEOPLE
-    ]
-
-
-def train_all(folder: Path) -> None:
+def train_all() -> None:
     """Train what is not trained yet."""
     from avrgym.learning import training
 
-    for environment, people, seed, out in runs(folder):
-        if (out / TRAINED_FILE).exists():
+    FOLDER.mkdir(exist_ok=True)
+    for run in RUNS:
+        if run.policy.exists():
             continue
+        out = UNDER_WAY / run.name
         if (out / training.CONFIGURATION_FILE).exists():
             policy = training.resume(out)
         else:
-            steps = STEPS[ENVIRONMENTS[environment][0]]
-            policy = training.train(training.configuration_for(environment, people, steps, seed), out)
-        (out / TRAINED_FILE).write_text(json.dumps(policy.metadata.measured))
-        print(out.name, policy.metadata.measured["success_rate"], flush=True)
-
-
-def meet_all(folder: Path) -> None:
-    """Have every trained policy meet people whom neither kind met."""
-    for environment, _, _, out in runs(folder):
-        if (out / TRAINED_FILE).exists() and not (out / MET_FILE).exists():
-            found = evaluate(
-                environment, str(out / "policy.safetensors"), "participants", EPISODES, SHOWN_SEED
+            steps = STEPS[ENVIRONMENTS[run.environment][0]]
+            policy = training.train(
+                training.configuration_for(run.environment, run.people, steps, run.seed), out
             )
-            (out / MET_FILE).write_text(json.dumps(asdict(found)))
-            print(out.name, found.success_rate, flush=True)
+        policy.save(run.policy)
+        print(run.name, policy.metadata.measured["success_rate"], flush=True)
 
 
-def print_table(folder: Path) -> None:
-    """Means over the seeds, and the seeds' range."""
-    print("| environment | seeds | Original | Revised | Original, reward | Revised, reward |")
-    print("|---|---|---|---|---|---|")
-    met = {
-        (environment, people, seed): json.loads((out / MET_FILE).read_text())
-        for environment, people, seed, out in runs(folder)
-        if (out / MET_FILE).exists()
-    }
+def meet_all() -> None:
+    """Have every trained policy meet people whom neither kind met."""
+    met = _met()
+    for run in RUNS:
+        if run.policy.exists() and run.name not in met:
+            found = evaluate(run.environment, str(run.policy), "participants", EPISODES, SHOWN_SEED)
+            met[run.name] = asdict(found) | {"policy": run.policy.name}
+            write_whole(MET_FILE, msgspec.json.format(msgspec.json.encode(met)))
+            print(run.name, found.success_rate, flush=True)
+
+
+def print_table() -> None:
+    """Means over the seeds, and the seeds' least and most."""
+    print(
+        "| environment | seeds | Original on Original | Revised on Revised | Original on participants ",
+        end="",
+    )
+    print("| Revised on participants |\n|---|---|---|---|---|---|")
+    print(*_rows(), sep="\n")
+
+
+def short(environment: str) -> str:
+    """An environment's id without what is the same in all."""
+    return environment.split("/")[1].removesuffix("-v1")
+
+
+def _met() -> dict[str, dict[str, object]]:
+    return msgspec.json.decode(MET_FILE.read_bytes()) if MET_FILE.exists() else {}
+
+
+def _rows() -> Iterator[str]:
+    met = _met()
     for environment in ENVIRONMENTS:
-        seeds = [seed for seed in SEEDS if all((environment, people, seed) in met for people in PEOPLE)]
+        seeds = [
+            seed for seed in SEEDS if all(Run(environment, people, seed).name in met for people in PEOPLE)
+        ]
         if seeds:
-            cells = [
-                _spread([met[environment, people, seed][figure] * scale for seed in seeds], unit)
-                for figure, scale, unit in (("success_rate", 100.0, " %"), ("reward_mean", 1.0, ""))
-                for people in PEOPLE
-            ]
-            name = environment.split("/")[1].removesuffix("-v1")
-            print(f"| {name} | {len(seeds)} | {' | '.join(cells)} |")
+            runs = [[Run(environment, people, seed) for seed in seeds] for people in PEOPLE]
+            own = [[Policy.load(run.policy).metadata.measured for run in of_people] for of_people in runs]
+            others = [[met[run.name] for run in of_people] for of_people in runs]
+            cells = " | ".join(_spread(measured) for measured in (*own, *others))
+            yield f"| {short(environment)} | {len(seeds)} | {cells} |"
 
 
-def _spread(values: list[float], unit: str) -> str:
-    return f"{np.mean(values):.0f}{unit} [{min(values):.0f}, {max(values):.0f}]"
+def _spread(measured: list[dict[str, object]]) -> str:
+    success, reward = (
+        [float(str(each[figure])) for each in measured] for figure in ("success_rate", "reward_mean")
+    )
+    percents = [100.0 * share for share in success]
+    return f"{mean(percents):.0f} % [{min(percents):.0f}, {max(percents):.0f}]; {mean(reward):.0f}"
 
 
 if __name__ == "__main__":
