@@ -6,8 +6,9 @@ from mujoco.batch import Batch
 
 from avrgym.models.robot import MOTORS, PREFIX, Arm
 
-HOLDING = 5.0
-"""Times the torque of a joint's motor: what its brake holds. With once, what an arm presses can push it back."""
+HOLDING = 30.0
+"""Times the torque of a joint's motor: what its brake holds. With once, what an arm presses can push it back; with ten
+times, a washcloth wedged between a backrest and a head did once in 200 stops."""
 SOLVER_TOLERANCE = 1e-8
 """With brakes on. Friction that holds without creeping needs Newton's method and this tolerance, MuJoCo's own."""
 
