@@ -24,6 +24,7 @@ from avrgym.recording.records import Control
 from avrgym.replay.verification import verify
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage.store import Store
+from avrgym.system import plugins
 from avrgym.tasks.registry import sizes
 from avrgym.vr.protocol.messages import Problem
 from avrgym.vr.session import events
@@ -334,7 +335,7 @@ def test_plug_ins_have_names_and_a_broken_one_is_in_nobodys_way(monkeypatch: pyt
         EntryPoint("calm", "bad_controllers:Steady", group),
         EntryPoint("broken", "no_such_module:Thing", group),
     ]
-    monkeypatch.setattr(controllers, "entry_points", lambda group: found)
+    monkeypatch.setattr(plugins, "entries", lambda group: found)
     assert find("calm", ENVIRONMENT).name == "calm"  # type: ignore[union-attr]
     with pytest.raises(
         PolicyError, match=r"broken = no_such_module:Thing: cannot be imported \(ModuleNotFound"
@@ -342,4 +343,7 @@ def test_plug_ins_have_names_and_a_broken_one_is_in_nobodys_way(monkeypatch: pyt
         find("broken", ENVIRONMENT)
     with pytest.raises(PolicyError, match="zero, calm, broken, FILE"):
         find("nobody", ENVIRONMENT)
+    listed = CliRunner().invoke(app, ["envs"])
+    assert "skipped broken = no_such_module:Thing: cannot be imported (ModuleNotFoundError" in listed.output
+    assert listed.output.count("skipped") == 1
     assert evaluate(ENVIRONMENT, "zero", "original", 1, 0).episodes == 1

@@ -25,6 +25,7 @@ from avrgym.cli.terminal import (
 )
 from avrgym.models.human import SEXES, Sex
 from avrgym.people.distributions import DISTRIBUTIONS
+from avrgym.policies import controllers
 from avrgym.policies.registry import CHOICES, OPERATOR
 from avrgym.policies.trained import packaged_policies
 from avrgym.robots.registry import BROKEN as BROKEN_ROBOTS
@@ -303,6 +304,8 @@ def envs(json_file: JsonFile = None) -> None:
     print_table(rows)
     for broken in (*BROKEN_ROBOTS, *BROKEN_TASKS):
         say(f"skipped {broken.name}: {broken.reason}")
+    for reason in controllers.broken():
+        say(f"skipped {reason}")
     with plain_errors():
         write_json(json_file, rows)
 

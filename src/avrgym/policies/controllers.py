@@ -6,13 +6,14 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from avrgym.policies.trained import PolicyError
+from avrgym.system import plugins
 
 Array = NDArray[np.float64]
 
@@ -109,7 +110,7 @@ def find_python(name: str) -> Foreign:
 
 def registered() -> dict[str, EntryPoint]:
     """The controllers that other packages register, by name; none of them is imported yet."""
-    return {entry.name: entry for entry in entry_points(group=GROUP)}
+    return {entry.name: entry for entry in plugins.entries(GROUP)}
 
 
 def find_registered(name: str) -> Foreign:
@@ -118,8 +119,19 @@ def find_registered(name: str) -> Foreign:
     try:
         found = entry.load()
     except (Exception, SystemExit) as error:  # a package may raise anything
-        raise PolicyError(f"{name} = {entry.value}: cannot be imported ({_words(error)})") from error
+        raise PolicyError(f"{plugins.described(entry)}: cannot be imported ({_words(error)})") from error
     return _foreign(name, found)
+
+
+def broken() -> list[str]:
+    """Which registered controllers cannot be imported or made, and why; this imports them all."""
+    reasons: list[str] = []
+    for name in registered():
+        try:
+            find_registered(name)
+        except PolicyError as error:
+            reasons.append(str(error))
+    return reasons
 
 
 def _foreign(name: str, found: Any) -> Foreign:

@@ -8,6 +8,7 @@ import logging
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TypeVar
 
@@ -30,12 +31,24 @@ def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[Broken]:
         What cannot be loaded, is of another kind, or made ``add`` raise an exception.
     """
     broken: list[Broken] = []
-    for entry in sorted(entry_points(group=group), key=_name):
+    for entry in entries(group):
         try:
             add(_object(entry, kind))
         except Exception as error:  # other people's code may raise anything
-            broken.append(skip(_name(entry), error))
+            broken.append(skip(described(entry), error))
     return broken
+
+
+@cache
+def entries(group: str) -> tuple[EntryPoint, ...]:
+    """What installed packages register in a group, ordered by name, looked up once; nothing is imported."""
+    return tuple(sorted(entry_points(group=group), key=described))
+
+
+def described(entry: EntryPoint) -> str:
+    """An entry point as ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``."""
+    package = "" if entry.dist is None else f" ({entry.dist.name} {entry.dist.version})"
+    return f"{entry.name} = {entry.value}{package}"
 
 
 def skip(name: str, error: Exception) -> Broken:
@@ -53,8 +66,3 @@ def _object(entry: EntryPoint, kind: type[T]) -> T:
     if not isinstance(found, kind):
         raise TypeError(f"{entry.value} is a {type(found).__name__}; allowed: a {kind.__name__}")
     return found
-
-
-def _name(entry: EntryPoint) -> str:
-    package = "" if entry.dist is None else f" ({entry.dist.name} {entry.dist.version})"
-    return f"{entry.name} = {entry.value}{package}"
