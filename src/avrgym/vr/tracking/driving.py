@@ -21,12 +21,13 @@ Generators = Sequence[np.random.Generator]
 
 ANSWER_WITHIN_S = 0.08
 """How long somebody else's controller may take for an action, of the control step's 0.1 s."""
+ANSWER_SIMULATED_WITHIN_S = 10.0
+"""The same where time is simulated, which waits for the answer."""
 OPERATOR_HEARD_S = 0.2
 """After so long without a word of the operator the robot holds still."""
 
 NOTHING = np.zeros((1, 0))
 """The action of a robot that is not known yet."""
-LATE = f"late: no answer within {1000 * ANSWER_WITHIN_S:.0f} ms"
 
 
 def still(episodes: Episodes) -> Array:
@@ -65,7 +66,7 @@ class Driver(Protocol):
 
 
 def driver_of(policy: AnyPolicy, *, beside: bool) -> Driver:
-    """Who drives by a policy; others' controllers run ``beside`` the thread that asks, or make it wait."""
+    """Who drives by a policy; others' controllers run ``beside`` the thread that asks, or it waits for them."""
     if isinstance(policy, Operated):
         return Operator()
     if isinstance(policy, Foreign):
@@ -110,17 +111,19 @@ class InTick:
 
 
 class Guarded:
-    """Somebody else's controller, on a thread of its own unless it may make everybody wait.
+    """Somebody else's controller, on a thread of its own.
 
-    What fails, and what takes longer than ``ANSWER_WITHIN_S``, holds the robot still; an answer that comes too late is
-    dropped. Until an answer is due, the robot goes on as it was told last. One that still thinks when the next episode
-    begins is left behind, and another made.
+    What fails, and what takes longer than ``ANSWER_WITHIN_S`` (``ANSWER_SIMULATED_WITHIN_S`` unless it runs ``beside``
+    the thread that asks), holds the robot still; an answer that comes too late is dropped. Until an answer is due, the
+    robot goes on as it was told last. One that still thinks when the next episode begins is left behind, and another
+    made.
     """
 
     def __init__(self, foreign: Foreign, *, beside: bool) -> None:
         self._foreign, self._beside = foreign, beside
-        self._limit_s = ANSWER_WITHIN_S if beside else np.inf
-        self._worker = Worker(foreign, beside=beside)
+        self._limit_s = ANSWER_WITHIN_S if beside else ANSWER_SIMULATED_WITHIN_S
+        self._late = f"late: no answer within {1000 * self._limit_s:.0f} ms"
+        self._worker = Worker(foreign)
         self._ready = self._asked = None
         self._still = NOTHING
         self._hold("")
@@ -133,10 +136,10 @@ class Guarded:
     def begin(self, episodes: Episodes, generators: Generators) -> None:
         """Prepare for the episode that has begun in a world, drawn from its generator."""
         if self._worker.busy:
-            self.close()
-            self._worker = Worker(self._foreign, beside=self._beside)
+            self._worker.close()
+            self._worker = Worker(self._foreign)
         seed, environment = registry.seed_from(generators[0]), episodes.environment_id
-        self._ready = self._worker.ask(lambda controller: controllers.reset(controller, seed, environment))
+        self._ready = self._ask(lambda controller: controllers.reset(controller, seed, environment))
         self._asked, self._still = None, still(episodes)
         self._hold("")
 
@@ -144,12 +147,12 @@ class Guarded:
         """The action (1, A) with which a control step begins that sees ``observation`` (1, O)."""
         self._hear()
         if self._ready is None or not self._ready.done:
-            self._hold(LATE)
+            self._hold(self._late)
         elif self._ready.failure:
             self._hold(self._ready.failure)
         elif self._asked is None:
             row, count = observation[0].copy(), self._still.shape[1]
-            self._asked = self._worker.ask(lambda controller: controllers.answer(controller, row, count))
+            self._asked = self._ask(lambda controller: controllers.answer(controller, row, count))
             self._hear()
         return self._action
 
@@ -161,7 +164,16 @@ class Guarded:
 
     def close(self) -> None:
         """Let the controller go as soon as it has answered."""
+        waits = not self._beside and not self._worker.busy
         self._worker.close()
+        if waits:
+            self._worker.join(self._limit_s)
+
+    def _ask(self, work: "Work") -> "Request":
+        request = self._worker.ask(work)
+        if not self._beside:
+            request.wait(self._limit_s)
+        return request
 
     def _hear(self) -> None:
         """Take an answer that has come; wait no longer for one that is late."""
@@ -171,7 +183,7 @@ class Guarded:
         if asked.done:
             self._asked = None
         if asked.took_s > self._limit_s:
-            self._hold(LATE)
+            self._hold(self._late)
         elif self._asked is None and asked.failure:
             self._hold(asked.failure)
         elif self._asked is None and asked.answer is not None:
@@ -181,13 +193,22 @@ class Guarded:
         self._action, self.failure = self._still, failure
 
 
+Work = Callable[[Controller], Array | None]
+
+
 class Request:
     """Something that is asked of a controller; ``answer`` or ``failure`` are there before it is ``done``."""
 
-    def __init__(self, work: Callable[[Controller], Array | None]) -> None:
+    def __init__(self, work: Work) -> None:
         self._work, self._asked_s, self._ended_s = work, time.monotonic(), 0.0
+        self._done = threading.Event()
         self.answer: Array | None = None
-        self.failure, self.done = "", False
+        self.failure = ""
+
+    @property
+    def done(self) -> bool:
+        """Whether there is an answer or a failure."""
+        return self._done.is_set()
 
     @property
     def took_s(self) -> float:
@@ -203,33 +224,34 @@ class Request:
         else:
             self.answer = answer
         self._ended_s = time.monotonic()
-        self.done = True
+        self._done.set()
+
+    def wait(self, most_s: float) -> None:
+        """Wait until it is done, or so long."""
+        self._done.wait(most_s)
 
 
 class Worker:
-    """Asks one controller, which it makes when it is needed, one thing after another."""
+    """Asks one controller, which it makes when it is needed, one thing after another on a thread of its own."""
 
-    def __init__(self, foreign: Foreign, *, beside: bool) -> None:
+    def __init__(self, foreign: Foreign) -> None:
         self._foreign = foreign
         self._controller: Controller | None = None
         self._latest: Request | None = None
         self._waiting: SimpleQueue[Request | None] = SimpleQueue()
-        self._beside, self._closed = beside, False
-        if beside:
-            threading.Thread(target=self._run, name=foreign.name, daemon=True).start()
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name=foreign.name, daemon=True)
+        self._thread.start()
 
     @property
     def busy(self) -> bool:
         """Whether the controller still has to answer."""
         return self._latest is not None and not self._latest.done
 
-    def ask(self, work: Callable[[Controller], Array | None]) -> Request:
-        """Have something done, here or beside."""
+    def ask(self, work: Work) -> Request:
+        """Have something done."""
         self._latest = request = Request(work)
-        if self._beside:
-            self._waiting.put(request)
-        else:
-            request.run(self._found)
+        self._waiting.put(request)
         return request
 
     def close(self) -> None:
@@ -238,6 +260,10 @@ class Worker:
             self.ask(controllers.close)
         self._closed = True
         self._waiting.put(None)
+
+    def join(self, most_s: float) -> None:
+        """Wait for its end, or so long."""
+        self._thread.join(most_s)
 
     def _run(self) -> None:
         while (request := self._waiting.get()) is not None:
