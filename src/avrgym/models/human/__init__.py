@@ -1,0 +1,80 @@
+"""The simulated person: a man and a woman, scaled by torso height, static or moving.
+
+The person's model frame is the world's: x to their left, y to their back, z up. One layout function gives body and geom
+frames for any number of people at once; the compiled model of one person and the per-world fields of many come from it.
+"""
+
+from avrgym.models.human.frames import (
+    BODIES,
+    BODY_FROM_DEVICE_AXES,
+    CRANIUM_RADIUS,
+    GEOMS,
+    HEADSET_AHEAD_M,
+    MOUTH_RISE,
+    RECLINED,
+    RIGHT_ARM,
+    SEATED,
+    SITE_BODY,
+    Posture,
+    bind_frames,
+    body_frames,
+    body_rotation,
+    body_rotations,
+    layout,
+    mass_shares,
+)
+from avrgym.models.human.joints import (
+    JOINT_INDEX,
+    JOINTS,
+    LOWER_RAD,
+    SEATED_RAD,
+    TORQUE_N_M,
+    UPPER_RAD,
+    Y,
+    Z,
+    joint_angles,
+)
+from avrgym.models.human.measures import MAN, PROPORTIONS, SEXES, TORSO_HEIGHT_RANGE_M, WOMAN, Sex
+from avrgym.models.human.model import PREFIX, add_person, person_model
+from avrgym.models.human.person import SKIN_TONES, People, Person
+
+__all__ = [
+    "BODIES",
+    "BODY_FROM_DEVICE_AXES",
+    "CRANIUM_RADIUS",
+    "GEOMS",
+    "HEADSET_AHEAD_M",
+    "JOINTS",
+    "JOINT_INDEX",
+    "LOWER_RAD",
+    "MAN",
+    "MOUTH_RISE",
+    "PREFIX",
+    "PROPORTIONS",
+    "RECLINED",
+    "RIGHT_ARM",
+    "SEATED",
+    "SEATED_RAD",
+    "SEXES",
+    "SITE_BODY",
+    "SKIN_TONES",
+    "TORQUE_N_M",
+    "TORSO_HEIGHT_RANGE_M",
+    "UPPER_RAD",
+    "WOMAN",
+    "People",
+    "Person",
+    "Posture",
+    "Sex",
+    "Y",
+    "Z",
+    "add_person",
+    "bind_frames",
+    "body_frames",
+    "body_rotation",
+    "body_rotations",
+    "joint_angles",
+    "layout",
+    "mass_shares",
+    "person_model",
+]

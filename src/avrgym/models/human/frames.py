@@ -1,0 +1,249 @@
+"""Where every part of N people is: frames of bodies, geoms and sites from measures, posture and joint angles."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.models.human.joints import JOINTS, X, Y, Z, joint_angles
+from avrgym.models.human.measures import Array, Proportions, Sex, proportions_of
+from avrgym.models.human.person import People, Person
+
+BODY_FROM_DEVICE_AXES = transforms.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+"""Axes of a device (x right, y up, −z ahead) and of the body part it sits on (x left, −y ahead, z up).
+
+It serves the headset and the grip alike: of a fist around an upright rod, the grip's −z points to the thumb
+and its y from the knuckles to the wrist, as −y and z of our hand (WebXR Device API, ``gripSpace``)."""
+HEADSET_AHEAD_M = 0.08
+"""The headset's pose lies about 8 cm in front of the centre of the head (2020 reference)."""
+
+
+MOUTH_RISE = 0.03
+"""The mouth above the head joints, metres; unscaled, as the reference gives it in the head's frame."""
+
+CRANIUM_RADIUS, JAW_RADIUS, JAW_RISE, MOUTH_DEPTH = 0.090, 0.062, 0.025, 0.028
+"""Collision spheres of the head. The jaw ends 2.8 cm behind the mouth: a spoon can enter an open mouth."""
+
+
+PARENTS: Mapping[str, str | None] = {
+    "hips": None,
+    "torso": "hips",
+    "head": "torso",
+    **{f"{side}_{part}": f"{side}_{parent}" if parent in ("upper_arm", "forearm", "thigh", "shin") else parent
+       for side in ("right", "left")
+       for part, parent in (("upper_arm", "torso"), ("forearm", "upper_arm"), ("hand", "forearm"),
+                            ("thigh", "hips"), ("shin", "thigh"), ("foot", "shin"))},
+}  # fmt: skip
+BODIES = tuple(PARENTS)
+
+RIGHT_ARM = ("right_upper_arm", "right_forearm", "right_hand")
+"""Bodies, and the geom of the same name in each: their frames are shoulder, elbow and wrist."""
+
+
+@dataclass(frozen=True)
+class Posture:
+    """What carries the person: rotations about x of the hips in the world and of the undriven legs.
+
+    ``hips_pos_w`` is the origin of the hips, or ``None`` where they rest on a seat: then it depends on the sex.
+    ``shoes``: whether the person wears any.
+    """
+
+    hips_pos_w: tuple[float, float, float] | None
+    hips_deg: float
+    thigh_deg: float
+    shin_deg: float
+    shoes: bool = True
+
+    def hips(self, p: Proportions) -> Array:
+        """The origin of the hips, (3,) or (N, 3), world frame."""
+        if self.hips_pos_w is None:
+            return _vector(0.0, 0.03, p.seated_hips_height)
+        return np.broadcast_to(self.hips_pos_w, (*np.shape(p.mass), 3))
+
+    def turns_deg(self) -> dict[str, float]:
+        """Rotation about x of the hips and each leg's bodies that turn, by body."""
+        legs = {"thigh": self.thigh_deg, "shin": self.shin_deg}
+        return {"hips": self.hips_deg} | {
+            f"{s}_{part}": a for s in ("right", "left") for part, a in legs.items()
+        }
+
+
+SEATED = Posture(hips_pos_w=None, hips_deg=0.0, thigh_deg=-90.0, shin_deg=80.0)
+RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, shin_deg=0.0, shoes=False)
+"""In a wheelchair, and in a bed whose backrest is raised by 60° (reference)."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Frames and sizes of N people, by the names of bodies, geoms and sites without prefix.
+
+    Each (N, 3), metres; ``body_pos`` in the parent body, ``geom_pos`` and ``site_pos`` in their body.
+    """
+
+    body_pos: Mapping[str, Array]
+    geom_pos: Mapping[str, Array]
+    geom_size: Mapping[str, Array]
+    site_pos: Mapping[str, Array]
+
+
+def layout(is_woman: NDArray[np.bool_], torso_height_m: Array, posture: Posture = SEATED) -> Layout:
+    """Where everything is in N people; lengths along the body scale with the torso height, radii do not."""
+    p = proportions_of(is_woman)
+    h = torso_height_m / p.torso_height
+    return Layout(_body_positions(p, h, posture), *_geoms(p, h), _sites(p, h))
+
+
+def _body_positions(p: Proportions, h: Array, posture: Posture) -> dict[str, Array]:
+    shoulder_z = (p.chest_rise + p.shoulder_rise) * h
+    positions = {
+        "hips": posture.hips(p),
+        "torso": _vector(0.0, 0.0, p.waist_rise * h),
+        "head": _vector(0.0, 0.0, (p.chest_rise + p.neck_rise + p.head_rise) * h),
+    }
+    for side, sign in (("right", -1.0), ("left", 1.0)):
+        positions |= {
+            f"{side}_upper_arm": _vector(sign * p.shoulder_side, 0.0, shoulder_z),
+            f"{side}_forearm": _vector(0.0, 0.0, -p.upper_arm_length * h),
+            f"{side}_hand": _vector(0.0, 0.0, -(p.forearm_radius + p.forearm_length * h)),
+            f"{side}_thigh": _vector(sign * p.thigh_side, 0.0, -p.hips_drop * h),
+            f"{side}_shin": _vector(0.0, 0.0, -p.thigh_length * h),
+            f"{side}_foot": _vector(0.0, 0.0, -p.shin_length * h),
+        }
+    return positions
+
+
+def _geoms(p: Proportions, h: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Capsules lie along the axis that ``GEOMS`` names; their size is radius, half length, 0."""
+    zero = np.zeros_like(h)
+    chest_z = p.chest_rise * h
+    shoulder_z = chest_z + p.shoulder_rise * h - (p.shoulder_radius - 0.055)
+    position = {
+        "hips": _vector(zero, zero, -p.hips_drop * h),
+        "waist": _vector(zero, zero, zero),
+        "chest": _vector(zero, zero, chest_z),
+        "right_shoulder": _vector(-0.47 * p.shoulder_side, zero, shoulder_z),
+        "left_shoulder": _vector(0.47 * p.shoulder_side, zero, shoulder_z),
+        "neck": _vector(zero, zero, (p.chest_rise + p.neck_rise) * h + 0.5 * p.neck_length * h),
+        "cranium": _vector(zero, zero, p.head_centre_rise * h + 0.015),
+        "jaw": _vector(zero, MOUTH_DEPTH + JAW_RADIUS - p.mouth_forward, zero + JAW_RISE),
+    }
+    size = {
+        "hips": _vector(p.hips_radius, 0.5 * p.hips_length, zero),
+        "waist": _vector(p.waist_radius, 0.5 * p.waist_length, zero),
+        "chest": _vector(p.chest_radius, 0.5 * p.chest_length, zero),
+        "right_shoulder": _vector(p.shoulder_radius, 0.5 * p.shoulder_length, zero),
+        "left_shoulder": _vector(p.shoulder_radius, 0.5 * p.shoulder_length, zero),
+        "neck": _vector(p.neck_radius, 0.5 * p.neck_length * h, zero),
+        "cranium": _vector(zero + CRANIUM_RADIUS, zero, zero),
+        "jaw": _vector(zero + JAW_RADIUS, zero, zero),
+    }
+    for side in ("right", "left"):
+        for part in ("upper_arm", "forearm", "thigh", "shin"):
+            length = getattr(p, f"{part}_length") * h
+            position[f"{side}_{part}"] = _vector(zero, zero, -0.5 * length)
+            size[f"{side}_{part}"] = _vector(getattr(p, f"{part}_radius"), 0.5 * length, zero)
+        position[f"{side}_hand"] = _vector(zero, zero, -p.hand_radius)
+        size[f"{side}_hand"] = _vector(p.hand_radius, zero, zero)
+        foot_length = p.foot_length * h
+        position[f"{side}_foot"] = _vector(zero, -0.3 * foot_length, zero)
+        size[f"{side}_foot"] = _vector(p.foot_radius, 0.5 * foot_length - 0.5 * p.foot_radius, zero)
+    return position, size
+
+
+def _sites(p: Proportions, h: Array) -> dict[str, Array]:
+    zero = np.zeros_like(h)
+    return {
+        "head_centre": _vector(zero, zero, p.head_centre_rise * h),
+        "mouth": _vector(zero, -p.mouth_forward, zero + MOUTH_RISE),
+        "right_hand_centre": _vector(zero, zero, -p.hand_radius),
+        "left_hand_centre": _vector(zero, zero, -p.hand_radius),
+    }
+
+
+SITE_BODY = {
+    "head_centre": "head",
+    "mouth": "head",
+    "right_hand_centre": "right_hand",
+    "left_hand_centre": "left_hand",
+}
+
+
+@dataclass(frozen=True)
+class Geom:
+    """A collision geom: its body, the axis of a capsule (``None``: a sphere), its share of the mass."""
+
+    body: str
+    axis: tuple[float, float, float] | None
+    mass_share: float
+
+
+GEOMS: Mapping[str, Geom] = {
+    "hips": Geom("hips", X, 0.14),
+    "waist": Geom("torso", X, 0.13),
+    "chest": Geom("torso", X, 0.10),
+    "right_shoulder": Geom("torso", X, 0.05),
+    "left_shoulder": Geom("torso", X, 0.05),
+    "neck": Geom("torso", Z, 0.01),
+    "cranium": Geom("head", None, 0.05),
+    "jaw": Geom("head", None, 0.02),
+    **{f"{side}_{part}": Geom(f"{side}_{part}", axis, share)
+       for side in ("right", "left")
+       for part, axis, share in (("upper_arm", Z, 0.033), ("forearm", Z, 0.019), ("hand", None, 0.0065),
+                                 ("thigh", Z, 0.105), ("shin", Z, 0.0475), ("foot", Y, 0.014))},
+}  # fmt: skip
+
+
+def mass_shares() -> Array:
+    """What each of ``BODIES`` weighs as a share of the person, (B,)."""
+    return np.array([sum(geom.mass_share for geom in GEOMS.values() if geom.body == name) for name in BODIES])
+
+
+def body_rotations(joint_angles_rad: Array, posture: Posture = SEATED) -> dict[str, Array]:
+    """Each body's rotation in its parent, (N, 4), of people with joint angles (N, 20)."""
+    return {body: body_rotation(body, joint_angles_rad, posture) for body in BODIES}
+
+
+def body_rotation(body: str, joint_angles_rad: Array, posture: Posture = SEATED) -> Array:
+    """One body's rotation in its parent, (N, 4), of people with joint angles (N, 20)."""
+    angles = np.asarray(joint_angles_rad, float)
+    turns = [(joint.axis, angles[..., i]) for i, joint in enumerate(JOINTS.values()) if joint.body == body]
+    if body in posture.turns_deg():
+        turns.append((X, np.full(angles.shape[:-1], np.radians(posture.turns_deg()[body]))))
+    rotation = np.broadcast_to(transforms.IDENTITY_QUATERNION, (*angles.shape[:-1], 4))
+    for axis, angle in turns:
+        rotation = transforms.multiply(rotation, transforms.from_axis_angle(axis, angle))
+    return rotation
+
+
+def body_frames(people: People, posture: Posture = SEATED) -> tuple[dict[str, Array], dict[str, Array]]:
+    """World frames of all bodies of N people: positions (N, 3) and quaternions (N, 4) by body name."""
+    local_pos = layout(people.is_woman, people.torso_height_m, posture).body_pos
+    local_q = body_rotations(people.joint_angles_rad, posture)
+    pos_w, q_w = {"hips": local_pos["hips"]}, {"hips": local_q["hips"]}
+    for body, parent in PARENTS.items():
+        if parent is not None:
+            pos_w[body], q_w[body] = transforms.compose(
+                pos_w[parent], q_w[parent], local_pos[body], local_q[body]
+            )
+    return pos_w, q_w
+
+
+_STANDING = Posture(hips_pos_w=(0.0, 0.0, 0.0), hips_deg=0.0, thigh_deg=0.0, shin_deg=0.0)
+BIND_RAD = joint_angles(right_shoulder_y=42.0, left_shoulder_y=-42.0, right_elbow_x=-45.0, left_elbow_x=-45.0)
+
+
+def bind_frames(sex: Sex, torso_height_m: float) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Where the skin is bound to the bodies: standing, hips at the origin, arms half raised and half bent.
+
+    Positions (3,) and quaternions (4,) by body name.
+    """
+    pos, q = body_frames(People.of([Person(sex, torso_height_m, BIND_RAD)]), _STANDING)
+    return {body: pos[body][0] for body in BODIES}, {body: q[body][0] for body in BODIES}
+
+
+def _vector(x: float | Array, y: float | Array, z: float | Array) -> Array:
+    return np.stack(
+        np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float), np.asarray(z, float)), axis=-1
+    )

@@ -1,0 +1,88 @@
+"""The driven joints: axes, ranges, strength and the inertia that their servos are tuned for."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from avrgym.models.human.measures import Array
+
+X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A hinge: its body, its axis in that body, its range in degrees and the person's torque (N m).
+
+    Ranges: facts of the reference, with the wider shoulder abduction it uses in VR. Torques: isometric maxima
+    of healthy adults, rounded (Chaffin, Andersson and Martin, *Occupational Biomechanics*, 2006).
+    """
+
+    body: str
+    axis: tuple[float, float, float]
+    lower_deg: float
+    upper_deg: float
+    torque_n_m: float
+
+
+def _arm(side: str) -> dict[str, Joint]:
+    right = side == "right"
+    shoulder_y = (-180.0, 198.0) if right else (-198.0, 180.0)
+    wrist_y = (-27.0, 47.0) if right else (-47.0, 27.0)
+    return {
+        f"{side}_shoulder_y": Joint(f"{side}_upper_arm", Y, *shoulder_y, 60.0),
+        f"{side}_shoulder_x": Joint(f"{side}_upper_arm", X, -188.0, 61.0, 60.0),
+        f"{side}_shoulder_z": Joint(f"{side}_upper_arm", Z, -90.0, 90.0, 40.0),
+        f"{side}_elbow_x": Joint(f"{side}_forearm", X, -128.0, 0.0, 50.0),
+        f"{side}_forearm_z": Joint(f"{side}_forearm", Z, -90.0, 90.0, 10.0),
+        f"{side}_wrist_x": Joint(f"{side}_hand", X, -81.0, 90.0, 10.0),
+        f"{side}_wrist_y": Joint(f"{side}_hand", Y, *wrist_y, 10.0),
+    }
+
+
+JOINTS: Mapping[str, Joint] = {
+    "waist_x": Joint("torso", X, -30.0, 75.0, 200.0),
+    "waist_y": Joint("torso", Y, -30.0, 30.0, 150.0),
+    "waist_z": Joint("torso", Z, -30.0, 30.0, 100.0),
+    "head_x": Joint("head", X, -50.0, 50.0, 30.0),
+    "head_y": Joint("head", Y, -34.0, 34.0, 30.0),
+    "head_z": Joint("head", Z, -70.0, 70.0, 20.0),
+    **_arm("right"),
+    **_arm("left"),
+}
+"""The 20 driven joints (paper, section III), in the order of every array of joint angles; hinges of one body
+follow each other, the first outermost."""
+
+JOINT_INDEX = {name: i for i, name in enumerate(JOINTS)}
+LOWER_RAD = np.radians([joint.lower_deg for joint in JOINTS.values()])
+UPPER_RAD = np.radians([joint.upper_deg for joint in JOINTS.values()])
+TORQUE_N_M = np.array([joint.torque_n_m for joint in JOINTS.values()])
+
+
+ARMATURE_KG_M2: Mapping[str, float] = {
+    "torso": 0.1, "head": 0.02,
+    **{f"{side}_{part}": value for side in ("right", "left")
+       for part, value in (("upper_arm", 0.02), ("forearm", 0.01), ("hand", 0.005))},
+}  # fmt: skip
+SERVO_INERTIA_KG_M2: Mapping[str, float] = {
+    "torso": 3.0, "head": 0.07,
+    **{f"{side}_{part}": value for side in ("right", "left")
+       for part, value in (("upper_arm", 0.25), ("forearm", 0.07), ("hand", 0.012))},
+}  # fmt: skip
+"""Moment of inertia that each body's servos are tuned for, about its joint, armature included."""
+
+
+def joint_angles(**degrees: float) -> Array:
+    """The seated pose (20,) in radians, elbows at −90°, with the named joints set in degrees.
+
+    Raises:
+        ValueError: for a name that is no driven joint.
+    """
+    pose = {"right_elbow_x": -90.0, "left_elbow_x": -90.0} | degrees
+    unknown = sorted(set(pose) - set(JOINTS))
+    if unknown:
+        raise ValueError(f"unknown joint {unknown[0]!r}; the driven joints are {', '.join(JOINTS)}")
+    return np.radians([pose.get(name, 0.0) for name in JOINTS])
+
+
+SEATED_RAD = joint_angles()

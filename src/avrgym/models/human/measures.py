@@ -1,0 +1,101 @@
+"""How long, thick and heavy a man and a woman are, and how they scale.
+
+The 50th percentile man and woman of the 2020 reference (after Tilley, *The Measure of Man and Woman*, 2002).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Sex = Literal["man", "woman"]
+SEXES: tuple[Sex, ...] = ("man", "woman")
+TORSO_HEIGHT_RANGE_M = (0.40, 0.75)
+
+
+@dataclass(frozen=True)
+class Proportions:
+    """Measures of one sex at its reference torso height; metres and kilograms.
+
+    Every field may also be an array (N,): the same measures of N people.
+    """
+
+    torso_height: float
+    mass: float
+    hips_radius: float
+    hips_length: float
+    hips_drop: float
+    waist_rise: float
+    waist_radius: float
+    waist_length: float
+    chest_rise: float
+    chest_radius: float
+    chest_length: float
+    shoulder_rise: float
+    shoulder_radius: float
+    shoulder_length: float
+    shoulder_side: float
+    upper_arm_radius: float
+    upper_arm_length: float
+    forearm_radius: float
+    forearm_length: float
+    hand_radius: float
+    neck_rise: float
+    neck_radius: float
+    neck_length: float
+    head_rise: float
+    head_centre_rise: float
+    mouth_forward: float
+    thigh_side: float
+    thigh_radius: float
+    thigh_length: float
+    shin_radius: float
+    shin_length: float
+    foot_radius: float
+    foot_length: float
+    seated_hips_height: float
+
+
+MAN = Proportions(
+    torso_height=0.60, mass=78.4,
+    hips_radius=0.1335, hips_length=0.094, hips_drop=0.08125,
+    waist_rise=0.08125, waist_radius=0.1205, waist_length=0.049,
+    chest_rise=0.156, chest_radius=0.127, chest_length=0.056,
+    shoulder_rise=0.1415, shoulder_radius=0.106, shoulder_length=0.032, shoulder_side=0.106 + 0.073,
+    upper_arm_radius=0.043, upper_arm_length=0.279,
+    forearm_radius=0.033, forearm_length=0.257, hand_radius=0.043,
+    neck_rise=0.1515, neck_radius=0.06, neck_length=0.124,
+    head_rise=0.137, head_centre_rise=0.07425, mouth_forward=0.11,
+    thigh_side=0.089, thigh_radius=0.08, thigh_length=0.424,
+    shin_radius=0.05, shin_length=0.403, foot_radius=0.05, foot_length=0.215,
+    seated_hips_height=0.65275,
+)  # fmt: skip
+
+WOMAN = Proportions(
+    torso_height=0.54, mass=62.5,
+    hips_radius=0.127, hips_length=0.117, hips_drop=0.075,
+    waist_rise=0.075, waist_radius=0.11, waist_length=0.009,
+    chest_rise=0.150, chest_radius=0.127, chest_length=0.010,
+    shoulder_rise=0.132, shoulder_radius=0.092, shoulder_length=0.028, shoulder_side=0.092 + 0.067,
+    upper_arm_radius=0.0355, upper_arm_length=0.264,
+    forearm_radius=0.027, forearm_length=0.234, hand_radius=0.0355,
+    neck_rise=0.132, neck_radius=0.05, neck_length=0.121,
+    head_rise=0.12, head_centre_rise=0.063, mouth_forward=0.10,
+    thigh_side=0.092, thigh_radius=0.0775, thigh_length=0.391,
+    shin_radius=0.045, shin_length=0.367, foot_radius=0.045, foot_length=0.195,
+    seated_hips_height=0.635,
+)  # fmt: skip
+
+PROPORTIONS: Mapping[Sex, Proportions] = {"man": MAN, "woman": WOMAN}
+
+
+def proportions_of(is_woman: NDArray[np.bool_]) -> Proportions:
+    """The unscaled measures of N people, each field an array (N,)."""
+    measures: dict[str, Any] = {
+        each.name: np.where(is_woman, getattr(WOMAN, each.name), getattr(MAN, each.name))
+        for each in fields(Proportions)
+    }
+    return Proportions(**measures)

@@ -1,0 +1,98 @@
+"""The person in MuJoCo: bodies, geoms, and servos where the person moves."""
+
+import mujoco
+import numpy as np
+
+from avrgym.geometry import transforms
+from avrgym.models import contacts
+from avrgym.models.human.frames import (
+    GEOMS,
+    PARENTS,
+    SEATED,
+    SITE_BODY,
+    Layout,
+    Posture,
+    body_rotations,
+    layout,
+)
+from avrgym.models.human.joints import ARMATURE_KG_M2, JOINTS, SERVO_INERTIA_KG_M2, X, Y
+from avrgym.models.human.measures import PROPORTIONS, Array
+from avrgym.models.human.person import Person
+from avrgym.models.parts import CAPSULE, SPHERE, add_collision
+
+PREFIX = "person/"
+
+
+def person_model(person: Person, posture: Posture = SEATED, *, moving: bool) -> mujoco.MjModel:
+    """A person alone; see ``add_person``."""
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    add_person(spec, person, posture, moving=moving)
+    return spec.compile()
+
+
+def add_person(spec: mujoco.MjSpec, person: Person, posture: Posture = SEATED, *, moving: bool) -> None:
+    """Add a person to a scene, hips fixed to the world.
+
+    A moving person has the 20 driven joints, each with a position servo of limited torque, weightless by
+    gravity compensation (muscle tone holds the posture). A static one is welded in its pose.
+    """
+    frames = layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]), posture)
+    rotations = body_rotations(person.joint_angles_rad[None], posture)
+    bodies: dict[str, mujoco.MjsBody] = {}
+    for name, parent in PARENTS.items():
+        owner = spec.worldbody if parent is None else bodies[parent]
+        bodies[name] = owner.add_body(name=PREFIX + name, pos=frames.body_pos[name][0], gravcomp=1.0)
+        driven = moving and any(joint.body == name for joint in JOINTS.values())
+        if not driven:
+            bodies[name].quat = rotations[name][0]
+    _add_geoms(bodies, frames, PROPORTIONS[person.sex].mass)
+    for name, body in SITE_BODY.items():
+        bodies[body].add_site(name=PREFIX + name, pos=frames.site_pos[name][0], size=[0.005] * 3, group=4)
+    if moving:
+        _add_joints(spec, bodies)
+
+
+def _add_geoms(bodies: dict[str, mujoco.MjsBody], frames: Layout, mass_kg: float) -> None:
+    for name, geom in GEOMS.items():
+        add_collision(
+            bodies[geom.body],
+            PREFIX + name,
+            SPHERE if geom.axis is None else CAPSULE,
+            contacts.PERSON,
+            pos=frames.geom_pos[name][0],
+            size=frames.geom_size[name][0],
+            quat=_capsule_quaternion(geom.axis),
+            mass=geom.mass_share * mass_kg,
+        )
+
+
+SERVO_FREQUENCY_RAD_S = 40.0
+"""Bandwidth of the person's position servos: tracking lags about 2 / 40 s = 50 ms behind the headset."""
+
+
+def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
+    for name, joint in JOINTS.items():
+        bodies[joint.body].add_joint(
+            name=PREFIX + name,
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=joint.axis,
+            range=np.radians([joint.lower_deg, joint.upper_deg]),
+            armature=ARMATURE_KG_M2[joint.body],
+        )
+        actuator = spec.add_actuator(
+            name=PREFIX + name,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            target=PREFIX + name,
+            forcerange=[-joint.torque_n_m, joint.torque_n_m],
+            ctrlrange=np.radians([joint.lower_deg, joint.upper_deg]),
+        )
+        stiffness = SERVO_FREQUENCY_RAD_S**2 * SERVO_INERTIA_KG_M2[joint.body]
+        actuator.set_to_position(kp=stiffness, dampratio=1.0)
+
+
+def _capsule_quaternion(axis: tuple[float, float, float] | None) -> Array:
+    turns = {X: (Y, 0.5 * np.pi), Y: (X, -0.5 * np.pi)}
+    if axis not in turns:
+        return transforms.IDENTITY_QUATERNION
+    return transforms.from_axis_angle(turns[axis][0], turns[axis][1])

@@ -1,0 +1,91 @@
+"""Whom a robot meets: one person, or many as arrays."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models.human.joints import JOINTS, SEATED_RAD
+from avrgym.models.human.measures import SEXES, TORSO_HEIGHT_RANGE_M, Array, Sex
+
+SKIN_TONES: Mapping[str, tuple[float, float, float]] = {
+    "light": (0.90, 0.74, 0.65),
+    "fair": (0.83, 0.65, 0.54),
+    "medium": (0.75, 0.56, 0.43),
+    "olive": (0.64, 0.46, 0.34),
+    "brown": (0.48, 0.33, 0.24),
+    "dark": (0.31, 0.21, 0.16),
+}
+"""How people look in pictures: red, green, blue from 0 to 1."""
+
+
+@dataclass(frozen=True)
+class Person:
+    """One person: sex, torso height (hip bone to head centre), joint angles (20,) in radians, tone of the skin.
+
+    Raises:
+        ValueError: when a value is outside what the model allows.
+    """
+
+    sex: Sex = "woman"
+    torso_height_m: float = 0.54
+    joint_angles_rad: Array = field(default_factory=lambda: SEATED_RAD.copy())
+    skin_tone: str = "fair"
+
+    def __post_init__(self) -> None:
+        if self.sex not in SEXES:
+            raise ValueError(f"unknown sex {self.sex!r}; the models are {' and '.join(SEXES)}")
+        if self.skin_tone not in SKIN_TONES:
+            raise ValueError(f"unknown skin tone {self.skin_tone!r}; there are {', '.join(SKIN_TONES)}")
+        check_torso_height(self.torso_height_m)
+        if np.shape(self.joint_angles_rad) != (len(JOINTS),):
+            raise ValueError(
+                f"joint angles must have shape ({len(JOINTS)},), not {np.shape(self.joint_angles_rad)}"
+            )
+
+
+def check_torso_height(torso_height_m: float) -> None:
+    """Raise ``ValueError`` for a torso height that no seated adult has."""
+    low, high = TORSO_HEIGHT_RANGE_M
+    if not low <= torso_height_m <= high:
+        raise ValueError(f"torso height {torso_height_m:.3f} m is outside {low:.2f} to {high:.2f} m")
+
+
+@dataclass(frozen=True)
+class People:
+    """N people as arrays: ``is_woman`` (N,) bool, ``torso_height_m`` (N,), ``joint_angles_rad`` (N, 20).
+
+    Impairments: ``range_share`` and ``strength_share`` (N,) of the joints' ranges and torques, ``tremor_rad``
+    (N, 20) by which the joints' targets tremble either way.
+    """
+
+    is_woman: NDArray[np.bool_]
+    torso_height_m: Array
+    joint_angles_rad: Array
+    range_share: Array
+    strength_share: Array
+    tremor_rad: Array
+
+    @classmethod
+    def of(cls, persons: Iterable[Person]) -> "People":
+        """Stack single persons."""
+        persons = list(persons)
+        return cls.unimpaired(
+            np.array([person.sex == "woman" for person in persons]),
+            np.array([person.torso_height_m for person in persons], float),
+            np.stack([np.asarray(person.joint_angles_rad, float) for person in persons]),
+        )
+
+    @classmethod
+    def unimpaired(
+        cls, is_woman: NDArray[np.bool_], torso_height_m: Array, joint_angles_rad: Array
+    ) -> "People":
+        """People with full ranges and strength and without tremor."""
+        full = np.ones(len(is_woman))
+        return cls(is_woman, torso_height_m, joint_angles_rad, full, full, np.zeros_like(joint_angles_rad))
+
+    def person(self, index: int) -> Person:
+        """One of them."""
+        sex = SEXES[int(self.is_woman[index])]
+        return Person(sex, float(self.torso_height_m[index]), self.joint_angles_rad[index].copy())
