@@ -30,6 +30,12 @@ def test_every_task_of_the_paper_is_done_by_every_robot_of_the_paper():
     assert set(product(tasks, ("Jaco", "PR2"))) <= set(ENVIRONMENTS.values())
 
 
+@pytest.mark.parametrize(("task", "robot"), ENVIRONMENTS.values())
+def test_a_task_s_scene_with_a_robot_is_one_object(task, robot):
+    """Whatever is remembered by scene would otherwise grow with every world that is made."""
+    assert TASKS[task].scene(ROBOTS[robot]) is TASKS[task].scene(ROBOTS[robot])
+
+
 @pytest.mark.parametrize(
     ("changes", "error", "said"),
     [

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, NamedTuple, Protocol, get_args
 
 import numpy as np
@@ -113,7 +114,8 @@ class Task:
         offered: what cooperating people bring to the tool.
         strength_share: with what share of their strength people hold their pose, so that the robot can move their
             joints; without one, those who do nothing by themselves are stiff.
-        scene: says what stands in the scene with a robot.
+        scene: says what stands in the scene with a robot; asked once for each, so that what is computed from a scene is
+            computed once.
         uniforms: how many uniform numbers a start takes.
         start: where things begin, drawn from the scene, the people and uniform numbers (n, ``uniforms``).
         init_state: from the people and the same numbers, the task's state that an episode begins with.
@@ -178,6 +180,7 @@ class Task:
             )
         if self.training.detour_weight_per_m and self.detour_m is None:
             raise ValueError(f"task {self.name} has a weight for detours in its training, but no detour_m")
+        object.__setattr__(self, "scene", cache(self.scene))
 
     def _check_part(self, part: str, fits: bool, kind: str) -> None:
         if not fits:
