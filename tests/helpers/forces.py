@@ -32,14 +32,14 @@ def pressed(
     peak = np.zeros(worlds)
     for _ in range(steps):
         if how == "at the person":
-            action = _towards(episodes, aim)
+            action = towards(episodes, aim)
         else:
             action = constant if how == "constant" else random.uniform(-1.0, 1.0, (worlds, 7))
         peak = np.maximum(peak, episodes.step(action).force_on_person_n)
     return peak
 
 
-def _towards(episodes: Episodes, aim: NDArray[np.intp]) -> Array:
+def towards(episodes: Episodes, aim: NDArray[np.intp]) -> Array:
     """Actions (N, 7) that bring the tools closer to what is aimed at, each joint as fast as it goes."""
     state = episodes.simulation.state()
     parts = np.concatenate([state.head_pos_w[:, None], state.right_arm_pos_w], axis=1)

@@ -24,6 +24,7 @@ def begun(
     *,
     num_threads: int = 1,
     world_version: int = WORLD_VERSION,
+    by_region: bool = False,
 ) -> Episodes:
     """Worlds whose starts are drawn from the seeds 0, 1, …; arguments as of ``Episodes``."""
     episodes = Episodes(
@@ -33,6 +34,7 @@ def begun(
         impairment=impairment,
         num_threads=num_threads,
         world_version=world_version,
+        by_region=by_region,
     )
     episodes.begin(np.arange(worlds), [np.random.default_rng(seed) for seed in range(worlds)])
     return episodes

@@ -25,9 +25,11 @@ from avrgym.models.scene import (
     TOOL_FORCE_SENSOR,
     TOOL_VELOCITY_SENSOR,
     SceneConfig,
+    add_region_sensors,
     build_spec,
 )
 from avrgym.simulation.brakes import Brakes
+from avrgym.simulation.region_forces import RegionForces
 from avrgym.simulation.room import Geoms
 
 Array = NDArray[np.float64]
@@ -117,6 +119,7 @@ class Simulation:
         num_threads: int = 0,
         braked: bool = True,
         gives_way: bool = True,
+        by_region: bool = False,
     ) -> None:
         """Compile the scene.
 
@@ -127,6 +130,7 @@ class Simulation:
             num_threads: threads for the physics; 0 takes one per core.
             braked: whether the arm's joints have brakes.
             gives_way: whether people give way and motors press no harder than they lead, see ``models.yielding``.
+            by_region: whether ``region_force_n`` is measured, which takes time and changes nothing else.
         """
         self.scene = scene
         self.num_worlds = num_worlds
@@ -134,6 +138,8 @@ class Simulation:
         spec = build_spec(scene, Person(), moving=moving, appearance=False)
         if gives_way:
             yielding.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
+        if by_region:
+            add_region_sensors(spec, scene)
         self.model = spec.compile()
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
         self.batch = Batch(self.model, num_worlds, num_threads, persistent=True)
@@ -149,6 +155,7 @@ class Simulation:
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
         self._speed_limit = scene.arm.speed_limit_rad_s
         self._brakes = Brakes(self.batch, scene.arm) if braked else None
+        self._region_forces = RegionForces(self.batch) if by_region else None
 
     def reset(self, ids: Ids, start: Start) -> None:
         """Put worlds ``ids`` (n,) into their start: at rest, particles on the tool, the arm where it aims."""
@@ -258,6 +265,16 @@ class Simulation:
             tool_contact_normal_w=by_tool[..., 6:],
             tool_contact_force_n=tool_contact_force_n,
         )
+
+    def region_force_n(self) -> Array:
+        """The forces on each of ``BODY_REGIONS`` in the last physics step, (N, R), added up as ``total_force_n`` is.
+
+        Raises:
+            RuntimeError: where they are not measured.
+        """
+        if self._region_forces is None:
+            raise RuntimeError("forces by region are measured only in simulations made with by_region=True")
+        return self._region_forces.now_n()
 
     def right_arm(self) -> RightArm:
         """The people's right arms, in arrays of their own."""

@@ -88,6 +88,7 @@ class Episodes:
         moving: bool = False,
         num_threads: int = 0,
         world_version: int = WORLD_VERSION,
+        by_region: bool = False,
     ) -> None:
         """Compile the scene.
 
@@ -101,6 +102,7 @@ class Episodes:
             num_threads: threads for the physics; 0 takes one per core.
             world_version: an earlier one to step recordings again that were made with it. In version 1 no start is
                 drawn again.
+            by_region: whether forces are measured by region of the body, see ``Simulation.region_force_n``.
 
         Raises:
             ValueError: for an unknown environment, distribution, impairment or version, naming what there is.
@@ -129,6 +131,7 @@ class Episodes:
             num_threads=num_threads,
             braked=world_version > 1,
             gives_way=world_version > 1,
+            by_region=by_region,
         )
         self._room = None if world_version == 1 else self._room_of_scene(led=moving and person is not None)
         self.people = distributions.repeat(person or Person(), num_worlds)

@@ -1,0 +1,67 @@
+"""How hard a robot may press on each region of the body: limits of ISO/TS 15066, folded onto our people.
+
+ISO/TS 15066:2016, table A.2, since 2025 part of ISO 10218-2, limits the force on each region of the body of healthy
+adults at work. The limits are where pain or a slight injury such as a bruise begins. They say nothing about comfort or
+care and are no goal: a spoon touches lips with 1 to 3 N. The standard's text is not free; these figures are those that
+are widely quoted from it.
+
+Its limits are of two kinds. Who is clamped bears the *quasi-static* limit. Who is struck and can draw back bears for
+``TRANSIENT_S`` the *transient* limit, ``transient_factor`` times as much. On skull and face the standard allows no such
+contact; here their transient limit is the quasi-static one.
+
+Our bodies are capsules. Where one is of two regions, as a chest is of chest and back, the lower limit counts. The
+standard has no feet; they count as lower legs. The front of the cranium, with eyes and nose, has the forehead's limit.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+TRANSIENT_S = 0.5
+"""A force that is longer above the quasi-static limit than this is no transient one."""
+
+
+@dataclass(frozen=True)
+class BodyRegion:
+    """A region of the body: its name, its limits, and which of ``human.GEOMS`` it is."""
+
+    name: str
+    quasi_static_limit_n: float
+    transient_factor: float
+    geoms: tuple[str, ...]
+
+    @property
+    def transient_limit_n(self) -> float:
+        """What no force may exceed at any time."""
+        return self.transient_factor * self.quasi_static_limit_n
+
+
+def _limbs(*parts: str) -> tuple[str, ...]:
+    return tuple(f"{side}_{part}" for part in parts for side in ("right", "left"))
+
+
+BODY_REGIONS = (
+    BodyRegion("skull", 130.0, 1.0, ("cranium",)),
+    BodyRegion("face", 65.0, 1.0, ("jaw",)),
+    BodyRegion("neck", 150.0, 2.0, ("neck",)),
+    BodyRegion("shoulders", 210.0, 2.0, _limbs("shoulder")),
+    BodyRegion("chest", 140.0, 2.0, ("chest",)),
+    BodyRegion("abdomen", 110.0, 2.0, ("waist",)),
+    BodyRegion("pelvis", 180.0, 2.0, ("hips",)),
+    BodyRegion("upper_arms", 150.0, 2.0, _limbs("upper_arm")),
+    BodyRegion("forearms", 160.0, 2.0, _limbs("forearm")),
+    BodyRegion("hands", 140.0, 2.0, _limbs("hand")),
+    BodyRegion("thighs", 220.0, 2.0, _limbs("thigh")),
+    BodyRegion("lower_legs", 130.0, 2.0, _limbs("shin", "foot")),
+)
+"""In the order of every array of forces by region, (N, R). Forces on both sides of the body are added up."""
+REGION_OF_GEOM: Mapping[str, int] = {
+    geom: index for index, region in enumerate(BODY_REGIONS) for geom in region.geoms
+}
+"""The index of each geom's region, the geoms of a region next to each other."""
+QUASI_STATIC_LIMIT_N: Array = np.array([region.quasi_static_limit_n for region in BODY_REGIONS])
+TRANSIENT_LIMIT_N: Array = np.array([region.transient_limit_n for region in BODY_REGIONS])

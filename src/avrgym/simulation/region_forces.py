@@ -1,0 +1,103 @@
+"""Forces on people by region of the body: as they are in a physics step, and what they were over many."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from avrgym.geometry.transforms import norm
+from avrgym.models.body_regions import (
+    BODY_REGIONS,
+    QUASI_STATIC_LIMIT_N,
+    REGION_OF_GEOM,
+    TRANSIENT_LIMIT_N,
+    TRANSIENT_S,
+)
+from avrgym.models.scene import GEOM_CONTACTS, PHYSICS_STEP_S, region_sensor
+
+Array = NDArray[np.float64]
+
+
+class RegionForces:
+    """Reads the sensors that ``scene.add_region_sensors`` added, in every world of a batch."""
+
+    def __init__(self, batch: Batch) -> None:
+        model = batch.get_model(0)
+        self._sensordata = batch.bind("sensordata")
+        self._columns = np.stack(
+            [
+                int(model.sensor(region_sensor(geom)).adr[0]) + np.arange(3 * GEOM_CONTACTS)
+                for geom in REGION_OF_GEOM
+            ]
+        ).reshape(-1, GEOM_CONTACTS, 3)
+        self._first_of_region = np.searchsorted([*REGION_OF_GEOM.values()], np.arange(len(BODY_REGIONS)))
+
+    def now_n(self) -> Array:
+        """The lengths of the forces of single contacts added up by region, (N, R), in newtons."""
+        on_geoms = norm(self._sensordata[:, self._columns]).cumsum(axis=-1)[..., -1]
+        return np.add.reduceat(on_geoms, self._first_of_region, axis=-1)
+
+
+@dataclass(frozen=True)
+class RegionLoads:
+    """What n people's regions bore in an episode each, (n, R).
+
+    ``mean_n`` and ``peak_n`` are over all physics steps, ``contact_share`` is the share of them with any force, and
+    ``held_s`` how long the force was above the quasi-static limit at a stretch, at most.
+    """
+
+    mean_n: Array
+    peak_n: Array
+    contact_share: Array
+    held_s: Array
+
+    @property
+    def over_quasi_static(self) -> NDArray[np.bool_]:
+        """Where a force was above the quasi-static limit for longer than ``TRANSIENT_S`` without a break."""
+        return self.held_s > TRANSIENT_S
+
+    @property
+    def over_transient(self) -> NDArray[np.bool_]:
+        """Where a force was above the transient limit in any physics step."""
+        return self.peak_n > TRANSIENT_LIMIT_N
+
+    @property
+    def over_limit(self) -> NDArray[np.bool_]:
+        """Where either limit was exceeded."""
+        return self.over_quasi_static | self.over_transient
+
+    @classmethod
+    def joined(cls, parts: Sequence["RegionLoads"]) -> "RegionLoads":
+        """The loads of all people of several."""
+        return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
+
+
+class RegionWatch:
+    """Adds up the loads of N people, physics step by physics step."""
+
+    def __init__(self, worlds: int) -> None:
+        shape = worlds, len(BODY_REGIONS)
+        self._steps = 0
+        self._sum_n, self._peak_n = np.zeros(shape), np.zeros(shape)
+        self._touched, self._held, self._longest = (np.zeros(shape, dtype=int) for _ in range(3))
+
+    def add(self, force_n: Array) -> None:
+        """Take the forces (N, R) of another physics step."""
+        self._steps += 1
+        self._sum_n += force_n
+        self._peak_n = np.maximum(self._peak_n, force_n)
+        self._touched += force_n > 0.0
+        self._held = np.where(force_n > QUASI_STATIC_LIMIT_N, self._held + 1, 0)
+        self._longest = np.maximum(self._longest, self._held)
+
+    def loads(self) -> RegionLoads:
+        """What they bore so far."""
+        steps = max(1, self._steps)
+        return RegionLoads(
+            mean_n=self._sum_n / steps,
+            peak_n=self._peak_n,
+            contact_share=self._touched / steps,
+            held_s=self._longest * PHYSICS_STEP_S,
+        )
