@@ -22,7 +22,7 @@ from visit import ENVIRONMENT, drive
 
 FIGURES = [
     "env", "policy", "people", "episodes", "reward_mean", "reward_std", "success_rate", "success_ci95",
-    "force_mean_newton",
+    "force_mean_newton", "episodes_over_limit", "guard_interventions",
 ]  # fmt: skip
 PROGRAM = get_command(app)
 
@@ -109,10 +109,36 @@ def test_evaluate_writes_a_row_for_each_environment(tmp_path: Path) -> None:
     rows = json.loads(file.read_text())
     assert [row["env"] for row in rows] == list(ENVIRONMENTS)
     for row in rows:
-        assert list(row) == FIGURES
+        assert list(row) == [*FIGURES, "force_regions"]
         assert (row["policy"], row["people"], row["episodes"]) == ("zero", "original", 2)
         assert row["success_ci95"][0] <= row["success_rate"] <= row["success_ci95"][1]
     assert all(name in result.stdout for name in FIGURES)
+
+
+def test_evaluate_shows_forces_by_region(tmp_path: Path) -> None:
+    asked = (
+        "evaluate",
+        ENVIRONMENT,
+        "--episodes",
+        1,
+        "--seed",
+        3,
+        "--regions",
+        "--force-guard",
+        "--json",
+        "rows.json",
+    )
+    shown = avrgym(*asked)
+    assert shown.exit_code == 0, shown.output
+    (row,) = json.loads((tmp_path / "rows.json").read_text())
+    assert row["guard_interventions"] >= 0.0
+    touched = {name: figures for name, figures in row["force_regions"].items() if figures["peak_n"]}
+    assert touched.keys() <= {"face", "skull"}
+    for name, figures in touched.items():
+        assert f"{name} " in shown.stdout
+        assert f"{figures['limit_n']:.3g}" in shown.stdout
+    nobody = avrgym("evaluate", ENVIRONMENT, "--policy", "zero", "--episodes", 1, "--regions")
+    assert "Nobody was touched." in nobody.stdout
 
 
 def test_evaluate_takes_a_policy_file(tmp_path: Path) -> None:

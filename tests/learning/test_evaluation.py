@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from avrgym.learning import evaluation
-from avrgym.learning.evaluation import evaluate, wilson_interval
+from avrgym.learning.evaluation import Evaluation, evaluate, evaluate_all, wilson_interval
+from avrgym.models.body_regions import BODY_REGIONS
 from avrgym.policies.trained import packaged_policies
 from avrgym.tasks.episodes import EPISODE_STEPS
 from visit import ENVIRONMENT, drive
+
+SCRATCHING = "avrgym/ScratchItchJaco-v1"
 
 
 @pytest.fixture
@@ -64,6 +67,30 @@ def test_who_does_nothing_succeeds_never_and_touches_nobody() -> None:
     assert figures.success_ci95 == wilson_interval(0, 4)
     assert figures.force_mean_newton == 0.0
     assert figures.reward_mean < 0.0
+    assert figures.episodes_over_limit == 0
+    assert figures.guard_interventions is None
+    assert {name: each.limit_n for name, each in figures.force_regions.items()} == {
+        region.name: region.quasi_static_limit_n for region in BODY_REGIONS
+    }
+    assert all(each.peak_n == each.contact_share == 0.0 for each in figures.force_regions.values())
+
+
+@pytest.mark.parametrize("force_guard", [False, True])
+def test_forces_by_region_do_not_depend_on_who_runs_beside(
+    monkeypatch: pytest.MonkeyPatch, force_guard: bool
+) -> None:
+    rows: list[list[Evaluation]] = []
+    for at_once in (2, 4):
+        monkeypatch.setattr(evaluation, "MAX_WORLDS", at_once)
+        asked = [SCRATCHING], "original", "participants", 4, 6
+        rows.append(evaluate_all(*asked, jobs=1, force_guard=force_guard))
+    assert rows[0] == rows[1]
+    (found,) = rows[0]
+    regions = found.force_regions.values()
+    assert sum(each.mean_n for each in regions) > 1.0
+    assert found.episodes_over_limit <= sum(each.exceedances for each in regions)
+    assert all(each.mean_n <= each.peak_n and each.contact_share <= 1.0 for each in regions)
+    assert (found.guard_interventions is not None) == force_guard
 
 
 def test_progress_counts_environment_steps() -> None:

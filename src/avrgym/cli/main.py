@@ -18,6 +18,7 @@ from avrgym.cli.terminal import (
     JsonFile,
     check_json,
     plain_errors,
+    print_regions,
     print_table,
     progress_bar,
     say,
@@ -384,6 +385,12 @@ def evaluate(
             "--allow-other-environment", help="Run a policy that was trained for another environment."
         ),
     ] = False,
+    force_guard: Annotated[
+        bool, typer.Option("--force-guard", help="Draw back arms that press too hard, as live sessions do.")
+    ] = False,
+    regions: Annotated[
+        bool, typer.Option("--regions", help="Show the forces by region of the body too.")
+    ] = False,
     json_file: JsonFile = None,
 ) -> None:
     """Measure a policy's reward, success and force over many episodes."""
@@ -403,9 +410,12 @@ def evaluate(
                 bar.advance,
                 jobs=jobs,
                 allow_other_environment=allow_other_environment,
+                force_guard=force_guard,
             )
         rows = [asdict(each) for each in metrics]
-        print_table(rows)
+        print_table([{name: row[name] for name in row if name != "force_regions"} for row in rows])
+        if regions:
+            print_regions({row["env"]: row["force_regions"] for row in rows})
         write_json(json_file, rows)
 
 

@@ -8,7 +8,7 @@ import json
 import os
 import stat
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -94,6 +94,20 @@ def print_table(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         table.add_row(*(_cell(value) for value in row.values()))
     Console(width=_AS_WIDE_AS_NEEDED, **_TEXT_ONLY).print(table, soft_wrap=True)
+
+
+def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None:
+    """Print forces by region of the body of whatever is named, where there were any; see ``RegionFigures``."""
+    rows = [
+        {"of": name, "region": region, **figures}
+        for name, regions in forces.items()
+        for region, figures in regions.items()
+        if figures["peak_n"] > 0.0
+    ]
+    if rows:
+        print_table(rows)
+    else:
+        say("Nobody was touched.")
 
 
 class Bar:

@@ -2,19 +2,21 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.models.scene import SUBSTEPS
 from avrgym.policies import registry
+from avrgym.policies.force_guard import ForceGuard
+from avrgym.simulation.region_forces import RegionFigures, RegionLoads, RegionWatch, summed_up
 from avrgym.system.jobs import cores, report, run_all
-from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
+from avrgym.tasks.episodes import EPISODE_STEPS, Episodes, Step
 from avrgym.tasks.registry import find_environment
 
 Array = NDArray[np.float64]
 Progress = Callable[[int], None]
-Results = tuple[Array, NDArray[np.bool_], Array]
-"""Of n episodes: summed reward, success and mean force (n,)."""
 
 MAX_WORLDS = 64
 WORTH_A_PROCESS = 16
@@ -23,9 +25,24 @@ EVALUATION_STREAM = 1_000_003
 """Evaluation draws from streams of its own, which training never uses."""
 
 
+class Results(NamedTuple):
+    """Of n episodes: summed reward, success, mean force, what regions bore, how often a guard drew back; (n,)."""
+
+    reward: Array
+    success: NDArray[np.bool_]
+    force_n: Array
+    loads: RegionLoads
+    interventions: NDArray[np.intp]
+
+
 @dataclass(frozen=True)
 class Evaluation:
-    """The figures of one policy in one environment; force is the mean over all steps."""
+    """The figures of one policy in one environment; force is the mean over all steps.
+
+    ``force_regions`` are the forces by region of the body, ``episodes_over_limit`` counts the episodes in which any
+    region bore more than its limits allow, see ``RegionLoads``. ``guard_interventions`` is how often a force guard drew
+    the arm back, per episode; ``None`` without one.
+    """
 
     env: str
     policy: str
@@ -36,6 +53,9 @@ class Evaluation:
     success_rate: float
     success_ci95: tuple[float, float]
     force_mean_newton: float
+    episodes_over_limit: int
+    guard_interventions: float | None
+    force_regions: dict[str, RegionFigures]
 
 
 @dataclass(frozen=True)
@@ -49,6 +69,7 @@ class _Batch:
     episodes: range
     threads: int
     allow_other_environment: bool
+    force_guard: bool
 
 
 def evaluate(
@@ -73,6 +94,7 @@ def evaluate_all(
     *,
     jobs: int | None = None,
     allow_other_environment: bool = False,
+    force_guard: bool = False,
 ) -> list[Evaluation]:
     """Run episodes of 200 steps in each environment, and sum them up.
 
@@ -86,6 +108,7 @@ def evaluate_all(
         jobs: how many processes share the work and the cores; without it one for each core that has enough to do.
             It changes no figure.
         allow_other_environment: whether to run a policy that was trained for another environment.
+        force_guard: whether a ``ForceGuard`` stands between policy and arm.
 
     Raises:
         ValueError: for an unknown name, a policy that cannot run there or fewer than one episode, naming what is
@@ -103,7 +126,7 @@ def evaluate_all(
     threads = max(1, cores() // jobs)
     split = _split(episodes, size)
     batches = [
-        _Batch(environment_id, policy, people, seed, numbers, threads, allow_other_environment)
+        _Batch(environment_id, policy, people, seed, numbers, threads, allow_other_environment, force_guard)
         for environment_id in environment_ids
         for numbers in split
     ]
@@ -132,15 +155,23 @@ def _run_batches(batches: list[_Batch], jobs: int, progress: Progress) -> list[R
 
 def _run_batch(batch: _Batch, progress: Progress) -> Results:
     world = Episodes(
-        batch.environment_id, len(batch.episodes), distribution=batch.people, num_threads=batch.threads
+        batch.environment_id,
+        len(batch.episodes),
+        distribution=batch.people,
+        num_threads=batch.threads,
+        by_region=True,
     )
     generators = [np.random.default_rng([EVALUATION_STREAM, batch.seed, number]) for number in batch.episodes]
-    return _run(world, batch.policy, generators, progress, batch.allow_other_environment)
+    return _run(world, batch, generators, progress)
 
 
 def _sum_up(batch: _Batch, results: list[Results]) -> Evaluation:
     """The figures of one environment from those of its batches."""
-    reward, success, force = (np.concatenate(parts) for parts in zip(*results, strict=True))
+    reward, success, force, interventions = (
+        np.concatenate([getattr(part, name) for part in results])
+        for name in ("reward", "success", "force_n", "interventions")
+    )
+    loads = RegionLoads.joined([part.loads for part in results])
     return Evaluation(
         env=batch.environment_id,
         policy=batch.policy,
@@ -151,6 +182,9 @@ def _sum_up(batch: _Batch, results: list[Results]) -> Evaluation:
         success_rate=float(success.mean()),
         success_ci95=wilson_interval(int(success.sum()), len(success)),
         force_mean_newton=float(force.mean()),
+        episodes_over_limit=int(loads.over_limit.any(axis=-1).sum()),
+        guard_interventions=float(interventions.mean()) if batch.force_guard else None,
+        force_regions=summed_up(loads),
     )
 
 
@@ -163,22 +197,34 @@ def wilson_interval(successes: int, count: int) -> tuple[float, float]:
 
 
 def _run(
-    world: Episodes,
-    policy: str,
-    generators: list[np.random.Generator],
-    progress: Progress,
-    allow_other_environment: bool,
+    world: Episodes, batch: _Batch, generators: list[np.random.Generator], progress: Progress
 ) -> Results:
     """One batch of episodes."""
     count = len(generators)
-    found = registry.find(policy, world.environment_id, allow_other_environment=allow_other_environment)
+    allowed = batch.allow_other_environment
+    found = registry.find(batch.policy, world.environment_id, allow_other_environment=allowed)
     observation = world.begin(np.arange(count), generators)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
+    watch, guard = RegionWatch(count), ForceGuard(world.simulation) if batch.force_guard else None
     with registry.acting(found, world, generators) as act:
         for _ in range(EPISODE_STEPS):
-            step = world.step(act(observation).astype(float))
+            step = _step(world, act(observation).astype(float), watch, guard)
             observation, success = step.observation, step.success
             reward += step.reward
             force += step.force_on_person_n / EPISODE_STEPS
             progress(count)
-    return reward, success, force
+    interventions = np.zeros(count, dtype=np.intp) if guard is None else guard.interventions
+    return Results(reward, success, force, watch.loads(), interventions)
+
+
+def _step(world: Episodes, asked: Array, watch: RegionWatch, guard: ForceGuard | None) -> Step:
+    """One control step, watched in each physics step; what it was worth is judged by the last action, as live."""
+    simulation = world.simulation
+    world.command(asked if guard is None else guard.act(asked))
+    for tick in range(SUBSTEPS):
+        if guard is not None and tick > 0:
+            changed = guard.amend()
+            simulation.amend_robot(guard.given, changed)
+        simulation.step(1)
+        watch.add(simulation.region_force_n())
+    return world.evaluate_step(asked if guard is None else guard.given)

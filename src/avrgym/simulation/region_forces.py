@@ -74,6 +74,41 @@ class RegionLoads:
         return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
 
+@dataclass(frozen=True)
+class RegionFigures:
+    """What one region bore in a number of episodes, newtons.
+
+    The mean over all time, the largest force, the share of time with any, and both limits. ``over_quasi_static`` and
+    ``over_transient`` count the episodes that exceeded each, ``exceedances`` those that exceeded either.
+    """
+
+    mean_n: float
+    peak_n: float
+    contact_share: float
+    limit_n: float
+    transient_limit_n: float
+    over_quasi_static: int
+    over_transient: int
+    exceedances: int
+
+
+def summed_up(loads: RegionLoads) -> dict[str, RegionFigures]:
+    """The figures of every region, by its name."""
+    return {
+        region.name: RegionFigures(
+            mean_n=float(loads.mean_n[:, index].mean()),
+            peak_n=float(loads.peak_n[:, index].max()),
+            contact_share=float(loads.contact_share[:, index].mean()),
+            limit_n=region.quasi_static_limit_n,
+            transient_limit_n=region.transient_limit_n,
+            over_quasi_static=int(loads.over_quasi_static[:, index].sum()),
+            over_transient=int(loads.over_transient[:, index].sum()),
+            exceedances=int(loads.over_limit[:, index].sum()),
+        )
+        for index, region in enumerate(BODY_REGIONS)
+    }
+
+
 class RegionWatch:
     """Adds up the loads of N people, physics step by physics step."""
 

@@ -197,11 +197,15 @@ class Simulation:
 
     def command_robot(self, action: Array) -> None:
         """Set the arm's speed for the coming steps: action (N, J) in −1..1 of each joint's speed limit."""
-        names = self._names
         if self._brakes is not None:
             self._brakes.release()
-        self._act[:, names.arm_act] = self.arm_targets_rad()
-        self._ctrl[:, names.arm_ctrl] = np.clip(action, -1.0, 1.0) * self._speed_limit
+        self.amend_robot(action, np.ones(self.num_worlds, dtype=bool))
+
+    def amend_robot(self, action: Array, which: NDArray[np.bool_]) -> None:
+        """Set it anew in some worlds (N,), whose robots have been commanded before."""
+        rows, names = np.nonzero(which)[0][:, None], self._names
+        self._act[rows, names.arm_act] = self.arm_targets_rad()[which]
+        self._ctrl[rows, names.arm_ctrl] = np.clip(action[which], -1.0, 1.0) * self._speed_limit
 
     def halt_robot(self) -> None:
         """Brake the arms: they stop at once and hold where they came to rest. Each servo aims at where its joint is."""
