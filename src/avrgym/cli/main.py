@@ -127,6 +127,14 @@ def serve(
     mattress_back: Annotated[
         float | None, typer.Option(help="The angle of the real bed's back from the horizontal, degrees.")
     ] = None,
+    force_guard: Annotated[
+        bool | None,
+        typer.Option(
+            "--force-guard/--no-force-guard",
+            help="Whether arms that press too hard draw back; they do, and in a study as study.toml says.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Serve one participant's session to a headset: for each environment practice, then trials with questions.
 
@@ -154,6 +162,8 @@ def serve(
         certificate = certificate_for(lan_names(), data_folder()) if lan else None
         address = host or (EVERY_ADDRESS if lan else LOOPBACK[0])
         if participant is not None or (study / "study.toml").is_file():
+            if force_guard is not None:
+                raise ValueError(f"in a study force_guard in {study / 'study.toml'} says it, and no option")
             _serve_study(study, participant, furniture, workers, address, port, certificate)
             return
         make_session = _free_session(
@@ -165,6 +175,7 @@ def serve(
             trials,
             seed,
             workers,
+            force_guard=force_guard is not False,
         )
         with LiveServer(make_session, address, port, certificate) as server:
             _explain(server, "spectator")
@@ -218,13 +229,17 @@ def _free_session(
     trials: int,
     seed: int,
     workers: Executor,
+    *,
+    force_guard: bool,
 ) -> "Callable[[Send], Session]":
     """What makes a session outside of any study."""
     from avrgym.vr.session.plan import SessionPlan, load_policies, practised_trials
     from avrgym.vr.session.session import Session
 
     planned = practised_trials(environments, policy, trials, seed)
-    plan = SessionPlan(planned, person, free_movement_s=5.0, simulated=False, furniture=furniture)
+    plan = SessionPlan(
+        planned, person, free_movement_s=5.0, simulated=False, furniture=furniture, force_guard=force_guard
+    )
     policies = load_policies(plan)
     recordings, name = folder / "recordings", folder.name
     return lambda send: Session(plan, policies, recordings, send, identifier=name, workers=workers)

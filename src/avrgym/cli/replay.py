@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, progress_bar, say, write_json
+from avrgym.cli.terminal import (
+    JsonFile,
+    check_json,
+    plain_errors,
+    print_regions,
+    print_table,
+    progress_bar,
+    say,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from avrgym.recording.files import Recording
@@ -19,6 +28,9 @@ def replay(
     file: Annotated[Path, typer.Argument(help="The recording of an attempt, an .mcap file.", metavar="FILE")],
     verify: Annotated[
         bool, typer.Option("--verify", help="Step it again and compare whatever it holds, bit by bit.")
+    ] = False,
+    regions: Annotated[
+        bool, typer.Option("--regions", help="Step it again and show the forces by region of the body.")
     ] = False,
     video: Annotated[
         Path | None, typer.Option(help="Render it into a new .mp4 file.", metavar="OUT.mp4")
@@ -37,12 +49,14 @@ def replay(
     ] = 8000,
     json_file: JsonFile = None,
 ) -> None:
-    """Replay a recorded trial in a browser; or verify it, render a video, or draw a sequence of pictures."""
+    """Replay a recorded trial in a browser; or verify it, show forces, render a video, or draw pictures of it."""
     with plain_errors():
         if (frames is None) != (out is None):
             raise ValueError("--frames and --out go together, as in --frames 4 --out strip.png")
-        if json_file is not None and not verify:
-            raise ValueError("--json writes the metrics of --verify; give both")
+        if json_file is not None and verify == regions:
+            raise ValueError(
+                "--json writes the metrics of --verify or of --regions; give one of these with it"
+            )
         if first_person and video is None and frames is None:
             raise ValueError("--first-person goes with --video or --frames; on the page V changes the view")
         check_json(json_file)
@@ -50,11 +64,13 @@ def replay(
             recording = _read(file)
             if verify:
                 _verify(recording, json_file)
+            if regions:
+                _show_regions(recording, json_file)
             if video is not None:
                 _write_video(recording, video, first_person)
             if frames is not None and out is not None:
                 _draw_strip(recording, frames, out, first_person)
-            if not verify and video is None and frames is None:
+            if not (verify or regions) and video is None and frames is None:
                 _show(recording, port)
 
 
@@ -126,6 +142,17 @@ def _tell_differences(found: "Verification") -> None:
         )
     here = ", ".join(f"{name} {number}" for name, number in versions().items())
     say(f"It was recorded with {with_versions or 'versions that it does not name'}; here runs {here}.")
+
+
+def _show_regions(recording: "Recording", json_file: Path | None) -> None:
+    from avrgym.replay.region_loads import region_loads
+    from avrgym.simulation.region_forces import summed_up
+
+    with _progress(recording, "stepping again") as advance:
+        found = summed_up(region_loads(recording, advance))
+    figures = {region: asdict(each) for region, each in found.items()}
+    print_regions({"this trial": figures})
+    write_json(json_file, figures)
 
 
 def _write_video(recording: "Recording", video: Path, first_person: bool) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.models.body_regions import QUASI_STATIC_LIMIT_N
+from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.simulation.worlds import Simulation
 
@@ -58,6 +58,11 @@ class ForceGuard:
         before, self._asked = self.given, self._asked if asked is None else asked
         self.given = self._decide()
         return (self.given != before).any(axis=-1)
+
+    def borne(self, world: int) -> str:
+        """What was borne most in a world when its arm began to draw back, in words."""
+        region = BODY_REGIONS[int(self.region[world])]
+        return f"{region.name} {self.force_n[world]:.1f} N, limit {region.quasi_static_limit_n:g} N"
 
     def _decide(self) -> Array:
         """What the arms are to do in the coming physics step; called once for each."""

@@ -47,11 +47,12 @@ class StepAgain:
 class Playback:
     """The world of a recording, made anew from its metadata. Times count from the beginning of the trial.
 
-    ``episodes`` is that world as it stands between two moments of ``run``, ``phase`` the session's phase then.
+    ``episodes`` is that world as it stands between two moments of ``run``, ``phase`` the session's phase then;
+    ``driven``: the step that led there was one of a robot that somebody drove.
     """
 
-    def __init__(self, recording: Recording) -> None:
-        """Compile the scene and begin the episode.
+    def __init__(self, recording: Recording, *, by_region: bool = False) -> None:
+        """Compile the scene and begin the episode; ``by_region`` as of ``Episodes``.
 
         Raises:
             ReplayError: for a recording that breaks off before its first state or does not say what it was made
@@ -62,13 +63,14 @@ class Playback:
         self.recording = recording
         self._version = recording.metadata.get("world_version", WORLD_VERSIONS[0])
         with _functions_of(self._version):
-            self.episodes = _episodes(recording.metadata, self._version)
+            self.episodes = _episodes(recording.metadata, self._version, by_region)
         _check_names(recording.metadata, self.episodes)
         self._control = ControlSteps(self.episodes)
         self._action: Array | None = None
         self._told = False
         self._step: ControlStep | None = None
         self.phase = ""
+        self.driven = False
         self._held = self._begun = False
 
     def run(self, *, follow: bool = False) -> Iterator[StateAgain | StepAgain]:
@@ -100,12 +102,13 @@ class Playback:
 
     def _advance(self, time_s: float, physics: Physics) -> StateAgain:
         simulation, recorded = self.episodes.simulation, np.array(physics.state, float)
-        self._step = None
+        self._step, self.driven = None, False
         if not self._begun:
             self._begin(recorded)
         elif not self._held:
+            self.driven = self.phase == "trial"
             with _functions_of(self._version):
-                self._step = self._control.tick(self._act if self.phase == "trial" else None, self._amend)
+                self._step = self._control.tick(self._act if self.driven else None, self._amend)
         return StateAgain(time_s, recorded, simulation.integration_state())
 
     def _begin(self, state: Array) -> None:
@@ -157,7 +160,7 @@ def _functions_of(world_version: int) -> AbstractContextManager[None]:
     return elementary.by_numpy() if world_version == 1 else nullcontext()
 
 
-def _episodes(metadata: dict[str, Any], world_version: int) -> Episodes:
+def _episodes(metadata: dict[str, Any], world_version: int, by_region: bool) -> Episodes:
     try:
         person = Person(**metadata["person"], joint_angles_rad=np.array(metadata["start_rad"], float))
         episodes = Episodes(
@@ -167,6 +170,7 @@ def _episodes(metadata: dict[str, Any], world_version: int) -> Episodes:
             moving=True,
             num_threads=1,
             world_version=world_version,
+            by_region=by_region,
         )
         if world_version == 1:
             episodes.begin(np.array([0]), [np.random.default_rng(metadata["seed"])])

@@ -68,7 +68,8 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     participants what a task is, by task; where one is missing, the task's own sentence does. ``furniture`` is what they
     really sit and lie on.
     A trial whose person was held for more than ``max_held_share`` of the time in which the robot helped enters no
-    analysis; a design that does not say counts all.
+    analysis; a design that does not say counts all. ``force_guard``: arms that press too hard draw back; a design that
+    does not say has none, as studies that began without it.
     """
 
     title: Annotated[str, msgspec.Meta(min_length=1)]
@@ -82,6 +83,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     free_movement_s: Annotated[float, msgspec.Meta(ge=0, le=600)]
     blind_experimenter: bool
     max_held_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 1.0
+    force_guard: bool = False
     consent: Consent
     inclusion: tuple[InclusionQuestion, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()

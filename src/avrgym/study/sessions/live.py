@@ -187,6 +187,7 @@ def plan_session(store: Store, pseudonym: str, furniture: RealFurniture | None =
         items=design.items_at("after_trial"),
         trial_steps=design.trial_steps,
         furniture=furniture or design.furniture,
+        force_guard=design.force_guard,
         first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
     )
 

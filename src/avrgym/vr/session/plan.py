@@ -35,7 +35,8 @@ class SessionPlan:
     ``free_movement_s`` is how long the person moves freely before and after each trial, ``countdown_s`` the wait
     before the robot starts, ``trial_steps`` a trial's length in control steps of 0.1 s. ``first_trial`` counts
     from 1: a session that goes on after a break begins there. ``haptics`` and ``sounds`` say whether touches are
-    felt and successes heard. ``furniture`` is what the participant really sits and lies on.
+    felt and successes heard. ``furniture`` is what the participant really sits and lies on. ``force_guard``: arms that
+    press too hard draw back, see ``policies.force_guard``.
     """
 
     trials: Sequence[TrialPlan]
@@ -49,6 +50,7 @@ class SessionPlan:
     haptics: bool = True
     sounds: bool = True
     furniture: RealFurniture = field(default_factory=RealFurniture)
+    force_guard: bool = True
 
     def __post_init__(self) -> None:
         if not 1 <= self.first_trial <= len(self.trials):

@@ -52,6 +52,7 @@ class SessionState:
 
     def __post_init__(self) -> None:
         self._told_scene = self.scene_message()
+        self._guard_acts = False
 
     @property
     def current(self) -> TrialPlan:
@@ -160,6 +161,7 @@ class SessionState:
         attempt.record_physics(world, self.now_s)
         self.drivers.begin()
         world.prepare(self.driver)
+        self._guard_acts = False
 
     def watch_driver(self) -> None:
         """Record whenever the driver fails or drives again; tell each kind of failure once an attempt."""
@@ -175,6 +177,16 @@ class SessionState:
             self.drivers.kinds_told.add(kind)
             self.sink.tell(events.ControllerFailed(self.now_s, failure))
             self.problem(f"the robot holds still, its controller failed: {failure}", "experimenter")
+
+    def watch_guard(self) -> None:
+        """Record whenever the force guard begins to draw the robot back, and when the robot is driven again."""
+        guard = self.world.guard
+        acts = bool(guard.yielding[0])
+        if acts == self._guard_acts:
+            return
+        self._guard_acts = acts
+        borne = guard.borne(0) if acts else ""
+        self.record_event("force_guard_acts" if acts else "force_guard_rests", borne)
 
     def end_attempt(self, result: AttemptEnd) -> RecordingError | None:
         """End a running attempt; what keeps its recording from being complete, if anything does."""

@@ -10,6 +10,7 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import Person
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, SceneConfig
+from avrgym.policies.force_guard import ForceGuard
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.task import Task
@@ -100,7 +101,10 @@ class LiveWorld:
         Raises:
             ValueError: for an unknown environment, naming what there is.
         """
-        self._episodes = Episodes(environment_id, 1, person=person, moving=True, num_threads=1)
+        self._episodes = Episodes(
+            environment_id, 1, person=person, moving=True, num_threads=1, by_region=True
+        )
+        self.guard = ForceGuard(self._episodes.simulation)
         self._solver = BodySolver(person, self._episodes.scene.posture)
         self._steps = ControlSteps(self._episodes)
         self.person = person
@@ -170,11 +174,24 @@ class LiveWorld:
     def prepare(self, driver: Driver) -> None:
         """Let somebody get ready to drive the robot of the present episode."""
         driver.begin(self._episodes, self._generators)
+        self.guard.begin()
 
-    def tick(self, driver: Driver | None) -> ControlStep | None:
-        """Advance by 10 ms. With a driver who is prepared the robot moves; every tenth tick gives a control step."""
+    def tick(self, driver: Driver | None, *, guarded: bool = False) -> ControlStep | None:
+        """Advance by 10 ms. With a driver who is prepared the robot moves; every tenth tick gives a control step.
+
+        ``guarded``: what the driver asks for goes through ``guard``, and what that makes of it counts as the action.
+        """
         self.ticks += 1
-        return self._steps.tick(None) if driver is None else self._steps.tick(driver.act, driver.amend)
+        if driver is None:
+            return self._steps.tick(None)
+        if not guarded:
+            return self._steps.tick(driver.act, driver.amend)
+        return self._steps.tick(
+            lambda seen: self.guard.act(driver.act(seen)), lambda: self._amended(driver.amend())
+        )
+
+    def _amended(self, asked: Array | None) -> Array | None:
+        return self.guard.given if self.guard.amend(asked)[0] else None
 
     def state_vector(self) -> Array:
         """The simulator's integration state."""

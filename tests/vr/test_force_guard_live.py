@@ -1,0 +1,119 @@
+"""The force guard in a live session: it draws back, says so in the recording, and the recording replays."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from typer.testing import CliRunner
+
+from avrgym.cli.main import app
+from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
+from avrgym.policies.force_guard import GUARD_SHARE
+from avrgym.recording.files import Recording, read_recording
+from avrgym.replay.region_loads import region_loads
+from avrgym.replay.verification import verify
+from avrgym.tasks.registry import TASKS
+from visit import Visit, drive, plan
+
+SCRATCHING = "avrgym/ScratchItchJaco-v1"
+TOWARDS_THE_HAND = np.array([1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 0.0])
+"""Each joint's speed, by which the Jaco's arm comes down on the person beside it after one and a half seconds."""
+TRIAL_STEPS = 24
+ACTS, RESTS = "force_guard_acts", "force_guard_rests"
+
+
+class Trial(NamedTuple):
+    path: Path
+    recording: Recording
+
+
+def recorded(folder: Path, *, force_guard: bool) -> Trial:
+    """A trial whose robot is driven at a person who keeps still."""
+    driven = replace(drive(SCRATCHING), biases=(TOWARDS_THE_HAND,))
+    trial = replace(plan(environments=[SCRATCHING], trial_steps=TRIAL_STEPS), force_guard=force_guard)
+    visit = Visit(folder, trial, {(SCRATCHING, "drive"): driven})
+    visit.pose_rad = TASKS["ScratchItch"].pose.rest_rad
+    visit.sit_down()
+    visit.until("questionnaire")
+    visit.answer(1, 2, 3, 4)
+    visit.leave()
+    (path,) = visit.session.recordings
+    return Trial(path, read_recording(path))
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Trial:
+    return recorded(tmp_path_factory.mktemp("guarded"), force_guard=True)
+
+
+@pytest.fixture(scope="module")
+def unguarded(tmp_path_factory: pytest.TempPathFactory) -> Trial:
+    return recorded(tmp_path_factory.mktemp("unguarded"), force_guard=False)
+
+
+def happened(trial: Trial) -> list[tuple[str, str]]:
+    return [
+        (event.name, event.detail)
+        for _, event in trial.recording.topics["/events"]
+        if event.name in (ACTS, RESTS)
+    ]
+
+
+def test_a_session_is_guarded_unless_it_says_otherwise(guarded: Trial, unguarded: Trial) -> None:
+    assert plan().force_guard
+    assert guarded.recording.metadata["force_guard"] is True
+    assert unguarded.recording.metadata["force_guard"] is False
+
+
+def test_every_intervention_is_an_event_with_region_and_force(guarded: Trial, unguarded: Trial) -> None:
+    assert happened(unguarded) == []
+    found = happened(guarded)
+    assert [name for name, _ in found] == [ACTS, RESTS] * (len(found) // 2) + [ACTS] * (len(found) % 2)
+    limits = {region.name: region.quasi_static_limit_n for region in BODY_REGIONS}
+    for name, detail in found:
+        if name == ACTS:
+            region, force, unit, *_, limit, _ = detail.split()
+            assert unit == "N,"
+            assert float(force) > GUARD_SHARE * limits[region]
+            assert float(limit) == limits[region]
+
+
+def test_a_participant_bears_less_with_it(guarded: Trial, unguarded: Trial) -> None:
+    peaks = [
+        (region_loads(trial.recording).peak_n / QUASI_STATIC_LIMIT_N).max() for trial in (guarded, unguarded)
+    ]
+    assert GUARD_SHARE < peaks[0] < peaks[1]
+
+
+def test_what_the_guard_makes_of_an_action_is_what_is_recorded(guarded: Trial, unguarded: Trial) -> None:
+    commands = guarded.recording.topics["/commands"]
+    control = [step for _, step in guarded.recording.topics["/control"]]
+    assert len(control) == TRIAL_STEPS < len(commands)
+    for step in control:
+        last = [command.action for _, command in commands if command.step == step.step][-1]
+        assert_array_equal(step.action, last)
+    assert len(unguarded.recording.topics["/commands"]) == TRIAL_STEPS
+    asked = TOWARDS_THE_HAND.tolist()
+    assert all(step.action == asked for _, step in unguarded.recording.topics["/control"])
+    assert any(step.action != asked for step in control)
+
+
+def test_both_replay_bit_by_bit(guarded: Trial, unguarded: Trial) -> None:
+    for trial in (guarded, unguarded):
+        found = verify(trial.recording)
+        assert found.complete
+        assert found.identical
+        assert found.steps == TRIAL_STEPS
+
+
+def test_replay_shows_forces_by_region(guarded: Trial, tmp_path: Path) -> None:
+    file = tmp_path / "regions.json"
+    shown = CliRunner().invoke(app, ["replay", str(guarded.path), "--regions", "--json", str(file)])
+    assert shown.exit_code == 0, shown.output
+    loads = region_loads(guarded.recording)
+    for index, region in enumerate(BODY_REGIONS):
+        assert (f" {region.name} " in shown.stdout) == bool(loads.peak_n[0, index])
+    assert f'"peak_n": {loads.peak_n.max()}' in file.read_text()
