@@ -247,8 +247,10 @@ export interface Feedback {
 /** How the session stands, several times a second, for those who watch it; never sent to the participant.
  *
  * `step` counts the attempt's control steps, `reward` sums them up, `success` is so far; distance and
- * force are those of the latest one. `tracking_age_s` is the time since the newest usable frame. `operated`: in
- * this trial the experimenter drives; `idle`: the robot holds still for want of an action. */
+ * force are those of the latest one. `force_region` is the region of the body that bears most now, by its limit, and
+ * `force_share` how much of that; empty and 0 where none bears anything. `draws_back`: the force guard moves the
+ * robot. `tracking_age_s` is the time since the newest usable frame. `operated`: in this trial the experimenter
+ * drives; `idle`: the robot holds still for want of an action. */
 export interface Status {
   type: "status";
   phase: PhaseName;
@@ -264,6 +266,9 @@ export interface Status {
   success: boolean;
   distance_m: number;
   force_on_person_n: number;
+  force_region: string;
+  force_share: number;
+  draws_back: boolean;
   tracking_age_s: number | null;
   left_modality: Modality;
   right_modality: Modality;

@@ -17,6 +17,9 @@ const STATUS: Status = {
   success: true,
   distance_m: 0.123,
   force_on_person_n: 1.5,
+  force_region: "",
+  force_share: 0,
+  draws_back: false,
   tracking_age_s: 0.011,
   left_modality: "hand",
   right_modality: "hand",
@@ -48,6 +51,13 @@ describe("how a session stands", () => {
       "11 ms old, left controller, right hand",
     );
     expect(words["watch-reward"]).toBe("41.3");
+  });
+
+  it("says which part of the body bears most, and when the robot draws back", () => {
+    const pressed = { ...STATUS, force_on_person_n: 84, force_region: "upper_arms", force_share: 0.56 };
+    const words = "84.0 N, upper arms at 56 % of the limit";
+    expect(statusWords(pressed)["watch-force"]).toBe(words);
+    expect(statusWords({ ...pressed, draws_back: true })["watch-force"]).toBe(`${words}; the robot draws back`);
   });
 
   it("says in words what is wrong", () => {

@@ -9,25 +9,27 @@ import pytest
 from numpy.testing import assert_array_equal
 from typer.testing import CliRunner
 
+from avrgym.analysis.reading.observations import guard_interventions
 from avrgym.cli.main import app
 from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
-from avrgym.policies.force_guard import GUARD_SHARE
+from avrgym.policies.force_guard import ACTS, GUARD_SHARE, RESTS
 from avrgym.recording.files import Recording, read_recording
 from avrgym.replay.region_loads import region_loads
 from avrgym.replay.verification import verify
 from avrgym.tasks.registry import TASKS
+from avrgym.vr.protocol.messages import Status
 from visit import Visit, drive, plan
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 TOWARDS_THE_HAND = np.array([1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 0.0])
 """Each joint's speed, by which the Jaco's arm comes down on the person beside it after one and a half seconds."""
 TRIAL_STEPS = 24
-ACTS, RESTS = "force_guard_acts", "force_guard_rests"
 
 
 class Trial(NamedTuple):
     path: Path
     recording: Recording
+    statuses: list[Status]
 
 
 def recorded(folder: Path, *, force_guard: bool) -> Trial:
@@ -41,7 +43,7 @@ def recorded(folder: Path, *, force_guard: bool) -> Trial:
     visit.answer(1, 2, 3, 4)
     visit.leave()
     (path,) = visit.session.recordings
-    return Trial(path, read_recording(path))
+    return Trial(path, read_recording(path), visit.said(Status))
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +74,8 @@ def test_every_intervention_is_an_event_with_region_and_force(guarded: Trial, un
     assert happened(unguarded) == []
     found = happened(guarded)
     assert [name for name, _ in found] == [ACTS, RESTS] * (len(found) // 2) + [ACTS] * (len(found) % 2)
+    assert guard_interventions(unguarded.recording) is None
+    assert guard_interventions(guarded.recording) == [name for name, _ in found].count(ACTS) > 0
     limits = {region.name: region.quasi_static_limit_n for region in BODY_REGIONS}
     for name, detail in found:
         if name == ACTS:
@@ -79,6 +83,18 @@ def test_every_intervention_is_an_event_with_region_and_force(guarded: Trial, un
             assert unit == "N,"
             assert float(force) > GUARD_SHARE * limits[region]
             assert float(limit) == limits[region]
+
+
+def test_who_watches_sees_which_region_bears_most(guarded: Trial, unguarded: Trial) -> None:
+    names = [region.name for region in BODY_REGIONS]
+    for trial in (guarded, unguarded):
+        pressed = [status for status in trial.statuses if status.force_share]
+        assert pressed
+        assert all(status.force_region in names for status in pressed)
+        rest = [status for status in trial.statuses if not status.force_share]
+        assert {(status.force_region, status.draws_back) for status in rest} <= {("", False), ("", True)}
+    assert max(status.force_share for status in unguarded.statuses) > GUARD_SHARE
+    assert all(status.phase == "trial" for status in guarded.statuses if status.draws_back)
 
 
 def test_a_participant_bears_less_with_it(guarded: Trial, unguarded: Trial) -> None:

@@ -35,7 +35,7 @@ class TrialRow:
     ``contradictory``.
     ``reward``, ``success`` and ``seconds`` are those stored when the trial was completed, ``reward_recorded`` is
     summed from the recording. Distance and force are over the control steps; head and waist are means over them,
-    waists with their ends.
+    waists with their ends. ``guard_interventions`` is how often the force guard drew the arm back; ``None`` without one.
     """
 
     participant: str
@@ -64,6 +64,7 @@ class TrialRow:
     distance_least_m: float | None = None
     force_mean_n: float | None = None
     force_peak_n: float | None = None
+    guard_interventions: int | None = None
     torso_height_m: float | None = None
     head_x_m: float | None = None
     head_y_m: float | None = None

@@ -17,6 +17,8 @@ RELEASE_SHARE = 0.25
 WAYPOINT_RAD = 0.01
 """How far some joint moves from one remembered pose of the way to the next."""
 WAYPOINTS = 150
+ACTS, RESTS = "force_guard_acts", "force_guard_rests"
+"""The events of a recording at which an arm begins to draw back, and is driven again."""
 
 
 class ForceGuard:

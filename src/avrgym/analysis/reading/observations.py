@@ -9,6 +9,7 @@ from msgspec.structs import asdict
 
 from avrgym.analysis.reading.measures import Body, Measured, measure, other_versions
 from avrgym.analysis.rows import AnswerRow, AttemptRow, ParticipantRow, ProblemRow, TermRow, TrialRow
+from avrgym.policies.force_guard import ACTS
 from avrgym.recording.files import Recording, RecordingError
 from avrgym.recording.questionnaire import SESSION_MOMENTS
 from avrgym.robots.registry import find_robot
@@ -170,6 +171,7 @@ def _add_measures(
         found.series[row.participant, row.position] = measured
         found.terms.extend(_terms(row, measured))
         row = replace(row, **_step_metrics(measured))
+    row = replace(row, guard_interventions=guard_interventions(recording))
     if recorded == "whole" and row.reward != row.reward_recorded:
         tell(
             f"adds up to a reward of {row.reward_recorded}, stored is {row.reward}", "the stored one is used"
@@ -193,6 +195,13 @@ def _step_metrics(measured: Measured) -> dict[str, float]:
         "force_mean_n": fmean(forces),
         "force_peak_n": max(forces),
     }
+
+
+def guard_interventions(recording: Recording) -> int | None:
+    """How often a force guard drew the robot's arm back; ``None`` where there was none."""
+    if not recording.metadata.get("force_guard"):
+        return None
+    return sum(event.name == ACTS for _, event in recording.topics["/events"])
 
 
 def _body_metrics(body: Body) -> dict[str, float]:

@@ -286,8 +286,10 @@ class Status(Message, frozen=True, tag="status"):
     """How the session stands, several times a second, for those who watch it; never sent to the participant.
 
     ``step`` counts the attempt's control steps, ``reward`` sums them up, ``success`` is so far; distance and
-    force are those of the latest one. ``tracking_age_s`` is the time since the newest usable frame. ``operated``: in
-    this trial the experimenter drives; ``idle``: the robot holds still for want of an action.
+    force are those of the latest one. ``force_region`` is the region of the body that bears most now, by its limit, and
+    ``force_share`` how much of that; empty and 0 where none bears anything. ``draws_back``: the force guard moves the
+    robot. ``tracking_age_s`` is the time since the newest usable frame. ``operated``: in this trial the experimenter
+    drives; ``idle``: the robot holds still for want of an action.
     """
 
     phase: PhaseName
@@ -303,6 +305,9 @@ class Status(Message, frozen=True, tag="status"):
     success: bool
     distance_m: float
     force_on_person_n: float
+    force_region: str
+    force_share: float
+    draws_back: bool
     tracking_age_s: float | None
     left_modality: Modality
     right_modality: Modality

@@ -62,6 +62,7 @@ def status(
 ) -> messages.Status:  # fmt: skip
     """How a session stands that is in a phase; a trial has so many ``steps``."""
     left, right = tracking.modalities
+    region, share = world.most_pressed()
     latest = attempt.latest.outcome if attempt is not None and attempt.latest is not None else None
     return messages.Status(
         phase=phase.name,
@@ -77,6 +78,9 @@ def status(
         success=attempt.success if attempt else False,
         distance_m=float(latest.distance_m[0]) if latest else 0.0,
         force_on_person_n=float(latest.force_on_person_n[0]) if latest else 0.0,
+        force_region=region,
+        force_share=share,
+        draws_back=phase.name == "trial" and bool(world.guard.yielding[0]),
         tracking_age_s=tracking.age_s(now_s),
         left_modality=left,
         right_modality=right,

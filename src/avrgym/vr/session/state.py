@@ -6,6 +6,7 @@ import numpy as np
 
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
+from avrgym.policies.force_guard import ACTS, RESTS
 from avrgym.recording.files import RecordingError
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.vr.protocol import messages
@@ -186,7 +187,7 @@ class SessionState:
             return
         self._guard_acts = acts
         borne = guard.borne(0) if acts else ""
-        self.record_event("force_guard_acts" if acts else "force_guard_rests", borne)
+        self.record_event(ACTS if acts else RESTS, borne)
 
     def end_attempt(self, result: AttemptEnd) -> RecordingError | None:
         """End a running attempt; what keeps its recording from being complete, if anything does."""

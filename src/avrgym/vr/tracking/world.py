@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
 from avrgym.models import human
+from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.models.human import Person
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, SceneConfig
 from avrgym.policies.force_guard import ForceGuard
@@ -192,6 +193,12 @@ class LiveWorld:
 
     def _amended(self, asked: Array | None) -> Array | None:
         return self.guard.given if self.guard.amend(asked)[0] else None
+
+    def most_pressed(self) -> tuple[str, float]:
+        """The region of the body that bears most by its limit, and what share of that; nowhere, an empty name and 0."""
+        share = self._episodes.simulation.region_force_n()[0] / QUASI_STATIC_LIMIT_N
+        most = int(share.argmax())
+        return (BODY_REGIONS[most].name if share[most] else ""), float(share[most])
 
     def state_vector(self) -> Array:
         """The simulator's integration state."""

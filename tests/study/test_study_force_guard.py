@@ -1,0 +1,37 @@
+"""Whether a study's robots are guarded stands in its design."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from analysed import take_part
+from avrgym.cli.main import app
+from avrgym.study.design.design import DesignError, default_text, parse_design
+from avrgym.study.sessions.live import plan_session
+from avrgym.study.storage.store import Store
+from studies import make_study
+
+LINE = "force_guard = true\n"
+
+
+def test_new_studies_are_guarded_and_those_that_do_not_say_are_not() -> None:
+    assert parse_design(default_text()).force_guard
+    assert not parse_design(default_text().replace(LINE, "")).force_guard
+    with pytest.raises(DesignError, match="force_guard"):
+        parse_design(default_text().replace(LINE, 'force_guard = "yes"\n'))
+
+
+@pytest.mark.parametrize("force_guard", ["true", "false"])
+def test_sessions_are_guarded_as_the_design_says(tmp_path: Path, force_guard: str) -> None:
+    with Store(make_study(tmp_path / "study", force_guard=force_guard)) as store:
+        plan = plan_session(store, take_part(store))
+    assert plan.force_guard == (force_guard == "true")
+
+
+def test_a_studys_guard_is_no_option_of_the_server(tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "study")
+    for option in ("--force-guard", "--no-force-guard"):
+        refused = CliRunner().invoke(app, ["serve", "--study", str(folder), option])
+        assert refused.exit_code == 1
+        assert f"force_guard in {folder / 'study.toml'}" in refused.output
