@@ -9,15 +9,16 @@ export function statusWords(status: Status): Record<string, string> {
     "watch-steps": `${status.step} of ${status.steps}`,
     "watch-reward": `${status.reward.toFixed(1)}${status.success ? ", success" : ""}`,
     "watch-distance": `${(100 * status.distance_m).toFixed(1)} cm`,
-    "watch-force": forceWords(status),
+    "watch-force": `${status.force_on_person_n.toFixed(1)} N`,
+    "watch-limit": limitWords(status),
     "watch-tracking": trackingWords(status),
     "watch-height": `${(100 * status.torso_height_m).toFixed(1)} cm`,
   };
 }
 
-function forceWords({ force_on_person_n, force_region, force_share, draws_back }: Status): string {
-  const region = force_region && `, ${force_region.replace("_", " ")} at ${(100 * force_share).toFixed(0)} % of the limit`;
-  return `${force_on_person_n.toFixed(1)} N${region}${draws_back ? "; the robot draws back" : ""}`;
+function limitWords({ force_region, force_share, draws_back }: Status): string {
+  const region = force_region && `, ${force_region.replace("_", " ")}`;
+  return `${(100 * force_share).toFixed(0)} %${region}${draws_back ? ": draws back" : ""}`;
 }
 
 function trackingWords({ tracking_age_s, left_modality, right_modality }: Status): string {

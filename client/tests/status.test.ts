@@ -37,6 +37,7 @@ describe("how a session stands", () => {
       "watch-reward": "41.3, success",
       "watch-distance": "12.3 cm",
       "watch-force": "1.5 N",
+      "watch-limit": "0 %",
       "watch-tracking": "11 ms old, hand",
       "watch-height": "54.5 cm",
     });
@@ -54,10 +55,9 @@ describe("how a session stands", () => {
   });
 
   it("says which part of the body bears most, and when the robot draws back", () => {
-    const pressed = { ...STATUS, force_on_person_n: 84, force_region: "upper_arms", force_share: 0.56 };
-    const words = "84.0 N, upper arms at 56 % of the limit";
-    expect(statusWords(pressed)["watch-force"]).toBe(words);
-    expect(statusWords({ ...pressed, draws_back: true })["watch-force"]).toBe(`${words}; the robot draws back`);
+    const pressed = { ...STATUS, force_region: "upper_arms", force_share: 0.56 };
+    expect(statusWords(pressed)["watch-limit"]).toBe("56 %, upper arms");
+    expect(statusWords({ ...pressed, draws_back: true })["watch-limit"]).toBe("56 %, upper arms: draws back");
   });
 
   it("says in words what is wrong", () => {
