@@ -9,6 +9,7 @@ import pytest
 from typer.main import get_command
 
 from avrgym.cli.main import app
+from avrgym.models.body_regions import BODY_REGIONS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, environment_id
 from places import ROOT
 
@@ -57,6 +58,13 @@ def test_the_page_of_the_policies_says_what_their_files_say(kind):
     tables = runpy.run_path(str(ROOT / "examples" / "policy_tables.py"))
     page = (ROOT / "docs" / "policies.md").read_text().splitlines()
     assert [row for row in tables["packaged_table"](kind) if row not in page] == []
+
+
+def test_the_page_of_the_policies_says_what_regions_bear():
+    page = (ROOT / "docs" / "policies.md").read_text().splitlines()
+    for region in BODY_REGIONS:
+        limits = f"{region.quasi_static_limit_n:g} N | {region.transient_limit_n:g} N"
+        assert f"| {region.name} | {limits} | {', '.join(region.geoms)} |" in page
 
 
 PAPER_PAGE = (ROOT / "docs" / "paper.md").read_text()
