@@ -15,6 +15,7 @@ from scipy import stats
 from analysed import ITEMS, break_off, run_trials, take_part
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.statistics.families import TRIAL, Compared, Question, corrected
+from avrgym.analysis.statistics.offered import offered_tests
 from avrgym.analysis.statistics.tests import holm, signed_rank
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.learning.evaluation import wilson_interval
@@ -208,6 +209,24 @@ def test_families_are_corrected_by_holm(tables: dict[str, Frame]) -> None:
         given = [None if np.isnan(p) else p for p in family["p"]]
         expected = [np.nan if p is None else p for p in holm(given)]
         assert np.allclose(family["p_holm"], expected, equal_nan=True, atol=1e-15)
+
+
+def test_a_plan_may_name_the_tests_that_the_analysis_does_and_no_others(
+    store: Store, tables: dict[str, Frame]
+) -> None:
+    done = tables["tests"].groupby("family", sort=False)["quantity"].unique()
+    offered = offered_tests(store.design)
+    assert {test: set(measures) for test, measures in done.items()} == {
+        test: set(measures) for test, measures in offered.items()
+    }
+
+
+def test_without_a_frozen_plan_nothing_is_called_planned(out: Path, tables: dict[str, Frame]) -> None:
+    assert tables["tests"]["planned"].isna().all()
+    assert "plan" not in json.loads((out / "results.json").read_text())
+    page = (out / "report" / "index.html").read_text()
+    assert page.count("nothing was preregistered") == 1
+    assert "Confirmatory" not in page
 
 
 def test_a_family_that_is_added_appears_in_the_report(

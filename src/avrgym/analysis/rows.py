@@ -249,7 +249,8 @@ class TestedRow:
 
     Tests of one ``family`` are corrected together. ``unit`` is what one value stands for. ``n_a`` and ``n_b``
     values were given, ``n`` went into the test, ``zeros`` differences of zero were left out. ``mark`` stars
-    ``p_holm``. See ``statistics.Comparison`` for the others.
+    ``p_holm``. See ``statistics.Comparison`` for the others. ``planned`` says what the study's frozen plan has a test
+    as: ``confirmatory``, ``exploratory`` or ``not in the plan``; nothing where no plan was frozen.
     """
 
     simulated: bool
@@ -272,6 +273,7 @@ class TestedRow:
     mark: str
     effect: float | None
     note: str
+    planned: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

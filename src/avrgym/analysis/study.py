@@ -1,7 +1,7 @@
 """The analysis of a study: from its recordings to the paper's results."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import msgspec
@@ -13,6 +13,7 @@ from avrgym.analysis.statistics.biomechanics import Measures, biomechanics_rows,
 from avrgym.analysis.statistics.biomechanics_tests import biomechanics_families
 from avrgym.analysis.statistics.families import Family
 from avrgym.analysis.statistics.objective import objective_rows
+from avrgym.analysis.statistics.offered import offered_tests
 from avrgym.analysis.statistics.paper_tables import as_tables, paper_tables
 from avrgym.analysis.statistics.session_answers import (
     session_answer_rows,
@@ -22,7 +23,12 @@ from avrgym.analysis.statistics.session_answers import (
 from avrgym.analysis.statistics.subjective import answer_families, likert_rows, subjective_rows
 from avrgym.analysis.statistics.tests import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
 from avrgym.analysis.tables import Table, control_steps
+from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import Design
+from avrgym.study.plan.deviations import deviations, left_out
+from avrgym.study.plan.freezing import read_frozen
+from avrgym.study.plan.plan import FILE as PLAN_FILE
+from avrgym.study.plan.plan import Plan
 from avrgym.study.storage.manifest import FORMAT_NAME
 from avrgym.study.storage.store import Store
 from avrgym.vr.session.attempt import versions
@@ -33,10 +39,21 @@ FORMAT = f"{FORMAT_NAME} 1"
 
 
 @dataclass(frozen=True, eq=False)
+class FrozenPlan:
+    """A study's frozen plan, if it can still be told, and in what the study deviates from it."""
+
+    at: str
+    plan: Plan | None
+    sha256: str | None
+    deviations: list[Finding]
+
+
+@dataclass(frozen=True, eq=False)
 class Analysis:
     """All that was found out about a study. ``groups`` are those whose bodies were recorded."""
 
     design: Design
+    plan: FrozenPlan | None
     observed: Observations
     groups: list[Measures]
     people: list[rows.PersonRow]
@@ -87,6 +104,7 @@ class Analysis:
                 "exact_signed_rank": EXACT_SIGNED_RANK,
                 "exact_rank_sum": EXACT_RANK_SUM,
             },
+            **({"plan": _plan_results(self.plan)} if self.plan else {}),
             **{table.name: list(table.rows) for table in self.tables() if table.name not in IN_TABLES_ONLY},
         }
 
@@ -102,8 +120,11 @@ def analyse(
     people = draw_people(store.design)
     groups = measured_groups(observed.trials)
     given = store.design, observed.answers
+    plan = _frozen_plan(store, observed)
+    families = answer_families(*given) + session_families(*given) + biomechanics_families(groups, people)
     return Analysis(
         design=store.design,
+        plan=plan,
         observed=observed,
         groups=groups,
         people=people,
@@ -111,7 +132,40 @@ def analyse(
         subjective=subjective_rows(*given),
         session_answers=session_answer_rows(*given),
         likert=likert_rows(*given) + session_likert_rows(*given),
-        families=answer_families(*given) + session_families(*given) + biomechanics_families(groups, people),
+        families=_labelled(families, plan.plan) if plan and plan.plan else families,
         biomechanics=biomechanics_rows(groups, people),
         ranges=range_rows(groups),
     )
+
+
+def _frozen_plan(store: Store, observed: Observations) -> FrozenPlan | None:
+    frozen = read_frozen(store)
+    if frozen is None:
+        return None
+    exclusions = [
+        left_out(row.participant, row.position, row.left_out) for row in observed.trials if row.left_out
+    ]
+    found = deviations(store, frozen, offered_tests(store.design), exclusions)
+    if frozen.record is None:
+        return FrozenPlan(frozen.at, None, None, found)
+    return FrozenPlan(frozen.at, frozen.record.parsed(), frozen.record.sha256[PLAN_FILE], found)
+
+
+def _labelled(families: list[Family], plan: Plan) -> list[Family]:
+    """The families with what each test is by the plan."""
+    return [
+        replace(
+            family,
+            rows=tuple(replace(row, planned=plan.label(row.family, row.quantity)) for row in family.rows),
+        )
+        for family in families
+    ]
+
+
+def _plan_results(plan: FrozenPlan) -> dict[str, Any]:
+    return {
+        "frozen_at": plan.at,
+        "sha256": plan.sha256,
+        "plan": None if plan.plan is None else msgspec.to_builtins(plan.plan),
+        "deviations": [{"where": each.where, "what": each.what} for each in plan.deviations],
+    }

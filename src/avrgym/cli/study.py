@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from avrgym.cli.plan import Folder, freeze, plan_findings, plan_of
 from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
 
 app = typer.Typer(no_args_is_help=True, help="Lead a study from its design to the export of its data.")
-Folder = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
 Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
+app.command()(freeze)
 
 
 @app.command()
@@ -47,7 +48,9 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
         check_json(json_file)
         with Store(folder) as store:
             summary = summarise_study(store)
-        write_json(json_file, asdict(summary))
+            frozen_at, deviations = plan_of(store)
+        plan = {"plan_frozen_at": frozen_at, "deviations": [asdict(each) for each in deviations]}
+        write_json(json_file, asdict(summary) | plan)
     say(f"{summary.title}")
     say(
         f"{summary.completed} of {summary.planned} participants completed, {summary.withdrawn} withdrew, "
@@ -56,6 +59,10 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
     say(f"participants per order  {', '.join(map(str, summary.filled))}")
     if summary.participants:
         print_table([asdict(participant) for participant in summary.participants])
+    if frozen_at is not None:
+        say(f"plan frozen at {frozen_at}, deviations: {len(deviations)}")
+    for each in deviations:
+        say(f"deviation  {each.where}: {each.what}")
 
 
 @app.command()
@@ -168,7 +175,7 @@ def check(
         with Store(folder) as store:
             if fix_permissions:
                 fix(store)
-            findings = check_study(store)
+            findings = check_study(store) + plan_findings(store)
             head = store.database.head()
         write_json(json_file, [asdict(finding) for finding in findings])
     for finding in findings:

@@ -2,11 +2,13 @@
 
 import copy
 import importlib
+import importlib.util
 import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -96,9 +98,7 @@ def find_python(name: str) -> Foreign:
         PolicyError: where there is none.
     """
     module, _, attribute = name.partition(":")
-    here = os.getcwd()
-    if here not in sys.path:
-        sys.path.append(here)
+    _search_here()
     try:
         found = importlib.import_module(module)
         for part in attribute.split("."):
@@ -106,6 +106,23 @@ def find_python(name: str) -> Foreign:
     except (Exception, SystemExit) as error:  # a module may raise anything
         raise PolicyError(f"{name}: cannot be imported ({_words(error)})") from error
     return _foreign(name, found)
+
+
+def python_file(name: str) -> Path | None:
+    """The file of the module that ``module:attribute`` names, if there is one; the module itself is not imported."""
+    _search_here()
+    try:
+        spec = importlib.util.find_spec(name.partition(":")[0])
+    except Exception:  # a package that the module lies in may raise anything
+        return None
+    return Path(spec.origin) if spec is not None and spec.has_location and spec.origin else None
+
+
+def _search_here() -> None:
+    """Let Python find modules in the folder where the program runs."""
+    here = os.getcwd()
+    if here not in sys.path:
+        sys.path.append(here)
 
 
 def registered() -> dict[str, EntryPoint]:

@@ -270,7 +270,7 @@ def tables_of_tests(analysis: Analysis, simulated: bool) -> TestTables:
         caption: [row for family in own if family.table == caption for row in family.rows]
         for caption in dict.fromkeys(family.table for family in own)
     }
-    return {caption: _tests(caption, tests, simulated) for caption, tests in rows.items()}
+    return {caption: table_of_tests(caption, tests, simulated) for caption, tests in rows.items()}
 
 
 def other_tests(tests: TestTables) -> Markup:
@@ -278,18 +278,21 @@ def other_tests(tests: TestTables) -> Markup:
     return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
 
 
-def _tests(caption: str, rows: Sequence[TestedRow], simulated: bool) -> Markup:
+def table_of_tests(caption: str, rows: Sequence[TestedRow], simulated: bool) -> Markup:
+    """Tests as a table, with what they are by the study's plan if there is one."""
     heads = ("What", "Groups", "One value", "n", "Medians", "p", "p, Holm", "", "Effect", "Test")
+    planned = any(row.planned for row in rows)
     body = [
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.unit,
             f"{row.n} + {row.zeros} zero" if row.zeros else row.n,
             f"{brief(row.median_a)} / {brief(row.median_b)}",
             probability(row.p), probability(row.p_holm), row.mark, quantity(row.effect, absent="–"),
-            f"{row.test}, {row.note or row.method}",
+            f"{row.test}, {row.note or row.method}", *([row.planned] if planned else []),
         )
         for row in rows
     ]  # fmt: skip
+    heads = (*heads, "By plan") if planned else heads
     return table(_about(caption, simulated), heads, body, numbers=(3, 4, 5, 6, 8))
 
 

@@ -19,6 +19,7 @@ from avrgym.analysis.page import (
     write_page,
 )
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
+from avrgym.analysis.report.plan import NOTHING, confirmatory, plan_section
 from avrgym.analysis.report.results import answers, biomechanics, objective, other_tests, tables_of_tests
 from avrgym.analysis.report.trials import trials
 from avrgym.analysis.rows import ParticipantRow
@@ -32,14 +33,18 @@ TITLES = {False: "People", True: "Simulated participants"}
 def write_study_page(path: Path, analysis: Analysis, drawings: Sequence[Drawing], study_link: str) -> None:
     """Write the page; ``study_link`` leads from it to the study's folder. The same analysis gives the same bytes."""
     groups = sorted({row.simulated for row in analysis.observed.participants})
-    header = [tag("p", "Analysis of the study as it stands."), _notices(analysis), _navigation(groups)]
+    header = [
+        tag("p", "Analysis of the study as it stands."),
+        _notices(analysis),
+        _navigation(analysis, groups),
+    ]
     sections = [_group(analysis, simulated, drawings, study_link) for simulated in groups]
     nobody = [tag("p", "Nobody has taken part yet: there is nothing to analyse.")] if not groups else []
     write_page(
         path,
         analysis.design.title,
         header,
-        [*nobody, *sections, _facts(analysis), _problems(analysis), _methods()],
+        [plan_section(analysis), *nobody, *sections, _facts(analysis), _problems(analysis), _methods()],
     )
 
 
@@ -59,10 +64,12 @@ def _notices(analysis: Analysis) -> Markup:
     return join(notices)
 
 
-def _navigation(groups: Sequence[bool]) -> Markup:
+def _navigation(analysis: Analysis, groups: Sequence[bool]) -> Markup:
+    plan = [tag("a", "The plan", href="#plan")] if analysis.plan else []
     links = [tag("a", TITLES[simulated], href=f"#{_id(simulated)}") for simulated in groups]
     return tag(
         "nav",
+        *plan,
         *links,
         tag("a", "About the study", href="#facts"),
         tag("a", "What is not as it should be", href="#problems"),
@@ -87,6 +94,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         tag("h2", TITLES[simulated]),
         *mark,
         _counts(analysis, simulated),
+        confirmatory(analysis, simulated),
         objective(analysis, simulated, own),
         answers(analysis, simulated, own, tests),
         biomechanics(analysis, simulated, own, tests),
@@ -155,7 +163,8 @@ def _facts(analysis: Analysis) -> Markup:
     }
     words = listing([f"{name}: {text}" for name, text in rows.items()])
     note = "Where a session had another seat or bed, its recordings say so."
-    return tag("section", tag("h2", "About the study"), words, tag("p", note), id="facts")
+    planned = [] if analysis.plan else [tag("p", NOTHING)]
+    return tag("section", tag("h2", "About the study"), words, tag("p", note), *planned, id="facts")
 
 
 def _problems(analysis: Analysis) -> Markup:

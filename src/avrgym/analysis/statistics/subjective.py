@@ -82,7 +82,7 @@ def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family
         rated = asked_at(design, AFTER_TRIAL)
         for questionnaire, unit in product(rated[:1], (TRIAL, PARTICIPANT)):
             item = questionnaire.items[0]
-            question = Question(f"{item.id} against the middle", table=_table(questionnaire))
+            question = middle_question(questionnaire)
             tests = [_against_middle(item, policy, answers, simulated, unit) for policy in design.policies]
             families.append(corrected(simulated, question, unit, tests))
         for questionnaire, unit in product(rated, (TRIAL, PARTICIPANT)):
@@ -102,6 +102,11 @@ def asked_at(design: Design, moment: str) -> list[Questionnaire]:
 def rated_items(design: Design) -> tuple[Item, ...]:
     """The items that are asked after each trial, in the design's order."""
     return tuple(item for questionnaire in asked_at(design, AFTER_TRIAL) for item in questionnaire.items)
+
+
+def middle_question(questionnaire: Questionnaire) -> Question:
+    """What the tests of a questionnaire's first item against the middle of its scale ask."""
+    return Question(f"{questionnaire.items[0].id} against the middle", table=_table(questionnaire))
 
 
 def policies_question(design: Design, questionnaire: Questionnaire) -> Question:

@@ -9,13 +9,13 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
-import tomlkit
-from tomlkit.exceptions import ParseError, TOMLKitError
 
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire, items_to_ask
 from avrgym.robots.registry import ROBOTS
-from avrgym.system.toml_places import Place, line_of
+from avrgym.study.design.toml import DesignError as DesignError
+from avrgym.study.design.toml import Tables, Wrong, parse, read_text
+from avrgym.system.toml_places import Place
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, environment_id
 
 FILE = "study.toml"
@@ -26,10 +26,6 @@ Sentence = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=8)]
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 _POLICY = re.compile(r"(?!.*\.\.)[A-Za-z0-9_-][A-Za-z0-9_./:-]{0,79}")
-
-
-class DesignError(ValueError):
-    """A design that cannot be used; the message names file, line, what is wrong and what is allowed."""
 
 
 class Consent(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -139,46 +135,22 @@ def read_design(path: Path) -> Design:
         DesignError: when the file says what cannot be.
         OSError: when it cannot be read.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise DesignError(f"{path}: not text in UTF-8: {error.reason} at byte {error.start}") from None
-    return parse_design(text, str(path))
+    return parse_design(read_text(path), str(path))
 
 
 def parse_design(text: str, name: str = FILE) -> Design:
     """The design that a text holds; ``name`` stands in errors, which are ``DesignError``."""
-    try:
-        values = tomlkit.parse(text).unwrap()
-    except ParseError as error:
-        raise DesignError(f"{name}:{error.line}: not TOML: {error}") from None
-    except TOMLKitError as error:
-        raise DesignError(f"{name}: not TOML: {error}") from None
-    try:
-        design = msgspec.convert(values, Design)
-        _check(design)
-    except msgspec.ValidationError as error:
-        place, message = _explain(error)
-        raise DesignError(f"{name}:{line_of(text, place)}: {message}") from None
-    except _Wrong as error:
-        raise DesignError(f"{name}:{line_of(text, error.place)}: {error}") from None
-    return design
-
-
-class _Wrong(Exception):
-    def __init__(self, place: Place, message: str) -> None:
-        super().__init__(message)
-        self.place = place
+    return parse(text, name, Design, _TABLES, _check)
 
 
 def _check(design: Design) -> None:
-    """Raise ``_Wrong`` for the first value that no type forbids but that cannot be."""
+    """Raise ``Wrong`` for the first value that no type forbids but that cannot be."""
     _check_names(("tasks",), design.tasks, TASKS)
     _check_names(("robots",), design.robots, ROBOTS)
     for index, robot in enumerate(design.robots):
         for task in design.tasks:
             if environment_id(task, robot) not in ENVIRONMENTS:
-                raise _Wrong(
+                raise Wrong(
                     ("robots", index), f"{robot} cannot do {task}; `avrgym envs` lists who can do what"
                 )
     for task in design.goals:
@@ -206,18 +178,18 @@ def _check_names(place: Place, names: tuple[str, ...], allowed: Mapping[str, Any
 
 def _check_known(place: Place, name: str, allowed: Mapping[str, Any]) -> None:
     if name not in allowed:
-        raise _Wrong(place, f"unknown name {name!r}; allowed: {', '.join(allowed)}")
+        raise Wrong(place, f"unknown name {name!r}; allowed: {', '.join(allowed)}")
 
 
 def _check_unique(place: Place, names: tuple[str, ...]) -> None:
     for index, name in enumerate(names):
         if name in names[:index]:
-            raise _Wrong((*place, index), f"{name!r} stands here twice; allowed: once")
+            raise Wrong((*place, index), f"{name!r} stands here twice; allowed: once")
 
 
 def _check_pattern(place: Place, name: str, pattern: re.Pattern[str], what: str) -> None:
     if not pattern.fullmatch(name):
-        raise _Wrong(place, f"{name!r} is no name; allowed: {what}, in letters, digits, - and _")
+        raise Wrong(place, f"{name!r} is no name; allowed: {what}, in letters, digits, - and _")
 
 
 def _check_ids(table: str, questions: Iterable[InclusionQuestion | Questionnaire]) -> None:
@@ -231,7 +203,7 @@ def _check_ids(table: str, questions: Iterable[InclusionQuestion | Questionnaire
 def _check_id(place: Place, name: str, known: set[str]) -> None:
     _check_pattern(place, name, _NAME, "at most 40 characters")
     if name in known:
-        raise _Wrong(place, f"{name!r} stands twice; allowed: a name that no other has")
+        raise Wrong(place, f"{name!r} stands twice; allowed: a name that no other has")
     known.add(name)
 
 
@@ -250,38 +222,20 @@ def _check_questionnaires(design: Design) -> None:
 
 def _check_choice(place: Place, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
-        raise _Wrong(place, f"{value!r} is not known; allowed: {', '.join(allowed)}")
+        raise Wrong(place, f"{value!r} is not known; allowed: {', '.join(allowed)}")
 
 
 def _check_database(url: str) -> None:
     if url and not url.startswith("postgresql://"):
-        raise _Wrong(("database", "url"), 'not a database; allowed: "" or postgresql://user@host/name')
+        raise Wrong(("database", "url"), 'not a database; allowed: "" or postgresql://user@host/name')
 
 
-def _explain(error: msgspec.ValidationError) -> tuple[Place, str]:
-    """Where the error is, and its words without the path."""
-    message, _, path = str(error).partition(" - at `$")
-    place: Place = tuple(
-        int(index) if index else key for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", path)
-    )
-    unknown = re.search(r"unknown field `(.+)`", message)
-    if unknown:
-        allowed = ", ".join(_struct_at(place).__struct_fields__)
-        return (*place, unknown[1]), f"unknown name {unknown[1]!r}; allowed: {allowed}"
-    named = f"{place[-1]}: " if place and isinstance(place[-1], str) else ""
-    return place, named + message.replace("`", "")
-
-
-def _struct_at(place: Place) -> type[msgspec.Struct]:
-    names = [key for key in place if isinstance(key, str)]
-    structs: dict[tuple[str, ...], type[msgspec.Struct]] = {
-        (): Design,
-        ("consent",): Consent,
-        ("inclusion",): InclusionQuestion,
-        ("questionnaires",): Questionnaire,
-        ("questionnaires", "items"): Item,
-        ("database",): DatabaseChoice,
-        ("furniture",): RealFurniture,
-        ("reporting",): Reporting,
-    }
-    return structs[tuple(names)]
+_TABLES: Tables = {
+    ("consent",): Consent,
+    ("inclusion",): InclusionQuestion,
+    ("questionnaires",): Questionnaire,
+    ("questionnaires", "items"): Item,
+    ("database",): DatabaseChoice,
+    ("furniture",): RealFurniture,
+    ("reporting",): Reporting,
+}

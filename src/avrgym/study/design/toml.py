@@ -1,0 +1,81 @@
+"""What a study's files in TOML say, read into structures; mistakes are answered with their line and what is allowed."""
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+import tomlkit
+from tomlkit.exceptions import ParseError, TOMLKitError
+
+from avrgym.system.toml_places import Place, line_of
+
+Kind = TypeVar("Kind", bound=msgspec.Struct)
+Tables = Mapping[tuple[str, ...], type[msgspec.Struct]]
+"""The structure of each table within a file, by the names that lead to it."""
+
+
+class DesignError(ValueError):
+    """A design, or a plan, that cannot be used; the message names file, line, what is wrong and what is allowed."""
+
+
+class Wrong(Exception):
+    """A value that no type forbids but that cannot be, and its place."""
+
+    def __init__(self, place: Place, message: str) -> None:
+        super().__init__(message)
+        self.place = place
+
+
+def read_text(path: Path) -> str:
+    """The text of a file; ``DesignError`` where it is none, ``OSError`` where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise DesignError(f"{path}: not text in UTF-8: {error.reason} at byte {error.start}") from None
+
+
+def parse(text: str, name: str, kind: type[Kind], tables: Tables, check: Callable[[Kind], None]) -> Kind:
+    """The structure that a text in TOML holds.
+
+    Args:
+        text: the file's.
+        name: of the file, for errors.
+        kind: what the whole file is.
+        tables: what its tables are.
+        check: raises ``Wrong`` for the first value that no type forbids but that cannot be.
+
+    Raises:
+        DesignError: for anything else than such a structure.
+    """
+    try:
+        values = tomlkit.parse(text).unwrap()
+    except ParseError as error:
+        raise DesignError(f"{name}:{error.line}: not TOML: {error}") from None
+    except TOMLKitError as error:
+        raise DesignError(f"{name}: not TOML: {error}") from None
+    try:
+        found = msgspec.convert(values, kind)
+        check(found)
+    except msgspec.ValidationError as error:
+        place, message = _explain(error, {(): kind, **tables})
+        raise DesignError(f"{name}:{line_of(text, place)}: {message}") from None
+    except Wrong as error:
+        raise DesignError(f"{name}:{line_of(text, error.place)}: {error}") from None
+    return found
+
+
+def _explain(error: msgspec.ValidationError, tables: Tables) -> tuple[Place, str]:
+    """Where the error is, and its words without the path."""
+    message, _, path = str(error).partition(" - at `$")
+    place: Place = tuple(
+        int(index) if index else key for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", path)
+    )
+    unknown = re.search(r"unknown field `(.+)`", message)
+    if unknown:
+        table = tables[tuple(key for key in place if isinstance(key, str))]
+        allowed = ", ".join(table.__struct_fields__)
+        return (*place, unknown[1]), f"unknown name {unknown[1]!r}; allowed: {allowed}"
+    named = f"{place[-1]}: " if place and isinstance(place[-1], str) else ""
+    return place, named + message.replace("`", "")

@@ -1,0 +1,183 @@
+"""In what a study deviates from its frozen plan, in words."""
+
+import json
+from collections.abc import Iterator, Sequence
+from itertools import zip_longest
+from typing import Any
+
+import tomlkit
+
+from avrgym.recording.files import RecordingError
+from avrgym.study.checking.finding import Finding
+from avrgym.study.checking.held import held_share, too_much_held
+from avrgym.study.design.design import FILE as DESIGN
+from avrgym.study.export.trials import all_attempts
+from avrgym.study.plan.freezing import FROZEN, Frozen, PolicyFile, Record, policy_files, sha256, software
+from avrgym.study.plan.plan import FILE, NOT_PLANNED, Offered
+from avrgym.study.storage.rows import pseudonym_of
+from avrgym.study.storage.states import TAKES_PART, StudyError
+from avrgym.study.storage.store import Store
+from avrgym.system.plain_values import is_array, is_table
+
+LONGEST = 80
+"""Longer values are told by their beginning."""
+NOTHING = object()
+"""Stands for a value that is not there."""
+
+
+def deviations(
+    store: Store, frozen: Frozen, offered: Offered, left_out: Sequence[Finding] = ()
+) -> list[Finding]:
+    """Each difference between a study and its frozen plan.
+
+    Args:
+        store: the study.
+        frozen: its plan.
+        offered: the tests that its analysis does now.
+        left_out: the trials that the exclusion rule keeps out of it, as far as they are known.
+    """
+    found = [Finding(FROZEN, frozen.fault)] if frozen.fault else []
+    if frozen.record is None:
+        return found
+    return [
+        *found,
+        *_changed_file(store, frozen.record, DESIGN, frozen.record.design),
+        *_changed_file(store, frozen.record, FILE, frozen.record.plan),
+        *_software(frozen.record),
+        *_policies(store, frozen.record),
+        *_people(store, frozen.record),
+        *left_out,
+        *_tests(frozen.record, offered),
+    ]
+
+
+def left_out(participant: str, position: int, why: str) -> Finding:
+    """That the exclusion rule keeps a trial out of the analysis."""
+    return Finding(f"{participant}, trial {position}", f"is left out of the analysis: {why}", wrong=False)
+
+
+def left_out_trials(store: Store) -> list[Finding]:
+    """All trials that the exclusion rule keeps out of the analysis, from their recordings."""
+    found: list[Finding] = []
+    for each in all_attempts(store):
+        counts = each.attempt.state == "completed" and each.participant.state in TAKES_PART
+        if not counts or each.trial.practice:
+            continue
+        try:
+            why = too_much_held(held_share(each.read()), store.design)
+        except (OSError, RecordingError, StudyError):
+            continue  # check_study tells
+        if why is not None:
+            found.append(left_out(each.participant.pseudonym, each.trial.position, why))
+    return found
+
+
+# Files
+
+
+def _changed_file(store: Store, record: Record, name: str, before: str) -> Iterator[Finding]:
+    path = store.folder / name
+    if not path.is_file():
+        yield _deviation(name, "is gone")
+        return
+    data = path.read_bytes()
+    if sha256(data) == record.sha256[name]:
+        return
+    try:
+        after = tomlkit.parse(data.decode()).unwrap()
+    except ValueError:
+        yield _deviation(name, "was changed and can no longer be read")
+        return
+    changes = [_deviation(name, words) for words in differences(tomlkit.parse(before).unwrap(), after)]
+    yield from changes or [_deviation(name, "was changed in comments or layout alone")]
+
+
+def differences(before: Any, after: Any, place: str = "") -> Iterator[str]:
+    """What differs between two tables of TOML, value by value, in words."""
+    if is_table(before) and is_table(after):
+        for name in dict.fromkeys([*before, *after]):
+            inner = f"{place}.{name}" if place else name
+            yield from differences(before.get(name, NOTHING), after.get(name, NOTHING), inner)
+    elif _holds_tables(before) and _holds_tables(after):
+        for number, pair in enumerate(zip_longest(before, after, fillvalue=NOTHING), start=1):
+            yield from differences(*pair, f"{place} {number}")
+    elif before is NOTHING:
+        yield f"{place} was added: {_shown(after)}"
+    elif after is NOTHING:
+        yield f"{place} is gone; it was {_shown(before)}"
+    elif before != after:
+        yield f"{place} was {_shown(before)}, is {_shown(after)}"
+
+
+def _holds_tables(value: Any) -> bool:
+    return is_array(value) and any(is_table(each) for each in value)
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+
+
+def _software(record: Record) -> Iterator[Finding]:
+    present = software()
+    for name, before in record.versions.items():
+        if present.get(name) != before:
+            yield _deviation("software", f"{name} was {before}, is {present.get(name, 'no longer used')}")
+
+
+def _policies(store: Store, record: Record) -> Iterator[Finding]:
+    present = {(each.environment, each.policy): each for each in policy_files(store)}
+    for before in record.policies:
+        after = present.get((before.environment, before.policy))
+        if after is not None and after != before:
+            yield _deviation(f"policy {before.policy}", f"of {before.environment} {_replaced(before, after)}")
+
+
+def _replaced(before: PolicyFile, after: PolicyFile) -> str:
+    if before.source != after.source:
+        return f"was {before.source}, is {after.source}"
+    return f"is another: the checksum of {after.source} is not the one that was frozen"
+
+
+# People and tests
+
+
+def _people(store: Store, record: Record) -> Iterator[Finding]:
+    """Who was excluded, withdrew or was deleted, and how many have completed the study.
+
+    These are people, or simulated participants where a study has no others.
+    """
+    everyone, deleted = store.participants(), store.tombstones()
+    simulated = all(each.simulated for each in [*everyone, *deleted])
+    own = [each for each in everyone if each.simulated is simulated]
+    for participant in own:
+        if participant.state == "withdrawn":
+            yield _deviation(participant.pseudonym, "withdrew and enters no test")
+        elif participant.state == "excluded":
+            yield _deviation(participant.pseudonym, "was excluded by the inclusion questions")
+    for gone in deleted:
+        if gone.simulated is simulated:
+            yield _deviation(pseudonym_of(gone.number), "was deleted with all data")
+    completed = sum(each.state == "completed" for each in own)
+    planned = record.parsed().participants
+    if completed and completed != planned:
+        have = "has" if completed == 1 else "have"
+        yield _deviation("participants", f"{completed} {have} completed the study, {planned} were planned")
+
+
+def _tests(record: Record, offered: Offered) -> Iterator[Finding]:
+    """Tests that the report has and the plan does not name, and the other way round."""
+    plan = record.parsed()
+    for test, measures in offered.items():
+        unplanned = [measure for measure in measures if plan.label(test, measure) == NOT_PLANNED]
+        if unplanned:
+            what = f"has a test that the plan does not name: {test} ({'; '.join(unplanned)})"
+            yield _deviation("the report", what)
+    for hypothesis in plan.hypotheses:
+        for test in hypothesis.tests:
+            if not set(offered.get(test, ())) & set(hypothesis.measures):
+                yield _deviation("the report", f"has no test any more for {hypothesis.id}: {test}")
+
+
+def _deviation(where: str, what: str) -> Finding:
+    return Finding(where, what, wrong=False)

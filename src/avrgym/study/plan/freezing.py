@@ -1,0 +1,180 @@
+"""Freezing a study's plan before the first participant: what the study was at that moment, on record.
+
+``plan-frozen.json`` holds plan and design with all checksums and versions. Its own checksum is an event in the
+database, for which the ledger vouches.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import msgspec
+import sqlalchemy as sa
+
+from avrgym.policies import controllers
+from avrgym.policies.trained import PolicyError, packaged_policies
+from avrgym.study.checking.preflight import policies_needed, policy_faults
+from avrgym.study.design.design import FILE as DESIGN
+from avrgym.study.design.toml import read_text
+from avrgym.study.plan.plan import FILE, Offered, Plan, parse_frozen_plan, read_plan
+from avrgym.study.storage.rows import StudyEvent, StudySession, Tombstone, pseudonym_of
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find_all, record_event
+from avrgym.system import plugins
+from avrgym.system.files import PRIVATE_FILE, write_whole
+from avrgym.vr.session.attempt import versions
+
+FROZEN = "plan-frozen.json"
+EVENT = "plan frozen"
+"""Its detail is the SHA-256 of the record."""
+FORMAT = "avrgym frozen plan 1"
+
+
+class PolicyFile(msgspec.Struct, frozen=True):
+    """What a policy of the design is in an environment; one that is no file has no checksum."""
+
+    environment: str
+    policy: str
+    source: str
+    sha256: str | None
+
+
+class Record(msgspec.Struct, frozen=True):
+    """What a study was when its plan was frozen; ``plan`` and ``design`` are the texts of the files."""
+
+    format: str
+    frozen_at: str
+    sha256: dict[str, str]
+    versions: dict[str, str]
+    policies: tuple[PolicyFile, ...]
+    plan: str
+    design: str
+
+    def parsed(self) -> Plan:
+        """The plan as it was frozen."""
+        return parse_frozen_plan(self.plan, FROZEN)
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """A plan that was frozen. Without a ``record`` nothing tells what was planned; ``fault`` says what is wrong."""
+
+    record: Record | None
+    fault: str = ""
+
+    @property
+    def at(self) -> str:
+        """When it was frozen, as far as that is known."""
+        return "an unknown time" if self.record is None else self.record.frozen_at
+
+
+def freeze(store: Store, offered: Offered) -> Record:
+    """Freeze the plan in a study's folder.
+
+    Args:
+        store: the study.
+        offered: the tests that its analysis does.
+
+    Raises:
+        DesignError: when the plan says what cannot be.
+        StudyError: when somebody has taken part, a plan was frozen before, or a policy cannot be used.
+        OSError: when plan or record cannot be read or written. Nothing is stored then.
+    """
+    _, text = read_plan(store.folder, store.design, offered)
+    for name, fault in policy_faults(store):
+        raise StudyError(f"nothing was frozen: policy {name}: {fault}")
+    record = _record(store, text)
+    data = msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
+    path = store.folder / FROZEN
+    with store.database.write() as connection:
+        _check_untouched(store, connection)
+        record_event(connection, EVENT, sha256(data), {})
+        write_whole(path, data, PRIVATE_FILE)
+    return record
+
+
+def check_untouched(store: Store) -> None:
+    """Raise ``StudyError`` unless a plan can still be frozen: none is, and nobody has taken part."""
+    with store.database.read() as connection:
+        _check_untouched(store, connection)
+
+
+def _check_untouched(store: Store, connection: sa.Connection) -> None:
+    if (store.folder / FROZEN).exists() or find_all(connection, StudyEvent, name=EVENT):
+        raise StudyError(
+            f"the plan of {store.folder} is frozen already; `avrgym study status` lists deviations"
+        )
+    taken = [each.participant for each in find_all(connection, StudySession)]
+    taken += [each.number for each in find_all(connection, Tombstone)]
+    if taken:
+        raise StudyError(
+            f"{pseudonym_of(min(taken))} has taken part already: a plan is made before the first participant; "
+            "this study stays one without a plan (dry runs belong in a folder of their own)"
+        )
+
+
+def _record(store: Store, plan: str) -> Record:
+    return Record(
+        format=FORMAT,
+        frozen_at=now(),
+        sha256={name: sha256((store.folder / name).read_bytes()) for name in (FILE, DESIGN)},
+        versions=software(),
+        policies=policy_files(store),
+        plan=plan,
+        design=read_text(store.folder / DESIGN),
+    )
+
+
+def sha256(data: bytes) -> str:
+    """A checksum, as ``sha256sum`` prints it."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def software() -> dict[str, str]:
+    """The versions of what simulates and of what computes the analysis."""
+    return versions() | {name: version(name) for name in ("numpy", "scipy")}
+
+
+def policy_files(store: Store) -> tuple[PolicyFile, ...]:
+    """What each policy of the design is at present."""
+    return tuple(_policy_file(store, environment, name) for environment, name in policies_needed(store))
+
+
+def _policy_file(store: Store, environment: str, policy: str) -> PolicyFile:
+    try:
+        source, path = _source(store, environment, policy)
+    except PolicyError:
+        return PolicyFile(environment, policy, "nothing", None)
+    return PolicyFile(environment, policy, source, sha256(path.read_bytes()) if path else None)
+
+
+def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | None]:
+    """What a policy is taken from, in words, and its file if it has one; ``PolicyError`` where it is not there."""
+    source = store.policy_source(environment, policy)
+    packaged, plugin = packaged_policies(environment), controllers.registered().get(source)
+    if source in packaged:
+        return source, packaged[source]
+    if plugin is not None:
+        return plugins.described(plugin), controllers.python_file(plugin.value)
+    if Path(source).is_file():
+        return Path(source).relative_to(store.folder).as_posix(), Path(source)
+    return source, controllers.python_file(source) if ":" in source else None
+
+
+def read_frozen(store: Store) -> Frozen | None:
+    """The study's frozen plan; ``None`` where none was frozen."""
+    path = store.folder / FROZEN
+    with store.database.read() as connection:
+        noted = [event.detail for event in find_all(connection, StudyEvent, name=EVENT)]
+    if not path.exists():
+        return Frozen(None, "is missing: nothing tells what was planned; put a copy back") if noted else None
+    data = path.read_bytes()
+    if noted and sha256(data) not in noted:
+        return Frozen(None, "was changed: it does not tell any more what was planned; put a copy back")
+    try:
+        record = msgspec.json.decode(data, type=Record)
+    except ValueError as error:
+        return Frozen(None, f"is damaged: {error}")
+    return Frozen(record, "" if noted else "is not known to the database, which may have been rebuilt")

@@ -1,0 +1,136 @@
+"""A study's plan: what ``plan.toml`` says, checked against the study's design and the tests of its analysis."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from avrgym.study.design.design import FILE as DESIGN
+from avrgym.study.design.design import Design
+from avrgym.study.design.toml import Tables, Wrong, parse, read_text
+from avrgym.study.storage.states import StudyError
+from avrgym.system.toml_places import Place
+
+FILE = "plan.toml"
+CONFIRMATORY, EXPLORATORY, NOT_PLANNED = "confirmatory", "exploratory", "not in the plan"
+Offered = Mapping[str, Sequence[str]]
+"""The tests that a study's analysis does, by name, each with its measures."""
+Words = Annotated[str, msgspec.Meta(min_length=1)]
+Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+
+
+class Hypothesis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is expected, by which measures it is seen and by which tests it is judged."""
+
+    id: Words
+    text: Words
+    measures: Names
+    tests: Names
+
+
+class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is left out: trials by the share for which their person was held, all else by rules in words."""
+
+    max_held_share: float
+    further: tuple[Words, ...] = ()
+
+
+class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What shall be found out, and how, as it is settled before the first participant.
+
+    Tests of a hypothesis' measures are confirmatory; ``exploratory`` names further tests, all of whose other measures
+    are looked at without a hypothesis.
+    """
+
+    participants: int
+    sample_size_rationale: str = ""
+    stopping_rule: str = ""
+    other: str = ""
+    exploratory: tuple[str, ...] = ()
+    exclusion: Exclusion
+    hypotheses: Annotated[tuple[Hypothesis, ...], msgspec.Meta(min_length=1)]
+
+    def hypotheses_of(self, test: str, measure: str) -> tuple[Hypothesis, ...]:
+        """The hypotheses that a test of a measure judges."""
+        return tuple(each for each in self.hypotheses if test in each.tests and measure in each.measures)
+
+    def label(self, test: str, measure: str) -> str:
+        """What a test of a measure is: ``CONFIRMATORY``, ``EXPLORATORY`` or ``NOT_PLANNED``."""
+        if self.hypotheses_of(test, measure):
+            return CONFIRMATORY
+        return EXPLORATORY if test in self.exploratory else NOT_PLANNED
+
+
+_TABLES: Tables = {("hypotheses",): Hypothesis, ("exclusion",): Exclusion}
+
+
+def read_plan(folder: Path, design: Design, offered: Offered) -> tuple[Plan, str]:
+    """The plan in a study's folder, and its text.
+
+    Raises:
+        DesignError: when it says what cannot be, or what does not fit the design or the tests of its analysis.
+        StudyError: when there is none.
+        OSError: when it cannot be read.
+    """
+    if not (folder / FILE).is_file():
+        raise StudyError(f"{folder} holds no {FILE}; `avrgym study freeze {folder}` writes one to fill in")
+    text = read_text(folder / FILE)
+    return parse_plan(text, str(folder / FILE), design, offered), text
+
+
+def parse_plan(text: str, name: str, design: Design, offered: Offered) -> Plan:
+    """The plan that a text holds, with ``read_plan``'s errors, in which ``name`` stands."""
+    return parse(text, name, Plan, _TABLES, lambda plan: _check(plan, design, offered))
+
+
+def parse_frozen_plan(text: str, name: str) -> Plan:
+    """The same of a plan that was checked when it was frozen; design and tests may have changed since."""
+    return parse(text, name, Plan, _TABLES, lambda plan: None)
+
+
+def _check(plan: Plan, design: Design, offered: Offered) -> None:
+    """Raise ``Wrong`` for the first value that no type forbids but that cannot be."""
+    _check_equal(("participants",), plan.participants, design.participants)
+    _check_equal(("exclusion", "max_held_share"), plan.exclusion.max_held_share, design.max_held_share)
+    for index, test in enumerate(plan.exploratory):
+        _check_known(("exploratory", index), "test", test, offered)
+    known: set[str] = set()
+    for index, hypothesis in enumerate(plan.hypotheses):
+        if hypothesis.id in known:
+            raise Wrong(("hypotheses", index, "id"), f"{hypothesis.id!r} stands twice; allowed: once")
+        known.add(hypothesis.id)
+        _check_hypothesis(("hypotheses", index), hypothesis, offered)
+
+
+def _check_equal(place: Place, planned: float, designed: float) -> None:
+    if planned != designed:
+        raise Wrong(place, f"{place[-1]} is {planned:g}; allowed: {designed:g}, as {DESIGN} says")
+
+
+def _check_hypothesis(place: Place, hypothesis: Hypothesis, offered: Offered) -> None:
+    measures = dict.fromkeys(measure for taken in offered.values() for measure in taken)
+    for index, test in enumerate(hypothesis.tests):
+        _check_known((*place, "tests", index), "test", test, offered)
+    for index, measure in enumerate(hypothesis.measures):
+        _check_known((*place, "measures", index), "measure", measure, measures)
+    taken = {measure for test in hypothesis.tests for measure in offered[test]}
+    for index, measure in enumerate(hypothesis.measures):
+        if measure not in taken:
+            fitting = [test for test, measures in offered.items() if measure in measures]
+            what = f"no test of {hypothesis.id} takes {measure!r}; those that do: {_listed(fitting)}"
+            raise Wrong((*place, "measures", index), what)
+    for index, test in enumerate(hypothesis.tests):
+        if not set(offered[test]) & set(hypothesis.measures):
+            what = f"{test!r} takes no measure of {hypothesis.id}; it takes {_listed(offered[test])}"
+            raise Wrong((*place, "tests", index), what)
+
+
+def _check_known(place: Place, what: str, name: str, allowed: Iterable[str]) -> None:
+    if name not in allowed:
+        raise Wrong(place, f"unknown {what} {name!r}; allowed: {_listed(allowed)}")
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Names that may hold commas."""
+    return ", ".join(f'"{name}"' for name in names)

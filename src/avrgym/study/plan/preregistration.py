@@ -1,0 +1,229 @@
+"""A study's plan as the fields of public registries, to be pasted there.
+
+The fields are those of OSF's standard form (Bowman et al. 2016, doi 10.31222/osf.io/epgjd) and of AsPredicted
+(aspredicted.org), under short headings of our own.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from avrgym.study.design.allocation import cell_orders
+from avrgym.study.design.design import Design
+from avrgym.study.plan.freezing import FROZEN, check_untouched, read_frozen
+from avrgym.study.plan.plan import Offered, Plan, read_plan
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.system.files import private_opener
+from avrgym.tasks.registry import TASKS
+
+Fields = Mapping[str, Mapping[str, str]]
+"""By section and heading what to fill in."""
+NOT_SAID = "(Nothing is said of it.)"
+BEFOREHAND = "None: a plan is frozen only while nobody has taken part."
+
+
+def write_preregistration(store: Store, offered: Offered, form: str) -> Path:
+    """Write a study's plan, the frozen one if there is one, as the fields of a form.
+
+    Raises:
+        DesignError: when the plan says what cannot be.
+        StudyError: for an unknown form, where somebody took part without a plan, and where the file is there
+            already with other words.
+        OSError: when something cannot be read or written.
+    """
+    if form not in FORMS:
+        raise StudyError(f"unknown form {form!r}; allowed: {', '.join(FORMS)}")
+    title, fields = FORMS[form]
+    frozen = read_frozen(store)
+    if frozen is None:
+        check_untouched(store)
+        plan, state = read_plan(store.folder, store.design, offered)[0], "Not frozen yet."
+    elif frozen.record is None:
+        raise StudyError(f"{FROZEN} {frozen.fault}")
+    else:
+        plan, state = frozen.record.parsed(), f"Frozen with AVR Gym at {frozen.at} (UTC)."
+    text = _markdown(f"{store.design.title}: {title}", state, fields(store.design, plan, offered))
+    return _write_new(store.folder / f"preregistration-{form}.md", text)
+
+
+def _write_new(path: Path, text: str) -> Path:
+    try:
+        with open(path, "x", encoding="utf-8", opener=private_opener) as file:
+            file.write(text)
+    except FileExistsError:
+        if path.read_bytes() != text.encode():
+            raise StudyError(
+                f"{path} is there already, with other words; remove it to write it anew"
+            ) from None
+    return path
+
+
+def _markdown(title: str, state: str, fields: Fields) -> str:
+    lines = [f"# {title}", state]
+    for section, answers in fields.items():
+        lines += [f"## {section}"] if section else []
+        for heading, text in answers.items():
+            lines += [f"### {heading}", text or NOT_SAID]
+    return "\n\n".join(lines) + "\n"
+
+
+def _osf(design: Design, plan: Plan, offered: Offered) -> Fields:
+    return {
+        "Study information": {
+            "Title": design.title,
+            "Description": _description(design),
+            "Hypotheses": _hypotheses(plan),
+        },
+        "Design plan": {
+            "Study type": "Experiment",
+            "Blinding": _blinding(design),
+            "Study design": _conditions(design),
+            "Randomization": _randomization(design),
+        },
+        "Sampling plan": {
+            "Existing data": "Registration prior to creation of data",
+            "Explanation of existing data": BEFOREHAND,
+            "Data collection procedures": _procedures(design),
+            "Sample size": f"{plan.participants} participants.",
+            "Sample size rationale": plan.sample_size_rationale,
+            "Stopping rule": plan.stopping_rule,
+        },
+        "Variables": {
+            "Manipulated variables": _manipulated(design),
+            "Measured variables": _measures(design, plan),
+            "Indices": "By participant: the mean of a participant's trials of a condition. By trial: none.",
+        },
+        "Analysis plan": {
+            "Statistical models": _tests(plan, offered),
+            "Transformations": "None; differences of zero are left out of signed-rank tests, ties share their rank.",
+            "Inference criteria": _inference(),
+            "Data exclusion": _exclusion(design, plan),
+            "Missing data": "Of a pair of trials of which one is missing, the other is left out of its test.",
+            "Exploratory analyses": _list(plan.exploratory),
+        },
+        "Other": {"Other": plan.other},
+    }
+
+
+def _aspredicted(design: Design, plan: Plan, offered: Offered) -> Fields:
+    questions = {
+        "Data collected already": BEFOREHAND,
+        "Question or hypothesis": _hypotheses(plan),
+        "Dependent variables": _measures(design, plan),
+        "Conditions": f"{_conditions(design)} {_randomization(design)}",
+        "Analyses": f"{_tests(plan, offered)}\n\n{_inference()}",
+        "Outliers and exclusions": _exclusion(design, plan),
+        "Number of observations": _paragraphs(
+            f"{plan.participants} participants.", plan.stopping_rule, plan.sample_size_rationale
+        ),
+        "Anything else": _paragraphs(plan.other, f"Exploratory tests:\n\n{_list(plan.exploratory)}"),
+    }
+    return {"": {f"{number}. {name}": text for number, (name, text) in enumerate(questions.items(), start=1)}}
+
+
+FORMS: Mapping[str, tuple[str, Callable[[Design, Plan, Offered], Fields]]] = {
+    "osf": ("fields of the OSF preregistration", _osf),
+    "aspredicted": ("answers for AsPredicted", _aspredicted),
+}
+"""By the name of a form its title and what fills it in."""
+
+
+# What a study says of itself
+
+
+def _description(design: Design) -> str:
+    told = " ".join(design.goals.get(task) or TASKS[task].goal for task in design.tasks)
+    return (
+        f"In virtual reality simulated robots help participants with everyday tasks. They are told: {told} "
+        f"Each trial lasts {design.trial_steps / 10:g} s."
+    )
+
+
+def _hypotheses(plan: Plan) -> str:
+    return _list(f"{each.id}: {each.text}" for each in plan.hypotheses)
+
+
+def _blinding(design: Design) -> str:
+    led = (
+        "Neither does the experimenter, who sees a letter for each policy."
+        if design.blind_experimenter
+        else "The experimenter knows."
+    )
+    return f"Participants do not know which policy they meet. {led}"
+
+
+def _conditions(design: Design) -> str:
+    practice = f" Before each task: one practice trial with the policy {design.practice_policy}."
+    return (
+        f"Within participants: {len(design.tasks)} × {len(design.robots)} × {len(design.policies)} conditions "
+        f"(tasks {', '.join(design.tasks)}; robots {', '.join(design.robots)}; policies {', '.join(design.policies)}), "
+        f"one trial of each.{practice if design.practice_policy else ''}"
+    )
+
+
+def _randomization(design: Design) -> str:
+    return (
+        "Tasks, and conditions within each task, follow Williams squares, randomised by the design's seed: "
+        f"{len(cell_orders(design))} orders, of which each participant gets the one that fewest have."
+    )
+
+
+def _procedures(design: Design) -> str:
+    asked = [f"{each.text} {'Yes' if each.required else 'No'}." for each in design.inclusion]
+    about = design.reporting
+    return _paragraphs(
+        f"Recruitment: {about.recruitment or NOT_SAID}",
+        f"Compensation: {about.compensation or NOT_SAID}",
+        f"Ethics approval: {about.ethics_approval or NOT_SAID}",
+        f"Whoever takes part has consented and answers as follows:\n\n{_list(asked)}" if asked else "",
+    )
+
+
+def _manipulated(design: Design) -> str:
+    levels = {"Task": design.tasks, "Robot": design.robots, "Policy": design.policies}
+    return _list(f"{name}: {', '.join(each)}" for name, each in levels.items())
+
+
+def _measures(design: Design, plan: Plan) -> str:
+    """The primary measures; those that are items in their own words."""
+    items = design.items
+    names = dict.fromkeys(measure for each in plan.hypotheses for measure in each.measures)
+    return _list(
+        f"{name}: {items[name].text} From 1 ({items[name].low}) to {items[name].points} ({items[name].high})."
+        if name in items
+        else name
+        for name in names
+    )
+
+
+def _tests(plan: Plan, offered: Offered) -> str:
+    return _list(
+        f"{each.id}: {test} ({'; '.join(name for name in offered.get(test, ()) if name in each.measures)})"
+        for each in plan.hypotheses
+        for test in each.tests
+    )
+
+
+def _inference() -> str:
+    return (
+        "Two-sided, p below 0.05 after Holm's correction for all measures of a test. Wilcoxon's signed-rank test for "
+        "answers, with exact p for up to 50 differences; see docs/analysis.md of AVR Gym for the other tests."
+    )
+
+
+def _exclusion(design: Design, plan: Plan) -> str:
+    rules = [
+        "Trials whose person was held still, because tracking was lost or jumped, for more than "
+        f"{100 * plan.exclusion.max_held_share:g} % of the time in which the robot helped.",
+        "All of participants who withdraw; practice trials; trials that were not completed.",
+        *(["Who answers an inclusion question otherwise does not take part."] if design.inclusion else []),
+    ]
+    return _list([*rules, *plan.exclusion.further])
+
+
+def _list(items: Iterable[str]) -> str:
+    return "\n".join(f"- {item}" for item in items)
+
+
+def _paragraphs(*texts: str) -> str:
+    return "\n\n".join(text for text in texts if text)

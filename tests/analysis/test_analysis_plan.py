@@ -1,0 +1,94 @@
+"""The report of a study with a frozen plan: planned tests stand apart, and every deviation is listed."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from analysed import STEPS, read_table, run_trials, take_part
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.study import Analysis, analyse
+from avrgym.cli.main import app
+from avrgym.study.people.participants import withdraw
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
+from html_page import Page
+from studies import make_study
+
+PLANNED = ["L1 against the middle, by participant", "policies, by participant"]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A study of two participants, whose plan is frozen and who have all finished."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', participants="2")
+    for _ in range(2):
+        assert CliRunner().invoke(app, ["study", "freeze", str(folder)]).exit_code == 0
+    with Store(folder) as store:
+        for sex in ("man", "woman"):
+            run_trials(store, take_part(store, sex, simulated=False))
+    return folder
+
+
+def analysed(folder: Path, out: Path) -> tuple[Analysis, str]:
+    """The analysis, and the words of its page."""
+    with Store(folder) as store:
+        analysis = analyse(store)
+        return analysis, " ".join(Page(write_analysis(analysis, folder, out)).text.split())
+
+
+def test_what_was_planned_is_confirmatory_and_nothing_deviates(folder: Path, tmp_path: Path) -> None:
+    analysis, page = analysed(folder, tmp_path / "out")
+    assert analysis.plan is not None
+    assert analysis.plan.deviations == []
+    assert "Deviations None." in page
+    assert page.count("Confirmatory results") == 1
+    assert "H2: Participants rate L1, L2, L3, L4 higher with revised than with original." in page
+    assert "preregistered" not in page
+    tests = read_table(tmp_path / "out", "tests")
+    for row in tests:
+        assert row["planned"] == ("confirmatory" if row["family"] in PLANNED else "exploratory"), row[
+            "family"
+        ]
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert results["plan"]["deviations"] == []
+    assert results["plan"]["plan"]["participants"] == 2
+    assert "deviates" not in CliRunner().invoke(app, ["study", "check", str(folder)]).stdout
+
+
+def test_the_report_lists_the_deviations_that_the_check_lists(folder: Path, tmp_path: Path) -> None:
+    design = folder / "study.toml"
+    design.write_text(design.read_text().replace("blind_experimenter = false", "blind_experimenter = true"))
+    with Store(folder) as store:
+        run_trials(store, take_part(store, simulated=False), held={2: STEPS})
+        withdraw(store, take_part(store, simulated=False))
+    analysis, page = analysed(folder, tmp_path / "out")
+    assert analysis.plan is not None
+    listed = [f"{each.where}: {each.what}" for each in analysis.plan.deviations]
+    assert len(listed) == 4
+    for words, line in zip(
+        (
+            "study.toml: blind_experimenter was false, is true",
+            "sub-004: withdrew and enters no test",
+            "participants: 3 have completed the study, 2 were planned",
+            "sub-003, trial 2: is left out of the analysis: its person was held for",
+        ),
+        listed,
+        strict=True,
+    ):
+        assert words in line
+        assert line in page
+    checked = CliRunner().invoke(app, ["study", "check", str(folder)]).stdout
+    told = [line for line in checked.splitlines() if "deviates from the plan" in line]
+    assert [line.removeprefix("note   ").replace("deviates from the plan: ", "") for line in told] == listed
+
+
+def test_a_record_that_was_changed_tells_nothing(folder: Path, tmp_path: Path) -> None:
+    record = folder / "plan-frozen.json"
+    record.write_bytes(record.read_bytes().replace(b"higher", b"lower"))
+    analysis, page = analysed(folder, tmp_path / "out")
+    assert {row.planned for row in analysis.tests} == {""}
+    assert "plan-frozen.json: was changed" in page
+    assert "Confirmatory" not in page

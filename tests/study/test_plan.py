@@ -1,0 +1,273 @@
+"""A study's plan: bad ones are refused in a line, what was frozen stays on record, and what differs is listed."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from avrgym.analysis.statistics.offered import offered_tests, suggested_hypotheses
+from avrgym.cli.main import app
+from avrgym.policies.trained import packaged_policies
+from avrgym.study.design.design import DesignError, default_text, parse_design
+from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
+from avrgym.study.plan.deviations import differences
+from avrgym.study.plan.freezing import FROZEN, read_frozen
+from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
+from avrgym.study.plan.template import template
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
+from studies import fitting_answers, make_study, run_participant, small_study, take_in
+
+DESIGN = parse_design(default_text())
+OFFERED = offered_tests(DESIGN)
+TEXT = template(DESIGN, OFFERED, suggested_hypotheses(DESIGN))
+SESSION_ITEMS = """
+[[questionnaires]]
+name = "csq"
+when = ["before_session", "after_session"]
+items = [{ id = "C1", text = "I feel \\"sick\\".", points = 7, low = "no", high = "yes" }]
+"""
+DESIGNS = {
+    "the paper's": default_text(),
+    "one policy": default_text().replace('["original", "revised"]', '["revised"]'),
+    "items about sessions": default_text().replace("[goals]", f"{SESSION_ITEMS}\n[goals]"),
+    "a title that TOML escapes": default_text().replace('title = "', 'title = "\\"A\\"\\u0007\\n'),
+    "no items": default_text()[: default_text().index("\n[[questionnaires]]\n")]
+    + default_text()[default_text().index("\n[goals]") :],
+}
+
+
+@pytest.fixture(autouse=True)
+def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+
+
+def study(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, ["study", *(str(argument) for argument in arguments)])
+
+
+# Plans
+
+
+@pytest.mark.parametrize("text", DESIGNS.values(), ids=list(DESIGNS))
+def test_the_template_of_every_design_is_a_plan_that_names_every_test(text: str) -> None:
+    design = parse_design(text)
+    offered = offered_tests(design)
+    plan = parse_plan(template(design, offered, suggested_hypotheses(design)), "plan.toml", design, offered)
+    labels = {plan.label(test, measure) for test, measures in offered.items() for measure in measures}
+    assert labels == {CONFIRMATORY, EXPLORATORY}
+    assert plan.participants == design.participants
+
+
+ITEMS = 'measures = ["L1", "L2", "L3", "L4"]'
+BAD = {
+    "a test": ('tests = ["policies, by participant"]', 'tests = ["ANOVA"]', "unknown test 'ANOVA'; allowed: \"L1 aga"),
+    "an exploratory test": ('    "policies, by trial",', '    "policies",', "unknown test 'policies'; allowed: "),
+    "a measure": (ITEMS, 'measures = ["L1", "L5"]', "unknown measure 'L5'; allowed: \"L1\", \"L2\""),
+    "a measure of another test": (ITEMS, 'measures = ["torso_height_m"]', "takes 'torso_height_m'; those that"),
+    "a test of another measure": (
+        'tests = ["L1 against the middle, by participant"]',
+        'tests = ["L1 against the middle, by participant", "torso heights, by trial"]',
+        "'torso heights, by trial' takes no measure of H1; it takes \"torso_height_m\"",
+    ),
+    "a number": ("participants = 8", "participants = 12", "participants is 12; allowed: 8, as study.toml says"),
+    "an exclusion rule": ("max_held_share = 0.05", "max_held_share = 0.2", "is 0.2; allowed: 0.05, as study.toml says"),
+    "an unknown rule": ("further = []", "outliers = []", "unknown name 'outliers'; allowed: max_held_share, further"),
+    "an unknown field": ('measures = ["L1"]', 'measure = ["L1"]', "unknown name 'measure'; allowed: id, text, "),
+    "two of a name": ('id = "H2"', 'id = "H1"', "'H1' stands twice; allowed: once"),
+    "no TOML": ("participants = 8", "participants = ", "not TOML"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("before", "after", "words"), BAD.values(), ids=list(BAD))
+def test_a_bad_plan_is_answered_with_its_line_and_what_is_allowed(
+    before: str, after: str, words: str
+) -> None:
+    assert TEXT.count(before) == 1
+    text = TEXT.replace(before, after)
+    with pytest.raises(DesignError) as refused:
+        parse_plan(text, "plan.toml", DESIGN, OFFERED)
+    message = str(refused.value)
+    assert words in message
+    line = int(message.split(":")[1])
+    assert text.splitlines()[line - 1].strip() in after or after.split("=")[0] in text.splitlines()[line - 1]
+
+
+def test_a_bad_plan_is_not_frozen(tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "study")
+    (folder / "plan.toml").write_text(TEXT.replace("participants = 8", "participants = 9"))
+    shown = study("freeze", folder)
+    assert (shown.exit_code, shown.stderr.count("\n")) == (1, 1)
+    assert not (folder / FROZEN).exists()
+
+
+def test_differences_are_told_value_by_value() -> None:
+    before = {"a": 1, "b": {"c": [1, 2]}, "items": [{"id": "x"}, {"id": "y"}], "gone": "?" * 200}
+    after = {"a": 2, "b": {"c": [1, 3]}, "items": [{"id": "x"}, {"id": "z"}, {"id": "w"}], "new": True}
+    assert list(differences(before, before)) == []
+    assert list(differences(before, after)) == [
+        "a was 1, is 2",
+        "b.c was [1, 2], is [1, 3]",
+        'items 2.id was "y", is "z"',
+        'items 3 was added: {"id": "w"}',
+        f'gone is gone; it was "{"?" * 78}…',
+        "new was added: true",
+    ]
+
+
+# Freezing
+
+
+def test_a_plan_is_written_then_frozen_once(tmp_path: Path) -> None:
+    folder = small_study(tmp_path / "study")
+    assert "holds no plan.toml" in study("freeze", folder, "--export", "osf").stderr
+    assert study("freeze", folder).exit_code == 0
+    written = (folder / "plan.toml").read_bytes()
+    assert not (folder / FROZEN).exists()
+    again = study("freeze", folder, "--template")
+    assert (again.exit_code, "is there already and stays" in again.stderr) == (1, True)
+
+    assert study("freeze", folder).exit_code == 0
+    record = (folder / FROZEN).read_bytes()
+    assert (folder / "plan.toml").read_bytes() == written
+    again = study("freeze", folder)
+    assert (again.exit_code, "is frozen already" in again.stderr) == (1, True)
+    assert (folder / FROZEN).read_bytes() == record
+    status = study("status", folder, "--json", tmp_path / "status.json")
+    assert "deviations: 0" in status.stdout
+    assert json.loads((tmp_path / "status.json").read_text())["deviations"] == []
+    assert study("check", folder).stdout.count("deviates") == 0
+
+
+def test_who_has_taken_part_keeps_a_plan_from_being_frozen(tmp_path: Path) -> None:
+    folder = small_study(tmp_path / "study")
+    assert study("freeze", folder).exit_code == 0
+    with Store(folder) as store:
+        someone = take_in(store, simulated=False)
+    with Store(folder) as store:
+        run_participant(store, someone, trials=1, simulated=False)
+    for arguments in ([], ["--template"], ["--export", "osf"]):
+        refused = study("freeze", folder, *arguments)
+        assert refused.exit_code == 1
+        assert "sub-001 has taken part already" in refused.stderr
+    assert not (folder / FROZEN).exists()
+    assert "frozen" not in study("status", folder).stdout
+
+
+def test_a_policy_that_is_missing_keeps_a_plan_from_being_frozen(tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', policies='["original", "mine"]')
+    study("freeze", folder)
+    refused = study("freeze", folder)
+    assert (refused.exit_code, "policy mine: no policy 'mine'" in refused.stderr) == (1, True)
+    assert not (folder / FROZEN).exists()
+
+
+def test_the_record_is_vouched_for_by_the_database(tmp_path: Path) -> None:
+    folder = _frozen(small_study(tmp_path / "study"))
+    record = (folder / FROZEN).read_bytes()
+    (folder / FROZEN).write_bytes(record.replace(b"higher", b"lower"))
+    shown = study("check", folder)
+    assert (shown.exit_code, f"wrong  {FROZEN}: deviates from the plan: was changed" in shown.stdout) == (
+        1,
+        True,
+    )
+    (folder / FROZEN).unlink()
+    assert f"{FROZEN}: is missing" in study("status", folder).stdout
+    (folder / FROZEN).write_bytes(record)
+    assert study("check", folder).exit_code == 0
+
+
+@pytest.mark.parametrize("form", ["osf", "aspredicted"])
+def test_registries_get_the_facts_of_the_study(tmp_path: Path, form: str) -> None:
+    folder = _frozen(make_study(tmp_path / "study"))
+    for _ in range(2):
+        assert study("freeze", folder, "--export", form).exit_code == 0
+    text = (folder / f"preregistration-{form}.md").read_text()
+    for fact in (
+        "The robot successfully assisted me with the task. From 1 (strongly disagree) to 7 (strongly agree)",
+        "4 × 2 × 2 conditions",
+        "4 orders",
+        "8 participants",
+        "for more than 5 % of the time",
+        "H2: policies, by participant (L1; L2; L3; L4)",
+        "Frozen with AVR Gym",
+    ):
+        assert fact in text, fact
+    (folder / f"preregistration-{form}.md").write_text("mine")
+    assert "is there already, with other words" in study("freeze", folder, "--export", form).stderr
+    assert "allowed: osf, aspredicted" in study("freeze", folder, "--export", "word").stderr
+
+
+def _frozen(folder: Path) -> Path:
+    assert [study("freeze", folder).exit_code for _ in range(2)] == [0, 0]
+    return folder
+
+
+# Deviations
+
+
+def test_every_deviation_is_listed(tmp_path: Path) -> None:
+    folder = make_study(
+        tmp_path / "study",
+        tasks='["Feeding"]',
+        policies='["original", "mine"]',
+        practice_policy='""',
+        participants="2",
+    )
+    (folder / "mine").mkdir()
+    for robot in ("Jaco", "PR2"):
+        packaged = packaged_policies(f"avrgym/Feeding{robot}-v1")
+        (folder / "mine" / f"Feeding{robot}.safetensors").write_bytes(packaged["revised"].read_bytes())
+    study("freeze", folder)
+    plan = folder / "plan.toml"
+    plan.write_text(plan.read_text().replace('    "torso heights, by trial",\n', ""))
+    study("freeze", folder)
+    with Store(folder) as store:
+        run_participant(store, take_in(store, simulated=False), simulated=False)
+        withdraw(store, take_in(store, simulated=False))
+        out = enrol(store, "man")
+        record_consent(store, out)
+        record_inclusion(store, out, {name: not yes for name, yes in fitting_answers(store).items()})
+    person = packaged_policies("avrgym/FeedingJaco-v1")["original"].read_bytes()
+    (folder / "mine" / "FeedingJaco.safetensors").write_bytes(person)
+    design = folder / "study.toml"
+    design.write_text(design.read_text().replace("free_movement_s = 5.0", "free_movement_s = 4.0"))
+    plan.write_text(plan.read_text().replace("higher with mine", "lower with mine"))
+    record = (folder / FROZEN).read_text()
+
+    shown = study("status", folder).stdout
+    expected = {
+        "study.toml: free_movement_s was 5.0, is 4.0",
+        'plan.toml: hypotheses 2.text was "Participants rate L1, L2, L3, L4 higher with mine than with',
+        "policy mine: of avrgym/FeedingJaco-v1 is another: the checksum of mine/FeedingJaco.safetensors is not",
+        "sub-002: withdrew and enters no test",
+        "sub-003: was excluded by the inclusion questions",
+        "participants: 1 has completed the study, 2 were planned",
+        "the report: has a test that the plan does not name: torso heights, by trial (torso_height_m)",
+    }
+    listed = [line for line in shown.splitlines() if line.startswith("deviation")]
+    assert {words for words in expected if words not in shown} == set()
+    assert f"deviations: {len(listed)}" in shown
+    assert len(listed) == len(expected)
+    checked = study("check", folder)
+    assert checked.stdout.count("deviates from the plan") == len(expected)
+    assert (checked.exit_code, (folder / FROZEN).read_text()) == (0, record)
+
+
+def test_other_software_is_a_deviation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = _frozen(small_study(tmp_path / "study"))
+    with Store(folder) as store:
+        frozen = read_frozen(store)
+    assert frozen is not None
+    assert frozen.record is not None
+    before = frozen.record.versions["scipy"]
+    monkeypatch.setattr("avrgym.study.plan.freezing.version", lambda name: f"{name} 0")
+    assert f"software: scipy was {before}, is scipy 0" in study("status", folder).stdout
+
+
+def test_a_comment_alone_is_told_as_such(tmp_path: Path) -> None:
+    folder = _frozen(small_study(tmp_path / "study"))
+    with open(folder / "study.toml", "a") as file:
+        file.write("# later\n")
+    assert "study.toml: was changed in comments or layout alone" in study("status", folder).stdout
