@@ -7,13 +7,24 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from avrgym.cli.terminal import plain_errors, say
+from avrgym.cli.terminal import (
+    Jobs,
+    JsonFile,
+    check_json,
+    plain_errors,
+    print_table,
+    progress_bar,
+    say,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from avrgym.study.checking.finding import Finding
     from avrgym.study.storage.store import Store
 
 Folder = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
+EFFECTS = (0.5, 1.0, 1.5)
+"""What `power` assumes if nothing is said, in points of a seven-point scale."""
 
 
 def freeze(
@@ -53,6 +64,57 @@ def _write_template(store: "Store") -> Path:
     return write_template(
         store.folder, store.design, offered_tests(store.design), suggested_hypotheses(store.design)
     )
+
+
+def power(
+    study: Annotated[Path, typer.Argument(help="The study's folder, or a study.toml.", metavar="DIR|FILE")],
+    effects: Annotated[
+        list[float] | None,
+        typer.Option("--effect", help="Points of a seven-point scale; several times for several effects."),
+    ] = None,
+    sizes: Annotated[
+        list[int] | None,
+        typer.Option("--participants", help="How many complete the study; several times.", min=1),
+    ] = None,
+    participant_sd: Annotated[float, typer.Option(help="How leniently somebody rates everything.")] = 0.8,
+    policy_sd: Annotated[float, typer.Option(help="How differently participants like a policy.")] = 0.5,
+    task_sd: Annotated[float, typer.Option(help="How differently all rate the tasks.")] = 0.5,
+    noise_sd: Annotated[float, typer.Option(help="What is left from answer to answer.")] = 1.0,
+    drift: Annotated[float, typer.Option(help="By how many points ratings rise in a session.")] = 0.5,
+    dropout: Annotated[float, typer.Option(help="The share who withdraw and are replaced.")] = 0.1,
+    simulations: Annotated[int, typer.Option(help="Studies for each effect and number.", min=1)] = 500,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same figures.", min=0)] = 0,
+    jobs: Jobs = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Simulate the design for assumed effects: how many participants the paper's tests need to find them."""
+    from avrgym.analysis.power.answers import Assumptions
+    from avrgym.analysis.power.power import default_sizes, simulate_power
+    from avrgym.analysis.power.summary import printed, summary
+    from avrgym.study.design.design import FILE, read_design
+    from avrgym.system.jobs import cores
+
+    with plain_errors():
+        check_json(json_file)
+        design = read_design(study / FILE if study.is_dir() else study)
+        assumptions = Assumptions(participant_sd, policy_sd, task_sd, noise_sd, drift, dropout)
+        wanted = tuple(sorted({*sizes, design.participants})) if sizes else default_sizes(design)
+        with progress_bar("studies") as bar:
+            rows = simulate_power(
+                design,
+                assumptions,
+                tuple(effects or EFFECTS),
+                wanted,
+                simulations,
+                seed,
+                jobs or cores(),
+                bar.show,
+            )
+        found = summary(design, assumptions, rows, seed)
+        write_json(json_file, found)
+    print_table(printed(rows))
+    for sentence in found["words"]:
+        say(sentence)
 
 
 def plan_of(store: "Store", left_out: "Sequence[Finding]" = ()) -> "tuple[str | None, list[Finding]]":

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from avrgym.cli.plan import Folder, freeze, plan_findings, plan_of
+from avrgym.cli.plan import Folder, freeze, plan_findings, plan_of, power
 from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="Lead a study from its design to the export of its data.")
 Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 app.command()(freeze)
+app.command()(power)
 
 
 @app.command()

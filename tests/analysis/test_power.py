@@ -1,0 +1,184 @@
+"""Simulated power: what calculus gives where it can, the analysis' own tests, the same figures for the same seed."""
+
+import json
+import re
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+from typer.testing import CliRunner
+
+from avrgym.analysis.power.answers import Assumptions, ImaginedStudies
+from avrgym.analysis.power.power import PowerRow, count, default_sizes, needed, power_rows, probabilities
+from avrgym.analysis.power.words import in_words, smallest_p
+from avrgym.analysis.rows import AnswerRow
+from avrgym.analysis.statistics.families import PARTICIPANT
+from avrgym.analysis.statistics.subjective import answer_families
+from avrgym.cli.main import app
+from avrgym.study.design.design import Design, default_text, parse_design
+
+DESIGN = parse_design(default_text())
+NOISE_ONLY = Assumptions(participant_sd=0, policy_sd=0, task_sd=0, noise_sd=1, drift=0, dropout=0)
+BETWEEN, MIDDLE = (f"{name}, by {PARTICIPANT}" for name in ("policies", "L1 against the middle"))
+SIMULATIONS = 1500
+
+
+def one_pair(points: int) -> Design:
+    """Each participant answers one item once with each of two policies."""
+    text = re.sub(r"(?m)^    \{ id = \"L[234]\".*\n", "", default_text())
+    text = text.replace("points = 7", f"points = {points}")
+    text = re.sub(r"(?m)^tasks = .*$", 'tasks = ["Feeding"]', text)
+    return parse_design(re.sub(r"(?m)^robots = .*$", 'robots = ["Jaco"]', text))
+
+
+def simulated(design: Design, effect: float, participants: int, test: str) -> float:
+    """The share of studies in which a test finds the effect."""
+    counts = count(design, NOISE_ONLY, effect, participants, 5, range(SIMULATIONS))
+    return counts[test, "L1"][0] / SIMULATIONS
+
+
+# Calculus
+
+
+@pytest.mark.parametrize("effect", [0.0, 1.0])
+def test_on_two_points_power_is_that_of_the_sign_test(effect: float) -> None:
+    """Differences are −1, 0 or 1, so that the signed-rank test counts signs; zeros are left out."""
+    participants, above = 24, stats.norm.cdf(effect)
+    up, down = above * 0.5, (1 - above) * 0.5
+    expected = 0.0
+    for differ in range(participants + 1):
+        for more in range(differ + 1):
+            if stats.binomtest(more, differ).pvalue < 0.05 if differ else False:
+                ways = stats.binom.pmf(differ, participants, up + down)
+                expected += ways * stats.binom.pmf(more, differ, up / (up + down))
+    assert simulated(one_pair(2), effect, participants, BETWEEN) == pytest.approx(expected, abs=0.02)
+
+
+def test_of_normal_answers_power_is_that_of_student_with_few_more() -> None:
+    """Of normal differences the signed-rank test has the power of Student's t with 3/π of the values (Hodges and
+    Lehmann, Ann. Math. Stat. 27, 1956, asymptotically)."""
+    participants, effect = 24, 0.9
+    used = participants * 3 / np.pi
+    noncentral = effect / np.sqrt(2) * np.sqrt(used)
+    limit = stats.t.ppf(0.975, used - 1)
+    expected = stats.nct.sf(limit, used - 1, noncentral) + stats.nct.cdf(-limit, used - 1, noncentral)
+    assert simulated(one_pair(101), effect, participants, BETWEEN) == pytest.approx(expected, abs=0.02)
+
+
+# The analysis
+
+
+def test_imagined_answers_are_tested_as_the_analysis_tests_answers() -> None:
+    studies = ImaginedStudies(DESIGN, Assumptions(), 3)
+    answers = studies.answers(0.7, 7, 0)
+    rows = [
+        _row(f"sub-{who:03}", task, robot, policy, item.id, int(answers[who, t, r, p, i]))
+        for who in range(len(answers))
+        for (t, task), (r, robot), (p, policy), (i, item) in product(
+            enumerate(DESIGN.tasks),
+            enumerate(DESIGN.robots),
+            enumerate(DESIGN.policies),
+            enumerate(studies.questionnaire.items),
+        )
+    ]
+    found = {
+        row.family: (row.p, row.p_holm)
+        for family in answer_families(DESIGN, rows)
+        for row in family.rows
+        if row.quantity == "L1" and row.group_a == "revised"
+    }
+    assert len(found) == 4
+    assert probabilities(DESIGN, studies.questionnaire, answers) == found
+
+
+def _row(participant: str, task: str, robot: str, policy: str, item: str, value: int) -> AnswerRow:
+    return AnswerRow(
+        participant=participant, simulated=True, counted=True, session=1, moment="after_trial", questionnaire="likert",
+        position=1, task=task, robot=robot, policy=policy, attempt=1, item=item, value=value, points=7, response_time_s=1.0,
+    )  # fmt: skip
+
+
+# Studies
+
+
+def test_who_comes_first_does_not_depend_on_who_follows() -> None:
+    studies = ImaginedStudies(DESIGN, Assumptions(dropout=0.3), 1)
+    few, many = studies.answers(1.0, 4, 9), studies.answers(1.0, 12, 9)
+    assert few.shape == (4, 4, 2, 2, 4)
+    assert np.array_equal(few, many[:4])
+    assert not np.array_equal(few, studies.answers(1.0, 4, 10))
+    assert (studies.answers(2.0, 12, 9) >= many).all()
+    assert set(np.unique(many)) <= set(range(1, 8))
+
+
+def test_drift_goes_with_the_place_in_the_session() -> None:
+    """Without chance whoever meets a condition late rates it higher, and over all orders it evens out."""
+    assumed = replace(NOISE_ONLY, noise_sd=0, drift=6.0)
+    answers = ImaginedStudies(DESIGN, assumed, 0).answers(0.0, 4, 0)
+    assert answers.min() == 1
+    assert answers.max() == 7
+    assert np.ptp(answers[..., 0].mean(axis=(0, 1, 2))) < 0.3
+    assert np.ptp(answers[..., 0].mean(axis=(0, 2, 3))) < 0.3
+
+
+def test_the_least_number_is_the_one_from_which_on_power_suffices() -> None:
+    rows: list[PowerRow] = []
+    for participants, hits in {4: 10, 8: 85, 12: 70, 16: 85, 20: 95}.items():
+        rows += power_rows([{("test", "L1"): (99, hits)}], 1.0, participants, 100)
+    assert [needed(rows, 1.0, "test", goal) for goal in (0.6, 0.8, 0.9, 0.99)] == [8, 16, 20, None]
+    assert default_sizes(DESIGN) == (4, 8, 12, 16, 20, 24, 32, 40, 48, 64)
+
+
+@pytest.mark.parametrize(
+    ("participants", "words"),
+    [
+        (5, "never below 0.0625: no such test can find anything"),
+        (6, "never below 0.0312, the smallest of 4 after Holm never below 0.125: one effect alone"),
+        (8, "never below 0.00781, the smallest of 4 after Holm never below 0.0312."),
+    ],
+)
+def test_words_say_what_so_few_can_show(participants: int, words: str) -> None:
+    rows = [
+        *power_rows([{(BETWEEN, "L1"): (70, 20)}], 1.0, participants, 100),
+        *power_rows([{(BETWEEN, "L1"): (5, 1)}], 0.0, participants, 100),
+    ]
+    told = " ".join(in_words(DESIGN, Assumptions(), rows, participants))
+    assert words in told
+    assert "after Holm in 20 % (13 to 29): more often missed than found" in told
+    assert "Where there is no effect, 'policies, by participant' finds one in 5 %" in told
+    assert smallest_p(8, 4) == (2 / 2**8, 4 * 2 / 2**8)
+
+
+def test_a_studys_power_on_the_command_line(tmp_path: Path) -> None:
+    """Two processes give what one gives."""
+    design = tmp_path / "study.toml"
+    design.write_text(default_text())
+    arguments = ["--effect", "2", "--participants", "4", "--simulations", "101", "--seed", "7", "--jobs", "2"]
+    command = ["study", "power", str(tmp_path), *arguments, "--json", str(tmp_path / "power.json")]
+    shown = CliRunner().invoke(app, command)
+    assert shown.exit_code == 0, shown.output
+    assert "8 participants who complete the study (about 9 taken in, if 10 % withdraw):" in shown.stdout
+    found = json.loads((tmp_path / "power.json").read_text())
+    assert found["assumptions"]["noise_sd"] == 1.0
+    assert {(row["effect"], row["participants"]) for row in found["power"]} == {(0.0, 8), (2.0, 4), (2.0, 8)}
+    expected = count(DESIGN, Assumptions(), 2.0, 8, 7, range(101))
+    for row in found["power"]:
+        if (row["effect"], row["participants"]) == (2.0, 8):
+            times = tuple(round(101 * row[name]) for name in ("power", "power_holm"))
+            assert times == expected[row["test"], "L1"]
+    assert {path.name for path in tmp_path.iterdir()} == {"study.toml", "power.json"}
+
+
+def test_what_cannot_be_is_refused(tmp_path: Path) -> None:
+    text = default_text()
+    nothing = text[: text.index("\n[[questionnaires]]\n")] + text[text.index("\n[goals]\n") :]
+    with pytest.raises(ValueError, match="asks nothing after trials"):
+        ImaginedStudies(parse_design(nothing), Assumptions(), 0)
+    with pytest.raises(ValueError, match="noise_sd is -1; allowed: 0 or more"):
+        Assumptions(noise_sd=-1)
+    (tmp_path / "study.toml").write_text(text)
+    refused = CliRunner().invoke(app, ["study", "power", str(tmp_path), "--dropout", "1"])
+    assert (refused.exit_code, refused.stderr) == (1, "avrgym: dropout is 1; allowed: 0 or more, below 1\n")
