@@ -55,8 +55,9 @@ def _smallest_p(design: Design, participants: int) -> str:
 
 def _found(row: PowerRow) -> str:
     verdict = "shown as a rule" if row.power_holm_low >= 0.8 else _missed(row)
+    points = "point" if row.effect == 1 else "points"
     return (
-        f"An effect of {row.effect:g} points is found by {row.test!r} in {_share(row.power, row)} of studies, after "
+        f"An effect of {row.effect:g} {points} is found by {row.test!r} in {_share(row.power, row)} of studies, after "
         f"Holm in {100 * row.power_holm:.0f} % ({100 * row.power_holm_low:.0f} to {100 * row.power_holm_high:.0f}): "
         f"{verdict}."
     )
