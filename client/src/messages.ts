@@ -18,12 +18,13 @@ export type Modality = "controller" | "hand" | "mouse" | "none";
 
 export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 
-export type PhaseName = "calibration" | "check" | "countdown" | "finished" | "free_after" | "free_before" | "loading" | "paused" | "questionnaire" | "trial" | "viewing" | "waiting";
+export type PhaseName = "calibration" | "check" | "countdown" | "finished" | "free_after" | "free_before" | "loading" | "paused" | "questionnaire" | "retreat" | "trial" | "viewing" | "waiting";
 
 export type Role = "experimenter" | "participant" | "spectator";
 
-export const PHASES_WHERE: Record<"moves" | "awaits_ready" | "can_choose_body", readonly PhaseName[]> = {
-  moves: ["free_before", "countdown", "trial", "free_after"],
+export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | "can_choose_body", readonly PhaseName[]> = {
+  moves: ["free_before", "countdown", "trial", "retreat", "free_after"],
+  can_be_stopped: ["free_before", "countdown", "trial", "retreat"],
   awaits_ready: ["calibration", "check", "paused"],
   can_choose_body: ["waiting", "calibration", "check", "paused"],
 };

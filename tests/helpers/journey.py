@@ -16,7 +16,7 @@ from avrgym.vr.session.session import Session
 PATIENCE_S = 180.0
 SEATING = ("calibration", "loading", "check")
 """The phases in which a participant takes their place."""
-TRIAL = ("free_before", "countdown", "trial", "free_after", "questionnaire")
+TRIAL = ("free_before", "countdown", "trial", "retreat", "free_after", "questionnaire")
 """The phases of a trial in their order; all but the last end by themselves."""
 
 

@@ -71,7 +71,7 @@ def test_the_timeline_tells_rewards_phases_and_answers(recording: Recording) -> 
     assert timeline.steps.reward[-1] == pytest.approx(sum(record.reward for record in control))
     assert timeline.steps.force_n == [record.force_on_person_n for record in control]
     kinds = [happening.kind for happening in timeline.happenings]
-    phases = ["free_before", "countdown", "trial", "free_after", "questionnaire"]
+    phases = ["free_before", "countdown", "trial", "retreat", "free_after", "questionnaire"]
     assert kinds == [*phases, "answer", "answer", "answer", "answer"]
     assert timeline.happenings[5].words.startswith("L1: 1 of 7: The robot successfully")
     assert (timeline.simulated, timeline.complete, timeline.result) == (True, True, "completed")

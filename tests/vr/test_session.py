@@ -19,6 +19,7 @@ from avrgym.models.scene import TOOL
 from avrgym.recording.files import Recording, RecordingWriter
 from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.simulation.brakes import HOLDING
+from avrgym.simulation.retreat import LONGEST_S
 from avrgym.simulation.worlds import MAX_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
@@ -50,10 +51,10 @@ Array = NDArray[np.float64]
 PhysicsState = Sequence[float] | Array
 
 PHASES: tuple[PhaseName, ...] = (
-    "waiting", "calibration", "loading", "check", "free_before", "countdown", "trial", "free_after", "questionnaire",
-    "paused", "finished",
+    "waiting", "calibration", "loading", "check", "free_before", "countdown", "trial", "retreat", "free_after",
+    "questionnaire", "paused", "finished",
 )  # fmt: skip
-RUNNING = ("free_before", "countdown", "trial", "free_after", "questionnaire")
+RUNNING = ("free_before", "countdown", "trial", "retreat", "free_after", "questionnaire")
 """The phases in which a trial is recorded."""
 
 
@@ -207,7 +208,7 @@ def test_states_come_at_50_hz_and_never_with_the_end_of_a_control_step(
 
 
 def test_a_session_goes_through_its_phases_in_order(whole: Visit) -> None:
-    around = ["free_before", "countdown", "trial", "free_after"]
+    around = ["free_before", "countdown", "trial", "retreat", "free_after"]
     assert whole.phases == [
         "waiting", "calibration", "loading", "check", *around, "loading", *around, "questionnaire", "finished"
     ]  # fmt: skip
@@ -217,10 +218,14 @@ def test_a_session_goes_through_its_phases_in_order(whole: Visit) -> None:
 
 
 def test_phases_take_their_time(whole: Visit) -> None:
-    began_s = np.cumsum([0.0, FREE_S, whole.session.plan.countdown_s, 20.0, FREE_S])
     for recording, count in zip(whole.recordings(), (4, 5), strict=True):
-        entered_s = [ns / 1e9 for ns, event in recording.topics["/events"] if event.name == "phase"]
-        assert entered_s == pytest.approx(began_s[:count], abs=2.5 * TICK_S)
+        entered_s = {
+            event.detail: ns / 1e9 for ns, event in recording.topics["/events"] if event.name == "phase"
+        }
+        retreat_s = entered_s["free_after"] - entered_s.pop("retreat")
+        assert 0.0 < retreat_s < LONGEST_S + 0.5
+        began_s = np.cumsum([0.0, FREE_S, whole.session.plan.countdown_s, 20.0 + retreat_s, FREE_S])
+        assert list(entered_s.values()) == pytest.approx(began_s[:count], abs=3.5 * TICK_S)
 
 
 def test_a_trial_has_200_control_steps_whose_rewards_add_up(whole: Visit) -> None:

@@ -70,7 +70,8 @@ class BodyTargets(Record, frozen=True):
 class Command(Record, frozen=True):
     """What the robot is told when control step ``step`` begins; a step that is broken off leaves only this.
 
-    A driver that answers later, or a person, gives further commands during the step.
+    A driver that answers later, or a person, gives further commands during the step. In the phase ``retreat``, in which
+    there are no control steps, these are the commands by which the robot takes its tool away.
     """
 
     step: int

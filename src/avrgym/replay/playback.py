@@ -19,6 +19,8 @@ from avrgym.vr.session.attempt import control_record
 from avrgym.vr.tracking.world import ControlStep, ControlSteps
 
 Array = NDArray[np.float64]
+HALTS = (("phase", "retreat"), ("phase", "free_after"))
+"""Events at which the robot is halted. Recordings of earlier versions hold no retreat."""
 
 
 @dataclass(frozen=True)
@@ -108,8 +110,14 @@ class Playback:
         elif not self._held:
             self.driven = self.phase == "trial"
             with _functions_of(self._version):
-                self._step = self._control.tick(self._act if self.driven else None, self._amend)
+                self._tick()
         return StateAgain(time_s, recorded, simulation.integration_state())
+
+    def _tick(self) -> None:
+        if self.phase == "retreat":
+            self._control.move(self._amend())
+        else:
+            self._step = self._control.tick(self._act if self.driven else None, self._amend)
 
     def _begin(self, state: Array) -> None:
         size = len(self.episodes.simulation.integration_state())
@@ -139,11 +147,11 @@ class Playback:
         return self._act(self._action) if self._told else None
 
     def _hear(self, event: Event) -> None:
-        """A trial drives the robot; it halts after its last step, or for good when the attempt is broken off."""
+        """A trial drives the robot; it halts around its retreat, or for good when the attempt is broken off."""
         if event.name == "phase":
             self.phase = event.detail
         self._held = self._held or event.name == "robot_holds"
-        if self._held or (event.name, event.detail) == ("phase", "free_after"):
+        if self._held or (event.name, event.detail) in HALTS:
             self.episodes.simulation.halt_robot()
             self._control.drop()
 

@@ -48,7 +48,7 @@ UNIONS = {
 }
 
 CONSTANTS = {"PROTOCOL": messages.PROTOCOL, "STALE_S": STALE_S, "TICK_S": TICK_S}
-PHASE_FLAGS = ("moves", "awaits_ready", "can_choose_body")
+PHASE_FLAGS = ("moves", "can_be_stopped", "awaits_ready", "can_choose_body")
 """What the client needs to know of each phase: attributes of the classes in ``session.phases``."""
 
 

@@ -167,6 +167,7 @@ PhaseName = Literal[
     "free_before",
     "countdown",
     "trial",
+    "retreat",
     "free_after",
     "questionnaire",
     "paused",

@@ -12,6 +12,7 @@ from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.models.human import Person
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, SceneConfig
 from avrgym.policies.force_guard import ForceGuard
+from avrgym.simulation.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.task import Task
@@ -23,6 +24,8 @@ from avrgym.vr.tracking.driving import Driver
 Array = NDArray[np.float64]
 
 TICK_S = PHYSICS_STEP_S
+BRAKED_TICKS = 30
+"""So long the brakes hold between what drove the robot and its retreat, until it is at rest."""
 Act = Callable[[Array], NDArray[np.floating]]
 Amend = Callable[[], Array | None]
 
@@ -69,6 +72,14 @@ class ControlSteps:
         outcome = self._episodes.evaluate_step(self._action)
         self._seen = outcome.observation
         return ControlStep(self._observation[0], self._action[0], outcome)
+
+    def move(self, action: Array | None) -> None:
+        """Advance by 10 ms outside all control steps; with an action (1, A) the robot goes so from now on."""
+        self.begun = None
+        if action is not None:
+            self._command(action)
+        self._seen = None
+        self._episodes.simulation.step(1)
 
     def _begin_step(self, act: Act) -> None:
         self._observation = self._episodes.observe() if self._seen is None else self._seen
@@ -160,6 +171,7 @@ class LiveWorld:
         self._generators = [np.random.default_rng(seed)]
         self._episodes.begin(np.array([0]), self._generators)
         self.start = self._episodes.start(0)
+        self._retreat = Retreat(self._episodes.simulation)
         self.hold()
 
     def follow(self, pose: BodyPose) -> None:
@@ -171,6 +183,17 @@ class LiveWorld:
         """Stop the robot where it is; a control step that had begun is dropped."""
         self._episodes.simulation.halt_robot()
         self._steps.drop()
+        self._retreated_ticks: int | None = None
+
+    def retreat(self) -> None:
+        """Stop the robot and let it take its tool away, once an episode; see ``simulation.retreat``."""
+        self.hold()
+        self._retreated_ticks = 0
+
+    @property
+    def retreating(self) -> bool:
+        """Whether the robot still takes its tool away."""
+        return self._retreated_ticks is not None
 
     def prepare(self, driver: Driver) -> None:
         """Let somebody get ready to drive the robot of the present episode."""
@@ -183,6 +206,9 @@ class LiveWorld:
         ``guarded``: what the driver asks for goes through ``guard``, and what that makes of it counts as the action.
         """
         self.ticks += 1
+        if self._retreated_ticks is not None:
+            self._tick_retreat(self._retreated_ticks)
+            return None
         if driver is None:
             return self._steps.tick(None)
         if not guarded:
@@ -199,6 +225,13 @@ class LiveWorld:
         share = self._episodes.simulation.region_force_n()[0] / QUASI_STATIC_LIMIT_N
         most = int(share.argmax())
         return (BODY_REGIONS[most].name if share[most] else ""), float(share[most])
+
+    def _tick_retreat(self, ticks: int) -> None:
+        """Every 0.1 s the robot is told where to go on; when it is told nothing more it has left."""
+        due = ticks >= BRAKED_TICKS and (ticks - BRAKED_TICKS) % SUBSTEPS == 0
+        action = self._retreat.action() if due else None
+        self._retreated_ticks = None if due and action is None else ticks + 1
+        self._steps.move(None if action is None else action[None])
 
     def state_vector(self) -> Array:
         """The simulator's integration state."""

@@ -17,7 +17,14 @@ from avrgym.vr.session.phases.preparing import (
     Storing,
     Waiting,
 )
-from avrgym.vr.session.phases.running import Countdown, FreeAfter, FreeBefore, Questionnaire, Trial
+from avrgym.vr.session.phases.running import (
+    Countdown,
+    FreeAfter,
+    FreeBefore,
+    Questionnaire,
+    Retreat,
+    Trial,
+)
 
 Begins = LoadTrial | Calibration | Storing | Paused | RecordingFailed | FreeBefore
 """What may follow when a trial shall begin."""
@@ -26,7 +33,7 @@ Loaded = Begins | Check
 
 PHASES: tuple[type[Phase], ...] = (
     Waiting, Calibration, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, FreeBefore, Countdown, Trial,
-    FreeAfter, Questionnaire, Paused, RecordingFailed, Finished,
+    Retreat, FreeAfter, Questionnaire, Paused, RecordingFailed, Finished,
 )  # fmt: skip
 """All phases, in the order of a session."""
 

@@ -17,7 +17,7 @@ class Phase:
     """A phase, or a kind of phases. ``text`` is what it says; it lasts ``seconds`` where they are given.
 
     ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to, and an emergency
-    stop ends the trial. ``in_place``: the participant is in place, so that a trial can begin. ``awaits_ready``: a
+    stop holds it. ``in_place``: the participant is in place, so that a trial can begin. ``awaits_ready``: a
     trigger goes on. ``can_recalibrate``: the participant may be measured again. ``can_choose_body``: no trial runs
     that another body would interrupt.
     """

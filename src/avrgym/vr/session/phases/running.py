@@ -66,12 +66,46 @@ class Trial(Stoppable):
         else:
             self.driver.let_go()
 
-    def finish_step(self, step: ControlStep) -> FreeAfter | Self:
+    def finish_step(self, step: ControlStep) -> Retreat | Self:
         attempt = self.state.storage.attempt
         assert attempt is not None
         attempt.record_step(step, self.state.current.policy, self.driver.idle, self.state.now_s)
         if attempt.steps < self.state.plan.trial_steps:
             return self
+        return Retreat(self.state)
+
+
+class Retreat(InPlace):
+    """The robot takes its tool away from the person; what the trial gave is kept, whatever happens now."""
+
+    name = "retreat"
+    text = "The robot has finished and moves away from you. Press a menu button to stop it."
+    moves = can_be_stopped = True
+
+    def __init__(self, state: SessionState) -> None:
+        super().__init__(state)
+        state.world.retreat()
+
+    def wait(self) -> FreeAfter | Self:
+        return self if self.state.world.retreating else self._hold()
+
+    def stop(self, by: events.Who) -> FreeAfter:
+        self.state.record_event("retreat_stopped", by)
+        self.state.sink.tell(events.Stopped(self.state.now_s, by))
+        return self._hold()
+
+    def pause(self) -> FreeAfter:
+        super().pause()
+        return self._hold()
+
+    def lose_time(self, seconds: float) -> FreeAfter:
+        super().lose_time(seconds)
+        return self._hold()
+
+    def lose_tracking(self) -> FreeAfter:
+        return self._hold()
+
+    def _hold(self) -> FreeAfter:
         self.state.world.hold()
         return FreeAfter(self.state)
 

@@ -1,0 +1,97 @@
+"""After a trial the robot takes its tool away, in a session: recorded, stoppable, no part of the trial."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avrgym.recording.files import Recording
+from avrgym.replay.verification import verify
+from avrgym.simulation.retreat import LONGEST_S
+from avrgym.vr.protocol.messages import ClientMessage, Command, ExperimenterMessage, Question, Stop
+from avrgym.vr.session import events
+from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
+from avrgym.vr.tracking.world import BRAKED_TICKS
+from visit import ENVIRONMENT, Visit, plan
+
+STEPS = 110
+"""By then the spoon is in the mouth."""
+
+
+def helping(folder: Path) -> Visit:
+    """A visit in whose only trial a trained robot has just fed the participant."""
+    session: SessionPlan = replace(
+        plan(trial_steps=STEPS), trials=[TrialPlan(ENVIRONMENT, "revised", 3, practice=False)]
+    )
+    visit = Visit(folder, session, load_policies(session))
+    visit.sit_down()
+    visit.until("retreat")
+    return visit
+
+
+def far_m(visit: Visit) -> float:
+    """How far the tool is from the head's centre."""
+    state = visit.session.world.simulation.state()
+    return float(np.linalg.norm(state.tool_pos_w - state.head_pos_w))
+
+
+def speed_m_s(visit: Visit) -> float:
+    return float(np.linalg.norm(visit.session.world.simulation.state().tool_velocity_w))
+
+
+def ended(visit: Visit) -> Recording:
+    """The recording, after all questions."""
+    visit.until("questionnaire")
+    visit.answer(1, 2, 3, 4)
+    visit.leave()
+    (recording,) = visit.recordings()
+    assert recording.outcome is not None
+    assert (recording.complete, recording.outcome["result"], recording.outcome["steps"]) == (
+        True,
+        "completed",
+        STEPS,
+    )
+    return recording
+
+
+def test_the_tool_is_away_before_questions_come_and_replay_takes_it_away_alike(tmp_path: Path) -> None:
+    visit = helping(tmp_path)
+    assert far_m(visit) < 0.2
+    assert not visit.said(Question)
+    visit.until("free_after", limit_s=LONGEST_S + 0.5)
+    assert far_m(visit) > 0.3
+    recording = ended(visit)
+    assert len(recording.topics["/control"]) == STEPS
+    assert len(recording.topics["/commands"]) > STEPS + 20
+    found = verify(recording)
+    assert found.identical_states == found.states
+    assert found.identical_steps == found.steps == STEPS
+
+
+@pytest.mark.parametrize("told", [Stop(), Command(name="pause")], ids=str)
+def test_a_retreat_can_be_stopped_and_the_trial_counts(
+    tmp_path: Path, told: ClientMessage | ExperimenterMessage
+) -> None:
+    visit = helping(tmp_path)
+    visit.tick(BRAKED_TICKS + 100)
+    assert speed_m_s(visit) > 0.05
+    visit.tell(told)
+    assert visit.phase == "free_after"
+    visit.tick(10)
+    assert speed_m_s(visit) < 0.005
+    stopped = [event for event in visit.observed if isinstance(event, events.Stopped)]
+    assert len(stopped) == (told != Command(name="pause"))
+    found = verify(ended(visit))
+    assert found.identical
+
+
+def test_nobody_is_left_who_is_not_tracked(tmp_path: Path) -> None:
+    """The robot holds still, as during a trial; what it gave is kept."""
+    visit = helping(tmp_path)
+    visit.tracking = False
+    visit.until("free_after", limit_s=1.2)
+    visit.tick(10)
+    assert speed_m_s(visit) < 0.005
+    visit.tracking = True
+    ended(visit)
