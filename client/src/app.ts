@@ -65,7 +65,7 @@ export class App {
       message: (message) => this.receive(message),
       link: (link, reason) => this.linked(link, reason),
     });
-    this.immersive = new Immersive(this.panel, this.connection);
+    this.immersive = new Immersive(this.panel, this.connection, (eyes) => this.world.around(eyes));
     this.session = new ImmersiveSession(this.view.renderer, {
       entered: () => this.entered(),
       left: () => this.left(),

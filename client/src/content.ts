@@ -15,6 +15,8 @@ import {
 } from "three";
 import { POSE } from "./interpolation";
 import type { Scene } from "./messages";
+import { fadeNearEyes } from "./nearfade";
+import { Surfaces } from "./surfaces";
 
 /** Poses as the server streams them: x, y, z, then w, x, y, z for each body, then for each mark. */
 type Poses = Float32Array;
@@ -35,18 +37,23 @@ interface Copies {
   at: number[];
 }
 
+/** How the names of the robot's bodies begin, its tool's among them. */
+const ROBOT = "robot/";
+
 /** What a scene shows. `extras` of the GLB's nodes say which poses move them; see the server's `scene_export`. */
 export class Content {
   private readonly followers: Follower[] = [];
   private readonly swings: Swing[] = [];
   private readonly copies: Copies[] = [];
   private readonly heads: Material[] = [];
+  readonly surfaces: Surfaces;
 
   constructor(
     readonly group: Group,
     private readonly scene: Scene,
   ) {
     for (const node of [...group.children]) this.take(node);
+    this.surfaces = new Surfaces(group);
     this.addMarks();
     group.traverse(prepare);
   }
@@ -82,6 +89,7 @@ export class Content {
   /** GLTFLoader renames nodes, so that only their `extras` tell what they are. */
   private take(node: Object3D): void {
     const { body, swing, parent, bodies, skin_of: skinOf } = node.userData as Record<string, unknown>;
+    if (String(body).startsWith(ROBOT) || Array.isArray(bodies)) fadeAll(node);
     if (typeof body === "string") this.follow(node, body);
     if (typeof swing === "string") this.swing(node, swing, String(parent));
     if (Array.isArray(bodies) && node instanceof Mesh) this.copy(node, bodies.map(String));
@@ -167,6 +175,13 @@ function prepare(node: Object3D): void {
 
 function materialsOf(mesh: Mesh): Material[] {
   return Array.isArray(mesh.material) ? mesh.material : [mesh.material];
+}
+
+/** Lets all below a node fade near the eyes. */
+function fadeAll(node: Object3D): void {
+  node.traverse((part) => {
+    if (part instanceof Mesh) fadeNearEyes(ownMaterial(part));
+  });
 }
 
 /** Gives a mesh a material of its own: GLB files share them. */

@@ -55,9 +55,9 @@ export function phaseLabel(phase: Phase | null): string {
   return phase.practice ? "Practice" : `Trial ${phase.trial} of ${phase.trials}`;
 }
 
-/** Nothing stands between the person and the robot while a trial runs. */
+/** Nothing stands between the person and the robot while it moves. */
 function phaseText(phase: Phase | null): string {
-  return phase && phase.name !== "trial" ? phase.text : "";
+  return phase && phase.name !== "trial" && phase.name !== "retreat" ? phase.text : "";
 }
 
 /** Whether a press of the trigger tells the server to go on. */

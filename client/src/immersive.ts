@@ -23,6 +23,7 @@ export class Immersive {
   constructor(
     private readonly panel: Panel,
     private readonly connection: Connection,
+    private readonly around: (eyes: Vector3) => Float32Array,
   ) {}
 
   frame(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
@@ -61,7 +62,7 @@ export class Immersive {
     const { position, orientation } = viewer.transform;
     this.head.set(position.x, position.y, position.z);
     this.turn.set(orientation.x, orientation.y, orientation.z, orientation.w);
-    this.panel.place(this.head, this.forward.set(0, 0, -1).applyQuaternion(this.turn));
+    this.panel.place(this.head, this.forward.set(0, 0, -1).applyQuaternion(this.turn), this.around);
   }
 
   private point(frame: XRFrame, space: XRReferenceSpace): void {

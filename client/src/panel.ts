@@ -1,16 +1,16 @@
 import { CanvasTexture, Mesh, MeshBasicMaterial, PlaneGeometry, SRGBColorSpace, Vector3 } from "three";
 import type { PanelContent } from "./display";
+import { freePlace } from "./freeplace";
 import type { ChooseBody } from "./messages";
 import { HEIGHT, WIDTH, bodiesOf, buttonsOf, paint } from "./paint";
 import { hitButton, type Button } from "./questionnaire";
 
-export const PANEL_WIDTH_M = 0.9;
+const PANEL_WIDTH_M = 0.7;
 const PANEL_HEIGHT_M = (PANEL_WIDTH_M * HEIGHT) / WIDTH;
 const PIXELS_PER_M = WIDTH / PANEL_WIDTH_M;
-const DISTANCE_M = 1.6;
-const BELOW_EYES_M = 0.12;
+export const PANEL_HALF_M = { x: PANEL_WIDTH_M / 2, y: PANEL_HEIGHT_M / 2 };
 
-/** Above the scene: the words stay readable whatever the robot does. */
+/** After the scene; what is nearer hides it, as eyes expect. */
 export const OVERLAY_ORDER = 10;
 
 /** Where a ray meets the panel: metres along the ray and the button that is there. */
@@ -72,14 +72,12 @@ export class Panel {
     this.placed = false;
   }
 
-  /** Puts a panel that has just appeared before a head, horizontally where it looks. */
-  place(head: Vector3, forward: Vector3): void {
+  /** Puts a panel that has just appeared where there is room for it, as near as that is to where the head looks. */
+  place(head: Vector3, forward: Vector3, around: (eyes: Vector3) => Float32Array): void {
     if (this.placed || !this.content) return;
     this.placed = true;
     this.mesh.visible = true;
-    const { position } = this.mesh;
-    position.copy(forward).setY(0).normalize().multiplyScalar(DISTANCE_M).add(head);
-    position.y -= BELOW_EYES_M;
+    this.mesh.position.copy(freePlace(head, forward, around(head), PANEL_HALF_M));
     this.mesh.lookAt(head);
     this.mesh.updateMatrixWorld();
   }
@@ -113,7 +111,7 @@ export class Panel {
 }
 
 function panelMesh(map: CanvasTexture): Mesh<PlaneGeometry, MeshBasicMaterial> {
-  const material = new MeshBasicMaterial({ map, transparent: true, depthTest: false, toneMapped: false });
+  const material = new MeshBasicMaterial({ map, transparent: true, depthWrite: false, toneMapped: false });
   const mesh = new Mesh(new PlaneGeometry(PANEL_WIDTH_M, PANEL_HEIGHT_M), material);
   mesh.renderOrder = OVERLAY_ORDER;
   mesh.visible = false;

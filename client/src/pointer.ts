@@ -44,7 +44,7 @@ function overlayMaterial(opacity: number): MeshBasicMaterial {
     color: 0xbfe9f0,
     opacity,
     transparent: true,
-    depthTest: false,
+    depthWrite: false,
     toneMapped: false,
   });
 }

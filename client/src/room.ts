@@ -16,6 +16,7 @@ import {
   type Texture,
 } from "three";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
+import { seededRandom } from "./random";
 import type { Detail } from "./view";
 
 /** The room in the simulation's frame: z up, centred on the world's origin, metres. */
@@ -229,13 +230,4 @@ function paintBoard(
   context.fillStyle = "rgba(84, 60, 38, 0.55)";
   context.fillRect(x, y, 1.4, length);
   context.fillRect(x, y, width, 1.4);
-}
-
-/** The same room for every participant. */
-function seededRandom(seed: number): () => number {
-  let state = seed;
-  return () => {
-    state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
-    return state / 2 ** 32;
-  };
 }

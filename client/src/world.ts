@@ -1,4 +1,4 @@
-import { Group } from "three";
+import { Group, type Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { Content } from "./content";
 import { POSE, StateBuffer } from "./interpolation";
@@ -52,6 +52,12 @@ export class World {
   seeFromInside(inside: boolean): void {
     this.seenFromInside = inside;
     this.content?.seeFromInside(inside);
+  }
+
+  /** Points on all that stands around, x, y, z of each. */
+  around(eyes: Vector3): Float32Array {
+    this.root.updateMatrixWorld();
+    return this.content?.surfaces.around(eyes) ?? new Float32Array();
   }
 
   private replace(content: Content, scene: Scene): void {

@@ -181,7 +181,7 @@ def test_no_message_and_no_tick_leads_where_no_annotation_does(
     messages = 0
     for seed in SEEDS:
         walk = Walk(tmp_path / str(seed), seed)
-        for _ in range(2000):
+        for _ in range(2600):
             walk.step()
         walk.visit.leave()
         messages += walk.messages

@@ -1,0 +1,80 @@
+import { Vector3 } from "three";
+
+/** Half the width and half the height of what is to be placed, metres. */
+export interface HalfSize {
+  x: number;
+  y: number;
+}
+
+const DEGREE = Math.PI / 180;
+/** Metres from the eyes, the most comfortable first. */
+const DISTANCES_M = [1.25, 1.4, 1.1, 1];
+const ELEVATIONS = [-5, 8, 20, 32].map((angle) => angle * DEGREE);
+const TURNS = [0, -15, 15, -30, 30, -45, 45, -60, 60].map((angle) => angle * DEGREE);
+/** What the eyes have to move up counts more than what they have to move aside. */
+const UP_COSTS = 1.5;
+/** Room that is left behind and around. */
+const MARGIN_M = 0.06;
+/** Nearer than this to the eyes' own plane nothing hides anything. */
+const LEAST_DEPTH_M = 0.05;
+
+interface Candidate {
+  distance: number;
+  turn: number;
+  elevation: number;
+}
+
+const CANDIDATES: Candidate[] = DISTANCES_M.flatMap((distance) =>
+  ELEVATIONS.flatMap((elevation) => TURNS.map((turn) => ({ distance, turn, elevation }))),
+).sort((a, b) => effort(a) - effort(b));
+
+function effort({ distance, turn, elevation }: Candidate): number {
+  return Math.abs(turn) + UP_COSTS * Math.abs(elevation - ELEVATIONS[0]!) + 0.01 * DISTANCES_M.indexOf(distance);
+}
+
+/**
+ * Where a panel that faces the eyes has nothing before it, in it or close behind it: its middle.
+ *
+ * The place is as nearly straight ahead as it can be; where none is free, it is the one that least is in the way of.
+ * `forward` is level; `points` are x, y, z of what stands around, densely enough that the panel slips through nowhere.
+ */
+export function freePlace(eyes: Vector3, forward: Vector3, points: Float32Array, half: HalfSize): Vector3 {
+  let [best, least] = [CANDIDATES[0]!, Infinity];
+  for (const candidate of CANDIDATES) {
+    const count = inTheWay(eyes, axesOf(candidate, forward), candidate.distance, points, half);
+    if (count < least) [best, least] = [candidate, count];
+    if (least === 0) break;
+  }
+  return axesOf(best, forward).ahead.multiplyScalar(best.distance).add(eyes);
+}
+
+interface Axes {
+  ahead: Vector3;
+  right: Vector3;
+  up: Vector3;
+}
+
+function axesOf({ turn, elevation }: Candidate, forward: Vector3): Axes {
+  const level = forward.clone().setY(0).normalize().applyAxisAngle(UP, -turn);
+  const right = new Vector3().crossVectors(level, UP);
+  const ahead = level.multiplyScalar(Math.cos(elevation)).addScaledVector(UP, Math.sin(elevation));
+  return { ahead, right, up: new Vector3().crossVectors(right, ahead) };
+}
+
+const UP = new Vector3(0, 1, 0);
+
+/** How many points lie between the eyes and the panel, in it or close to it. */
+function inTheWay(eyes: Vector3, axes: Axes, distance: number, points: Float32Array, half: HalfSize): number {
+  const { ahead, right, up } = axes;
+  let count = 0;
+  for (let at = 0; at < points.length; at += 3) {
+    const [x, y, z] = [points[at]! - eyes.x, points[at + 1]! - eyes.y, points[at + 2]! - eyes.z];
+    const depth = x * ahead.x + y * ahead.y + z * ahead.z;
+    if (depth < LEAST_DEPTH_M || depth > distance + MARGIN_M) continue;
+    const share = Math.max(depth / distance, 0.5) * MARGIN_M;
+    const scale = Math.min(depth / distance, 1);
+    if (Math.abs(x * right.x + y * right.y + z * right.z) > half.x * scale + share) continue;
+    if (Math.abs(x * up.x + y * up.y + z * up.z) < half.y * scale + share) count++;
+  }
+  return count;
+}
