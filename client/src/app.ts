@@ -55,6 +55,7 @@ export class App {
       playOrEnd: () => this.playOrEnd(),
       ready: () => this.send({ type: "ready" }),
       recalibrate: () => this.send({ type: "recalibrate" }),
+      stop: () => this.send({ type: "stop" }),
       answer: (value) => this.answer(value),
       chooseBody: (choice) => this.send(choice),
     });
@@ -293,8 +294,9 @@ export class App {
     const { link, linkReason, phase, problem, secondsLeft } = this;
     const { question, answered } = this.questionnaire;
     const { takesPart } = this;
+    const plays = this.flat.playing;
     const body = this.welcome?.role === "spectator" ? null : this.body;
-    const display: Display = { link, linkReason, phase, body, question, answered, problem, secondsLeft, takesPart };
+    const display: Display = { link, linkReason, phase, body, question, answered, problem, secondsLeft, takesPart, plays };
     this.page.show(display);
     this.panel.show(this.presenting ? panelContent(display) : null);
   }

@@ -14,6 +14,8 @@ export interface Display {
   secondsLeft: number | null;
   /** Whether the participant is in VR, or plays without a headset. */
   takesPart: boolean;
+  /** Whether they play without one. */
+  plays: boolean;
 }
 
 export interface PanelContent {
@@ -68,6 +70,11 @@ export function awaitsReady(phase: Phase | null): boolean {
 /** Whether the participant may ask to be measured again. */
 export function mayRecalibrate(phase: Phase | null): boolean {
   return phase?.name === "check";
+}
+
+/** Whether a stop holds the robot now. */
+export function canBeStopped(phase: Phase | null): boolean {
+  return phase !== null && PHASES_WHERE.can_be_stopped.includes(phase.name);
 }
 
 /** Whether the person and the robot may be moving, so that the stop key must work. */

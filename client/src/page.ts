@@ -1,8 +1,9 @@
 import { mayChooseBody } from "./bodychoice";
-import { awaitsReady, linkWords, mayRecalibrate, phaseLabel, type Display } from "./display";
+import { awaitsReady, canBeStopped, linkWords, mayRecalibrate, phaseLabel, type Display } from "./display";
 import { element } from "./element";
 import type { Body, ChooseBody, Phase, Question } from "./messages";
 import type { Allowed } from "./senses";
+import { onThePage } from "./words";
 
 const SENSES = ["haptics", "sounds"] as const;
 
@@ -11,6 +12,7 @@ export interface PageEvents {
   playOrEnd(): void;
   ready(): void;
   recalibrate(): void;
+  stop(): void;
   answer(value: number): void;
   chooseBody(choice: ChooseBody): void;
 }
@@ -30,6 +32,8 @@ export class Page {
     this.enter.addEventListener("click", () => events.enterOrLeave());
     this.play.addEventListener("click", () => events.playOrEnd());
     element("ready").addEventListener("click", () => events.ready());
+    element("stop").addEventListener("pointerdown", () => events.stop());
+    element("stop").addEventListener("click", ({ detail }) => detail === 0 && events.stop());
     element("again").addEventListener("click", () => events.recalibrate());
     for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
     for (const sense of SENSES) remember(element<HTMLInputElement>(sense));
@@ -57,6 +61,7 @@ export class Page {
   setPlaying(playing: boolean): void {
     this.play.textContent = playing ? "Stop playing" : "Play without a headset";
     element("play-help").hidden = !playing;
+    element("help").hidden = playing;
     this.enter.hidden = element("reason").hidden = playing;
     this.play.blur();
   }
@@ -70,11 +75,13 @@ export class Page {
     const { phase, question, problem, secondsLeft } = display;
     element("status").dataset["link"] = display.link;
     this.text("status-words", linkWords(display));
-    this.text("problem", problem ?? "");
+    const words = display.plays ? onThePage : (text: string) => text;
+    this.text("problem", words(problem ?? ""));
     this.text("phase-label", phaseLabel(phase));
-    this.text("phase-text", phase?.text ?? "");
+    this.text("phase-text", words(phase?.text ?? ""));
     this.text("countdown", secondsLeft === null ? "" : `${secondsLeft} s`);
     element("problem").hidden = !problem;
+    element("emergency").hidden = !display.takesPart || !canBeStopped(phase);
     element("go-on").hidden = !display.takesPart || !awaitsReady(phase);
     element("again").hidden = !mayRecalibrate(phase);
     element("phase").hidden = !phase?.text || question !== null;

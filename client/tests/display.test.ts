@@ -32,7 +32,7 @@ function phase(name: Phase["name"], text = "Words"): Phase {
 }
 
 function display(changes: Partial<Display>): Display {
-  const nothing = { phase: null, body: null, question: null, answered: null, problem: null, secondsLeft: null, takesPart: true };
+  const nothing = { phase: null, body: null, question: null, answered: null, problem: null, secondsLeft: null, takesPart: true, plays: false };
   return { link: "connected", linkReason: "", ...nothing, ...changes };
 }
 

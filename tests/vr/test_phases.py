@@ -102,7 +102,7 @@ class Walk:
         self.messages = 0
         self._chance, self._world = random.Random(seed), random.Random(seed + 1000)
         self._busy = 0
-        session = plan(seeds=range(12), practice=True, environments=(SITTING, LYING))
+        session = plan(seeds=range(7), practice=True, environments=(SITTING, LYING))
         how: dict[str, Any] = {"observe": self._observe, "kept": self._is_stored}
         self.visit = Visit(
             folder,
@@ -181,7 +181,7 @@ def test_no_message_and_no_tick_leads_where_no_annotation_does(
     messages = 0
     for seed in SEEDS:
         walk = Walk(tmp_path / str(seed), seed)
-        for _ in range(2600):
+        for _ in range(2000):
             walk.step()
         walk.visit.leave()
         messages += walk.messages

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar, Self
 
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName
-from avrgym.vr.session import events, phases
+from avrgym.vr.session import events
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.driving import Driver
 from avrgym.vr.tracking.world import ControlStep
@@ -68,15 +67,11 @@ class Phase:
 
     def ready(self) -> Phase:
         """They pressed the trigger to go on."""
-        return self._refuse(
-            f"a trigger counts as ready only in the phases {_listed(phases.where('awaits_ready'))}"
-        )
+        return self._refuse("nothing waits for you to go on")
 
     def recalibrate(self) -> Phase:
         """They saw that body or seat do not fit."""
-        return self._refuse(
-            f"you can be measured again in the phases {_listed(phases.where('can_recalibrate'))}"
-        )
+        return self._refuse("you can be measured again only between two trials")
 
     def answer(self, answer: messages.Answer) -> Phase:
         """They answered a question."""
@@ -86,13 +81,11 @@ class Phase:
 
     def stop(self, by: events.Who) -> Phase:
         """The emergency stop: hold the robot at once; the trial that runs may be repeated."""
-        names = ", ".join(phases.where("can_be_stopped"))
-        return self._refuse(f"the robot holds still; it can be stopped in the phases {names}", by)
+        return self._refuse("the robot holds still already", by)
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> Phase:
         """Give the participant a body of this sex and tone of skin."""
-        names = ", ".join(phases.where("can_choose_body"))
-        return self._refuse(f"the body is chosen in the phases {names}, not in {self.name}", by)
+        return self._refuse("the body can be chosen only before or between trials", by)
 
     # What the experimenter asks ----------------------------------------------------------------------------------
 
@@ -184,16 +177,12 @@ class Phase:
         return self
 
     def _refuse_out_of_place(self) -> Self:
-        names = ", ".join(phases.where("in_place"))
-        return self._refuse(f"this is possible in the phases {names}, not in {self.name}", "experimenter")
+        return self._refuse(
+            "this is possible once the participant is in place, with the scene shown", "experimenter"
+        )
 
     def _record_lost_time(self, seconds: float) -> str:
         """What happened, in words."""
         why = f"the computer stood still for {seconds:.1f} s"
         self.state.record_event("time_lost", why)
         return why
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Such as "one, two and three"."""
-    return f"{', '.join(names[:-1])} and {names[-1]}"
