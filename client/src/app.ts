@@ -177,6 +177,7 @@ export class App {
       const loading = this.world.load(scene, this.token);
       if (!this.world.root.matrix.equals(before)) this.view.standBefore(this.world.root);
       await loading;
+      this.panel.review();
       if (!this.watches) this.send({ type: "scene_loaded", url: scene.url });
     } catch (error) {
       this.showProblem(`The scene could not be loaded: ${words(error)}.`);
@@ -185,6 +186,7 @@ export class App {
 
   private phaseCame(phase: Phase): void {
     this.phase = phase;
+    this.panel.review();
     if (phase.name === "viewing") this.page.hideTakingPart();
     this.phaseEndsMs = phase.seconds === null ? Infinity : performance.now() + phase.seconds * 1000;
     this.secondsLeft = secondsUntil(this.phaseEndsMs, performance.now());

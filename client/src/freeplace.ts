@@ -48,6 +48,13 @@ export function freePlace(eyes: Vector3, forward: Vector3, points: Float32Array,
   return axesOf(best, forward).ahead.multiplyScalar(best.distance).add(eyes);
 }
 
+/** Whether a panel with its middle there, facing the eyes, has nothing before it, in it or close behind it. */
+export function isFree(eyes: Vector3, middle: Vector3, points: Float32Array, half: HalfSize): boolean {
+  const ahead = middle.clone().sub(eyes);
+  const distance = ahead.length();
+  return inTheWay(eyes, facing(ahead.divideScalar(distance)), distance, points, half) === 0;
+}
+
 interface Axes {
   ahead: Vector3;
   right: Vector3;
@@ -56,8 +63,11 @@ interface Axes {
 
 function axesOf({ turn, elevation }: Candidate, forward: Vector3): Axes {
   const level = forward.clone().setY(0).normalize().applyAxisAngle(UP, -turn);
-  const right = new Vector3().crossVectors(level, UP);
-  const ahead = level.multiplyScalar(Math.cos(elevation)).addScaledVector(UP, Math.sin(elevation));
+  return facing(level.multiplyScalar(Math.cos(elevation)).addScaledVector(UP, Math.sin(elevation)));
+}
+
+function facing(ahead: Vector3): Axes {
+  const right = new Vector3().crossVectors(ahead, UP).normalize();
   return { ahead, right, up: new Vector3().crossVectors(right, ahead) };
 }
 

@@ -1,6 +1,6 @@
 import { CanvasTexture, Mesh, MeshBasicMaterial, PlaneGeometry, SRGBColorSpace, Vector3 } from "three";
 import type { PanelContent } from "./display";
-import { freePlace } from "./freeplace";
+import { freePlace, isFree } from "./freeplace";
 import type { ChooseBody } from "./messages";
 import { HEIGHT, WIDTH, bodiesOf, buttonsOf, paint } from "./paint";
 import { hitButton, type Button } from "./questionnaire";
@@ -28,6 +28,7 @@ export class Panel {
   private readonly texture: CanvasTexture;
   private content: PanelContent | null = null;
   private placed = false;
+  private reviewed = false;
   private readonly origin = new Vector3();
   private readonly direction = new Vector3();
 
@@ -72,12 +73,20 @@ export class Panel {
     this.placed = false;
   }
 
+  /** To be placed anew at the next `place`, should something have come before it. */
+  review(): void {
+    this.reviewed = false;
+  }
+
   /** Puts a panel that has just appeared where there is room for it, as near as that is to where the head looks. */
   place(head: Vector3, forward: Vector3, around: (eyes: Vector3) => Float32Array): void {
-    if (this.placed || !this.content) return;
-    this.placed = true;
+    if (!this.content || (this.placed && this.reviewed)) return;
+    const points = around(head);
+    const stays = this.placed && isFree(head, this.mesh.position, points, PANEL_HALF_M);
+    this.placed = this.reviewed = true;
     this.mesh.visible = true;
-    this.mesh.position.copy(freePlace(head, forward, around(head), PANEL_HALF_M));
+    if (stays) return;
+    this.mesh.position.copy(freePlace(head, forward, points, PANEL_HALF_M));
     this.mesh.lookAt(head);
     this.mesh.updateMatrixWorld();
   }

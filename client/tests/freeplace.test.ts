@@ -12,7 +12,7 @@ import {
   type BufferGeometry,
 } from "three";
 import { describe, expect, it } from "vitest";
-import { freePlace } from "../src/freeplace";
+import { freePlace, isFree } from "../src/freeplace";
 import { PANEL_HALF_M } from "../src/panel";
 import { Surfaces } from "../src/surfaces";
 import scenes from "./scenes.json";
@@ -89,6 +89,9 @@ describe("the place of the panel", () => {
     const scene = new Group().add(pole);
     const middle = freePlace(eyes, AHEAD, new Surfaces(scene).around(eyes), PANEL_HALF_M);
     expect(nearest(scene, eyes, middle)).toBe(Infinity);
-    expect(nearest(scene, eyes, new Vector3(0, 1.1, -1.25))).toBeLessThan(1);
+    const behind = new Vector3(0, 1.1, -1.25);
+    expect(nearest(scene, eyes, behind)).toBeLessThan(1);
+    const points = new Surfaces(scene).around(eyes);
+    expect([middle, behind].map((place) => isFree(eyes, place, points, PANEL_HALF_M))).toEqual([true, false]);
   });
 });

@@ -213,7 +213,7 @@ def test_a_session_goes_through_its_phases_in_order(whole: Visit) -> None:
         "waiting", "calibration", "loading", "check", *around, "loading", *around, "questionnaire", "finished"
     ]  # fmt: skip
     numbered = [(phase.trial, phase.practice) for phase in whole.said(Phase)[4:]]
-    assert numbered == [(1, True)] * 4 + [(2, False)] * 7
+    assert numbered == [(1, True)] * 5 + [(2, False)] * 8
     assert not whole.problems
 
 
