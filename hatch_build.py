@@ -5,7 +5,7 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-PAGES = ("index.html", "dashboard.html", "replay.html")
+PAGES = ("index.html", "dashboard.html", "replay.html", "trial.html")
 
 
 class CustomBuildHook(BuildHookInterface):

@@ -1,5 +1,6 @@
 import { Connection, type Link } from "./connection";
 import { awaitsReady, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
+import { fetchBytes } from "./fetching";
 import { FlatPlay } from "./flatplay";
 import { Immersive } from "./immersive";
 import type { Outgoing } from "./codec";
@@ -160,9 +161,7 @@ export class App {
 
   /** Fills the browser's cache, so that the scene is there when it is wanted. */
   private fetchAhead(url: string): void {
-    void fetch(url, { headers: { Authorization: `Bearer ${this.token}` } })
-      .then((response) => response.arrayBuffer())
-      .catch(() => undefined);
+    void fetchBytes(url, this.token).catch(() => undefined);
   }
 
   private stateCame(state: State): void {
@@ -174,7 +173,7 @@ export class App {
     this.watching?.sceneCame(scene);
     try {
       const before = this.world.root.matrix.clone();
-      const loading = this.world.load(scene, this.token);
+      const loading = this.world.load(scene, fetchBytes(scene.url, this.token));
       if (!this.world.root.matrix.equals(before)) this.view.standBefore(this.world.root);
       await loading;
       this.panel.review();

@@ -1,4 +1,7 @@
+import { element } from "./element";
+import { fetchBytes } from "./fetching";
 import type { Scene } from "./messages";
+import { unpack, type Packed } from "./replay-packed";
 
 /** The control steps, one entry each: when they ended, the reward so far, and what they gave. */
 export interface Steps {
@@ -16,30 +19,38 @@ export interface Happening {
   words: string;
 }
 
-/** A recorded trial as the server tells it; times count from its beginning. */
+/** A recorded trial in figures and words; times count from its beginning. */
 export interface Timeline {
   title: string;
   simulated: boolean;
   complete: boolean;
   result: string | null;
   seconds: number;
+  /** What else there is to know of it, by headings. */
+  facts: Record<string, string>;
   scene: Scene;
   frames_s: number[];
   steps: Steps;
   happenings: Happening[];
 }
 
-/** The timeline, and the poses of its frames one after another. */
-export async function loadReplay(token: string): Promise<[Timeline, Float32Array]> {
-  const headers = { Authorization: `Bearer ${token}` };
-  const [timeline, poses] = await Promise.all(
-    ["timeline", "poses"].map(async (path) => {
-      const response = await fetch(path, { headers });
-      if (!response.ok) throw new Error(`the server answered ${response.status}`);
-      return response;
-    }),
-  );
-  return [(await timeline!.json()) as Timeline, new Float32Array(await poses!.arrayBuffer())];
+/** A trial with the poses of its frames, one after another, and the file of its scene. */
+export interface Replayed {
+  timeline: Timeline;
+  poses: Float32Array;
+  glb: Promise<ArrayBuffer>;
+}
+
+/** What was written into the page: one trial, or two to be compared; else the trial that its server tells of. */
+export async function loadReplays(token: string): Promise<Replayed[]> {
+  const written = element("recorded").textContent;
+  return written ? unpack(JSON.parse(written) as Packed) : [await fetchReplay(token)];
+}
+
+async function fetchReplay(token: string): Promise<Replayed> {
+  const [told, poses] = await Promise.all(["timeline", "poses"].map((path) => fetchBytes(path, token)));
+  const timeline = JSON.parse(new TextDecoder().decode(told)) as Timeline;
+  return { timeline, poses: new Float32Array(poses!), glb: fetchBytes(timeline.scene.url, token) };
 }
 
 /** The index of the last of ascending times that is not after `timeS`; -1 before the first. */

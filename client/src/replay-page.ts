@@ -1,32 +1,47 @@
 import { element } from "./element";
-import { drawChart } from "./replay-chart";
+import { drawCharts } from "./replay-chart";
 import type { Clock } from "./replay-clock";
 import { SPEEDS } from "./replay-clock";
-import { latest, phasesOf, type Happening, type Timeline } from "./replay-data";
+import { latest, type Timeline } from "./replay-data";
+import {
+  description,
+  entriesOf,
+  figures,
+  labels,
+  made,
+  whoWasSimulated,
+  type Entry,
+} from "./replay-words";
 
 const STEP_S = 1;
 const FRAME_S = 0.02;
 
 /** The words, the time line and the keys of a replay. */
 export class ReplayPage {
-  readonly view = element("view");
   readonly card = element("card");
+  /** Where each trial is to be drawn. */
+  readonly holders: HTMLElement[];
   private readonly slider = element<HTMLInputElement>("time");
   private readonly speed = element<HTMLSelectElement>("speed");
   private readonly inside = element<HTMLInputElement>("from-inside");
+  private readonly labels: string[];
+  private readonly happened: Entry[];
   private readonly entries: HTMLElement[];
-  private readonly phases;
+  private readonly cells: Map<string, HTMLElement>[];
   private current = -1;
 
   constructor(
-    private readonly timeline: Timeline,
+    private readonly timelines: readonly Timeline[],
     private readonly clock: Clock,
     private readonly viewChanged: (fromInside: boolean) => void,
   ) {
-    this.phases = phasesOf(timeline);
+    this.labels = labels(timelines.length);
+    this.holders = timelines.map((_, at) => this.holder(at));
     this.describe();
-    drawChart(element("chart"), timeline);
-    this.entries = timeline.happenings.map((happening) => this.entry(happening));
+    this.cells = timelines.map((timeline) => addColumn(figures(timeline, 0)));
+    element("charts").prepend(...drawCharts(timelines, clock.endS));
+    this.happened = entriesOf(timelines);
+    this.entries = this.happened.map((entry) => this.entry(entry));
     element("happenings").append(...this.entries);
     this.speed.append(...SPEEDS.map((speed) => new Option(`${speed} ×`, String(speed))));
     this.listen();
@@ -34,39 +49,40 @@ export class ReplayPage {
 
   /** Shows where the clock stands. */
   show(): void {
-    const { timeS, playing, speed } = this.clock;
+    const { timeS, playing, speed, endS } = this.clock;
     this.slider.value = String(timeS);
     this.slider.setAttribute("aria-valuetext", `${timeS.toFixed(1)} seconds`);
     this.speed.value = String(speed);
     element("play").textContent = playing ? "Pause" : "Play";
-    element("clock").textContent = `${timeS.toFixed(1)} / ${this.timeline.seconds.toFixed(1)} s`;
-    element("now").style.left = `${(100 * timeS) / this.timeline.seconds}%`;
-    this.showStep(timeS);
-    this.markEntry(latest(this.timeline.happenings.map(({ time_s }) => time_s), timeS));
+    element("clock").textContent = `${timeS.toFixed(1)} / ${endS.toFixed(1)} s`;
+    element("now").style.left = `${(100 * timeS) / endS}%`;
+    this.timelines.forEach((timeline, at) => {
+      for (const [row, words] of Object.entries(figures(timeline, timeS))) {
+        this.cells[at]!.get(row)!.textContent = words;
+      }
+    });
+    this.markEntry(latest(this.happened.map(({ time_s }) => time_s), timeS));
   }
 
   private describe(): void {
-    const { title, simulated, complete, result, seconds } = this.timeline;
-    document.title = `${title} – AVR Gym`;
-    element("title").textContent = title;
+    const { timelines, labels } = this;
+    document.title = `${timelines.map(({ title }) => title).join(" | ")} – AVR Gym`;
+    document.body.classList.toggle("comparing", timelines.length > 1);
+    element("title").append(...timelines.flatMap((timeline, at) => description(timeline, labels[at]!)));
+    const simulated = whoWasSimulated(timelines);
+    element("simulated").textContent = simulated;
     element("simulated").hidden = !simulated;
-    element("result").textContent = complete
-      ? `Recorded whole: ${result} after ${seconds.toFixed(1)}\u00a0s.`
-      : `Not complete: the recording breaks off after ${seconds.toFixed(1)}\u00a0s.`;
-    this.slider.max = String(seconds);
+    for (const label of labels) element("columns").append(headingCell(label));
+    element("columns").hidden = timelines.length < 2;
+    this.slider.max = String(this.clock.endS);
   }
 
-  private showStep(timeS: number): void {
-    const { steps } = this.timeline;
-    const at = latest(steps.time_s, timeS);
-    const given = (values: readonly number[], digits: number, unit: string) =>
-      at < 0 ? "–" : `${values[at]!.toFixed(digits)}${unit}`;
-    element("phase-name").textContent = this.phases.findLast(({ from }) => from <= timeS)?.name ?? "–";
-    element("step").textContent = `${at + 1} of ${steps.time_s.length}`;
-    element("reward").textContent = given(steps.reward, 1, "");
-    element("force").textContent = given(steps.force_n, 1, " N");
-    element("distance").textContent = given(steps.distance_m, 3, " m");
-    element("success").textContent = at < 0 ? "–" : steps.success[at] ? "yes" : "not yet";
+  private holder(at: number): HTMLElement {
+    const holder = made("div");
+    holder.role = "img";
+    holder.dataset["label"] = this.labels[at]!;
+    element("view").append(holder);
+    return holder;
   }
 
   /** The latest of what has happened is marked and kept in sight. */
@@ -79,15 +95,13 @@ export class ReplayPage {
     this.current = at;
   }
 
-  private entry({ time_s, kind, words }: Happening): HTMLElement {
-    const button = document.createElement("button");
+  private entry({ time_s, kind, words, label }: Entry): HTMLElement {
+    const button = made("button");
     button.type = "button";
     button.dataset["kind"] = kind === "event" || kind === "answer" ? kind : "phase";
-    const time = document.createElement("span");
-    time.textContent = `${time_s.toFixed(1)} s`;
-    button.append(time, words);
+    button.append(made("span", `${time_s.toFixed(1)} s`), label ? `${label}: ${words}` : words);
     button.addEventListener("click", () => this.clock.seek(time_s));
-    const item = document.createElement("li");
+    const item = made("li");
     item.append(button);
     return item;
   }
@@ -100,9 +114,10 @@ export class ReplayPage {
     document.addEventListener("keydown", (event) => this.key(event));
   }
 
-  /** Keys that move through time go no further: the view would turn with them. */
+  /** Keys that move through time go no further: the view would move with them. Shift and arrows turn it. */
   private key(event: KeyboardEvent): void {
     if (event.ctrlKey || event.altKey || event.metaKey || event.target === this.speed) return;
+    if (event.shiftKey && event.key.startsWith("Arrow")) return;
     if (event.key === " " && isPressed(event.target)) return;
     const action = this.actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!action) return;
@@ -128,4 +143,17 @@ export class ReplayPage {
 /** Whether Space presses what has the focus. */
 function isPressed(target: EventTarget | null): boolean {
   return target instanceof Element && target.closest("button, summary, input[type=checkbox]") !== null;
+}
+
+/** Adds a cell to each row of the table of figures. */
+function addColumn(values: Record<string, string>): Map<string, HTMLElement> {
+  const cells = new Map(Object.keys(values).map((row) => [row, made("td")]));
+  for (const [row, cell] of cells) element(row).append(cell);
+  return cells;
+}
+
+function headingCell(label: string): HTMLElement {
+  const cell = made("th", label);
+  cell.scope = "col";
+  return cell;
 }

@@ -1,50 +1,31 @@
 import "./page.css";
 import "./replay.css";
 import { element } from "./element";
-import { Eyes } from "./eyes";
-import { POSE } from "./interpolation";
 import { Clock } from "./replay-clock";
-import { loadReplay, type Timeline } from "./replay-data";
-import { Frames } from "./replay-frames";
+import { loadReplays, type Replayed } from "./replay-data";
 import { ReplayPage } from "./replay-page";
-import { createRoom } from "./room";
-import { FULL_DETAIL, LIGHT_DETAIL, View } from "./view";
-import { World } from "./world";
+import { Stage } from "./replay-stage";
+import { FULL_DETAIL, LIGHT_DETAIL } from "./view";
 
 const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
 const detail = new URLSearchParams(location.search).get("detail") === "light" ? LIGHT_DETAIL : FULL_DETAIL;
 
-/** Plays a trial: the clock says when, the frames say where everything is then. */
-async function play(timeline: Timeline, poses: Float32Array): Promise<void> {
-  const clock = new Clock(timeline.seconds);
-  const frames = new Frames(timeline.frames_s, poses);
-  const now = new Float32Array((timeline.scene.bodies.length + timeline.scene.marks) * POSE);
-  const eyes = new Eyes();
-  const world = new World();
-  const page = new ReplayPage(timeline, clock, (inside) => {
-    world.seeFromInside(inside);
-    view.seeWith(inside ? eyes.camera : null);
+/** Plays a trial, or two beside each other: the clock says when. */
+async function play(trials: Replayed[]): Promise<void> {
+  const timelines = trials.map(({ timeline }) => timeline);
+  const clock = new Clock(Math.max(...timelines.map(({ seconds }) => seconds)));
+  const page = new ReplayPage(timelines, clock, (inside) => {
+    for (const stage of stages) stage.seeFromInside(inside);
   });
-  const view = new View(page.view, page.card, detail);
-  furnish(view, world);
-  eyes.sceneCame(timeline.scene);
-  view.renderer.setAnimationLoop((timeMs) => {
+  const stages = trials.map((trial, at) => new Stage(page.holders[at]!, page.card, trial, detail));
+  const [first, ...others] = stages.map(({ view }) => view);
+  for (const other of others) other.turnWith(first!);
+  first!.renderer.setAnimationLoop((timeMs) => {
     clock.tick(timeMs);
-    frames.sample(clock.timeS, now);
-    world.show(now);
-    eyes.follow(new Uint8Array(now.buffer), world.root);
     page.show();
-    view.render();
+    for (const stage of stages) stage.show(clock.timeS);
   });
-  await world.load(timeline.scene, token);
-  view.standBefore(world.root);
-}
-
-function furnish(view: View, world: World): void {
-  world.root.add(createRoom(detail));
-  if (detail.lighting) view.reflect(world.root);
-  view.scene.add(world.root);
-  view.standBefore(world.root);
+  await Promise.all(stages.map((stage) => stage.load()));
 }
 
 function refuse(error: unknown): void {
@@ -54,6 +35,4 @@ function refuse(error: unknown): void {
 }
 
 window.addEventListener("hashchange", () => location.reload());
-loadReplay(token)
-  .then(([timeline, poses]) => play(timeline, poses))
-  .catch(refuse);
+loadReplays(token).then(play).catch(refuse);

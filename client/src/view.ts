@@ -39,7 +39,7 @@ export class View {
   private borrowed: PerspectiveCamera | null = null;
 
   constructor(
-    holder: HTMLElement,
+    private readonly holder: HTMLElement,
     private readonly card: HTMLElement,
     { antialias, lighting }: Detail,
   ) {
@@ -55,25 +55,37 @@ export class View {
     this.controls = new OrbitControls(this.spectator, renderer.domElement);
     this.controls.listenToKeyEvents(window);
     Object.assign(this.controls, { minDistance: 0.4, maxDistance: 2.9, maxPolarAngle: 1.7 });
-    window.addEventListener("resize", () => this.fit());
-    new ResizeObserver(() => this.fit()).observe(card);
+    const sizes = new ResizeObserver(() => this.fit());
+    for (const sized of [holder, card]) sizes.observe(sized);
   }
 
-  /** Fills the window; the scene's middle lies in the part that the card leaves free. */
+  /** Fills its holder; the scene's middle lies in the part that the card leaves free. */
   private fit(): void {
     if (this.renderer.xr.isPresenting) return;
-    const { innerWidth: width, innerHeight: height } = window;
-    const card = this.card.getBoundingClientRect();
-    const besides = card.width < width * 0.7;
+    const area = this.holder.getBoundingClientRect();
+    const { width, height } = area;
     this.renderer.setSize(width, height);
-    this.spectator.fov = besides ? 45 : 62;
+    this.spectator.fov = width > height ? 45 : 62;
     this.controls.enabled = !this.borrowed;
+    const [x, y] = offset(area, this.card.getBoundingClientRect());
     for (const camera of [this.spectator, this.borrowed]) {
       if (!camera) continue;
       camera.aspect = width / height;
-      const [x, y] = besides ? [-card.right / 2, 0] : [0, card.height / 2];
       camera.setViewOffset(width, height, x, y, width, height);
     }
+  }
+
+  /** Who turns one of two views turns both. */
+  turnWith(other: View): void {
+    this.controls.stopListenToKeyEvents();
+    this.controls.addEventListener("change", () => other.standLike(this));
+    other.controls.addEventListener("change", () => this.standLike(other));
+  }
+
+  private standLike({ spectator, controls }: View): void {
+    this.spectator.position.copy(spectator.position);
+    this.controls.target.copy(controls.target);
+    this.controls.update();
   }
 
   /** Shows what this camera sees, or the spectator's view again. */
@@ -105,4 +117,11 @@ export class View {
     const flat = this.borrowed ?? this.spectator;
     this.renderer.render(this.scene, this.renderer.xr.isPresenting ? this.eyes : flat);
   }
+}
+
+/** By how much a picture is moved, px, to leave free what a card covers at its left or its lower edge. */
+function offset(area: DOMRect, card: DOMRect): [x: number, y: number] {
+  const besides = card.width < area.width * 0.7;
+  if (card.right <= area.left || card.top >= area.bottom) return [0, 0];
+  return besides ? [(area.left - card.right) / 2, 0] : [0, (area.bottom - card.top) / 2];
 }

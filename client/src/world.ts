@@ -18,12 +18,12 @@ export class World {
   private seenFromInside = false;
 
   /** Replaces the scene; until the new one is here, the earlier one stays as it is. */
-  async load(scene: Scene, token: string): Promise<void> {
+  async load(scene: Scene, glb: Promise<ArrayBuffer>): Promise<void> {
     this.newest = scene;
     this.states = new StateBuffer(posesIn(scene));
     this.poses = new Float32Array(posesIn(scene) * POSE);
     placeRoot(this.root, scene.xr_from_world);
-    const content = new Content(await loadGroup(scene.url, token), scene);
+    const content = new Content((await loader.parseAsync(await glb, "")).scene, scene);
     if (scene === this.newest) this.replace(content, scene);
     else content.dispose();
   }
@@ -85,10 +85,4 @@ function placeRoot(root: Group, [position, orientation]: XRPose): void {
   root.position.set(...position);
   root.quaternion.set(...orientation);
   root.updateMatrixWorld();
-}
-
-async function loadGroup(url: string, token: string): Promise<Group> {
-  const response = await fetch(url, { headers: { Authorization: `Bearer ${token}` } });
-  if (!response.ok) throw new Error(`the server answered ${response.status}`);
-  return (await loader.parseAsync(await response.arrayBuffer(), "")).scene;
 }

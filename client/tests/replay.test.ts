@@ -1,8 +1,10 @@
 import { describe, expect, it } from "vitest";
-import { points } from "../src/replay-chart";
+import { points, rangeOf, successes } from "../src/replay-chart";
 import { Clock, SPEEDS } from "../src/replay-clock";
 import { latest, phasesOf, type Timeline } from "../src/replay-data";
 import { Frames } from "../src/replay-frames";
+import { unpackPoses } from "../src/replay-packed";
+import { entriesOf, whoWasSimulated } from "../src/replay-words";
 
 const TIMES = [0, 0.02, 0.04];
 
@@ -93,7 +95,50 @@ describe("phases", () => {
 
 describe("a line of the chart", () => {
   it("spans the box from its lowest to its highest value, nought included", () => {
-    expect(points([0, 5, 10], [0, 1, -1], 10)).toBe("0.0,50.0 500.0,4.0 1000.0,96.0");
-    expect(points([], [], 10)).toBe("");
+    const values = [0, 1, -1];
+    expect(points([0, 5, 10], values, 10, rangeOf(values))).toBe("0.0,50.0 500.0,4.0 1000.0,96.0");
+    expect(points([], [], 10, rangeOf([]))).toBe("");
+    expect(rangeOf([2, 3])).toEqual([0, 3]);
+  });
+});
+
+describe("success", () => {
+  it("lasts until a control step says otherwise, or to the end", () => {
+    const spans = (success: boolean[]) =>
+      successes({ steps: { time_s: [1, 2, 3, 4], success } } as Timeline, 9);
+    expect(spans([false, true, true, false])).toEqual([{ from: 2, to: 4 }]);
+    expect(spans([true, false, false, true])).toEqual([
+      { from: 1, to: 2 },
+      { from: 4, to: 9 },
+    ]);
+    expect(spans([false, false, false, false])).toEqual([]);
+  });
+});
+
+describe("packed poses", () => {
+  it("add up to multiples of the step, each number of a frame for itself", () => {
+    const numbers = new Int32Array([4, 1, -5, -300, 0, 70000]);
+    const bytes = new Uint8Array(numbers.buffer);
+    const planes = Uint8Array.from(bytes, (_, at) => bytes[4 * (at % 6) + Math.floor(at / 6)]!);
+    expect([...unpackPoses(planes, 3, 0.5)]).toEqual([2, -150, 2.5, -150, 0, 34850]);
+  });
+});
+
+describe("words", () => {
+  const trial = (simulated: boolean) => ({ simulated, happenings: [] }) as unknown as Timeline;
+
+  it("say who was simulated", () => {
+    expect(whoWasSimulated([trial(false)])).toBe("");
+    expect(whoWasSimulated([trial(true)])).toBe("Simulated participant");
+    expect(whoWasSimulated([trial(true), trial(true)])).toBe("Simulated participants");
+    expect(whoWasSimulated([trial(false), trial(true)])).toBe("B: simulated participant");
+  });
+
+  it("list what happened in two trials in the order of time", () => {
+    const [one, other] = [[1, 4], [2, 3]].map((times) => ({
+      happenings: times.map((time_s) => ({ time_s, kind: "event", words: "stop" })),
+    })) as unknown as Timeline[];
+    const entries = entriesOf([one!, other!]).map(({ label, time_s }) => `${label}${time_s}`);
+    expect(entries).toEqual(["A1", "B2", "B3", "A4"]);
   });
 });

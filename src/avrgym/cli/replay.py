@@ -41,6 +41,14 @@ def replay(
     out: Annotated[
         Path | None, typer.Option(help="A new .png or .jpg file for --frames.", metavar="OUT.png")
     ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(help="Write it as a page that needs neither server nor network.", metavar="OUT.html"),
+    ] = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option(help="On the page of --html, a second recording beside it.", metavar="OTHER"),
+    ] = None,
     first_person: Annotated[
         bool, typer.Option("--first-person", help="Videos and pictures with the participant's eyes.")
     ] = False,
@@ -49,7 +57,7 @@ def replay(
     ] = 8000,
     json_file: JsonFile = None,
 ) -> None:
-    """Replay a recorded trial in a browser; or verify it, show forces, render a video, or draw pictures of it."""
+    """Replay a recorded trial in a browser; or verify it, show forces, write a page, render a video, or draw pictures."""
     with plain_errors():
         if (frames is None) != (out is None):
             raise ValueError("--frames and --out go together, as in --frames 4 --out strip.png")
@@ -59,6 +67,8 @@ def replay(
             )
         if first_person and video is None and frames is None:
             raise ValueError("--first-person goes with --video or --frames; on the page V changes the view")
+        if compare is not None and html is None:
+            raise ValueError("--compare goes with --html, as in --html both.html --compare OTHER")
         check_json(json_file)
         with _naming(file):
             recording = _read(file)
@@ -70,8 +80,10 @@ def replay(
                 _write_video(recording, video, first_person)
             if frames is not None and out is not None:
                 _draw_strip(recording, frames, out, first_person)
-            if not (verify or regions) and video is None and frames is None:
+            if html is None and not (verify or regions) and video is None and frames is None:
                 _show(recording, port)
+        if html is not None:
+            _write_page([(file, recording), *_named(compare)], html)
 
 
 @contextmanager
@@ -169,6 +181,26 @@ def _draw_strip(recording: "Recording", count: int, out: Path, first_person: boo
     with _progress(recording, "drawing") as advance:
         times_s = draw_strip(recording, count, out, first_person=first_person, progress=advance)
     say(f"pictures  {out}, at {', '.join(f'{time_s:.1f}' for time_s in times_s)} s")
+
+
+def _named(file: Path | None) -> list[tuple[Path, "Recording"]]:
+    if file is None:
+        return []
+    with _naming(file):
+        return [(file, _read(file))]
+
+
+def _write_page(recordings: list[tuple[Path, "Recording"]], html: Path) -> None:
+    from avrgym.replay.page import ReplayedTrial, check_page_to_write, write_page
+    from avrgym.replay.timeline import timeline_of
+
+    check_page_to_write(html)
+    trials: list[ReplayedTrial] = []
+    for file, recording in recordings:
+        with _naming(file), _progress(recording, "stepping again") as advance:
+            trials.append(ReplayedTrial(recording, *timeline_of(recording, advance)))
+    write_page(trials, html)
+    say(f"page      {html}, {html.stat().st_size / 1e6:.1f} MB")
 
 
 def _show(recording: "Recording", port: int) -> None:

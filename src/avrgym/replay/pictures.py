@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from avrgym.envs.rendering import Camera
 from avrgym.recording.files import Recording
+from avrgym.replay.output import check_new
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.trial import Trial, driven_span_s, trial_of
 from avrgym.system.files import write_whole
@@ -54,7 +55,7 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
         FileExistsError: when there is such a file.
         RuntimeError: where no picture can be drawn, or the encoder is missing.
     """
-    _check_new(out, (".mp4",))
+    check_new(out, (".mp4",))
     try:
         import av
     except ModuleNotFoundError as error:
@@ -67,7 +68,7 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
             for picture in _film(recording, first_person, progress):
                 file.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
             file.mux(stream.encode())
-        _check_new(out, (".mp4",))
+        check_new(out, (".mp4",))
         os.replace(unfinished, out)
     finally:
         unfinished.unlink(missing_ok=True)
@@ -80,7 +81,7 @@ def draw_strip(
 
     Args: as for ``write_video``; ``count`` pictures go into a new file that ends in .png or .jpg.
     """
-    _check_new(out, PICTURE_SUFFIXES)
+    check_new(out, PICTURE_SUFFIXES)
     begins_s, ends_s = driven_span_s(recording)
     times_s = np.linspace(begins_s, ends_s, count).tolist() if count > 1 else [0.5 * (begins_s + ends_s)]
     trial = trial_of(recording)
@@ -92,20 +93,11 @@ def draw_strip(
     sheet = Image.new("RGB", (strip.width, strip.height + CAPTION_PX), PAPER)
     sheet.paste(strip, (0, CAPTION_PX))
     _write(sheet, (10, CAPTION_PX // 2), trial.title, "lm")
-    _check_new(out, PICTURE_SUFFIXES)
+    check_new(out, PICTURE_SUFFIXES)
     file = io.BytesIO()
     sheet.save(file, Image.registered_extensions()[out.suffix.lower()])
     write_whole(out, file.getvalue())
     return [time_s - begins_s for time_s in times_s]
-
-
-def _check_new(path: Path, suffixes: tuple[str, ...]) -> None:
-    if path.suffix.lower() not in suffixes:
-        raise ValueError(f"{path}: the name must end in {' or '.join(suffixes)}")
-    if path.exists():
-        raise FileExistsError(f"{path} exists already; choose another name")
-    if not path.parent.is_dir():
-        raise ValueError(f"cannot write {path}: there is no folder {path.parent}")
 
 
 def _film(recording: Recording, first_person: bool, progress: Progress) -> Iterator[Picture]:

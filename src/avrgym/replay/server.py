@@ -8,14 +8,11 @@ from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
-from avrgym.models.human import Person
 from avrgym.recording.files import Recording
-from avrgym.replay.timeline import Timeline
-from avrgym.vr.scene.rendering import render_scene
+from avrgym.replay.timeline import Timeline, render_recorded
 from avrgym.vr.server.access import OwnPagesOnly, Tokens
 from avrgym.vr.server.gate import Gate
 from avrgym.vr.server.web import LOOPBACK, STATIC, WebThread, check_page, listen
-from avrgym.vr.session.trial_worlds import resting
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:
@@ -23,8 +20,7 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
     app = FastAPI(openapi_url=None)
     app.add_middleware(OwnPagesOnly)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK))
-    environment, body = recording.metadata["environment"], recording.metadata["person"]
-    rendered = cache(lambda: render_scene(environment, resting(environment, Person(**body))))
+    rendered = cache(lambda: render_recorded(recording))
 
     def check(request: Request) -> None:
         if tokens.bearer(request.headers) is None:

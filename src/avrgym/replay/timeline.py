@@ -1,18 +1,21 @@
 """What the page of a replay shows: the scene's poses over time, and what happened when."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
 import numpy as np
 
+from avrgym.models.human import Person
 from avrgym.recording.files import Recording
 from avrgym.recording.records import Answer
 from avrgym.replay.playback import Playback, StateAgain
-from avrgym.replay.trial import phases, trial_of
+from avrgym.replay.trial import Trial, phases, trial_of
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
+from avrgym.vr.scene.rendering import render_scene
 from avrgym.vr.session.reporting import STATE_EVERY_TICKS
+from avrgym.vr.session.trial_worlds import resting
 from avrgym.vr.tracking.world import poses, scene_message
 
 
@@ -38,7 +41,8 @@ class Timeline(msgspec.Struct, frozen=True):
     """A trial for its page; times count from its beginning.
 
     ``frames_s`` are the times of the poses, which come apart: of each frame all bodies and marks of ``scene``, each
-    x, y, z, w, x, y, z as 32-bit floats. ``complete``: the recording holds its whole trial.
+    x, y, z, w, x, y, z as 32-bit floats. ``complete``: the recording holds its whole trial. ``facts``: what else it
+    says of itself, by headings.
     """
 
     title: str
@@ -46,6 +50,7 @@ class Timeline(msgspec.Struct, frozen=True):
     complete: bool
     result: str | None
     seconds: float
+    facts: dict[str, str]
     scene: messages.Scene
     frames_s: list[float]
     steps: Steps
@@ -66,12 +71,57 @@ def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Tim
         complete=recording.complete,
         result=trial.result,
         seconds=trial.seconds,
+        facts=_facts(recording, trial),
         scene=scene_message(0, playback.episodes, Registration(np.zeros(3), 0.0)),
         frames_s=frames_s,
         steps=_steps(recording),
         happenings=sorted(_happenings(recording), key=lambda happening: happening.time_s),
     )
     return timeline, b"".join(frames)
+
+
+def aligned(timelines: Sequence[Timeline]) -> list[Timeline]:
+    """The same timelines, begun so much later that in all the robot begins to help at the same time."""
+    begin_s = [
+        next((happening.time_s for happening in timeline.happenings if happening.kind == "trial"), 0.0)
+        for timeline in timelines
+    ]
+    return [
+        _later(timeline, max(begin_s) - own_s) for timeline, own_s in zip(timelines, begin_s, strict=True)
+    ]
+
+
+def _later(timeline: Timeline, by_s: float) -> Timeline:
+    replace = msgspec.structs.replace
+    return replace(
+        timeline,
+        seconds=timeline.seconds + by_s,
+        frames_s=[time_s + by_s for time_s in timeline.frames_s],
+        steps=replace(timeline.steps, time_s=[time_s + by_s for time_s in timeline.steps.time_s]),
+        happenings=[replace(each, time_s=each.time_s + by_s) for each in timeline.happenings],
+    )
+
+
+def render_recorded(recording: Recording) -> bytes:
+    """The scene of a recording as a GLB file."""
+    environment, body = recording.metadata["environment"], recording.metadata["person"]
+    return render_scene(environment, resting(environment, Person(**body)))
+
+
+def _facts(recording: Recording, trial: Trial) -> dict[str, str]:
+    """Names of participants are in no recording: a study's sessions are called by their pseudonyms."""
+    metadata = recording.metadata
+    versions = metadata.get("versions", {})
+    said = {
+        "Session": trial.session,
+        "Participant": "simulated by a program" if trial.simulated else "a person",
+        "Environment": trial.environment,
+        "Policy": trial.policy,
+        "Goal": metadata.get("goal", ""),
+        "Body": f"{trial.sex}, torso {trial.torso_height_m:.3f} m",
+        "Recorded with": ", ".join(f"{name} {number}" for name, number in versions.items()),
+    }
+    return {heading: words for heading, words in said.items() if words}
 
 
 def _frames(playback: Playback, progress: Callable[[], None]) -> tuple[list[float], list[bytes]]:

@@ -1,0 +1,100 @@
+"""A recorded trial, or two beside each other, as a page in one file that needs neither server nor network."""
+
+import base64
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+from msgspec.structs import replace
+
+from avrgym.recording.files import Recording
+from avrgym.replay.output import check_new
+from avrgym.replay.packing import STEP, pack_poses
+from avrgym.replay.timeline import Timeline, aligned, render_recorded
+from avrgym.system.files import write_whole
+from avrgym.vr.server.web import STATIC, check_page
+from avrgym.vr.tracking.world import scene_url
+
+TEMPLATE = "trial.html"
+PLACE = b'<script id="recorded" type="application/json">'
+
+
+class PackedTrial(msgspec.Struct, frozen=True):
+    """A trial with the poses of its frames, packed."""
+
+    timeline: Timeline
+    poses: str
+
+
+class Packed(msgspec.Struct, frozen=True):
+    """What the page shows: poses as ``pack_poses`` makes them, GLB files by their addresses, deflated and in base64."""
+
+    step: float
+    trials: list[PackedTrial]
+    scenes: dict[str, str]
+
+
+class ReplayedTrial(NamedTuple):
+    """A recording, and what ``timeline_of`` gave of it."""
+
+    recording: Recording
+    timeline: Timeline
+    poses: bytes
+
+
+def check_page_to_write(out: Path) -> None:
+    """Whether a page can be written there.
+
+    Raises:
+        ValueError: for another ending than .html, or where there is no such folder.
+        FileExistsError: when there is such a file.
+        ServerError: when the client is not built.
+    """
+    check_new(out, (".html",))
+    check_page(TEMPLATE)
+
+
+def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
+    """Write one trial, or two that begin together where the robot begins, into a page.
+
+    Raises: as ``check_page_to_write``.
+    """
+    check_page_to_write(out)
+    before, place, after = (STATIC / TEMPLATE).read_bytes().partition(PLACE)
+    page = before + place + _within_script(_packed(trials)) + after
+    check_new(out, (".html",))
+    write_whole(out, page)
+
+
+def _packed(trials: Sequence[ReplayedTrial]) -> Packed:
+    recordings = [trial.recording for trial in trials]
+    timelines = aligned([trial.timeline for trial in trials])
+    scenes = [_scene_number(recording, recordings) for recording in recordings]
+    return Packed(
+        step=STEP,
+        trials=[
+            PackedTrial(
+                replace(timeline, scene=replace(timeline.scene, url=scene_url(scene))),
+                _deflated(pack_poses(trial.poses, len(timeline.frames_s))),
+            )
+            for trial, timeline, scene in zip(trials, timelines, scenes, strict=True)
+        ],
+        scenes={scene_url(scene): _deflated(render_recorded(recordings[scene])) for scene in set(scenes)},
+    )
+
+
+def _scene_number(recording: Recording, recordings: Sequence[Recording]) -> int:
+    """That of the first recording that has the same environment and person, and so looks alike."""
+    looks = [(each.metadata["environment"], each.metadata["person"]) for each in recordings]
+    return looks.index((recording.metadata["environment"], recording.metadata["person"]))
+
+
+def _deflated(data: bytes) -> str:
+    return base64.b64encode(zlib.compress(data, 9)).decode()
+
+
+def _within_script(packed: Packed) -> bytes:
+    """As JSON that no text within can end."""
+    return msgspec.json.encode(packed).replace(b"<", b"\\u003c")
