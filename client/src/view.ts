@@ -13,6 +13,8 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 /** Where the spectator stands and looks, in the simulation's frame: a person sits at its origin facing -y. */
 const EYE_W = new Vector3(0.93, -1.57, 1.4);
 const REFLECTION = 0.5;
+/** Nearer than this two spectators stand and look alike. */
+const ALIKE_M = 1e-6;
 const CENTRE = new Vector3(0, 1, 0);
 const CHEST_W = new Vector3(0, 0.05, 0.88);
 
@@ -83,6 +85,9 @@ export class View {
   }
 
   private standLike({ spectator, controls }: View): void {
+    const away =
+      this.spectator.position.distanceTo(spectator.position) + this.controls.target.distanceTo(controls.target);
+    if (away < ALIKE_M) return;
     this.spectator.position.copy(spectator.position);
     this.controls.target.copy(controls.target);
     this.controls.update();

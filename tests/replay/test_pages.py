@@ -99,7 +99,7 @@ def test_the_replay_is_shown(browser: Browser, recording) -> None:  # noqa: F811
         visited(browser, server.url) as page,
     ):
         page.get_by_role("button", name="Play").click()
-        expect(page.locator("#step")).not_to_have_text("–", timeout=PATIENCE_MS)
+        expect(page.locator("#step td")).not_to_have_text("–", timeout=PATIENCE_MS)
         page.wait_for_load_state("networkidle")
 
 

@@ -20,6 +20,6 @@ def pack_poses(poses: bytes, frames: int) -> bytes:
         The lowest bytes of all numbers, then the next ones, up to the fourth. The numbers are differences from frame to
         frame, the first from nought, in multiples of ``STEP``: those of all frames' first number, then of their second.
     """
-    steps = np.round(np.frombuffer(poses, "<f4").reshape(frames, -1).astype(float) / STEP).astype("<i4")
-    changes = np.ascontiguousarray(np.diff(steps, axis=0, prepend=0).T)
-    return changes.view(np.uint8).reshape(-1, 4).T.tobytes()
+    steps = np.round(np.frombuffer(poses, "<f4").reshape(frames, -1).astype(float) / STEP)
+    changes = np.diff(steps, axis=0, prepend=0.0).T.astype("<i4")
+    return changes.reshape(-1, 1).view(np.uint8).T.tobytes()
