@@ -292,7 +292,7 @@ def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Pa
         ((tmp_path / "none.mcap", "--verify"), "none.mcap"),
         ((tmp_path / "text.mcap", "--verify"), "not a recording"),
         ((incomplete, "--verify"), f"{incomplete}: its configuration lacks 'session'"),
-        ((paths[-1], "--first-person"), "goes with --video or --frames"),
+        ((paths[-1], "--first-person"), "goes with --video, --gif or --frames"),
         ((paths[-1], "--frames", 4), "go together"),
         ((paths[-1], "--json", tmp_path / "x.json"), "--verify"),
         ((paths[-1], "--video", tmp_path / "video.avi"), ".mp4"),

@@ -11,7 +11,16 @@ from PIL import Image
 from playwright.sync_api import expect, sync_playwright
 
 from avrgym.recording.files import Recording, read_recording
-from avrgym.replay.pictures import CAPTION_PX, FRAMES_PER_S, FRAMES_PX, VIDEO_PX, draw_strip, write_video
+from avrgym.replay.pictures import (
+    CAPTION_PX,
+    FRAMES_PER_S,
+    FRAMES_PX,
+    GIF_FRAMES_PER_S,
+    VIDEO_PX,
+    draw_strip,
+    write_gif,
+    write_video,
+)
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.server import ReplayServer
 from avrgym.replay.timeline import timeline_of
@@ -135,6 +144,28 @@ def test_a_video_lasts_as_long_as_the_trial_until_the_questionnaire(
     assert [path.name for path in tmp_path.iterdir()] == ["trial.mp4"]
     with pytest.raises(FileExistsError, match="exists already"):
         write_video(recording, out, first_person=False, progress=nothing)
+
+
+def test_an_animation_lasts_as_long_as_the_trial_and_begins_again(
+    recording: Recording, tmp_path: Path
+) -> None:
+    out = tmp_path / "trial.gif"
+    write_gif(recording, out, first_person=False, progress=nothing)
+    with Image.open(out) as shown:
+        assert shown.size == (VIDEO_PX[0] // 2, VIDEO_PX[1] // 2)
+        assert shown.info["loop"] == 0
+        first = np.asarray(shown.convert("RGB"), int)
+        shown_ms = 0
+        for picture in range(shown.n_frames):
+            shown.seek(picture)
+            shown_ms += shown.info["duration"]
+        assert np.abs(np.asarray(shown.convert("RGB"), int) - first).mean() > 0.1
+    (asked_s,) = (
+        time_ns / 1e9 for time_ns, event in recording.topics["/events"] if event.detail == "questionnaire"
+    )
+    assert shown_ms / 1000 == pytest.approx(asked_s, abs=1 / GIF_FRAMES_PER_S)
+    with pytest.raises(FileExistsError, match="exists already"):
+        write_gif(recording, out, first_person=False, progress=nothing)
 
 
 @pytest.mark.parametrize("first_person", [False, True])

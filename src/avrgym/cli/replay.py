@@ -35,6 +35,9 @@ def replay(
     video: Annotated[
         Path | None, typer.Option(help="Render it into a new .mp4 file.", metavar="OUT.mp4")
     ] = None,
+    gif: Annotated[
+        Path | None, typer.Option(help="Render it into a new .gif file, for slides.", metavar="OUT.gif")
+    ] = None,
     frames: Annotated[
         int | None, typer.Option(help="Draw so many pictures side by side into --out.", min=1, max=20)
     ] = None,
@@ -65,8 +68,10 @@ def replay(
             raise ValueError(
                 "--json writes the metrics of --verify or of --regions; give one of these with it"
             )
-        if first_person and video is None and frames is None:
-            raise ValueError("--first-person goes with --video or --frames; on the page V changes the view")
+        if first_person and video is None and gif is None and frames is None:
+            raise ValueError(
+                "--first-person goes with --video, --gif or --frames; on the page V changes the view"
+            )
         if compare is not None and html is None:
             raise ValueError("--compare goes with --html, as in --html both.html --compare OTHER")
         check_json(json_file)
@@ -78,9 +83,11 @@ def replay(
                 _show_regions(recording, json_file)
             if video is not None:
                 _write_video(recording, video, first_person)
+            if gif is not None:
+                _write_gif(recording, gif, first_person)
             if frames is not None and out is not None:
                 _draw_strip(recording, frames, out, first_person)
-            if html is None and not (verify or regions) and video is None and frames is None:
+            if not (verify or regions) and all(each is None for each in (html, video, gif, frames)):
                 _show(recording, port)
         if html is not None:
             _write_page([(file, recording), *_named(compare)], html)
@@ -173,6 +180,14 @@ def _write_video(recording: "Recording", video: Path, first_person: bool) -> Non
     with _progress(recording, "rendering") as advance:
         write_video(recording, video, first_person=first_person, progress=advance)
     say(f"video     {video}")
+
+
+def _write_gif(recording: "Recording", gif: Path, first_person: bool) -> None:
+    from avrgym.replay.pictures import write_gif
+
+    with _progress(recording, "rendering") as advance:
+        write_gif(recording, gif, first_person=first_person, progress=advance)
+    say(f"animation {gif}")
 
 
 def _draw_strip(recording: "Recording", count: int, out: Path, first_person: bool) -> None:

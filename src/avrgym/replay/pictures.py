@@ -1,4 +1,4 @@
-"""Videos and image sequences of a recorded trial, drawn by MuJoCo's renderer."""
+"""Videos, animations and image sequences of a recorded trial, drawn by MuJoCo's renderer."""
 
 # PyAV's streams: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -25,6 +25,7 @@ Progress = Callable[[], None]
 
 VIDEO_PX, FRAMES_PX = (1280, 720), (640, 480)
 FRAMES_PER_S = 25
+GIF_FRAMES_PER_S = 10
 CAPTION_PX = 40
 INK, PAPER = (20, 50, 58), (255, 255, 255)
 PICTURE_SUFFIXES = (".png", ".jpg")
@@ -65,13 +66,29 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
         with av.open(str(unfinished), "w", format="mp4", options={"movflags": "faststart"}) as file:
             stream = file.add_stream("libx264", rate=FRAMES_PER_S, options={"crf": "20"})
             stream.width, stream.height, stream.pix_fmt = *VIDEO_PX, "yuv420p"
-            for picture in _film(recording, first_person, progress):
+            for picture in _film(recording, FRAMES_PER_S, first_person, progress):
                 file.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
             file.mux(stream.encode())
         check_new(out, (".mp4",))
         os.replace(unfinished, out)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: Progress) -> None:
+    """Write what ``write_video`` shows as an animation of half the size that begins again, for slides.
+
+    Args: as for ``write_video``; ``out`` is a new file that ends in .gif.
+    """
+    check_new(out, (".gif",))
+    film = _film(recording, GIF_FRAMES_PER_S, first_person, progress)
+    pictures = (Image.fromarray(picture).reduce(2).quantize() for picture in film)
+    file = io.BytesIO()
+    next(pictures).save(
+        file, "GIF", save_all=True, append_images=pictures, duration=1000 // GIF_FRAMES_PER_S, loop=0
+    )
+    check_new(out, (".gif",))
+    write_whole(out, file.getvalue())
 
 
 def draw_strip(
@@ -100,10 +117,12 @@ def draw_strip(
     return [time_s - begins_s for time_s in times_s]
 
 
-def _film(recording: Recording, first_person: bool, progress: Progress) -> Iterator[Picture]:
-    """The pictures of a video; where ticks are missing, one picture stands for several."""
+def _film(
+    recording: Recording, frames_per_s: int, first_person: bool, progress: Progress
+) -> Iterator[Picture]:
+    """So many pictures a second until the questionnaire; where ticks are missing, one picture stands for several."""
     trial, (begins_s, _) = trial_of(recording), driven_span_s(recording)
-    times_s = np.arange(0.0, trial.shown_s, 1.0 / FRAMES_PER_S).tolist()
+    times_s = np.arange(0.0, trial.shown_s, 1.0 / frames_per_s).tolist()
     for moment, picture in _pictures(recording, times_s, VIDEO_PX, first_person, progress):
         yield _subtitled(picture, trial, moment, begins_s)
 
