@@ -151,6 +151,7 @@ def test_packed_poses_are_within_half_a_step_of_what_they_were(frames: int) -> N
 def test_a_page_names_nothing_to_be_loaded(page_file: Path) -> None:
     markup = re.sub(r"<script[^>]*>.*?</script>|<!--.*?-->", "", page_file.read_text(), flags=re.DOTALL)
     assert "default-src 'none'" in markup
+    assert page_file.stat().st_mode & 0o077 == 0
     assert re.findall(r"(?:\b(?:src|href|action)=|url\(|@import)", markup) == []
     assert "MIT" in page_file.read_text().rpartition("<!--")[2]
 

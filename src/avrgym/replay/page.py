@@ -13,7 +13,7 @@ from avrgym.recording.files import Recording
 from avrgym.replay.output import check_new
 from avrgym.replay.packing import STEP, pack_poses
 from avrgym.replay.timeline import Timeline, aligned, render_recorded
-from avrgym.system.files import write_whole
+from avrgym.system.files import PRIVATE_FILE, write_whole
 from avrgym.vr.server.web import STATIC, check_page
 from avrgym.vr.tracking.world import scene_url
 
@@ -57,7 +57,7 @@ def check_page_to_write(out: Path) -> None:
 
 
 def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
-    """Write one trial, or two that begin together where the robot begins, into a page.
+    """Write one trial, or two that begin together where the robot begins, into a page, which is its owner's alone.
 
     Raises: as ``check_page_to_write``.
     """
@@ -65,7 +65,7 @@ def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
     before, place, after = (STATIC / TEMPLATE).read_bytes().partition(PLACE)
     page = before + place + _within_script(_packed(trials)) + after
     check_new(out, (".html",))
-    write_whole(out, page)
+    write_whole(out, page, PRIVATE_FILE)
 
 
 def _packed(trials: Sequence[ReplayedTrial]) -> Packed:
