@@ -1,6 +1,6 @@
 // Written by `python -m avrgym.vr.typescript` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 5;
+export const PROTOCOL = 6;
 
 export const STALE_S = 0.2;
 
@@ -212,7 +212,9 @@ export interface Phase {
   seconds: number | null;
 }
 
-/** One item to show and to answer by pointing and pressing the trigger. */
+/** One item to show and to answer by pointing and pressing the trigger.
+ *
+ * `labels` are the words on its buttons; where there are none, they are numbered from 1 to `points`. */
 export interface Question {
   type: "question";
   item: string;
@@ -220,6 +222,7 @@ export interface Question {
   points: number;
   low: string;
   high: string;
+  labels: string[];
   number: number;
   count: number;
 }

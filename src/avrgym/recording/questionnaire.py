@@ -1,10 +1,13 @@
 """The statements that participants rate, and what counts as an answer."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated
 
 import msgspec
 import numpy as np
+
+from avrgym.recording.instruments.instrument import Instrument
+from avrgym.recording.instruments.registry import INSTRUMENTS
 
 MOMENTS = ("before_session", "after_trial", "after_session")
 SESSION_MOMENTS = ("before_session", "after_session")
@@ -12,23 +15,34 @@ ITEM_ORDERS = ("fixed", "random")
 MOST_POINTS = 101
 
 
-class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One statement, rated from 1 (``low``) to ``points`` (``high``)."""
+class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """One statement, rated from 1 (``low``) to ``points`` (``high``); ``labels``, if any, stand for the numbers."""
 
     id: str
     text: Annotated[str, msgspec.Meta(min_length=1)]
     points: Annotated[int, msgspec.Meta(ge=2, le=MOST_POINTS)]
     low: str
     high: str
+    labels: tuple[str, ...] = ()
 
 
 class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Items that are asked together: when (one or several of ``MOMENTS``), and in which order (``ITEM_ORDERS``)."""
+    """Items that are asked together: when (one or several of ``MOMENTS``), and in which order (``ITEM_ORDERS``).
+
+    ``use`` names the instrument whose items these are and that scores them, with ``weights`` where it may have some.
+    """
 
     name: str
     when: str | Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
     items: Annotated[tuple[Item, ...], msgspec.Meta(min_length=1)]
     order: str = "fixed"
+    use: str | msgspec.UnsetType = msgspec.UNSET
+    weights: Mapping[str, int] | msgspec.UnsetType = msgspec.UNSET
+
+    @property
+    def instrument(self) -> Instrument | None:
+        """The instrument whose items these are, if they are one's."""
+        return INSTRUMENTS[self.use] if self.use else None
 
     @property
     def moments(self) -> tuple[str, ...]:

@@ -11,10 +11,13 @@ import msgspec
 import numpy as np
 
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire, items_to_ask
+from avrgym.recording.questionnaire import Item, Questionnaire, items_to_ask
 from avrgym.robots.registry import ROBOTS
+from avrgym.study.design.instruments import with_items
+from avrgym.study.design.questionnaires import check_questionnaires
 from avrgym.study.design.toml import DesignError as DesignError
-from avrgym.study.design.toml import Tables, Wrong, parse, read_text
+from avrgym.study.design.toml import Tables, parse, read_text
+from avrgym.study.design.wrong import Wrong, check_id, check_known, check_pattern, check_unique
 from avrgym.system.toml_places import Place
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, environment_id
 
@@ -24,7 +27,6 @@ PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_ste
 
 Sentence = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=8)]
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 _POLICY = re.compile(r"(?!.*\.\.)[A-Za-z0-9_-][A-Za-z0-9_./:-]{0,79}")
 
 
@@ -135,12 +137,15 @@ def read_design(path: Path) -> Design:
         DesignError: when the file says what cannot be.
         OSError: when it cannot be read.
     """
-    return parse_design(read_text(path), str(path))
+    return parse_design(read_text(path), str(path), path.parent)
 
 
-def parse_design(text: str, name: str = FILE) -> Design:
-    """The design that a text holds; ``name`` stands in errors, which are ``DesignError``."""
-    return parse(text, name, Design, _TABLES, _check)
+def parse_design(text: str, name: str = FILE, folder: Path = Path()) -> Design:
+    """The design that a text holds; ``name`` stands in errors, which are ``DesignError``.
+
+    ``folder`` is the study's, which holds the words of instruments that AVR Gym may not bring.
+    """
+    return parse(text, name, Design, _TABLES, _check, lambda values: with_items(values, folder))
 
 
 def _check(design: Design) -> None:
@@ -154,75 +159,33 @@ def _check(design: Design) -> None:
                     ("robots", index), f"{robot} cannot do {task}; `avrgym envs` lists who can do what"
                 )
     for task in design.goals:
-        _check_known(("goals", task), task, TASKS)
-    _check_unique(("policies",), design.policies)
+        check_known(("goals", task), task, TASKS)
+    check_unique(("policies",), design.policies)
     for index, policy in enumerate(design.policies):
-        _check_pattern(
+        check_pattern(
             ("policies", index),
             policy,
             _POLICY,
             "a packaged policy or another by its name, MODULE:ATTRIBUTE, or a folder in the study's folder",
         )
     if design.practice_policy:
-        _check_pattern(("practice_policy",), design.practice_policy, _POLICY, "a policy, or nothing")
-    _check_questionnaires(design)
-    _check_ids("inclusion", design.inclusion)
+        check_pattern(("practice_policy",), design.practice_policy, _POLICY, "a policy, or nothing")
+    check_questionnaires(design.questionnaires)
+    _check_inclusion(design.inclusion)
     _check_database(design.database.url)
 
 
 def _check_names(place: Place, names: tuple[str, ...], allowed: Mapping[str, Any]) -> None:
     for index, name in enumerate(names):
-        _check_known((*place, index), name, allowed)
-    _check_unique(place, names)
+        check_known((*place, index), name, allowed)
+    check_unique(place, names)
 
 
-def _check_known(place: Place, name: str, allowed: Mapping[str, Any]) -> None:
-    if name not in allowed:
-        raise Wrong(place, f"unknown name {name!r}; allowed: {', '.join(allowed)}")
-
-
-def _check_unique(place: Place, names: tuple[str, ...]) -> None:
-    for index, name in enumerate(names):
-        if name in names[:index]:
-            raise Wrong((*place, index), f"{name!r} stands here twice; allowed: once")
-
-
-def _check_pattern(place: Place, name: str, pattern: re.Pattern[str], what: str) -> None:
-    if not pattern.fullmatch(name):
-        raise Wrong(place, f"{name!r} is no name; allowed: {what}, in letters, digits, - and _")
-
-
-def _check_ids(table: str, questions: Iterable[InclusionQuestion | Questionnaire]) -> None:
+def _check_inclusion(questions: Iterable[InclusionQuestion]) -> None:
     known: set[str] = set()
     for index, question in enumerate(questions):
-        key = "id" if isinstance(question, InclusionQuestion) else "name"
-        name = getattr(question, key)
-        _check_id((table, index, key), name, known)
-
-
-def _check_id(place: Place, name: str, known: set[str]) -> None:
-    _check_pattern(place, name, _NAME, "at most 40 characters")
-    if name in known:
-        raise Wrong(place, f"{name!r} stands twice; allowed: a name that no other has")
-    known.add(name)
-
-
-def _check_questionnaires(design: Design) -> None:
-    _check_ids("questionnaires", design.questionnaires)
-    known: set[str] = set()
-    for index, questionnaire in enumerate(design.questionnaires):
-        place = ("questionnaires", index)
-        for moment in questionnaire.moments:
-            _check_choice((*place, "when"), moment, MOMENTS)
-        _check_unique((*place, "when"), questionnaire.moments)
-        _check_choice((*place, "order"), questionnaire.order, ITEM_ORDERS)
-        for number, item in enumerate(questionnaire.items):
-            _check_id((*place, "items", number, "id"), item.id, known)
-
-
-def _check_choice(place: Place, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise Wrong(place, f"{value!r} is not known; allowed: {', '.join(allowed)}")
+        check_id(("inclusion", index, "id"), question.id, known)
+        known.add(question.id)
 
 
 def _check_database(url: str) -> None:

@@ -3,12 +3,13 @@
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 import tomlkit
 from tomlkit.exceptions import ParseError, TOMLKitError
 
+from avrgym.study.design.wrong import Wrong
 from avrgym.system.toml_places import Place, line_of
 
 Kind = TypeVar("Kind", bound=msgspec.Struct)
@@ -20,14 +21,6 @@ class DesignError(ValueError):
     """A design, or a plan, that cannot be used; the message names file, line, what is wrong and what is allowed."""
 
 
-class Wrong(Exception):
-    """A value that no type forbids but that cannot be, and its place."""
-
-    def __init__(self, place: Place, message: str) -> None:
-        super().__init__(message)
-        self.place = place
-
-
 def read_text(path: Path) -> str:
     """The text of a file; ``DesignError`` where it is none, ``OSError`` where it cannot be read."""
     try:
@@ -36,7 +29,14 @@ def read_text(path: Path) -> str:
         raise DesignError(f"{path}: not text in UTF-8: {error.reason} at byte {error.start}") from None
 
 
-def parse(text: str, name: str, kind: type[Kind], tables: Tables, check: Callable[[Kind], None]) -> Kind:
+def parse(
+    text: str,
+    name: str,
+    kind: type[Kind],
+    tables: Tables,
+    check: Callable[[Kind], None],
+    complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda values: values,
+) -> Kind:
     """The structure that a text in TOML holds.
 
     Args:
@@ -45,6 +45,7 @@ def parse(text: str, name: str, kind: type[Kind], tables: Tables, check: Callabl
         kind: what the whole file is.
         tables: what its tables are.
         check: raises ``Wrong`` for the first value that no type forbids but that cannot be.
+        complete: adds what the values stand for, and raises ``Wrong`` too.
 
     Raises:
         DesignError: for anything else than such a structure.
@@ -56,7 +57,7 @@ def parse(text: str, name: str, kind: type[Kind], tables: Tables, check: Callabl
     except TOMLKitError as error:
         raise DesignError(f"{name}: not TOML: {error}") from None
     try:
-        found = msgspec.convert(values, kind)
+        found = msgspec.convert(complete(values), kind)
         check(found)
     except msgspec.ValidationError as error:
         place, message = _explain(error, {(): kind, **tables})

@@ -13,7 +13,7 @@ import msgspec
 from avrgym.models.human import Sex
 from avrgym.recording import records
 
-PROTOCOL = 5
+PROTOCOL = 6
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -249,13 +249,17 @@ class Phase(Message, frozen=True, tag="phase"):
 
 
 class Question(Message, frozen=True, tag="question"):
-    """One item to show and to answer by pointing and pressing the trigger."""
+    """One item to show and to answer by pointing and pressing the trigger.
+
+    ``labels`` are the words on its buttons; where there are none, they are numbered from 1 to ``points``.
+    """
 
     item: str
     text: str
     points: int
     low: str
     high: str
+    labels: list[str]
     number: int
     count: int
 

@@ -241,7 +241,7 @@ def configuration(
         "force_guard": plan.force_guard,
         "furniture": msgspec.to_builtins(plan.furniture),
         "reward_weights": dict(world.task.weights),
-        "items": [msgspec.structs.asdict(item) for item in plan.items_after(trial)],
+        "items": [msgspec.to_builtins(item) for item in plan.items_after(trial)],
         "versions": versions(),
         "world_version": WORLD_VERSION,
         "c_library": fingerprint_of_c_library(),

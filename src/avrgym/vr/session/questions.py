@@ -28,6 +28,7 @@ class Questions:
             points=item.points,
             low=item.low,
             high=item.high,
+            labels=list(item.labels),
             number=self._asked + 1,
             count=len(self._items),
         )

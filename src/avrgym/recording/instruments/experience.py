@@ -1,0 +1,55 @@
+"""What being there and using a system is like: IPQ and SUS."""
+
+from avrgym.recording.instruments.instrument import Instrument, InstrumentItem, Response, Scale
+
+SPATIAL = tuple(f"ipq_sp{number}" for number in range(1, 6))
+INVOLVEMENT = tuple(f"ipq_inv{number}" for number in range(1, 5))
+REALISM = tuple(f"ipq_real{number}" for number in range(1, 5))
+FROM_THE_OTHER_END = ("ipq_sp2", "ipq_inv3", "ipq_real1")
+
+IPQ = Instrument(
+    name="ipq",
+    title="igroup Presence Questionnaire",
+    source=(
+        "Schubert, Friedmann and Regenbrecht (2001), The experience of presence: factor analytic insights, "
+        "doi:10.1162/105474601300343603"
+    ),
+    licence="none is stated with its items, so that their words are not here",
+    texts="https://www.igroup.org/pq/ipq/",
+    response=Response(points=7, lowest=0.0),
+    items=tuple(InstrumentItem(item) for item in ("ipq_g1", *SPATIAL, *INVOLVEMENT, *REALISM)),
+    scales=(
+        Scale("general", ("ipq_g1",)),
+        Scale("spatial", SPATIAL, reversed=FROM_THE_OTHER_END),
+        Scale("involvement", INVOLVEMENT, reversed=FROM_THE_OTHER_END),
+        Scale("realism", REALISM, reversed=FROM_THE_OTHER_END),
+    ),
+)
+
+_STATEMENTS = (
+    "I think that I would like to use this system frequently.",
+    "I found the system unnecessarily complex.",
+    "I thought the system was easy to use.",
+    "I think that I would need the support of a technical person to be able to use this system.",
+    "I found the various functions in this system were well integrated.",
+    "I thought there was too much inconsistency in this system.",
+    "I would imagine that most people would learn to use this system very quickly.",
+    "I found the system very cumbersome to use.",
+    "I felt very confident using the system.",
+    "I needed to learn a lot of things before I could get going with this system.",
+)
+_SUS_ITEMS = tuple(f"sus_{number}" for number in range(1, 11))
+
+SUS = Instrument(
+    name="sus",
+    title="System Usability Scale",
+    source="Brooke (1996), SUS: a 'quick and dirty' usability scale, in Usability Evaluation in Industry, 189-194",
+    licence="free to use where reports acknowledge the source (Brooke 1996)",
+    response=Response(points=5, lowest=0.0),
+    items=tuple(
+        InstrumentItem(item, text, "strongly disagree", "strongly agree")
+        for item, text in zip(_SUS_ITEMS, _STATEMENTS, strict=True)
+    ),
+    scales=(Scale("usability", _SUS_ITEMS, "sum", 2.5, reversed=_SUS_ITEMS[1::2]),),
+    missing="centre",
+)

@@ -1,0 +1,87 @@
+"""NASA-TLX: how demanding something was, by six ratings, and how much each of the six contributes."""
+
+from itertools import combinations
+from types import MappingProxyType
+
+from avrgym.recording.instruments.instrument import Instrument, InstrumentItem, Response, Scale, Weighting
+
+SOURCE = (
+    "Hart and Staveland (1988), Development of NASA-TLX (Task Load Index), doi:10.1016/S0166-4115(08)62386-9; "
+    "NASA Ames (1986), NASA Task Load Index v. 1.0, Paper and Pencil Package; "
+    "Hart (2006), NASA-TLX; 20 years later, doi:10.1177/154193120605000909, for the raw score"
+)
+LICENCE = "a work of the United States government, in the public domain"
+STEPS = tuple(str(value) for value in range(0, 101, 5))
+FACTORS = {
+    "mental": "Mental demand",
+    "physical": "Physical demand",
+    "temporal": "Temporal demand",
+    "performance": "Performance",
+    "effort": "Effort",
+    "frustration": "Frustration",
+}
+PAIRS = tuple(combinations(FACTORS, 2))
+
+
+def _rating(factor: str, text: str, low: str = "very low", high: str = "very high") -> InstrumentItem:
+    return InstrumentItem(f"tlx_{factor}", text, low, high, STEPS)
+
+
+def _pair(first: str, second: str) -> InstrumentItem:
+    words = FACTORS[first], FACTORS[second]
+    text = "Which of the two contributed more to the workload of the task?"
+    return InstrumentItem(_pair_id(first, second), text, *words, words)
+
+
+def _pair_id(first: str, second: str) -> str:
+    return f"tlx_{first}_or_{second}"
+
+
+def _weight(factor: str) -> Scale:
+    """How often a factor was chosen, as the second of a pair or, counted from the other end, as the first."""
+    own = [pair for pair in PAIRS if factor in pair]
+    as_first = [_pair_id(*pair) for pair in own if pair[0] == factor]
+    return Scale(factor, tuple(_pair_id(*pair) for pair in own), "sum", reversed=tuple(as_first))
+
+
+NASA_TLX = Instrument(
+    name="nasa-tlx",
+    title="NASA Task Load Index",
+    source=SOURCE,
+    licence=LICENCE,
+    response=Response(points=21, lowest=0.0, step=5.0),
+    items=(
+        _rating("mental", "How mentally demanding was the task?"),
+        _rating("physical", "How physically demanding was the task?"),
+        _rating("temporal", "How hurried or rushed was the pace of the task?"),
+        _rating(
+            "performance",
+            "How successful were you in accomplishing what you were asked to do?",
+            "perfect",
+            "failure",
+        ),
+        _rating("effort", "How hard did you have to work to accomplish your level of performance?"),
+        _rating("frustration", "How insecure, discouraged, irritated, stressed, and annoyed were you?"),
+    ),
+    scales=(
+        Scale("raw", tuple(f"tlx_{factor}" for factor in FACTORS)),
+        *(Scale(factor, (f"tlx_{factor}",)) for factor in FACTORS),
+    ),
+    weighting=Weighting(
+        scale="weighted",
+        instrument="nasa-tlx-weights",
+        items=MappingProxyType({factor: f"tlx_{factor}" for factor in FACTORS}),
+        most=5,
+        total=15,
+    ),
+)
+
+NASA_TLX_WEIGHTS = Instrument(
+    name="nasa-tlx-weights",
+    title="NASA Task Load Index, sources of workload",
+    source=SOURCE,
+    licence=LICENCE,
+    response=Response(points=2, lowest=0.0),
+    items=tuple(_pair(*pair) for pair in PAIRS),
+    scales=tuple(_weight(factor) for factor in FACTORS),
+)

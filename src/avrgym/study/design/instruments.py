@@ -1,0 +1,124 @@
+"""Validated questionnaires in a design: ``use`` names one, and becomes its items.
+
+Words that an instrument's licence keeps to itself are read from ``instruments/NAME.toml`` in the study's folder. It has
+a line for each item: ``ID = "words"``, or with those at both ends ``ID = { text = "…", low = "…", high = "…" }``.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from avrgym.recording.instruments.instrument import Instrument, InstrumentItem, check_weights
+from avrgym.recording.instruments.registry import INSTRUMENTS
+from avrgym.recording.questionnaire import Item, Questionnaire
+from avrgym.study.design.wrong import Wrong, check_fields, check_known
+from avrgym.system.plain_values import is_array, is_table
+from avrgym.system.toml_places import Place
+
+FOLDER = "instruments"
+FIELDS = ("use", "name", "when", "order", "weights")
+"""What a table of questionnaires may say beside ``use``."""
+
+
+class Words(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An item's words as a study's own file has them."""
+
+    text: str
+    low: str = ""
+    high: str = ""
+
+
+def with_items(values: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """A design's values with the items of the instruments that its questionnaires use.
+
+    Args:
+        values: as TOML holds them, of any kind.
+        folder: the study's.
+
+    Raises:
+        Wrong: for an instrument that is not known, or whose words are not here or not whole.
+    """
+    tables = values.get("questionnaires")
+    if not is_array(tables):
+        return values
+    return values | {"questionnaires": [_with_items(n, table, folder) for n, table in enumerate(tables)]}
+
+
+def _with_items(index: int, table: Any, folder: Path) -> Any:
+    if not is_table(table) or "use" not in table:
+        return table
+    place = "questionnaires", index
+    check_fields(place, table, FIELDS)
+    check_known((*place, "use"), str(table["use"]), INSTRUMENTS)
+    instrument = INSTRUMENTS[str(table["use"])]
+    items = [msgspec.to_builtins(item) for item in _items((*place, "use"), instrument, folder)]
+    return {"name": instrument.name} | table | {"items": items}
+
+
+def check_use(place: Place, questionnaire: Questionnaire) -> None:
+    """Raise ``Wrong`` for weights that its instrument does not have, or that do not add up."""
+    if questionnaire.weights is msgspec.UNSET:
+        return
+    instrument = questionnaire.instrument
+    if instrument is None or instrument.weighting is None:
+        weighted = ", ".join(name for name, each in INSTRUMENTS.items() if each.weighting is not None)
+        raise Wrong(
+            (*place, "weights"), f"nothing here is weighted; allowed: weights beside use of {weighted}"
+        )
+    try:
+        check_weights(instrument.weighting, questionnaire.weights)
+    except ValueError as error:
+        raise Wrong((*place, "weights"), str(error)) from None
+
+
+def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
+    """An instrument's items in its own words, or in those of the study's file."""
+    brought = all(item.text for item in instrument.items)
+    own: Mapping[str, Words] = {} if brought else _own_words(place, instrument, folder)
+    points = instrument.response.points
+    return [
+        Item(item.id, words.text, points, words.low or item.low, words.high or item.high, item.labels)
+        for item in instrument.items
+        for words in (own.get(item.id, Words(item.text)),)
+    ]
+
+
+def _own_words(place: Place, instrument: Instrument, folder: Path) -> Mapping[str, Words]:
+    """What the study's file says of every item; ``Wrong`` where it is not whole."""
+    name = f"{FOLDER}/{instrument.name}.toml"
+    wanted = f"the words of {', '.join(item.id for item in instrument.items)}, from {instrument.texts}"
+    try:
+        text = (folder / name).read_text(encoding="utf-8")
+        words = {key: _words(value) for key, value in tomlkit.parse(text).unwrap().items()}
+    except FileNotFoundError:
+        raise Wrong(
+            place, f"{name} is missing in the study's folder; allowed: a file with {wanted}"
+        ) from None
+    except (OSError, UnicodeDecodeError, TOMLKitError, msgspec.ValidationError) as error:
+        raise Wrong(place, f"{name} cannot be read: {error}; allowed: {wanted}") from None
+    for key in words:
+        if key not in (ids := [item.id for item in instrument.items]):
+            raise Wrong(place, f"{name} has an unknown item {key!r}; allowed: {', '.join(ids)}")
+    missing = [item.id for item in instrument.items if not _is_whole(item, words.get(item.id))]
+    if missing:
+        raise Wrong(place, f"{name} lacks {_lacking(instrument, missing)}")
+    return words
+
+
+def _words(value: Any) -> Words:
+    return Words(value) if isinstance(value, str) else msgspec.convert(value, Words)
+
+
+def _is_whole(item: InstrumentItem, words: Words | None) -> bool:
+    return bool(words and words.text and (words.low or item.low) and (words.high or item.high))
+
+
+def _lacking(instrument: Instrument, missing: list[str]) -> str:
+    """Which items a file lacks, and how it says them."""
+    ends = all(item.low and item.high for item in instrument.items)
+    how = '"its words"' if ends else '{ text = "its words", low = "at 1", high = "at the other end" }'
+    return f"{', '.join(missing)}; allowed: each of them as ID = {how}"

@@ -1,0 +1,40 @@
+"""Whether the questionnaires of a design can be asked."""
+
+from collections.abc import Sequence
+
+from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire
+from avrgym.study.design.instruments import check_use
+from avrgym.study.design.wrong import Wrong, check_choice, check_id, check_unique
+from avrgym.system.toml_places import Place
+
+
+def check_questionnaires(questionnaires: Sequence[Questionnaire]) -> None:
+    """Raise ``Wrong`` for the first value that no type forbids but that cannot be."""
+    names: set[str] = set()
+    ids: set[str] = set()
+    for index, questionnaire in enumerate(questionnaires):
+        place = ("questionnaires", index)
+        named = questionnaire.instrument is None or questionnaire.name != questionnaire.use
+        check_id((*place, "name" if named else "use"), questionnaire.name, names)
+        names.add(questionnaire.name)
+        _check_moments(place, questionnaire)
+        check_use(place, questionnaire)
+        for number, item in enumerate(questionnaire.items):
+            own = (*place, "items", number) if questionnaire.instrument is None else (*place, "use")
+            _check_item(own, item, ids)
+            ids.add(item.id)
+
+
+def _check_moments(place: Place, questionnaire: Questionnaire) -> None:
+    for moment in questionnaire.moments:
+        check_choice((*place, "when"), moment, MOMENTS)
+    check_unique((*place, "when"), questionnaire.moments)
+    check_choice((*place, "order"), questionnaire.order, ITEM_ORDERS)
+
+
+def _check_item(place: Place, item: Item, known: set[str]) -> None:
+    check_id(place if place[-1] == "use" else (*place, "id"), item.id, known)
+    if item.labels and len(item.labels) != item.points:
+        raise Wrong(
+            (*place, "labels"), f"{len(item.labels)} labels for {item.points} points; allowed: one for each"
+        )
