@@ -2,6 +2,7 @@ import { mayChooseBody } from "./bodychoice";
 import { awaitsReady, canBeStopped, linkWords, mayRecalibrate, phaseLabel, type Display } from "./display";
 import { element } from "./element";
 import type { Body, ChooseBody, Phase, Question } from "./messages";
+import { labelOf, saysItsEnds } from "./questionnaire";
 import type { Allowed } from "./senses";
 import { onThePage } from "./words";
 
@@ -26,6 +27,8 @@ export class Page {
   private readonly sex = element<HTMLSelectElement>("sex");
   private readonly tone = element<HTMLSelectElement>("skin-tone");
   private shown: Question | null = null;
+  /** Whether the latest answer came from the keyboard, which then stays at the answers. */
+  private byKeyboard = false;
   private readonly texts = new Map<string, string>();
 
   constructor(private readonly events: PageEvents) {
@@ -117,17 +120,25 @@ export class Page {
   private fillQuestion(question: Question): void {
     this.text("question-label", `Question ${question.number} of ${question.count}`);
     this.text("statement", question.text);
-    this.text("low", `1: ${question.low}`);
-    this.text("high", `${question.points}: ${question.high}`);
+    this.text("low", `${labelOf(question, 1)}: ${question.low}`);
+    this.text("high", `${labelOf(question, question.points)}: ${question.high}`);
+    element("anchors").hidden = saysItsEnds(question);
     const values = Array.from({ length: question.points }, (_, at) => at + 1);
-    element("points").replaceChildren(...values.map((value) => this.pointButton(value)));
+    const points = element("points");
+    points.classList.toggle("words", question.labels.some((label) => label.length > 3));
+    points.replaceChildren(...values.map((value) => this.pointButton(value, labelOf(question, value))));
+    if (this.byKeyboard) points.querySelector("button")?.focus();
   }
 
-  private pointButton(value: number): HTMLButtonElement {
+  private pointButton(value: number, label: string): HTMLButtonElement {
     const button = document.createElement("button");
     button.type = "button";
-    button.value = button.textContent = String(value);
-    button.addEventListener("click", () => this.events.answer(value));
+    button.value = String(value);
+    button.textContent = label;
+    button.addEventListener("click", (event) => {
+      this.byKeyboard = event.detail === 0;
+      this.events.answer(value);
+    });
     return button;
   }
 

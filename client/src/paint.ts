@@ -1,19 +1,24 @@
 import { bodyButtons, type BodyButton } from "./bodychoice";
 import type { PanelContent } from "./display";
 import type { Body, Question } from "./messages";
-import { layoutButtons, type Box, type Button } from "./questionnaire";
+import { labelOf, layoutButtons, layoutWords, saysItsEnds, type Box, type Button } from "./questionnaire";
 
 /** Pixels of the panel's canvas. */
 export const WIDTH = 1536;
 export const HEIGHT = 960;
 
 const MARGIN = 76;
+/** Pixels of the smallest words that are still read. */
+const SMALLEST = 24;
 const FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
 const TEXT_BOX: Box = { x: MARGIN, y: 150, width: WIDTH - 2 * MARGIN, height: 620 };
 const STATEMENT_BOX: Box = { x: MARGIN, y: 140, width: WIDTH - 2 * MARGIN, height: 300 };
 const BUTTON_BOX: Box = { x: MARGIN, y: 470, width: WIDTH - 2 * MARGIN, height: 250 };
 const WORDS_BOX: Box = { x: MARGIN, y: 130, width: WIDTH - 2 * MARGIN, height: 290 };
 const BODY_BOX: Box = { x: MARGIN + 150, y: 450, width: WIDTH - 2 * MARGIN - 300, height: 350 };
+/** The greatest height of a button with words, and the share of it that they take. */
+const WORDS_HEIGHT = 150;
+const WORDS_SHARE = 0.86;
 const NOTICE_BOX: Box = { x: 24, y: HEIGHT - 152, width: WIDTH - 48, height: 128 };
 
 const COLOUR = {
@@ -32,8 +37,11 @@ type Asking = PanelContent & { question: Question };
 type Choosing = PanelContent & { body: Body };
 
 export function buttonsOf(content: PanelContent | null): Button[] {
-  if (content?.question) return layoutButtons(content.question.points, BUTTON_BOX);
-  return bodiesOf(content);
+  const question = content?.question;
+  if (!question) return bodiesOf(content);
+  return question.labels.length > 0
+    ? layoutWords(question.points, BUTTON_BOX, WORDS_HEIGHT)
+    : layoutButtons(question.points, BUTTON_BOX);
 }
 
 export function bodiesOf(content: PanelContent | null): BodyButton[] {
@@ -84,9 +92,31 @@ function paintText(context: Context, { label, text, secondsLeft }: PanelContent)
 function paintQuestion(context: Context, content: Asking, buttons: Button[], hovered: number | null): void {
   paintLabel(context, content.label);
   paintLines(context, content.text, STATEMENT_BOX, 72);
-  for (const button of buttons)
-    paintButton(context, button, buttonColours(button.value, hovered, content.answered));
-  paintAnchors(context, content.question, buttons);
+  const size = labelSize(context, content.question, buttons);
+  for (const button of buttons) {
+    const colours = buttonColours(button.value, hovered, content.answered);
+    paintButton(context, button, labelOf(content.question, button.value), size, colours);
+  }
+  if (!saysItsEnds(content.question)) paintAnchors(context, content.question, buttons);
+}
+
+/** The size that the words on every button fit in. */
+function labelSize(context: Context, question: Question, buttons: Button[]): number {
+  const sizes = buttons.map((button) =>
+    fittingSize(context, labelOf(question, button.value), inside(button), Math.round(button.height * 0.42), 600),
+  );
+  return Math.min(...sizes);
+}
+
+/** The part of a button that words may take. */
+function inside({ x, y, width, height }: Box): Box {
+  const margin = (1 - WORDS_SHARE) / 2;
+  return {
+    x: x + width * margin,
+    y: y + height * margin,
+    width: width * WORDS_SHARE,
+    height: height * WORDS_SHARE,
+  };
 }
 
 function paintBodies(context: Context, content: Choosing, hovered: number | null): void {
@@ -121,23 +151,20 @@ function buttonColours(value: number, hovered: number | null, answered: number |
   return [COLOUR.button, COLOUR.text];
 }
 
-function paintButton(context: Context, button: Button, [fill, ink]: [string, string]): void {
+function paintButton(
+  context: Context,
+  button: Button,
+  label: string,
+  size: number,
+  [fill, ink]: [string, string],
+): void {
   roundedBox(context, button, button.height * 0.16);
   context.fillStyle = fill;
   context.fill();
   context.lineWidth = 4;
   context.strokeStyle = COLOUR.edge;
   context.stroke();
-  const font = `600 ${Math.round(button.height * 0.42)}px ${FONT}`;
-  paintLine(
-    context,
-    String(button.value),
-    button.x + button.width / 2,
-    button.y + button.height / 2,
-    font,
-    ink,
-    "center",
-  );
+  paintLines(context, label, inside(button), size, ink, 600);
 }
 
 function paintLabel(context: Context, label: string): void {
@@ -194,12 +221,14 @@ function paintLines(
 }
 
 function fittingSize(context: Context, text: string, box: Box, size: number, weight: number): number {
-  for (let smaller = size; smaller > 24; smaller -= 4) {
+  const measure = (line: string): number => context.measureText(line).width;
+  for (let smaller = size; smaller > SMALLEST; smaller -= 4) {
     context.font = `${weight} ${smaller}px ${FONT}`;
-    const lines = wrap(text, box.width, (line) => context.measureText(line).width);
-    if (lines.length * smaller * 1.3 <= box.height) return smaller;
+    const lines = wrap(text, box.width, measure);
+    if (lines.length * smaller * 1.3 <= box.height && lines.every((line) => measure(line) <= box.width))
+      return smaller;
   }
-  return 24;
+  return Math.min(size, SMALLEST);
 }
 
 /** Breaks text at its line ends and between words so that no line is wider than `width`. */

@@ -12,7 +12,8 @@ export interface Button extends Box {
   value: number;
 }
 
-const MOST_IN_A_ROW = 20;
+/** As many as a scale from 0 to 100 in steps of 5 has. */
+const MOST_IN_A_ROW = 21;
 /** Share of a button's pitch that stays free. */
 const GAP = 0.16;
 
@@ -31,6 +32,24 @@ export function layoutButtons(points: number, area: Box): Button[] {
     width: size,
     height: size,
   }));
+}
+
+/** The buttons of words 1 … `points` in one row: as wide as `area` allows, no higher than wide and than `height`. */
+export function layoutWords(points: number, area: Box, height: number): Button[] {
+  const pitch = area.width / (points - GAP);
+  const size = { width: pitch * (1 - GAP), height: Math.min(pitch * (1 - GAP), height) };
+  const y = area.y + (area.height - size.height) / 2;
+  return Array.from({ length: points }, (_, at) => ({ value: at + 1, x: area.x + pitch * at, y, ...size }));
+}
+
+/** What stands on the button of a value: its words, else its number. */
+export function labelOf({ labels }: Question, value: number): string {
+  return labels[value - 1] ?? String(value);
+}
+
+/** Whether the buttons at both ends say themselves what they mean. */
+export function saysItsEnds({ labels, low, high }: Question): boolean {
+  return labels[0] === low && labels.at(-1) === high;
 }
 
 /** The value of the button at a point of the panel, or null. */

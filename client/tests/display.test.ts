@@ -12,6 +12,7 @@ const QUESTION: Question = {
   points: 7,
   low: "no",
   high: "yes",
+  labels: [],
   number: 2,
   count: 4,
 };

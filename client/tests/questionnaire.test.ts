@@ -1,12 +1,20 @@
 import { describe, expect, it } from "vitest";
 import type { Answer, Question } from "../src/messages";
-import { Questionnaire, hitButton, layoutButtons, type Box } from "../src/questionnaire";
+import {
+  Questionnaire,
+  hitButton,
+  labelOf,
+  layoutButtons,
+  layoutWords,
+  saysItsEnds,
+  type Box,
+} from "../src/questionnaire";
 
 const AREA: Box = { x: 70, y: 470, width: 1400, height: 250 };
 const SCALES = [1, 2, 5, 7, 11, 20, 21, 100];
 
-function question(item: string): Question {
-  return { type: "question", item, text: "?", points: 7, low: "no", high: "yes", number: 1, count: 4 };
+function question(item: string, labels: string[] = []): Question {
+  return { type: "question", item, text: "?", points: 7, low: "no", high: "yes", labels, number: 1, count: 4 };
 }
 
 describe.each(SCALES)("a scale of %i points", (points) => {
@@ -31,6 +39,37 @@ describe.each(SCALES)("a scale of %i points", (points) => {
     expect(left).toBeGreaterThanOrEqual(AREA.x - 1e-6);
     expect(left + right).toBeCloseTo(2 * AREA.x + AREA.width, 6);
     expect(bottom).toBeLessThanOrEqual(AREA.y + AREA.height + 1e-6);
+  });
+});
+
+describe.each([2, 4, 7, 21])("a row of %i buttons with words", (points) => {
+  const buttons = layoutWords(points, AREA, 150);
+
+  it("has every value once, in order, and is hit in the middle of each", () => {
+    expect(buttons.map(({ value }) => value)).toEqual(Array.from({ length: points }, (_, at) => at + 1));
+    for (const { x, y, width, height, value } of buttons)
+      expect(hitButton(buttons, x + width / 2, y + height / 2)).toBe(value);
+  });
+
+  it("fills the width of its area, no button overlaps another or is higher than wide", () => {
+    expect(buttons[0]!.x).toBe(AREA.x);
+    const last = buttons.at(-1)!;
+    expect(last.x + last.width).toBeCloseTo(AREA.x + AREA.width, 6);
+    buttons.slice(1).forEach(({ x }, at) => expect(x).toBeGreaterThan(buttons[at]!.x + buttons[at]!.width));
+    for (const { width, height } of buttons) expect(height).toBeLessThanOrEqual(Math.min(width, 150));
+  });
+});
+
+describe("words on buttons", () => {
+  it("stand for the numbers, where there are any", () => {
+    expect(labelOf(question("a"), 3)).toBe("3");
+    expect(labelOf(question("a", ["none", "some", "much"]), 3)).toBe("much");
+  });
+
+  it("make the words at the ends needless where they are the same", () => {
+    expect(saysItsEnds(question("a"))).toBe(false);
+    expect(saysItsEnds(question("a", ["0", "50", "100"]))).toBe(false);
+    expect(saysItsEnds(question("a", ["no", "perhaps", "yes"]))).toBe(true);
   });
 });
 
