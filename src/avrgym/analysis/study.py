@@ -9,12 +9,14 @@ import msgspec
 from avrgym.analysis import rows
 from avrgym.analysis.reading.observations import Observations, observe
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED, draw_people
+from avrgym.analysis.score_rows import ScoreRow, ScoreSummaryRow
 from avrgym.analysis.statistics.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
 from avrgym.analysis.statistics.biomechanics_tests import biomechanics_families
 from avrgym.analysis.statistics.families import Family
 from avrgym.analysis.statistics.objective import objective_rows
 from avrgym.analysis.statistics.offered import offered_tests
 from avrgym.analysis.statistics.paper_tables import as_tables, paper_tables
+from avrgym.analysis.statistics.scores import score_families, score_summary_rows
 from avrgym.analysis.statistics.session_answers import (
     session_answer_rows,
     session_families,
@@ -29,6 +31,7 @@ from avrgym.study.plan.deviations import deviations, left_out
 from avrgym.study.plan.freezing import read_frozen
 from avrgym.study.plan.plan import FILE as PLAN_FILE
 from avrgym.study.plan.plan import Plan
+from avrgym.study.export.scores import uses_instruments
 from avrgym.study.storage.manifest import FORMAT_NAME
 from avrgym.study.storage.store import Store
 from avrgym.vr.session.attempt import versions
@@ -61,6 +64,7 @@ class Analysis:
     subjective: list[rows.SubjectiveRow]
     session_answers: list[rows.SessionAnswerRow]
     likert: list[rows.LikertRow]
+    score_summaries: list[ScoreSummaryRow]
     families: list[Family]
     biomechanics: list[rows.BiomechanicsRow]
     ranges: list[rows.RangeRow]
@@ -84,6 +88,9 @@ class Analysis:
         yield Table.of("subjective", rows.SubjectiveRow, self.subjective)
         yield Table.of("session_answers", rows.SessionAnswerRow, self.session_answers)
         yield Table.of("likert", rows.LikertRow, self.likert)
+        if uses_instruments(self.design):
+            yield Table.of("scores", ScoreRow, seen.scores)
+            yield Table.of("score_summaries", ScoreSummaryRow, self.score_summaries)
         yield Table.of("tests", rows.TestedRow, self.tests)
         yield Table.of("biomechanics", rows.BiomechanicsRow, self.biomechanics)
         yield Table.of("ranges", rows.RangeRow, self.ranges)
@@ -121,7 +128,12 @@ def analyse(
     groups = measured_groups(observed.trials)
     given = store.design, observed.answers
     plan = _frozen_plan(store, observed)
-    families = answer_families(*given) + session_families(*given) + biomechanics_families(groups, people)
+    families = [
+        *answer_families(*given),
+        *session_families(*given),
+        *score_families(store.design, observed.scores),
+        *biomechanics_families(groups, people),
+    ]
     return Analysis(
         design=store.design,
         plan=plan,
@@ -133,6 +145,7 @@ def analyse(
         session_answers=session_answer_rows(*given),
         likert=likert_rows(*given) + session_likert_rows(*given),
         families=_labelled(families, plan.plan) if plan and plan.plan else families,
+        score_summaries=score_summary_rows(store.design, observed.scores),
         biomechanics=biomechanics_rows(groups, people),
         ranges=range_rows(groups),
     )

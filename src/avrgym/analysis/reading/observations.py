@@ -1,20 +1,21 @@
 """Reading a study for its analysis: every participant, trial, attempt and answer, each completed recording once."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from statistics import fmean, median
 
 import numpy as np
 from msgspec.structs import asdict
 
+from avrgym.analysis.reading.answers import Answered
 from avrgym.analysis.reading.measures import Body, Measured, measure, other_versions
 from avrgym.analysis.rows import AnswerRow, AttemptRow, ParticipantRow, ProblemRow, TermRow, TrialRow
+from avrgym.analysis.score_rows import ScoreRow
 from avrgym.policies.force_guard import ACTS
 from avrgym.recording.files import Recording, RecordingError
-from avrgym.recording.questionnaire import SESSION_MOMENTS
 from avrgym.robots.registry import find_robot
 from avrgym.study.checking.held import held_share, too_much_held
-from avrgym.study.export.trials import ExportedAnswer, ExportedAttempt, all_attempts, answers_of
+from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.storage.attempts import CHANGED
 from avrgym.study.storage.rows import Participant, Trial
 from avrgym.study.storage.states import TAKES_PART, StudyError
@@ -24,7 +25,6 @@ from avrgym.tasks.registry import TASKS, find_environment
 USED = "reward and success are those that were stored with the trial"
 WITHOUT = f"{USED}; it is missing from the biomechanics"
 WITHOUT_ALL = f"{USED}; it is missing from the biomechanics and has no time series"
-ANSWER_COLUMNS = {column.name for column in fields(AnswerRow)}
 TrialKey = tuple[str, int]
 """Pseudonym and position."""
 
@@ -37,6 +37,7 @@ class Observations:
     trials: list[TrialRow] = field(default_factory=list[TrialRow])
     attempts: list[AttemptRow] = field(default_factory=list[AttemptRow])
     answers: list[AnswerRow] = field(default_factory=list[AnswerRow])
+    scores: list[ScoreRow] = field(default_factory=list[ScoreRow])
     terms: list[TermRow] = field(default_factory=list[TermRow])
     problems: list[ProblemRow] = field(default_factory=list[ProblemRow])
     series: dict[TrialKey, Measured] = field(default_factory=dict[TrialKey, Measured])
@@ -75,7 +76,11 @@ def observe(
     found.attempts.extend(_attempt(each) for each in attempts)
     counted = {(row.participant, row.position) for row in found.trials if row.counted}
     for participant in store.participants():
-        found.answers.extend(_answers(store, participant, attempts, counted, found))
+        positions = {position for pseudonym, position in counted if pseudonym == participant.pseudonym}
+        answered = Answered(store, participant, attempts, positions)
+        found.problems.extend(answered.problems())
+        found.answers.extend(answered.rows())
+        found.scores.extend(answered.scores())
         found.participants.append(_participant(store, participant, found))
     return found
 
@@ -234,65 +239,13 @@ def _terms(row: TrialRow, measured: Measured) -> list[TermRow]:
     ]
 
 
-# Attempts, answers, participants
+# Attempts, participants
 
 
 def _attempt(exported: ExportedAttempt) -> AttemptRow:
     attempt = exported.attempt
     metrics = asdict(attempt.metrics)
     return AttemptRow(**exported.labels(), state=attempt.state, **metrics, recording=attempt.recording)
-
-
-def _answers(
-    store: Store,
-    participant: Participant,
-    attempts: Sequence[ExportedAttempt],
-    counted: set[TrialKey],
-    found: Observations,
-) -> Iterator[AnswerRow]:
-    answers = answers_of(store, participant, attempts)
-    compared = _compared(answers) if participant.state in TAKES_PART else set[int]()
-    found.problems.extend(_asked_again(participant, answers, compared))
-    for answer in answers:
-        about = answer.exported
-        of_trial = (
-            about is not None
-            and about.attempt.state == "completed"
-            and (participant.pseudonym, about.trial.position) in counted
-        )
-        columns = {name: value for name, value in answer.columns().items() if name in ANSWER_COLUMNS}
-        yield AnswerRow(counted=of_trial or answer.given.id in compared, **columns)
-
-
-def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
-    """The ids of the answers about sessions that count: of each item the latest after one, the latest before that."""
-    before, after = SESSION_MOMENTS
-    ids: set[int] = set()
-    for item in {answer.given.item for answer in answers}:
-        own = {answer.given.id: answer.moment for answer in answers if answer.given.item == item}
-        last = max((each for each in own if own[each] == after), default=None)
-        first = [each for each in own if own[each] == before and (last is None or each < last)]
-        ids |= {each for each in (last, max(first, default=None)) if each is not None}
-    return ids
-
-
-def _asked_again(
-    participant: Participant, answers: Sequence[ExportedAnswer], compared: set[int]
-) -> Iterator[ProblemRow]:
-    """Which items about sessions were answered more than once."""
-    for moment in SESSION_MOMENTS:
-        given = [answer for answer in answers if answer.moment == moment]
-        passed_over = [answer for answer in given if answer.given.id not in compared]
-        again = [each for each in passed_over if participant.state in TAKES_PART]
-        if again:
-            items = ", ".join(dict.fromkeys(answer.given.item for answer in again))
-            sessions = " and ".join(str(n) for n in sorted({each.session.number for each in given}))
-            yield ProblemRow(
-                simulated=participant.simulated,
-                where=participant.pseudonym,
-                what=f"answered {items} {moment.replace('_', ' ')} more than once, in sessions {sessions}",
-                consequence="of each item the latest after sessions counts, and the latest before that",
-            )
 
 
 def _participant(store: Store, participant: Participant, found: Observations) -> ParticipantRow:

@@ -21,6 +21,7 @@ from avrgym.analysis.page import (
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
 from avrgym.analysis.report.plan import NOTHING, confirmatory, plan_section
 from avrgym.analysis.report.results import answers, biomechanics, objective, other_tests, tables_of_tests
+from avrgym.analysis.report.scores import scores
 from avrgym.analysis.report.trials import trials
 from avrgym.analysis.rows import ParticipantRow
 from avrgym.analysis.statistics.tests import EXACT_SIGNED_RANK
@@ -97,6 +98,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         confirmatory(analysis, simulated),
         objective(analysis, simulated, own),
         answers(analysis, simulated, own, tests),
+        scores(analysis, simulated, tests),
         biomechanics(analysis, simulated, own, tests),
         other_tests(tests),
         trials(analysis, simulated, study_link),

@@ -16,8 +16,8 @@ BEFORE, AFTER = SESSION_MOMENTS
 CHANGE = "change"
 WORDS = {BEFORE: "before", AFTER: "after", CHANGE: "change"}
 """What the moments are called in tests, tables and figures."""
-Given = Mapping[tuple[str, str], Mapping[str, int]]
-"""By moment and item the value of each participant."""
+Given = Mapping[tuple[str, str], Mapping[str, float]]
+"""By moment and item, or scale, the value of each participant."""
 
 
 def about_sessions(design: Design) -> list[Questionnaire]:
@@ -30,9 +30,7 @@ def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Se
     rows: list[SessionAnswerRow] = []
     for simulated, questionnaire, given in _asked(design, answers):
         for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
-            before, after = given.get((BEFORE, item.id), {}), given.get((AFTER, item.id), {})
-            changes = [after[who] - before[who] for who in after if who in before]
-            values = changes if moment == CHANGE else list(given.get((moment, item.id), {}).values())
+            values = values_at(moment, item.id, given)
             if values:
                 rows.append(_summary(simulated, questionnaire.name, item.id, moment, values))
     return rows
@@ -58,19 +56,27 @@ def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Famil
             simulated,
             change_question(questionnaire),
             PARTICIPANT,
-            [_change(item.id, given) for item in questionnaire.items],
+            [changed(item.id, given) for item in questionnaire.items],
         )
         for simulated, questionnaire, given in _asked(design, answers)
         if set(SESSION_MOMENTS) <= set(questionnaire.moments)
     ]
 
 
-def _change(item: str, given: Given) -> Compared:
-    """An item after sessions against before them, by those who answered both times."""
-    before, after = given.get((BEFORE, item), {}), given.get((AFTER, item), {})
+def values_at(moment: str, quantity: str, given: Given) -> list[float]:
+    """The values of a moment; for ``CHANGE`` after less before, of those who answered both times."""
+    if moment != CHANGE:
+        return list(given.get((moment, quantity), {}).values())
+    before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
+    return [after[who] - before[who] for who in after if who in before]
+
+
+def changed(quantity: str, given: Given) -> Compared:
+    """What was given after sessions against before them, by those who answered both times."""
+    before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
     both = [who for who in before if who in after]
     a, b = [after[who] for who in both], [before[who] for who in both]
-    return Compared(item, (WORDS[AFTER], a), (WORDS[BEFORE], b), signed_rank(np.subtract(a, b)))
+    return Compared(quantity, (WORDS[AFTER], a), (WORDS[BEFORE], b), signed_rank(np.subtract(a, b)))
 
 
 def change_question(questionnaire: Questionnaire) -> Question:
@@ -83,7 +89,7 @@ def _asked(design: Design, answers: Sequence[AnswerRow]) -> Iterator[tuple[bool,
     """For people and simulated participants each questionnaire about sessions, and what was answered that counts."""
     counted = [row for row in answers if row.counted and row.moment in SESSION_MOMENTS]
     for simulated in sorted({row.simulated for row in counted}):
-        given: dict[tuple[str, str], dict[str, int]] = {}
+        given: dict[tuple[str, str], dict[str, float]] = {}
         for row in counted:
             if row.simulated is simulated:
                 given.setdefault((row.moment, row.item), {})[row.participant] = row.value
@@ -92,7 +98,7 @@ def _asked(design: Design, answers: Sequence[AnswerRow]) -> Iterator[tuple[bool,
 
 
 def _summary(
-    simulated: bool, questionnaire: str, item: str, moment: str, values: Sequence[int]
+    simulated: bool, questionnaire: str, item: str, moment: str, values: Sequence[float]
 ) -> SessionAnswerRow:
     return SessionAnswerRow(
         simulated=simulated,

@@ -1,6 +1,6 @@
 """What participants answered: how answers are distributed, and the paper's two questions about them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations, product
 from statistics import fmean
 
@@ -51,7 +51,7 @@ def counts(
     moment: str,
     item: Item,
     policy: str | None,
-    values: Sequence[int],
+    values: Sequence[float],
 ) -> list[LikertRow]:
     """How often each value of an item's scale is among values."""
     return [
@@ -87,7 +87,7 @@ def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family
             families.append(corrected(simulated, question, unit, tests))
         for questionnaire, unit in product(rated, (TRIAL, PARTICIPANT)):
             tests = [
-                _between_policies(item.id, pair, answers, simulated, unit)
+                between_policies(item.id, pair, _values(answers, simulated, item.id, pair), unit)
                 for pair, item in product(combinations(design.policies, 2), questionnaire.items)
             ]
             families.append(corrected(simulated, policies_question(design, questionnaire), unit, tests))
@@ -142,20 +142,28 @@ def _against_middle(
     )
 
 
-def _between_policies(
-    item: str, policies: tuple[str, str], answers: Sequence[AnswerRow], simulated: bool, unit: str
+def between_policies(
+    name: str, policies: tuple[str, str], given: tuple[Mapping[Key, float], Mapping[Key, float]], unit: str
 ) -> Compared:
+    """A quantity with the second policy against the first; ``given`` holds its value in each participant's trials."""
     first, second = policies
-    a = {_key(row): row.value for row in _of(answers, simulated, item, first)}
-    b = {_key(row): row.value for row in _of(answers, simulated, item, second)}
+    a, b = given
     pairs = [key for key in a if key in b]
     before = _per(unit, {key: a[key] for key in pairs})
     after = _per(unit, {key: b[key] for key in pairs})
     found = signed_rank(np.round(np.subtract(after, before), DIGITS))
-    return Compared(item, (second, after), (first, before), found)
+    return Compared(name, (second, after), (first, before), found)
 
 
-def _per(unit: str, values: dict[Key, int]) -> list[float]:
+def _values(
+    answers: Sequence[AnswerRow], simulated: bool, item: str, policies: tuple[str, str]
+) -> tuple[dict[Key, float], dict[Key, float]]:
+    """The answers to an item with each of two policies, by participant, task and robot."""
+    first, second = (_of(answers, simulated, item, policy) for policy in policies)
+    return {_key(row): row.value for row in first}, {_key(row): row.value for row in second}
+
+
+def _per(unit: str, values: Mapping[Key, float]) -> list[float]:
     """The values of trials, or their means for each participant."""
     if unit == TRIAL:
         return [float(value) for value in values.values()]

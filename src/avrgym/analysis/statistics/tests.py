@@ -24,7 +24,7 @@ PERMUTATIONS = 9_999
 MARKS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 
-def spread(values: Sequence[int]) -> dict[str, Any]:
+def spread(values: Sequence[float]) -> dict[str, Any]:
     """Number, mean, extremes and quartiles of answers, by the names that rows have; quartiles are interpolated."""
     lower, median, upper = np.percentile(values, [25, 50, 75])
     return {

@@ -215,8 +215,9 @@ def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Pa
 
 
 def _describe(item: Item) -> dict[str, Any]:
-    between = {str(value): f"{value} of {item.points}" for value in range(2, item.points)}
-    return {"Description": item.text, "Levels": {"1": item.low, **between, str(item.points): item.high}}
+    between = [f"{value} of {item.points}" for value in range(2, item.points)]
+    words = item.labels or (item.low, *between, item.high)
+    return {"Description": item.text, "Levels": {str(value): said for value, said in enumerate(words, 1)}}
 
 
 def _rows_of_answers(

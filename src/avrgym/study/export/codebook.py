@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from avrgym.models.human import SEXES
+from avrgym.recording.instruments.registry import INSTRUMENTS
 from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.study.design.design import Design
@@ -58,6 +59,13 @@ LABELS = {
     "attempt": ATTEMPT_NUMBER,
 }
 """What tells an attempt from all others."""
+_OF_TRIAL = {
+    name: Column(column.meaning, column.type, column.unit, column.allowed, _NO_TRIAL)
+    for name, column in LABELS.items()
+    if name in ("position", "practice", "task", "robot", "policy", "attempt")
+}
+OF_INSTRUMENTS = ("scores", "scales")
+"""The tables of studies that use instruments; others do not have them."""
 WHY = {"why": Column("Why the recording was left out.", TEXT)}
 TABLES: Mapping[str, Mapping[str, Column]] = {
     "participants": {
@@ -105,11 +113,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "participant": PARTICIPANT_COLUMN,
         "simulated": SIMULATED,
         "session": SESSION,
-        **{
-            name: Column(column.meaning, column.type, column.unit, column.allowed, _NO_TRIAL)
-            for name, column in LABELS.items()
-            if name in ("position", "practice", "task", "robot", "policy", "attempt")
-        },
+        **_OF_TRIAL,
         "moment": Column("When it was asked.", TEXT, allowed=_one_of(*MOMENTS)),
         "questionnaire": Column("The questionnaire of the item.", TEXT, "", "see items", "no longer in the design"),
         "item": Column("The statement that was rated; its words stand in items.", TEXT, allowed="see items"),
@@ -127,6 +131,36 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "points": Column("The highest rating; the lowest is 1.", WHOLE, allowed="2 to 101"),
         "low": Column("The words at rating 1.", TEXT),
         "high": Column("The words at the highest rating.", TEXT),
+    },
+    "scores": {
+        "participant": PARTICIPANT_COLUMN,
+        "simulated": SIMULATED,
+        "session": SESSION,
+        **_OF_TRIAL,
+        "moment": Column("When its items were asked.", TEXT, allowed=_one_of(*MOMENTS)),
+        "questionnaire": Column("Name of the questionnaire.", TEXT),
+        "instrument": Column("The instrument that it uses.", TEXT, allowed=_one_of(*INSTRUMENTS)),
+        "scale": Column("Which score of the instrument; how it is made stands in scales.", TEXT, allowed="see scales"),
+        "score": Column("The score.", NUMBER, "1", "least to most", "answers or weights are missing that it needs"),
+        "least": Column("The lowest score that answers can give.", NUMBER, "1"),
+        "most": Column("The highest score that answers can give.", NUMBER, "1"),
+        "answered": Column("How many of the scale's items were answered.", WHOLE, allowed=_FROM_0),
+        "items": Column("How many items the scale has.", WHOLE, allowed=_FROM_1),
+    },
+    "scales": {
+        "questionnaire": Column("Name of the questionnaire.", TEXT),
+        "instrument": Column("The instrument that it uses.", TEXT, allowed=_one_of(*INSTRUMENTS)),
+        "title": Column("The instrument's title.", TEXT),
+        "scale": Column("Name of the score.", TEXT),
+        "of": Column("What its items' counts are made into.", TEXT, allowed="mean, sum, weighted mean"),
+        "factor": Column("What that is multiplied by.", NUMBER, "1"),
+        "reversed": Column("Items that count from the other end.", TEXT, empty="none"),
+        "items": Column("Its items; one that stands there twice counts twice.", TEXT, allowed="see items"),
+        "least": Column("The lowest score that answers can give.", NUMBER, "1"),
+        "most": Column("The highest score that answers can give.", NUMBER, "1"),
+        "missing": Column("What a missing answer makes of the score.", TEXT, allowed="no score, centre"),
+        "source": Column("Where instrument and scoring were published.", TEXT),
+        "licence": Column("Under which licence its words are.", TEXT),
     },
     "control_steps": {
         **LABELS,

@@ -10,7 +10,8 @@ from msgspec.structs import asdict
 
 from avrgym.study.design.design import Design
 from avrgym.study.export import NOTICE
-from avrgym.study.export.codebook import TABLES, codebook, most_joints, reward_terms
+from avrgym.study.export.codebook import OF_INSTRUMENTS, TABLES, codebook, most_joints, reward_terms
+from avrgym.study.export.scores import scales, scores_of, uses_instruments
 from avrgym.study.export.trials import ExportedAttempt, all_attempts, answers_of
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -29,8 +30,14 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> N
     write_csv(folder / "attempts.csv", (_attempt(exported, heights) for exported in attempts))
     write_csv(folder / "answers.csv", _answers(store, attempts))
     write_csv(folder / "items.csv", _items(store.design))
+    left_out = {"left_out"}
+    if uses_instruments(store.design):
+        write_csv(folder / "scores.csv", _scores(store, attempts))
+        write_csv(folder / "scales.csv", scales(store.design))
+    else:
+        left_out |= set(OF_INSTRUMENTS)
     write_csv(folder / "control_steps.csv", _control_steps(store, completed))
-    tables = [table for table in TABLES if table != "left_out"]
+    tables = [table for table in TABLES if table not in left_out]
     write_csv(folder / "codebook.csv", codebook(tables, store.design))
 
 
@@ -132,6 +139,12 @@ def _answers(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str
     """Every answer; those about a whole session have no trial."""
     for participant in store.participants():
         yield from (answer.columns() for answer in answers_of(store, participant, attempts))
+
+
+def _scores(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str, Any]]:
+    for participant in store.participants():
+        answers = answers_of(store, participant, attempts)
+        yield from (score.columns() for score in scores_of(store, participant, answers))
 
 
 def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterator[dict[str, Any]]:

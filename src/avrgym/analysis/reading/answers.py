@@ -1,0 +1,83 @@
+"""Reading what a participant answered: which answers count, and the scores that they add up to."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+
+from avrgym.analysis.rows import AnswerRow, ProblemRow
+from avrgym.analysis.score_rows import ScoreRow
+from avrgym.recording.questionnaire import SESSION_MOMENTS
+from avrgym.study.export.scores import scores_of
+from avrgym.study.export.trials import ExportedAnswer, ExportedAttempt, answers_of
+from avrgym.study.storage.rows import Participant
+from avrgym.study.storage.states import TAKES_PART
+from avrgym.study.storage.store import Store
+
+ANSWER_COLUMNS = {column.name for column in fields(AnswerRow)}
+SCORE_COLUMNS = {column.name for column in fields(ScoreRow)}
+
+
+class Answered:
+    """The answers of one participant; ``counted_positions`` are those of their trials that count."""
+
+    def __init__(
+        self,
+        store: Store,
+        participant: Participant,
+        attempts: Sequence[ExportedAttempt],
+        counted_positions: set[int],
+    ) -> None:
+        self._store, self._participant = store, participant
+        self._answers = answers_of(store, participant, attempts)
+        takes_part = participant.state in TAKES_PART
+        self._compared = _compared(self._answers) if takes_part else set[int]()
+        of_trials = {each.given.id for each in self._answers if _is_of_trial(each, counted_positions)}
+        self._counted = of_trials | self._compared
+
+    def rows(self) -> Iterator[AnswerRow]:
+        """Every answer, in the order they were given."""
+        for answer in self._answers:
+            columns = {name: value for name, value in answer.columns().items() if name in ANSWER_COLUMNS}
+            yield AnswerRow(counted=answer.given.id in self._counted, **columns)
+
+    def scores(self) -> Iterator[ScoreRow]:
+        """Every score; it counts if all its answers do."""
+        for score in scores_of(self._store, self._participant, self._answers):
+            counted = all(answer.given.id in self._counted for answer in score.answers)
+            columns = {name: value for name, value in score.columns().items() if name in SCORE_COLUMNS}
+            yield ScoreRow(counted=counted, **columns)
+
+    def problems(self) -> Iterator[ProblemRow]:
+        """Which items about sessions were answered more than once."""
+        if self._participant.state not in TAKES_PART:
+            return
+        for moment in SESSION_MOMENTS:
+            given = [answer for answer in self._answers if answer.moment == moment]
+            again = [answer for answer in given if answer.given.id not in self._compared]
+            if again:
+                items = ", ".join(dict.fromkeys(answer.given.item for answer in again))
+                sessions = " and ".join(str(n) for n in sorted({each.session.number for each in given}))
+                yield ProblemRow(
+                    simulated=self._participant.simulated,
+                    where=self._participant.pseudonym,
+                    what=f"answered {items} {moment.replace('_', ' ')} more than once, in sessions {sessions}",
+                    consequence="of each item the latest after sessions counts, and the latest before that",
+                )
+
+
+def _is_of_trial(answer: ExportedAnswer, counted_positions: set[int]) -> bool:
+    about = answer.exported
+    return (
+        about is not None and about.attempt.state == "completed" and about.trial.position in counted_positions
+    )
+
+
+def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
+    """The ids of the answers about sessions that count: of each item the latest after one, the latest before that."""
+    before, after = SESSION_MOMENTS
+    ids: set[int] = set()
+    for item in {answer.given.item for answer in answers}:
+        own = {answer.given.id: answer.moment for answer in answers if answer.given.item == item}
+        last = max((each for each in own if own[each] == after), default=None)
+        first = [each for each in own if own[each] == before and (last is None or each < last)]
+        ids |= {each for each in (last, max(first, default=None)) if each is not None}
+    return ids

@@ -1,0 +1,160 @@
+"""The scores of instruments: what a participant's answers to one of them at one time add up to."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from avrgym.recording.instruments.instrument import Instrument, Scale
+from avrgym.recording.questionnaire import Questionnaire
+from avrgym.study.design.design import Design
+from avrgym.study.export.trials import ExportedAnswer
+from avrgym.study.storage.answers import visit_of
+from avrgym.study.storage.rows import Participant, StudySession
+from avrgym.study.storage.store import Store
+
+Asked = tuple[int, int, str]
+"""Attempt, or 0, visit and moment: when something was asked."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """A scale of an instrument, from the answers to it at one time; ``value`` is missing where too many of them are."""
+
+    questionnaire: Questionnaire
+    instrument: Instrument
+    scale: str
+    value: float | None
+    answers: tuple[ExportedAnswer, ...]
+
+    def columns(self) -> dict[str, Any]:
+        """The score as tables have it."""
+        labels = self.answers[-1].columns()
+        of_trial = ("position", "practice", "task", "robot", "policy", "attempt")
+        least, most = self.instrument.range_of(self.scale)
+        items = self.instrument.items_of(self.scale)
+        return {
+            **{name: labels[name] for name in ("participant", "simulated", "session", *of_trial, "moment")},
+            "questionnaire": self.questionnaire.name,
+            "instrument": self.instrument.name,
+            "scale": self.scale,
+            "score": self.value,
+            "least": least,
+            "most": most,
+            "answered": sum(answer.given.item in items for answer in self.answers),
+            "items": len(items),
+        }
+
+
+def scores_of(store: Store, participant: Participant, answers: Sequence[ExportedAnswer]) -> list[Score]:
+    """Every score of a participant, in the order of their answers.
+
+    After a crash the rest of a questionnaire is asked in the next session: what was asked in one visit is scored
+    together. Weights of a score are those in the design, else those that the participant gave at the same time, else
+    the latest that they gave.
+    """
+    sessions = store.sessions(participant.pseudonym)
+    asked: dict[tuple[str, Asked], list[ExportedAnswer]] = {}
+    for answer in answers:
+        if _is_of_instrument(answer) and answer.questionnaire is not None:
+            key = answer.questionnaire.name, _asked(answer, sessions)
+            asked.setdefault(key, []).append(answer)
+    given = {key: {each.given.item: each.given.value for each in own} for key, own in asked.items()}
+    return [
+        score
+        for (name, when), own in asked.items()
+        for questionnaire in store.design.questionnaires
+        if questionnaire.name == name and questionnaire.instrument is not None
+        for weights in (_weights(store.design, questionnaire, when, given),)
+        for score in _scores(questionnaire, questionnaire.instrument, weights, own)
+    ]
+
+
+def scales(design: Design) -> Iterator[dict[str, Any]]:
+    """A row for every scale of every instrument of a design: how it is scored, and where that is written."""
+    for questionnaire in design.questionnaires:
+        instrument = questionnaire.instrument
+        for name in instrument.scale_names if instrument else ():
+            assert instrument is not None
+            scale = next((each for each in instrument.scales if each.name == name), None)
+            least, most = instrument.range_of(name)
+            yield {
+                "questionnaire": questionnaire.name,
+                "instrument": instrument.name,
+                "title": instrument.title,
+                "scale": name,
+                **_rule(scale),
+                "items": ", ".join(scale.items if scale else instrument.items_of(name)),
+                "least": least,
+                "most": most,
+                "missing": instrument.missing,
+                "source": instrument.source,
+                "licence": instrument.licence,
+            }
+
+
+def uses_instruments(design: Design) -> bool:
+    """Whether any questionnaire of a design scores itself."""
+    return any(questionnaire.instrument is not None for questionnaire in design.questionnaires)
+
+
+def _rule(scale: Scale | None) -> dict[str, Any]:
+    if scale is None:
+        return {"of": "weighted mean", "factor": 1.0, "reversed": ""}
+    return {"of": scale.of, "factor": scale.factor, "reversed": ", ".join(scale.reversed)}
+
+
+def _is_of_instrument(answer: ExportedAnswer) -> bool:
+    """Whether an answer is to an instrument; one beyond its scale was to an item that had this name before."""
+    questionnaire, item = answer.questionnaire, answer.item
+    used = questionnaire is not None and questionnaire.instrument is not None
+    return used and item is not None and answer.given.value <= item.points
+
+
+def _asked(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> Asked:
+    if answer.given.attempt is not None:
+        return answer.given.attempt, answer.given.session, answer.moment
+    return 0, visit_of(sessions, answer.given.session)[0], answer.moment
+
+
+def _scores(
+    questionnaire: Questionnaire,
+    instrument: Instrument,
+    weights: Mapping[str, int] | None,
+    answers: Sequence[ExportedAnswer],
+) -> Iterator[Score]:
+    given = {answer.given.item: answer.given.value for answer in answers}
+    for scale, value in instrument.score(given, weights).items():
+        yield Score(questionnaire, instrument, scale, value, tuple(answers))
+
+
+def _weights(
+    design: Design,
+    questionnaire: Questionnaire,
+    when: Asked,
+    given: Mapping[tuple[str, Asked], Mapping[str, int]],
+) -> Mapping[str, int] | None:
+    """The weights of a questionnaire's weighted score at one time; ``None`` where there are none."""
+    if questionnaire.weights is not msgspec.UNSET:
+        return questionnaire.weights
+    weighting = questionnaire.instrument.weighting if questionnaire.instrument else None
+    if weighting is None:
+        return None
+    sources = [each for each in design.questionnaires if each.use == weighting.instrument]
+    whole = {
+        asked: weights
+        for source in sources
+        for (name, asked), answers in given.items()
+        if name == source.name and source.instrument is not None
+        for weights in (_chosen(source.instrument, answers),)
+        if weights is not None
+    }
+    return whole.get(when) or next(reversed(whole.values()), None)
+
+
+def _chosen(instrument: Instrument, answers: Mapping[str, int]) -> dict[str, int] | None:
+    """The weights that answers to an instrument give, if none is missing."""
+    scores = instrument.score(answers)
+    weights = {scale: round(score) for scale, score in scores.items() if score is not None}
+    return weights if len(weights) == len(scores) else None
