@@ -18,7 +18,7 @@ const WORDS_BOX: Box = { x: MARGIN, y: 130, width: WIDTH - 2 * MARGIN, height: 2
 const BODY_BOX: Box = { x: MARGIN + 150, y: 450, width: WIDTH - 2 * MARGIN - 300, height: 350 };
 /** The greatest height of a button with words, and the share of it that they take. */
 const WORDS_HEIGHT = 150;
-const WORDS_SHARE = 0.86;
+const WORDS_SHARE = 0.92;
 const NOTICE_BOX: Box = { x: 24, y: HEIGHT - 152, width: WIDTH - 48, height: 128 };
 
 const COLOUR = {

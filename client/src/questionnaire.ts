@@ -16,6 +16,7 @@ export interface Button extends Box {
 const MOST_IN_A_ROW = 21;
 /** Share of a button's pitch that stays free. */
 const GAP = 0.16;
+const GAP_OF_WORDS = 0.06;
 
 /** The buttons 1 … `points`, as large squares as `area` allows, centred in it. */
 export function layoutButtons(points: number, area: Box): Button[] {
@@ -36,8 +37,9 @@ export function layoutButtons(points: number, area: Box): Button[] {
 
 /** The buttons of words 1 … `points` in one row: as wide as `area` allows, no higher than wide and than `height`. */
 export function layoutWords(points: number, area: Box, height: number): Button[] {
-  const pitch = area.width / (points - GAP);
-  const size = { width: pitch * (1 - GAP), height: Math.min(pitch * (1 - GAP), height) };
+  const pitch = area.width / (points - GAP_OF_WORDS);
+  const width = pitch * (1 - GAP_OF_WORDS);
+  const size = { width, height: Math.min(width, height) };
   const y = area.y + (area.height - size.height) / 2;
   return Array.from({ length: points }, (_, at) => ({ value: at + 1, x: area.x + pitch * at, y, ...size }));
 }
