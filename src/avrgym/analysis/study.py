@@ -27,11 +27,11 @@ from avrgym.analysis.statistics.tests import EXACT_RANK_SUM, EXACT_SIGNED_RANK, 
 from avrgym.analysis.tables import Table, control_steps
 from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import Design
+from avrgym.study.export.scores import uses_instruments
 from avrgym.study.plan.deviations import deviations, left_out
 from avrgym.study.plan.freezing import read_frozen
 from avrgym.study.plan.plan import FILE as PLAN_FILE
 from avrgym.study.plan.plan import Plan
-from avrgym.study.export.scores import uses_instruments
 from avrgym.study.storage.manifest import FORMAT_NAME
 from avrgym.study.storage.store import Store
 from avrgym.vr.session.attempt import versions

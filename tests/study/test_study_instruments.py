@@ -1,0 +1,273 @@
+"""Validated questionnaires in a study: the design names them, and their scores stand in tables and report."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from analysed import record_trial, take_part
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.study import analyse
+from avrgym.recording.instruments.registry import INSTRUMENTS
+from avrgym.recording.instruments.workload import FACTORS, PAIRS
+from avrgym.recording.records import Answer
+from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
+from avrgym.study.export import export_study
+from avrgym.study.storage import database
+from avrgym.study.storage.answers import record_answer, record_session_answer
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt
+from avrgym.study.storage.sessions import close_session, open_session
+from avrgym.study.storage.store import Store
+from studies import make_study
+
+USED = """
+[[questionnaires]]
+use = "nasa-tlx"
+when = "after_trial"
+
+[[questionnaires]]
+use = "nasa-tlx-weights"
+name = "sources"
+when = "after_session"
+
+[[questionnaires]]
+use = "ssq"
+when = ["before_session", "after_session"]
+order = "random"
+"""
+LAST_LINE = default_text().count("\n")
+WEIGHTS = "mental = 3, physical = 0, temporal = 5, performance = 1, effort = 3, frustration = 3"
+PEOPLE = 3
+
+
+def using(table: str) -> str:
+    return f"{default_text()}\n[[questionnaires]]\n{table}\n"
+
+
+# The design
+
+
+@pytest.mark.parametrize("name", [name for name, each in INSTRUMENTS.items() if not each.texts])
+def test_use_asks_an_instruments_items_in_its_words(name: str) -> None:
+    questionnaire = parse_design(using(f'use = "{name}"\nwhen = "after_session"')).questionnaires[-1]
+    instrument = INSTRUMENTS[name]
+    assert (questionnaire.name, questionnaire.instrument) == (name, instrument)
+    asked = [(item.id, item.text, item.points) for item in questionnaire.items]
+    assert asked == [(item.id, item.text, instrument.response.points) for item in instrument.items]
+
+
+@pytest.mark.parametrize(
+    ("table", "line", "words"),
+    [
+        (
+            'use = "nasa"\nwhen = "after_trial"',
+            1,
+            "unknown name 'nasa'; allowed: nasa-tlx, nasa-tlx-weights, ssq",
+        ),
+        (
+            'use = "ssq"\nitems = []\nwhen = "after_trial"',
+            2,
+            "unknown name 'items'; allowed: use, name, when",
+        ),
+        ('use = "ssq"\nwhen = "later"', 2, "'later' is not known; allowed: before_session"),
+        ('use = "ssq"\nwhen = "after_trial"\nweights = { }', 3, "allowed: weights beside use of nasa-tlx"),
+        (
+            f'use = "nasa-tlx"\nwhen = "after_trial"\nweights = {{ {WEIGHTS} }}'.replace("5", "4"),
+            3,
+            "add up to 14",
+        ),
+        ('use = "nasa-tlx"\nwhen = "after_trial"\nweights = { mental = 15 }', 3, "allowed: mental, physical"),
+        ('use = "ssq"\nname = "likert"\nwhen = "after_trial"', 2, "'likert' stands twice"),
+        (
+            'use = "ipq"\nwhen = "after_session"',
+            1,
+            "instruments/ipq.toml is missing in the study's folder; allowed:",
+        ),
+    ],
+)
+def test_what_cannot_be_used_is_named_with_its_line(table: str, line: int, words: str) -> None:
+    with pytest.raises(DesignError, match=rf"study\.toml:{LAST_LINE + 2 + line}: .*{re.escape(words)}"):
+        parse_design(using(table))
+
+
+def test_an_instrument_is_used_once() -> None:
+    twice = (
+        using('use = "ssq"\nwhen = "before_session"')
+        + '\n[[questionnaires]]\nuse = "ssq"\nname = "again"\nwhen = "after_session"\n'
+    )
+    with pytest.raises(DesignError, match="'ssq_general_discomfort' stands twice"):
+        parse_design(twice)
+
+
+def test_own_items_have_as_many_labels_as_points() -> None:
+    text = default_text().replace(
+        'high = "strongly agree" }', 'high = "strongly agree", labels = ["no", "yes"] }', 1
+    )
+    with pytest.raises(DesignError, match=r"2 labels for 7 points; allowed: one for each"):
+        parse_design(text)
+
+
+def test_words_that_may_not_be_brought_are_read_from_the_studys_folder(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(using('use = "ipq"\nwhen = "after_session"'))
+    (tmp_path / "instruments").mkdir()
+    own = tmp_path / "instruments" / "ipq.toml"
+    lines = [
+        f'{item.id} = {{ text = "{item.id}?", low = "no", high = "yes" }}'
+        for item in INSTRUMENTS["ipq"].items
+    ]
+    for words, error in (
+        (lines[1:], "instruments/ipq.toml lacks ipq_g1; allowed: each of them as ID = { text ="),
+        (['ipq_g1 = "Words without ends"', *lines[1:]], "instruments/ipq.toml lacks ipq_g1;"),
+        ([*lines, 'ipq_g2 = "?"'], "unknown item 'ipq_g2'; allowed: ipq_g1, ipq_sp1"),
+        (["ipq_g1 = 3", *lines[1:]], "instruments/ipq.toml cannot be read"),
+    ):
+        own.write_text("\n".join(words))
+        with pytest.raises(DesignError, match=rf"study\.toml:{LAST_LINE + 3}: .*{re.escape(error)}"):
+            read_design(tmp_path / "study.toml")
+    own.write_text("\n".join(lines))
+    asked = read_design(tmp_path / "study.toml").questionnaires[-1].items
+    assert next((item.text, item.low, item.high) for item in asked) == ("ipq_g1?", "no", "yes")
+
+
+# Scores
+
+
+def rating(number: int, revised: bool, place: int) -> int:
+    return 1 + (3 * number + 2 * place + 4 * revised) % 21
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+    """People who rated their load after each trial, and their symptoms before and after; the last left one out."""
+    folder = tmp_path_factory.mktemp("study")
+    make_study(folder, tasks='["Feeding"]', robots='["Jaco"]', practice_policy='""', trial_steps="5")
+    with open(folder / "study.toml", "a") as file:
+        file.write(USED)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(database.URL_VARIABLE, raising=False)
+        with Store(folder) as store:
+            for number in range(1, PEOPLE + 1):
+                take_part_whole(store, number)
+            yield store
+
+
+def take_part_whole(store: Store, number: int) -> None:
+    pseudonym = take_part(store, simulated=False)
+    session = open_session(store, pseudonym).id
+    answer(store, session, "before_session", {item.id: 1 for item in INSTRUMENTS["ssq"].items})
+    for trial in store.remaining_trials(pseudonym):
+        attempt = begin_attempt(store, session, trial.position)
+        metrics = record_trial(store.path(attempt.recording), store.participant(pseudonym), trial)
+        for place, item in enumerate(store.design.items_at("after_trial")):
+            value = 4 if place < 4 else rating(number, trial.policy == "revised", place)
+            record_answer(store, attempt.id, Answer(item.id, value, 1.0))
+        complete_attempt(store, attempt.id, metrics)
+    symptoms = {item.id: 1 for item in INSTRUMENTS["ssq"].items} | {"ssq_nausea": 3}
+    if number == PEOPLE:
+        del symptoms["ssq_vertigo"]
+    answer(store, session, "after_session", symptoms)
+    answer(store, session, "after_session", {f"tlx_{a}_or_{b}": 1 for a, b in PAIRS})
+    close_session(store, session)
+
+
+def answer(store: Store, session: int, when: str, values: dict[str, int]) -> None:
+    for item, value in values.items():
+        record_session_answer(store, session, Answer(item, value, 1.0), when)
+
+
+@pytest.fixture(scope="module")
+def out(study: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("out")
+    write_analysis(analyse(study), study.folder, folder / "analysis")
+    export_study(study, "csv", folder / "export")
+    return folder
+
+
+def test_load_is_scored_after_each_trial_and_weighted_by_what_was_chosen(out: Path) -> None:
+    """Whoever always chooses the first of a pair weighs the factors 5, 4, 3, 2, 1 and 0."""
+    scores = pd.read_csv(out / "analysis" / "tables" / "scores.csv").query("questionnaire == 'nasa-tlx'")
+    assert scores["counted"].all()
+    assert len(scores) == PEOPLE * 2 * 8
+    for number in range(1, PEOPLE + 1):
+        for policy in ("original", "revised"):
+            ratings = [5 * (rating(number, policy == "revised", 4 + place) - 1) for place in range(6)]
+            own = scores.query(f"participant == 'sub-{number:03}' and policy == '{policy}'").set_index(
+                "scale"
+            )
+            assert own.loc["raw", "score"] == pytest.approx(sum(ratings) / 6)
+            weighted = (
+                sum(weight * value for weight, value in zip((5, 4, 3, 2, 1, 0), ratings, strict=True)) / 15
+            )
+            assert own.loc["weighted", "score"] == pytest.approx(weighted)
+            assert list(own.loc[list(FACTORS), "score"]) == ratings
+
+
+def test_symptoms_are_scored_before_and_after_and_a_missing_answer_leaves_no_score(out: Path) -> None:
+    tables = out / "analysis" / "tables"
+    scores = pd.read_csv(tables / "scores.csv").query("questionnaire == 'ssq' and moment == 'after_session'")
+    total = scores.query("scale == 'total'").set_index("participant")
+    assert list(total["score"])[:-1] == [14.96] * (PEOPLE - 1)
+    assert pd.isna(total.loc[f"sub-{PEOPLE:03}", "score"])
+    assert (total.loc[f"sub-{PEOPLE:03}", ["answered", "items"]] == [15, 16]).all()
+    oculomotor = scores.query("scale == 'oculomotor'")
+    assert list(oculomotor["score"]) == [0.0] * PEOPLE
+    summaries = pd.read_csv(tables / "score_summaries.csv").set_index(["questionnaire", "scale", "moment"])
+    change = summaries.loc[("ssq", "nausea", "change")].iloc[0]
+    assert (change["n"], change["median"]) == (PEOPLE, 19.08)
+    tests = pd.read_csv(tables / "tests.csv")
+    families = set(tests["family"])
+    assert {
+        "before and after sessions, scores of ssq, by participant",
+        "policies, scores of nasa-tlx, by trial",
+    } <= families
+
+
+def test_the_report_shows_scores_with_their_source(out: Path) -> None:
+    page = (out / "analysis" / "report" / "index.html").read_text()
+    words = " ".join(re.sub(r"<[^>]*>", " ", page).split())
+    for said in (
+        "ssq: Simulator Sickness Questionnaire",
+        "doi:10.1207/s15327108ijap0303_3",
+        "nasa-tlx: tests of scores",
+    ):
+        assert said in words
+
+
+def test_the_export_has_scores_how_they_are_made_and_what_every_column_means(out: Path) -> None:
+    export = out / "export"
+    exported = pd.read_csv(export / "scores.csv")
+    analysed: Any = pd.read_csv(out / "analysis" / "tables" / "scores.csv")
+    shared = [
+        "participant",
+        "questionnaire",
+        "scale",
+        "moment",
+        "score",
+        "least",
+        "most",
+        "answered",
+        "items",
+    ]
+    pd.testing.assert_frame_equal(exported[shared], analysed[shared])
+    scales = pd.read_csv(export / "scales.csv").set_index(["questionnaire", "scale"])
+    assert scales.loc[("ssq", "total"), ["of", "factor", "most"]].tolist() == ["sum", 3.74, 235.62]
+    assert scales.loc[("nasa-tlx", "weighted"), "of"] == "weighted mean"
+    codebook = pd.read_csv(export / "codebook.csv")
+    for table in ("scores", "scales"):
+        columns = list(pd.read_csv(export / f"{table}.csv").columns)
+        assert list(codebook[codebook["table"] == table]["column"]) == columns
+
+
+def test_studies_without_instruments_have_no_such_tables(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    with Store(make_study(tmp_path / "study")) as store:
+        export_study(store, "csv", tmp_path / "export")
+        names = [table.name for table in analyse(store).tables()]
+    assert not {"scores.csv", "scales.csv"} & {path.name for path in (tmp_path / "export").iterdir()}
+    assert not {"scores", "score_summaries"} & set(names)
+    assert "scales" not in (tmp_path / "export" / "codebook.csv").read_text()
