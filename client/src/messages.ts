@@ -254,7 +254,8 @@ export interface Feedback {
  * force are those of the latest one. `force_region` is the region of the body that bears most now, by its limit, and
  * `force_share` how much of that; empty and 0 where none bears anything. `draws_back`: the force guard moves the
  * robot. `tracking_age_s` is the time since the newest usable frame. `operated`: in this trial the experimenter
- * drives; `idle`: the robot holds still for want of an action. */
+ * drives; `idle`: the robot holds still for want of an action. `held_because`: the answer for which a stop rule
+ * paused the session, empty where none did. */
 export interface Status {
   type: "status";
   phase: PhaseName;
@@ -263,6 +264,7 @@ export interface Status {
   attempt: number;
   environment: string;
   paused: boolean;
+  held_because: string;
   torso_height_m: number;
   step: number;
   steps: number;

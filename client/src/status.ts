@@ -5,7 +5,7 @@ export function statusWords(status: Status): Record<string, string> {
   return {
     "watch-trial": `${status.trial} of ${status.trials}, attempt ${status.attempt || "–"}`,
     "watch-environment": status.environment.replace("avrgym/", ""),
-    "watch-phase": status.phase.replace("_", " ") + (status.paused ? ", paused" : ""),
+    "watch-phase": status.phase.replace("_", " ") + pausedWords(status),
     "watch-steps": `${status.step} of ${status.steps}`,
     "watch-reward": `${status.reward.toFixed(1)}${status.success ? ", success" : ""}`,
     "watch-distance": `${(100 * status.distance_m).toFixed(1)} cm`,
@@ -19,6 +19,10 @@ export function statusWords(status: Status): Record<string, string> {
 function limitWords({ force_region, force_share, draws_back }: Status): string {
   const region = force_region && `, ${force_region.replace("_", " ")}`;
   return `${(100 * force_share).toFixed(0)} %${region}${draws_back ? ": draws back" : ""}`;
+}
+
+function pausedWords({ paused, held_because }: Status): string {
+  return paused ? (held_because ? `, paused: ${held_because}` : ", paused") : "";
 }
 
 function trackingWords({ tracking_age_s, left_modality, right_modality }: Status): string {

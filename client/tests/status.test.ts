@@ -10,6 +10,7 @@ const STATUS: Status = {
   attempt: 3,
   environment: "avrgym/FeedingJaco-v1",
   paused: true,
+  held_because: "",
   torso_height_m: 0.5449,
   step: 12,
   steps: 200,
@@ -58,6 +59,12 @@ describe("how a session stands", () => {
     const pressed = { ...STATUS, force_region: "upper_arms", force_share: 0.56 };
     expect(statusWords(pressed)["watch-limit"]).toBe("56 %, upper arms");
     expect(statusWords({ ...pressed, draws_back: true })["watch-limit"]).toBe("56 %, upper arms: draws back");
+  });
+
+  it("says for which answer a stop rule paused the session, until it goes on", () => {
+    const held = { ...STATUS, held_because: "'Nausea' was answered 'severe'" };
+    expect(statusWords(held)["watch-phase"]).toBe("free before, paused: 'Nausea' was answered 'severe'");
+    expect(statusWords({ ...held, paused: false })["watch-phase"]).toBe("free before");
   });
 
   it("says in words what is wrong", () => {

@@ -135,6 +135,10 @@ def test_words_that_may_not_be_brought_are_read_from_the_studys_folder(tmp_path:
 # Scores
 
 
+def read(path: Path) -> Any:
+    return pd.read_csv(path)
+
+
 def rating(number: int, revised: bool, place: int) -> int:
     return 1 + (3 * number + 2 * place + 4 * revised) % 21
 
@@ -188,7 +192,7 @@ def out(study: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_load_is_scored_after_each_trial_and_weighted_by_what_was_chosen(out: Path) -> None:
     """Whoever always chooses the first of a pair weighs the factors 5, 4, 3, 2, 1 and 0."""
-    scores = pd.read_csv(out / "analysis" / "tables" / "scores.csv").query("questionnaire == 'nasa-tlx'")
+    scores = read(out / "analysis" / "tables" / "scores.csv").query("questionnaire == 'nasa-tlx'")
     assert scores["counted"].all()
     assert len(scores) == PEOPLE * 2 * 8
     for number in range(1, PEOPLE + 1):
@@ -207,17 +211,17 @@ def test_load_is_scored_after_each_trial_and_weighted_by_what_was_chosen(out: Pa
 
 def test_symptoms_are_scored_before_and_after_and_a_missing_answer_leaves_no_score(out: Path) -> None:
     tables = out / "analysis" / "tables"
-    scores = pd.read_csv(tables / "scores.csv").query("questionnaire == 'ssq' and moment == 'after_session'")
+    scores = read(tables / "scores.csv").query("questionnaire == 'ssq' and moment == 'after_session'")
     total = scores.query("scale == 'total'").set_index("participant")
     assert list(total["score"])[:-1] == [14.96] * (PEOPLE - 1)
     assert pd.isna(total.loc[f"sub-{PEOPLE:03}", "score"])
     assert (total.loc[f"sub-{PEOPLE:03}", ["answered", "items"]] == [15, 16]).all()
     oculomotor = scores.query("scale == 'oculomotor'")
     assert list(oculomotor["score"]) == [0.0] * PEOPLE
-    summaries = pd.read_csv(tables / "score_summaries.csv").set_index(["questionnaire", "scale", "moment"])
-    change = summaries.loc[("ssq", "nausea", "change")].iloc[0]
+    summaries = read(tables / "score_summaries.csv").set_index(["questionnaire", "scale", "moment"])
+    change = summaries.loc[("ssq", "nausea", "change")]
     assert (change["n"], change["median"]) == (PEOPLE, 19.08)
-    tests = pd.read_csv(tables / "tests.csv")
+    tests = read(tables / "tests.csv")
     families = set(tests["family"])
     assert {
         "before and after sessions, scores of ssq, by participant",
@@ -238,8 +242,8 @@ def test_the_report_shows_scores_with_their_source(out: Path) -> None:
 
 def test_the_export_has_scores_how_they_are_made_and_what_every_column_means(out: Path) -> None:
     export = out / "export"
-    exported = pd.read_csv(export / "scores.csv")
-    analysed: Any = pd.read_csv(out / "analysis" / "tables" / "scores.csv")
+    exported = read(export / "scores.csv")
+    analysed = read(out / "analysis" / "tables" / "scores.csv")
     shared = [
         "participant",
         "questionnaire",
@@ -252,12 +256,12 @@ def test_the_export_has_scores_how_they_are_made_and_what_every_column_means(out
         "items",
     ]
     pd.testing.assert_frame_equal(exported[shared], analysed[shared])
-    scales = pd.read_csv(export / "scales.csv").set_index(["questionnaire", "scale"])
+    scales = read(export / "scales.csv").set_index(["questionnaire", "scale"])
     assert scales.loc[("ssq", "total"), ["of", "factor", "most"]].tolist() == ["sum", 3.74, 235.62]
     assert scales.loc[("nasa-tlx", "weighted"), "of"] == "weighted mean"
-    codebook = pd.read_csv(export / "codebook.csv")
+    codebook = read(export / "codebook.csv")
     for table in ("scores", "scales"):
-        columns = list(pd.read_csv(export / f"{table}.csv").columns)
+        columns = list(read(export / f"{table}.csv").columns)
         assert list(codebook[codebook["table"] == table]["column"]) == columns
 
 

@@ -12,9 +12,10 @@ import numpy as np
 
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.recording.questionnaire import Item, Questionnaire, items_to_ask
+from avrgym.recording.stop_rules import Guard, StopRule
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.instruments import with_items
-from avrgym.study.design.questionnaires import check_questionnaires
+from avrgym.study.design.questionnaires import check_questionnaires, check_stop_rules
 from avrgym.study.design.toml import DesignError as DesignError
 from avrgym.study.design.toml import Tables, parse, read_text
 from avrgym.study.design.wrong import Wrong, check_id, check_known, check_pattern, check_unique
@@ -85,6 +86,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     consent: Consent
     inclusion: tuple[InclusionQuestion, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
+    stop_rules: tuple[StopRule, ...] = ()
     goals: Mapping[str, Sentence] = {}
     furniture: RealFurniture = RealFurniture()
     reporting: Reporting = Reporting()
@@ -99,6 +101,11 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     def items(self) -> dict[str, Item]:
         """Every item of every questionnaire by its id."""
         return {item.id: item for questionnaire in self.questionnaires for item in questionnaire.items}
+
+    @property
+    def guard(self) -> Guard:
+        """What pauses or ends a session."""
+        return Guard(self.stop_rules, self.questionnaires)
 
     def questionnaire_of(self, item: str) -> Questionnaire | None:
         """The questionnaire that an item stands in; ``None`` for one that the design no longer asks."""
@@ -171,6 +178,7 @@ def _check(design: Design) -> None:
     if design.practice_policy:
         check_pattern(("practice_policy",), design.practice_policy, _POLICY, "a policy, or nothing")
     check_questionnaires(design.questionnaires)
+    check_stop_rules(design.guard)
     _check_inclusion(design.inclusion)
     _check_database(design.database.url)
 
@@ -198,6 +206,7 @@ _TABLES: Tables = {
     ("inclusion",): InclusionQuestion,
     ("questionnaires",): Questionnaire,
     ("questionnaires", "items"): Item,
+    ("stop_rules",): StopRule,
     ("database",): DatabaseChoice,
     ("furniture",): RealFurniture,
     ("reporting",): Reporting,

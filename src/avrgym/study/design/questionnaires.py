@@ -1,10 +1,11 @@
-"""Whether the questionnaires of a design can be asked."""
+"""Whether the questionnaires of a design can be asked, and its stop rules followed."""
 
 from collections.abc import Sequence
 
 from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire
+from avrgym.recording.stop_rules import THEN, Guard
 from avrgym.study.design.instruments import check_use
-from avrgym.study.design.wrong import Wrong, check_choice, check_id, check_unique
+from avrgym.study.design.wrong import Wrong, check_choice, check_id, check_known, check_unique
 from avrgym.system.toml_places import Place
 
 
@@ -38,3 +39,18 @@ def _check_item(place: Place, item: Item, known: set[str]) -> None:
         raise Wrong(
             (*place, "labels"), f"{len(item.labels)} labels for {item.points} points; allowed: one for each"
         )
+
+
+def check_stop_rules(guard: Guard) -> None:
+    """Raise ``Wrong`` for the first rule that no answer can meet, or that says what cannot be done."""
+    items = [item.id for questionnaire in guard.questionnaires for item in questionnaire.items]
+    for index, rule in enumerate(guard.rules):
+        place = ("stop_rules", index)
+        check_known((*place, "item"), rule.item, items)
+        check_choice((*place, "then"), rule.then, THEN)
+        least, most = guard.ends_of(rule.item)
+        if not least < rule.at_least <= most:
+            raise Wrong(
+                (*place, "at_least"),
+                f"{rule.at_least:g} tells no answers to {rule.item} apart; allowed: above {least:g}, at most {most:g}",
+            )

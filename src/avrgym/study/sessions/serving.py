@@ -198,6 +198,8 @@ class StudySessions:
             return
         self._questions = None
         if questions.when == "before_session" and not questions.ended:
+            if self._session is not None and questions.verdict is not None:
+                self._session.hold_back(questions.verdict)
             self._greet_all(now_s)
         else:
             self._session = None

@@ -2,6 +2,7 @@
 
 from concurrent.futures import Future
 
+from avrgym.recording.stop_rules import THEN, Verdict
 from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.storage.states import StudyError
 from avrgym.vr.protocol.messages import PROTOCOL, Answer, Command, Phase, Problem, Role, Send, Welcome
@@ -17,7 +18,8 @@ WORDS = {
 class SessionQuestions:
     """Asks one item after another, each when the answer before it is stored.
 
-    The experimenter may skip what is left, or end the session.
+    The experimenter may skip what is left, or end the session. ``verdict`` is what the study's stop rules say to the
+    answers so far; what is asked is asked to its end.
     """
 
     def __init__(self, visit: StudyVisit, when: str, send: Send) -> None:
@@ -25,6 +27,7 @@ class SessionQuestions:
         self.when = when
         self._visit, self._send = visit, send
         self._questions = Questions(visit.items(when))
+        self.verdict: Verdict | None = None
         self._skipped = self._ended = False
         self._given: Answer | None = None
         self._stored: Future[None] | None = None
@@ -36,8 +39,13 @@ class SessionQuestions:
 
     @property
     def ended(self) -> bool:
-        """Whether no trials follow, because the session was ended here or elsewhere."""
-        return self._ended or self._visit.called_off
+        """Whether no trials follow, because the session was ended here or elsewhere, or by a stop rule."""
+        by_rule = (
+            self.verdict is not None
+            and self.verdict.then == "end"
+            and (self._questions.done or self._skipped)
+        )
+        return self._ended or by_rule or self._visit.called_off
 
     def begin(self) -> None:
         """Ask the first item."""
@@ -73,8 +81,20 @@ class SessionQuestions:
             raise error
         elif given is not None:
             self._questions.take(given)
+            self._heed(given)
             if not self._questions.done:
                 self._send(self._questions.question())
+
+    def _heed(self, answer: Answer) -> None:
+        """Keep and tell what the stop rules say to an answer; an end is stronger than a pause."""
+        verdict = self._visit.store.design.guard.judge(answer)
+        if verdict is None:
+            return
+        if self.verdict is None or THEN.index(verdict.then) >= THEN.index(self.verdict.then):
+            self.verdict = verdict
+        self._visit.tell("stop rule met", f"then {verdict.then}, why {verdict.why}")
+        before = f"the session {verdict.then}s: " if self.when == "before_session" else ""
+        self._send(Problem(before + verdict.why, "experimenter"))
 
     @property
     def _phase(self) -> Phase:

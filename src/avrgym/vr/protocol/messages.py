@@ -294,7 +294,8 @@ class Status(Message, frozen=True, tag="status"):
     force are those of the latest one. ``force_region`` is the region of the body that bears most now, by its limit, and
     ``force_share`` how much of that; empty and 0 where none bears anything. ``draws_back``: the force guard moves the
     robot. ``tracking_age_s`` is the time since the newest usable frame. ``operated``: in this trial the experimenter
-    drives; ``idle``: the robot holds still for want of an action.
+    drives; ``idle``: the robot holds still for want of an action. ``held_because``: the answer for which a stop rule
+    paused the session, empty where none did.
     """
 
     phase: PhaseName
@@ -303,6 +304,7 @@ class Status(Message, frozen=True, tag="status"):
     attempt: int
     environment: str
     paused: bool
+    held_because: str
     torso_height_m: float
     step: int
     steps: int

@@ -107,6 +107,14 @@ class Paused(SessionEvent):
 
 
 @dataclass(frozen=True)
+class StopRuleMet(SessionEvent):
+    """An answer after which the session pauses or ends, as ``then`` says; ``why`` in words."""
+
+    then: str
+    why: str
+
+
+@dataclass(frozen=True)
 class Continued(SessionEvent):
     """The experimenter lets trials begin again."""
 

@@ -58,9 +58,9 @@ class Reporter:
 
 def status(
     phase: messages.Phase, attempt: Attempt | None, world: LiveWorld, tracking: TrackingState, now_s: float,
-    *, steps: int, paused: bool, driver: Driver,
+    *, steps: int, paused: bool, why: str, driver: Driver,
 ) -> messages.Status:  # fmt: skip
-    """How a session stands that is in a phase; a trial has so many ``steps``."""
+    """How a session stands that is in a phase; a trial has so many ``steps``, ``why`` is a stop rule's reason."""
     left, right = tracking.modalities
     region, share = world.most_pressed()
     latest = attempt.latest.outcome if attempt is not None and attempt.latest is not None else None
@@ -71,6 +71,7 @@ def status(
         attempt=attempt.number if attempt else 0,
         environment=world.environment,
         paused=paused,
+        held_because=why,
         torso_height_m=world.person.torso_height_m,
         step=attempt.steps if attempt else 0,
         steps=steps,

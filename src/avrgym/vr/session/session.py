@@ -13,6 +13,7 @@ from pathlib import Path
 
 from avrgym.models import human
 from avrgym.models.human import Person
+from avrgym.recording.stop_rules import Verdict
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName, Send
 from avrgym.vr.protocol.received import Received
@@ -164,7 +165,7 @@ class Session:
         state, storage = self._state, self._state.storage
         before_s, self._ticked_s = self._ticked_s, now_s
         state.now_s = now_s
-        if self._called_off():
+        if self._called_off() or self._is_over():
             self._go_to(self._phase.call_off())
         if storage.attempt is not None:
             self._check_continuity(0.0 if before_s is None else now_s - before_s)
@@ -197,6 +198,15 @@ class Session:
         self._state.now_s = now_s
         self._state.abandon("interrupted")
         self._state.drivers.close()
+
+    def hold_back(self, verdict: Verdict) -> None:
+        """Let no trial begin, because of an answer that was given before the session."""
+        self._state.hold_back(verdict)
+
+    def _is_over(self) -> bool:
+        """Whether a stop rule ends the session, and the trial that it followed is stored."""
+        storage = self._state.storage
+        return self._state.ending and storage.attempt is None and storage.completing is None
 
     def _go_to(self, phase: Phase) -> bool:
         """Whether this is another phase than before, which the session enters."""
@@ -272,7 +282,8 @@ class Session:
         if self._reporter.status_is_due:
             standing = self._message, self.attempt, self.world, state.tracking, state.now_s
             steps, paused = state.plan.trial_steps, state.on_hold
-            state.send(status(*standing, steps=steps, paused=paused, driver=state.driver))
+            why = state.held_because
+            state.send(status(*standing, steps=steps, paused=paused, why=why, driver=state.driver))
 
 
 _TRACKING_LOST = "tracking_lost", f"no frame for {STALE_S} s: the person holds still"

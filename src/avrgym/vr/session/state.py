@@ -9,6 +9,7 @@ from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.policies.force_guard import ACTS, RESTS
 from avrgym.recording.files import RecordingError
 from avrgym.recording.outcomes import AttemptEnd
+from avrgym.recording.stop_rules import Verdict
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.protocol.webxr import Registration
@@ -33,7 +34,8 @@ class SessionState:
 
     ``trial`` counts the plan's trials from 0. ``person`` is whose body the participant has; ``height_known``: its
     torso height is theirs, ``calibrated_for``: the posture that they have taken place in. ``on_hold`` is whether the
-    experimenter lets no trial begin, ``now_s`` the time since the session began.
+    experimenter, or a stop rule, lets no trial begin; ``held_because`` is the rule's reason, ``ending``: the rule ends
+    the session. ``now_s`` is the time since the session began.
     """
 
     plan: SessionPlan
@@ -49,6 +51,8 @@ class SessionState:
     height_known: bool = False
     calibrated_for: human.Posture | None = None
     on_hold: bool = False
+    held_because: str = ""
+    ending: bool = False
     now_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -102,6 +106,18 @@ class SessionState:
         if scene != self._told_scene:
             self._told_scene = scene
             self.send(scene)
+
+    def obey(self, verdict: Verdict) -> None:
+        """Let no further trial begin, because of an answer; what is asked now is asked to its end."""
+        self.hold_back(verdict)
+        self.record_event("stop_rule_met", verdict.why)
+        self.sink.tell(events.StopRuleMet(self.now_s, verdict.then, verdict.why))
+        self.problem(f"the session {verdict.then}s: {verdict.why}", "experimenter")
+
+    def hold_back(self, verdict: Verdict) -> None:
+        """Let no further trial begin, which everybody knows already."""
+        self.on_hold, self.held_because = True, verdict.why
+        self.ending = self.ending or verdict.then == "end"
 
     # The participant's body --------------------------------------------------------------------------------------
 

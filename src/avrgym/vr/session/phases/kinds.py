@@ -12,6 +12,8 @@ from avrgym.vr.session.state import UNTRACKED_S
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 ALL_DONE = "That was all."
+PAUSED = "The experimenter has paused the session. The robot holds still."
+BREAK = "Please take a break: the experimenter will talk with you. The robot holds still."
 
 
 class Ongoing(Phase):
@@ -72,7 +74,7 @@ class Ongoing(Phase):
         if state.calibrated_for is not state.world.scene_config.posture:
             return phases.Calibration(state)
         if state.on_hold:
-            return phases.Paused(state, "The experimenter has paused the session. The robot holds still.")
+            return phases.Paused(state, BREAK if state.held_because else PAUSED)
         if not state.is_tracked:
             return phases.Paused(state, "Tracking is lost: look around, then press the trigger to go on.")
         try:

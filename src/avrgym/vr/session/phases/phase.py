@@ -100,7 +100,7 @@ class Phase:
         """Let trials begin again."""
         if not self.state.on_hold:
             return self._refuse("the session is not paused", "experimenter")
-        self.state.on_hold = False
+        self.state.on_hold, self.state.held_because = False, ""
         self.state.sink.tell(events.Continued(self.state.now_s))
         return self
 

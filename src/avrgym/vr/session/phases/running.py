@@ -162,6 +162,9 @@ class Questionnaire(InPlace):
             return self
         attempt.record("/answers", given, now_s)
         self.state.sink.tell(events.Answered(now_s, attempt.trial, attempt.number, given))
+        verdict = self.state.plan.guard.judge(given)
+        if verdict is not None:
+            self.state.obey(verdict)
         if self._questions.done:
             return self._complete_trial()
         self.state.send(self.question)

@@ -1,0 +1,181 @@
+"""Stop rules: symptoms rise, the session pauses or ends, and the experimenter reads why."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from avrgym.recording.files import read_recording
+from avrgym.recording.records import Answer as GivenAnswer
+from avrgym.recording.stop_rules import Verdict
+from avrgym.study.checking.checks import check_study
+from avrgym.study.design.design import DesignError, default_text, parse_design
+from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.sessions.serving import StudySessions
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol.messages import Answer, Command, Phase, Problem, ServerMessage, Status
+from avrgym.vr.tracking.world import TICK_S
+from studies import make_study, take_in
+from visit import Visit
+
+NAUSEA = '{ id = "nausea", text = "How sick do you feel?", points = 4, low = "not at all", high = "very" }'
+TABLES = f"""
+[[questionnaires]]
+name = "symptoms"
+when = ["before_session", "after_trial"]
+items = [{NAUSEA}]
+
+[[stop_rules]]
+item = "nausea"
+at_least = 3
+then = "pause"
+
+[[stop_rules]]
+item = "nausea"
+at_least = 4
+then = "end"
+"""
+WHY = "'How sick do you feel?' was answered '3 of 4'; a stop rule holds from 3 on"
+FIRST_RULE = (default_text() + TABLES).split("[[stop_rules]]")[0].count("\n") + 1
+
+
+@pytest.fixture
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    changes = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "practice_policy": '""'}
+    folder = make_study(tmp_path / "study", trial_steps="3", free_movement_s="0.1", **changes)
+    with open(folder / "study.toml", "a") as file:
+        file.write(TABLES)
+    with Store(folder) as opened:
+        yield opened
+
+
+# The design
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ('"nausea"\nat', '"sickness"\nat', 1, "unknown name 'sickness'; allowed: L1, L2, L3, L4, nausea"),
+        (
+            "at_least = 3",
+            "at_least = 5",
+            2,
+            "5 tells no answers to nausea apart; allowed: above 1, at most 4",
+        ),
+        (
+            "at_least = 3",
+            "at_least = 1",
+            2,
+            "1 tells no answers to nausea apart; allowed: above 1, at most 4",
+        ),
+        ('then = "pause"', 'then = "stop"', 3, "'stop' is not known; allowed: pause, end"),
+        ('then = "pause"', 'then = "pause"\nof = 3', 4, "unknown name 'of'; allowed: item, at_least, then"),
+    ],
+)
+def test_rules_that_cannot_be_followed_are_named_with_their_line(
+    old: str, new: str, line: int, words: str
+) -> None:
+    text = default_text() + TABLES.replace(old, new, 1)
+    with pytest.raises(DesignError, match=rf"study\.toml:{FIRST_RULE + line}: {re.escape(words)}"):
+        parse_design(text)
+
+
+def test_the_strongest_rule_that_is_met_says_what_happens() -> None:
+    guard = parse_design(default_text() + TABLES).guard
+    then = [guard.judge(GivenAnswer("nausea", value, 1.0)) for value in (1, 2, 3, 4)]
+    assert then[:3] == [None, None, Verdict("pause", WHY)]
+    assert then[3] is not None
+    assert then[3].then == "end"
+    assert guard.judge(GivenAnswer("L1", 7, 1.0)) is None
+
+
+def test_rules_count_answers_as_their_instrument_does() -> None:
+    used = '\n[[questionnaires]]\nuse = "ssq"\nwhen = "after_trial"\n'
+    rule = '\n[[stop_rules]]\nitem = "ssq_nausea"\nat_least = 2\nthen = "pause"\n'
+    guard = parse_design(default_text() + used + rule).guard
+    assert guard.judge(GivenAnswer("ssq_nausea", 2, 1.0)) is None
+    verdict = guard.judge(GivenAnswer("ssq_nausea", 3, 1.0))
+    assert verdict == Verdict("pause", "'Nausea' was answered 'moderate'; a stop rule holds from 2 on")
+
+
+# In VR
+
+
+def attend(visit: StudyVisit) -> Visit:
+    plan = replace(visit.plan(), countdown_s=0.1)
+    return Visit(Path(), plan, make=lambda send: visit.session(plan, send))
+
+
+def rate(attended: Visit, nausea: int) -> None:
+    """Go through the trial that comes, and answer its questions."""
+    attended.until("questionnaire")
+    attended.answer(5, 5, 5, 5, nausea)
+    attended.tick(25)
+
+
+def told(attended: Visit) -> list[str]:
+    return [each.message for each in attended.said(Problem) if each.role == "experimenter"]
+
+
+def test_symptoms_rise_the_session_pauses_and_the_experimenter_sees_why(store: Store) -> None:
+    pseudonym = take_in(store)
+    with StudyVisit(store, pseudonym) as visit:
+        attended = attend(visit)
+        attended.sit_down()
+        rate(attended, nausea=3)
+        attended.until("paused")
+        assert told(attended) == [f"the session pauses: {WHY}"]
+        status: Status = attended.said(Status)[-1]
+        assert (status.paused, status.held_because) == (True, WHY)
+        words: Phase = attended.said(Phase)[-1]
+        assert "take a break" in words.text
+        assert "sick" not in words.text
+        attended.tick(300)
+        assert attended.phase == "paused"
+        attended.tell(Command(name="continue"))
+        rate(attended, nausea=2)
+        assert attended.phase == "finished"
+    assert store.participant(pseudonym).state == "completed"
+    assert [attempt.state for attempt in store.attempts(pseudonym)] == ["completed", "completed"]
+    (met,) = [event for event in store.events() if event.name == "stop rule met"]
+    assert met.detail == f"then pause, why {WHY}"
+    recording = read_recording(store.path(store.attempts(pseudonym)[0].recording))
+    assert WHY in [event.detail for _, event in recording.topics["/events"]]
+    assert not [finding for finding in check_study(store) if finding.wrong]
+
+
+def test_stronger_symptoms_end_the_session_and_the_trial_counts(store: Store) -> None:
+    pseudonym = take_in(store)
+    with StudyVisit(store, pseudonym) as visit:
+        attended = attend(visit)
+        attended.sit_down()
+        rate(attended, nausea=4)
+        assert attended.phase == "finished"
+        assert told(attended)[0].startswith("the session ends: 'How sick do you feel?' was answered '4 of 4'")
+    assert [attempt.state for attempt in store.attempts(pseudonym)] == ["completed"]
+    assert len(store.remaining_trials(pseudonym)) == 1
+    assert store.participant(pseudonym).state == "allocated"
+
+
+# Before the session
+
+
+@pytest.mark.parametrize(("nausea", "runs"), [(2, True), (3, True), (4, False)])
+def test_who_is_sick_already_begins_paused_or_not_at_all(store: Store, nausea: int, runs: bool) -> None:
+    pseudonym, heard = take_in(store), list[ServerMessage]()
+    sessions = StudySessions(store, heard.append, first=pseudonym)
+    sessions.receive(Answer(item="nausea", value=nausea, response_time_s=1.0), 0.0)
+    for tick in range(30):
+        sessions.tick(tick * TICK_S)
+    problems = [each.message for each in heard if isinstance(each, Problem)]
+    assert (sessions.participant == pseudonym) is runs
+    assert len(problems) == (nausea > 2)
+    if runs:
+        status = [each for each in heard if isinstance(each, Status)][-1]
+        assert (status.paused, status.held_because) == (nausea == 3, WHY if nausea == 3 else "")
+    assert [event.name for event in store.events()].count("stop rule met") == (nausea > 2)
+    sessions.close(1.0)
