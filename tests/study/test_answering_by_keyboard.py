@@ -1,0 +1,94 @@
+"""Words on answers, by keyboard alone in a real browser; a stop rule pauses, and the dashboard says why."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect, sync_playwright
+
+from avrgym.study.dashboard.application import dashboard_app
+from avrgym.study.sessions.serving import StudySessions
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
+from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.server.server import LiveServer
+from journey import PATIENCE_S
+from studies import make_study, take_in
+
+ASKED = """
+[[questionnaires]]
+name = "before"
+when = "before_session"
+items = [
+    { id = "nausea", text = "Nausea", points = 4, low = "none", high = "severe", labels = ["none", "slight", "moderate", "severe"] },
+    { id = "load", text = "How hard was it?", points = 3, low = "very easy", high = "very hard", labels = ["0", "50", "100"] },
+    { id = "calm", text = "How calm are you?", points = 5, low = "not", high = "very" },
+]
+
+[[stop_rules]]
+item = "nausea"
+at_least = 3
+then = "pause"
+"""  # noqa: E501
+WHY = "'Nausea' was answered 'moderate'; a stop rule holds from 3 on"
+
+
+@pytest.fixture
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]', practice_policy='""')
+    with open(folder / "study.toml", "a") as file:
+        file.write(ASKED)
+    with Store(folder) as opened:
+        yield opened
+
+
+def answers(page: Page) -> list[str]:
+    """The names of the buttons, as a screen reader says them."""
+    return (
+        page.get_by_role("group", name=page.locator("#statement").inner_text())
+        .get_by_role("button")
+        .all_inner_texts()
+    )
+
+
+def test_questions_are_answered_by_keyboard_and_the_dashboard_says_why_the_session_pauses(
+    store: Store,
+) -> None:
+    expect.set_options(timeout=1000 * PATIENCE_S)
+    pseudonym = take_in(store)
+    with (
+        LiveServer(
+            lambda send: StudySessions(store, send, first=pseudonym),
+            "127.0.0.1",
+            0,
+            study=lambda tokens, sessions: dashboard_app(store, tokens, sessions),
+        ) as server,
+        sync_playwright() as playwright,
+    ):
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        dashboard, page = (browser.new_page(viewport={"width": 360, "height": 640}) for _ in range(2))
+        dashboard.goto(server.urls("dashboard?detail=light", server.tokens.experimenter)[0])
+        expect(dashboard.locator("#server")).to_contain_text("Connected")
+        page.goto(server.urls("?detail=light")[0])
+        expect(page.locator("#statement")).to_have_text("Nausea")
+        assert answers(page) == ["none", "slight", "moderate", "severe"]
+        expect(page.locator("#anchors")).to_be_hidden()
+
+        page.get_by_role("button", name="moderate").press("Enter")
+        expect(page.locator("#statement")).to_have_text("How hard was it?")
+        assert answers(page) == ["0", "50", "100"]
+        expect(page.locator("#low")).to_have_text("0: very easy")
+        expect(page.get_by_role("button", name="0", exact=True)).to_be_focused()
+        page.keyboard.press("Tab")
+        page.keyboard.press("Enter")
+        expect(page.locator("#statement")).to_have_text("How calm are you?")
+        assert answers(page) == ["1", "2", "3", "4", "5"]
+        expect(page.locator("#high")).to_have_text("5: very")
+        page.keyboard.press("Space")
+
+        expect(dashboard.locator("#watch-phase")).to_have_text(f"waiting, paused: {WHY}")
+        assert "stop rule" not in page.locator("body").inner_text()
+        browser.close()
+    given = [(answer.item, answer.value) for answer in store.answers(pseudonym)]
+    assert given == [("nausea", 3), ("load", 2), ("calm", 1)]
