@@ -17,11 +17,13 @@ _MARK = "avrgym-marks-this-place"
 def line_of(text: str, place: Place) -> int:
     """The line on which a value begins, from 1."""
     match place:
-        case (str(key), int(index), *rest) if (header := _header(text, key, index)) is not None:
-            below = "\n".join(text.split("\n")[header:])
-            return header + _marked_line(below, (key, 0, *rest))
+        case (str(key), int(index), *rest):
+            header, below = _header(text, rf"\[\[\s*{re.escape(key)}\s*\]\]", index), (key, 0, *rest)
+        case (str(key), *_):
+            header, below = _header(text, rf"\[\s*{re.escape(key)}\s*\]", 0), place
         case _:
-            return _marked_line(text, place)
+            header, below = 0, place
+    return header + _marked_line("\n".join(text.split("\n")[header:]), below if header else place)
 
 
 def _marked_line(text: str, place: Place) -> int:
@@ -40,19 +42,19 @@ def _marked_line(text: str, place: Place) -> int:
     return before.count("\n") + 1
 
 
-def _header(text: str, key: str, index: int) -> int | None:
-    """The line, from 0, of the header of one table of an array; ``None`` where the array is written in one.
+def _header(text: str, pattern: str, index: int) -> int:
+    """The line, from 0, of the header of a table, the so many-th that looks like it; 0 where there is none.
 
-    Such tables may stand far from each other, and tomlkit writes them side by side.
+    Tables of one array may stand far from each other, and tomlkit writes them side by side: what stands above a
+    table tells nothing of the lines below.
     """
     lines = text.split("\n")
-    pattern = re.compile(rf"\s*\[\[\s*{re.escape(key)}\s*\]\]")
     headers = [
         number
         for number, line in enumerate(lines)
-        if pattern.match(line) and _is_whole("\n".join(lines[:number]))
+        if re.match(rf"\s*{pattern}", line) and _is_whole("\n".join(lines[:number]))
     ]
-    return headers[index] if index < len(headers) else None
+    return headers[index] if index < len(headers) else 0
 
 
 def _is_whole(text: str) -> bool:
