@@ -85,20 +85,20 @@ def test_rules_that_cannot_be_followed_are_named_with_their_line(
 
 
 def test_the_strongest_rule_that_is_met_says_what_happens() -> None:
-    guard = parse_design(default_text() + TABLES).guard
-    then = [guard.judge(GivenAnswer("nausea", value, 1.0)) for value in (1, 2, 3, 4)]
+    rules = parse_design(default_text() + TABLES).rules
+    then = [rules.verdict(GivenAnswer("nausea", value, 1.0)) for value in (1, 2, 3, 4)]
     assert then[:3] == [None, None, Verdict("pause", WHY)]
     assert then[3] is not None
     assert then[3].then == "end"
-    assert guard.judge(GivenAnswer("L1", 7, 1.0)) is None
+    assert rules.verdict(GivenAnswer("L1", 7, 1.0)) is None
 
 
 def test_rules_count_answers_as_their_instrument_does() -> None:
     used = '\n[[questionnaires]]\nuse = "ssq"\nwhen = "after_trial"\n'
     rule = '\n[[stop_rules]]\nitem = "ssq_nausea"\nat_least = 2\nthen = "pause"\n'
-    guard = parse_design(default_text() + used + rule).guard
-    assert guard.judge(GivenAnswer("ssq_nausea", 2, 1.0)) is None
-    verdict = guard.judge(GivenAnswer("ssq_nausea", 3, 1.0))
+    rules = parse_design(default_text() + used + rule).rules
+    assert rules.verdict(GivenAnswer("ssq_nausea", 2, 1.0)) is None
+    verdict = rules.verdict(GivenAnswer("ssq_nausea", 3, 1.0))
     assert verdict == Verdict("pause", "'Nausea' was answered 'moderate'; a stop rule holds from 2 on")
 
 

@@ -60,7 +60,7 @@ def replay(
     ] = 8000,
     json_file: JsonFile = None,
 ) -> None:
-    """Replay a recorded trial in a browser; or verify it, show forces, write a page, render a video, or draw pictures."""
+    """Replay a recorded trial in a browser; or verify it, show forces, write a page or a video, or draw pictures."""
     with plain_errors():
         if (frames is None) != (out is None):
             raise ValueError("--frames and --out go together, as in --frames 4 --out strip.png")

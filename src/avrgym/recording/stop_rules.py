@@ -31,13 +31,13 @@ class Verdict(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Guard:
+class StopRules:
     """Stop rules with the questionnaires whose items they are about."""
 
     rules: tuple[StopRule, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
 
-    def judge(self, answer: Answer) -> Verdict | None:
+    def verdict(self, answer: Answer) -> Verdict | None:
         """What the rules say to an answer; the strongest, where several are met."""
         met = [rule for rule in self.rules if rule.item == answer.item and self._is_met(rule, answer)]
         if not met:

@@ -6,6 +6,7 @@ from itertools import product
 from avrgym.analysis.reading.trained_people import AXES, posture_of
 from avrgym.analysis.statistics.biomechanics_tests import HEADS, HEIGHTS, WHOLE_HEADS
 from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, Question
+from avrgym.analysis.statistics.scores import scores_change_question, scores_policies_question
 from avrgym.analysis.statistics.session_answers import about_sessions, change_question
 from avrgym.analysis.statistics.subjective import (
     AFTER_TRIAL,
@@ -43,10 +44,22 @@ def _questions(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequen
         if set(SESSION_MOMENTS) <= set(questionnaire.moments):
             items = [item.id for item in questionnaire.items]
             yield change_question(questionnaire), [PARTICIPANT], items
+    yield from _about_scores(design)
     postures = dict.fromkeys(posture_of(task) for task in design.tasks)
     yield HEIGHTS, BOTH, ["torso_height_m"]
     yield HEADS, BOTH, [f"head_{axis}_m, {posture}" for posture, axis in product(postures, AXES)]
     yield WHOLE_HEADS, [PARTICIPANT], [f"head_m, {posture}" for posture in postures]
+
+
+def _about_scores(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequence[str]]]:
+    for questionnaire in design.questionnaires:
+        if questionnaire.instrument is None:
+            continue
+        scales = questionnaire.instrument.scale_names
+        if AFTER_TRIAL in questionnaire.moments and len(design.policies) > 1:
+            yield scores_policies_question(questionnaire), BOTH, scales
+        if set(SESSION_MOMENTS) <= set(questionnaire.moments):
+            yield scores_change_question(questionnaire), [PARTICIPANT], scales
 
 
 def suggested_hypotheses(design: Design) -> tuple[Hypothesis, ...]:

@@ -41,11 +41,18 @@ def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
         if set(SESSION_MOMENTS) <= set(questionnaire.moments):
             given = _about_sessions(own)
             tests = [changed(scale, given) for scale in _scales(own)]
-            question = Question(
-                f"before and after sessions, scores of {questionnaire.name}", tests_of(questionnaire)
-            )
-            families.append(corrected(simulated, question, PARTICIPANT, tests))
+            families.append(corrected(simulated, scores_change_question(questionnaire), PARTICIPANT, tests))
     return families
+
+
+def scores_policies_question(questionnaire: Questionnaire) -> Question:
+    """Whether policies differ in a questionnaire's scores."""
+    return Question(f"policies, scores of {questionnaire.name}", tests_of(questionnaire))
+
+
+def scores_change_question(questionnaire: Questionnaire) -> Question:
+    """Whether sessions change a questionnaire's scores."""
+    return Question(f"before and after sessions, scores of {questionnaire.name}", tests_of(questionnaire))
 
 
 def tests_of(questionnaire: Questionnaire) -> str:
@@ -56,12 +63,11 @@ def tests_of(questionnaire: Questionnaire) -> str:
 def _policies(
     simulated: bool, questionnaire: Questionnaire, design: Design, own: Sequence[ScoreRow], unit: str
 ) -> Family:
-    question = Question(f"policies, scores of {questionnaire.name}", tests_of(questionnaire))
     tests = [
         between_policies(scale, (a, b), (_with_policy(own, scale, a), _with_policy(own, scale, b)), unit)
         for (a, b), scale in product(combinations(design.policies, 2), _scales(own))
     ]
-    return corrected(simulated, question, unit, tests)
+    return corrected(simulated, scores_policies_question(questionnaire), unit, tests)
 
 
 def _by_questionnaire(

@@ -12,7 +12,7 @@ import numpy as np
 
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.recording.questionnaire import Item, Questionnaire, items_to_ask
-from avrgym.recording.stop_rules import Guard, StopRule
+from avrgym.recording.stop_rules import StopRule, StopRules
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.instruments import with_items
 from avrgym.study.design.questionnaires import check_questionnaires, check_stop_rules
@@ -103,9 +103,9 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return {item.id: item for questionnaire in self.questionnaires for item in questionnaire.items}
 
     @property
-    def guard(self) -> Guard:
+    def rules(self) -> StopRules:
         """What pauses or ends a session."""
-        return Guard(self.stop_rules, self.questionnaires)
+        return StopRules(self.stop_rules, self.questionnaires)
 
     def questionnaire_of(self, item: str) -> Questionnaire | None:
         """The questionnaire that an item stands in; ``None`` for one that the design no longer asks."""
@@ -178,7 +178,7 @@ def _check(design: Design) -> None:
     if design.practice_policy:
         check_pattern(("practice_policy",), design.practice_policy, _POLICY, "a policy, or nothing")
     check_questionnaires(design.questionnaires)
-    check_stop_rules(design.guard)
+    check_stop_rules(design.rules)
     _check_inclusion(design.inclusion)
     _check_database(design.database.url)
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire
-from avrgym.recording.stop_rules import THEN, Guard
+from avrgym.recording.stop_rules import THEN, StopRules
 from avrgym.study.design.instruments import check_use
 from avrgym.study.design.wrong import Wrong, check_choice, check_id, check_known, check_unique
 from avrgym.system.toml_places import Place
@@ -41,14 +41,14 @@ def _check_item(place: Place, item: Item, known: set[str]) -> None:
         )
 
 
-def check_stop_rules(guard: Guard) -> None:
+def check_stop_rules(rules: StopRules) -> None:
     """Raise ``Wrong`` for the first rule that no answer can meet, or that says what cannot be done."""
-    items = [item.id for questionnaire in guard.questionnaires for item in questionnaire.items]
-    for index, rule in enumerate(guard.rules):
+    items = [item.id for questionnaire in rules.questionnaires for item in questionnaire.items]
+    for index, rule in enumerate(rules.rules):
         place = ("stop_rules", index)
         check_known((*place, "item"), rule.item, items)
         check_choice((*place, "then"), rule.then, THEN)
-        least, most = guard.ends_of(rule.item)
+        least, most = rules.ends_of(rule.item)
         if not least < rule.at_least <= most:
             raise Wrong(
                 (*place, "at_least"),

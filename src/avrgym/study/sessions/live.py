@@ -188,7 +188,7 @@ def plan_session(store: Store, pseudonym: str, furniture: RealFurniture | None =
         trial_steps=design.trial_steps,
         furniture=furniture or design.furniture,
         force_guard=design.force_guard,
-        guard=design.guard,
+        stop_rules=design.rules,
         first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
     )
 

@@ -87,7 +87,7 @@ class SessionQuestions:
 
     def _heed(self, answer: Answer) -> None:
         """Keep and tell what the stop rules say to an answer; an end is stronger than a pause."""
-        verdict = self._visit.store.design.guard.judge(answer)
+        verdict = self._visit.store.design.rules.verdict(answer)
         if verdict is None:
             return
         if self.verdict is None or THEN.index(verdict.then) >= THEN.index(self.verdict.then):

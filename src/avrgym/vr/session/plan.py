@@ -7,7 +7,7 @@ from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.registry import AnyPolicy, find_for_session
 from avrgym.recording.questionnaire import LIKERT_ITEMS, Item
-from avrgym.recording.stop_rules import Guard
+from avrgym.recording.stop_rules import StopRules
 from avrgym.tasks.episodes import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_environment
 
@@ -37,7 +37,7 @@ class SessionPlan:
     before the robot starts, ``trial_steps`` a trial's length in control steps of 0.1 s. ``first_trial`` counts
     from 1: a session that goes on after a break begins there. ``haptics`` and ``sounds`` say whether touches are
     felt and successes heard. ``furniture`` is what the participant really sits and lies on. ``force_guard``: arms that
-    press too hard draw back, see ``policies.force_guard``. ``guard`` says at which answers the session pauses or ends.
+    press too hard draw back, see ``policies.force_guard``. ``stop_rules``: at which answers the session pauses or ends.
     """
 
     trials: Sequence[TrialPlan]
@@ -52,7 +52,7 @@ class SessionPlan:
     sounds: bool = True
     furniture: RealFurniture = field(default_factory=RealFurniture)
     force_guard: bool = True
-    guard: Guard = field(default_factory=Guard)
+    stop_rules: StopRules = field(default_factory=StopRules)
 
     def __post_init__(self) -> None:
         if not 1 <= self.first_trial <= len(self.trials):

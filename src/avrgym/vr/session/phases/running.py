@@ -162,7 +162,7 @@ class Questionnaire(InPlace):
             return self
         attempt.record("/answers", given, now_s)
         self.state.sink.tell(events.Answered(now_s, attempt.trial, attempt.number, given))
-        verdict = self.state.plan.guard.judge(given)
+        verdict = self.state.plan.stop_rules.verdict(given)
         if verdict is not None:
             self.state.obey(verdict)
         if self._questions.done:
