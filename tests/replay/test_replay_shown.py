@@ -82,7 +82,7 @@ def test_the_timeline_tells_rewards_phases_and_answers(recording: Recording) -> 
     kinds = [happening.kind for happening in timeline.happenings]
     phases = ["free_before", "countdown", "trial", "retreat", "free_after", "questionnaire"]
     assert kinds == [*phases, "answer", "answer", "answer", "answer"]
-    assert timeline.happenings[5].words.startswith("L1: 1 of 7: The robot successfully")
+    assert timeline.happenings[6].words.startswith("L1: 1 of 7: The robot successfully")
     assert (timeline.simulated, timeline.complete, timeline.result) == (True, True, "completed")
 
 
