@@ -178,6 +178,19 @@ def test_the_record_is_vouched_for_by_the_database(tmp_path: Path) -> None:
     assert study("check", folder).exit_code == 0
 
 
+def test_a_record_outlives_the_database(tmp_path: Path) -> None:
+    """A database that was rebuilt does not know of the plan, which is noted and goes on to count."""
+    folder = _frozen(small_study(tmp_path / "study"))
+    for lost in ("study.db", "study.db.sha256", "study.head"):
+        (folder / lost).unlink()
+    with open(folder / "study.toml", "a") as file:
+        file.write("# later\n")
+    shown = study("check", folder)
+    assert (shown.exit_code, f"note   {FROZEN}: deviates" in shown.stdout) == (0, True)
+    assert "study.toml: was changed" in study("status", folder).stdout
+    assert "is frozen already" in study("freeze", folder).stderr
+
+
 @pytest.mark.parametrize("form", ["osf", "aspredicted"])
 def test_registries_get_the_facts_of_the_study(tmp_path: Path, form: str) -> None:
     folder = _frozen(make_study(tmp_path / "study"))

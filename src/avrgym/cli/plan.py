@@ -103,7 +103,7 @@ def power(
             rows = simulate_power(
                 design,
                 assumptions,
-                tuple(effects or EFFECTS),
+                sorted(set(effects or EFFECTS)),
                 wanted,
                 simulations,
                 seed,

@@ -7,7 +7,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.analysis.power.answers import Answers, Assumptions, ImaginedStudies
+from avrgym.analysis.power.answers import POINTS, Answers, Assumptions, ImaginedStudies
 from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL
 from avrgym.analysis.statistics.subjective import DIGITS, middle, middle_question, policies_question
 from avrgym.analysis.statistics.tests import holm, signed_rank
@@ -79,8 +79,11 @@ def simulate_power(
         progress: told again and again how many studies are done, and how many there are.
 
     Raises:
-        ValueError: where the design asks nothing after trials.
+        ValueError: where the design asks nothing after trials, and for an effect that is none.
     """
+    for effect in effects:
+        if not 0 < effect < POINTS:
+            raise ValueError(f"an effect of {effect:g} points; allowed: above 0, below {POINTS}")
     ImaginedStudies(design, assumptions, seed)
     wanted = [(0.0, design.participants), *product(effects, sizes)]
     chunks = [range(begin, min(begin + CHUNK, simulations)) for begin in range(0, simulations, CHUNK)]

@@ -36,7 +36,7 @@ def deviations(
         offered: the tests that its analysis does now.
         left_out: the trials that the exclusion rule keeps out of it, as far as they are known.
     """
-    found = [Finding(FROZEN, frozen.fault)] if frozen.fault else []
+    found = [Finding(FROZEN, frozen.fault, wrong=frozen.record is None)] if frozen.fault else []
     if frozen.record is None:
         return found
     return [
