@@ -31,13 +31,15 @@ window.__THREE_DEVTOOLS__ = new EventTarget();
 __THREE_DEVTOOLS__.addEventListener("observe", ({ detail }) => detail.isScene && scenes.push(detail));
 """
 """three.js tells developers' tools of its scenes: so the page is asked what it draws, and needs no door for tests."""
-DRAWN = """() => {
+DRAWN = """async () => {
+  for (const _ of [1, 2]) await new Promise(requestAnimationFrame);
   const bodies = {};
   for (const scene of scenes) scene.traverse(({ userData, position: p, quaternion: q }) => {
     if (userData.body) bodies[userData.body] = [p.x, p.y, p.z, q.w, q.x, q.y, q.z];
   });
   return bodies;
 }"""
+"""The poses of bodies by name, once a whole frame has been drawn."""
 WITHOUT_NAME = """() => [...document.querySelectorAll("button, input, select")]
   .filter((e) => !(e.ariaLabel || e.labels?.[0]?.textContent.trim() || e.textContent.trim()))
   .map((e) => e.outerHTML)"""
