@@ -6,7 +6,7 @@ from avrgym.analysis.page import Markup, brief, quantity, table, tag
 from avrgym.analysis.report.results import TestTables
 from avrgym.analysis.score_rows import ScoreRow, ScoreSummaryRow
 from avrgym.analysis.statistics.scores import tests_of
-from avrgym.analysis.statistics.session_answers import WORDS
+from avrgym.analysis.statistics.session_answers import CHANGE, WORDS
 from avrgym.analysis.study import Analysis
 from avrgym.recording.instruments.instrument import Instrument
 from avrgym.recording.questionnaire import Questionnaire
@@ -55,7 +55,7 @@ def _summaries(caption: str, rows: Sequence[ScoreSummaryRow], instrument: Instru
     heads = ("Scale", "From", "to", "Policy", "When", "n", "Median", "Quartiles", "Mean", "Range")
     body = [
         (
-            row.scale, *(brief(end) for end in instrument.range_of(row.scale)), row.policy or "",
+            row.scale, *_ends(row, instrument), row.policy or "",
             WORDS.get(row.moment, "after trials"), row.n, brief(row.median),
             f"{brief(row.lower_quartile)} to {brief(row.upper_quartile)}", quantity(row.mean),
             f"{brief(row.least)} to {brief(row.most)}",
@@ -63,6 +63,12 @@ def _summaries(caption: str, rows: Sequence[ScoreSummaryRow], instrument: Instru
         for row in rows
     ]  # fmt: skip
     return table(caption, heads, body, numbers=(1, 2, 5, 6, 7, 8, 9))
+
+
+def _ends(row: ScoreSummaryRow, instrument: Instrument) -> tuple[str, str]:
+    """Between which scores a scale's lie; changes have no ends of their own."""
+    least, most = instrument.range_of(row.scale)
+    return ("", "") if row.moment == CHANGE else (brief(least), brief(most))
 
 
 def _each(caption: str, rows: Sequence[ScoreRow]) -> Markup:
