@@ -176,6 +176,7 @@ export class App {
       const loading = this.world.load(scene, fetchBytes(scene.url, this.token));
       if (!this.world.root.matrix.equals(before)) this.view.standBefore(this.world.root);
       await loading;
+      this.page.setFurnished();
       this.panel.review();
       if (!this.watches) this.send({ type: "scene_loaded", url: scene.url });
     } catch (error) {

@@ -61,6 +61,12 @@ export class Page {
     return { haptics: haptics!, sounds: sounds! };
   }
 
+  /** A scene is shown: there is more to see than an empty room. */
+  setFurnished(): void {
+    document.body.classList.remove("sceneless");
+    element("loading").hidden = true;
+  }
+
   setPlaying(playing: boolean): void {
     this.play.textContent = playing ? "Stop playing" : "Play without a headset";
     element("play-help").hidden = !playing;
