@@ -1,0 +1,57 @@
+"""The page of somebody who has no headset, in a real browser: what they see, read and press."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, sync_playwright
+
+from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session import events
+from avrgym.vr.session.plan import SessionPlan, TrialPlan
+from avrgym.vr.session.session import Session
+from journey import PATIENCE_S, await_that
+from visit import ENVIRONMENT, driving
+
+pytestmark = pytest.mark.usefixtures("unhurried")
+
+PHONE = {"width": 390, "height": 844}
+ENDLESS = 100_000
+
+
+def test_a_finger_stops_the_robot_and_nobody_speaks_of_triggers(tmp_path: Path) -> None:
+    trial = TrialPlan(ENVIRONMENT, "drive", seed=3, practice=False)
+    plan = SessionPlan([trial], "woman", 0.3, simulated=True, trial_steps=ENDLESS, countdown_s=0.3)
+    observed: list[events.SessionEvent] = []
+    with ThreadPoolExecutor(1) as workers, sync_playwright() as playwright:
+
+        def make(send) -> Session:
+            how = {"observe": observed.append, "workers": workers}
+            return Session(plan, driving(plan), tmp_path, send, "flat", **how)
+
+        with LiveServer(make, "127.0.0.1", 0) as server:
+            browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+            page = browser.new_page(viewport=PHONE, has_touch=True)
+            page.set_default_timeout(1000 * PATIENCE_S)
+            page.goto(server.url.replace("/#", "/?emulate=1#"))  # drawn as lightly as for that
+            play(page, server)
+            page.get_by_role("button", name="Stop the robot").tap()
+            await_that(lambda: server.session.phase == "paused")
+            page.get_by_text("Choose Go on to repeat the trial").wait_for()
+            assert page.get_by_role("button", name="Stop the robot").count() == 0
+            browser.close()
+    assert [event.by for event in observed if isinstance(event, events.Stopped)] == ["participant"]
+
+
+def play(page: Page, server: LiveServer) -> None:
+    """Take part without a headset until the robot moves."""
+    assert page.get_by_role("main").count() == page.get_by_role("region", name="The scene").count() == 1
+    page.get_by_role("button", name="Play without a headset").click()
+    page.get_by_text("Then choose Go on").wait_for()
+    while server.session.phase in ("calibration", "loading", "check"):
+        if page.get_by_role("button", name="Go on").is_visible():
+            page.keyboard.press("Enter")
+        page.wait_for_timeout(300.0)
+    await_that(lambda: server.session.phase == "trial")
+    assert "trigger" not in page.inner_text("body").lower()
