@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from avrgym.cli.analysis import analyze
+from avrgym.cli.doctor import doctor
 from avrgym.cli.program import Program
 from avrgym.cli.replay import replay
 from avrgym.cli.study import app as study_commands
@@ -26,12 +27,10 @@ from avrgym.cli.terminal import (
 )
 from avrgym.models.human import SEXES, Sex
 from avrgym.people.distributions import DISTRIBUTIONS
-from avrgym.policies import controllers
 from avrgym.policies.registry import CHOICES, OPERATOR
 from avrgym.policies.trained import packaged_policies
-from avrgym.robots.registry import BROKEN as BROKEN_ROBOTS
-from avrgym.tasks.registry import BROKEN as BROKEN_TASKS
 from avrgym.tasks.registry import ENVIRONMENTS, find_environment, sizes
+from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
 
 if TYPE_CHECKING:
     from avrgym.models.furniture.real import RealFurniture
@@ -51,6 +50,7 @@ app.add_typer(bench, name="bench")
 app.add_typer(study_commands, name="study")
 app.command()(analyze)
 app.command()(replay)
+app.command()(doctor)
 
 Row = dict[str, Any]
 PEOPLE = f"{', '.join(DISTRIBUTIONS)}, or a file of `avrgym fit-people`"
@@ -99,7 +99,7 @@ def serve(
     ] = None,
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
-    ] = 8000,
+    ] = PORT,
     lan: Annotated[
         bool,
         typer.Option("--lan", help="Serve the local network too, over TLS with a certificate of our own."),
@@ -146,7 +146,6 @@ def serve(
     from avrgym.models.furniture.real import REAL_AS_VIRTUAL, real_furniture
     from avrgym.vr.server.certificate import certificate_for, data_folder, lan_names
     from avrgym.vr.server.server import LiveServer
-    from avrgym.vr.server.web import EVERY_ADDRESS, LOOPBACK
 
     with plain_errors(), ThreadPoolExecutor(1) as workers:
         if body not in SEXES:
@@ -279,7 +278,7 @@ def view(
     people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
-    ] = 8000,
+    ] = PORT,
     seed: Seed = 0,
 ) -> None:
     """Show an environment live in a browser, episode after episode."""
@@ -307,6 +306,8 @@ def _wait(server: "LiveServer[Any]") -> None:
 @app.command()
 def envs(json_file: JsonFile = None) -> None:
     """List the environments."""
+    from avrgym.doctor.installation import skipped_plugins
+
     rows = [
         {
             "env": environment,
@@ -318,9 +319,7 @@ def envs(json_file: JsonFile = None) -> None:
         for environment, (task, robot) in ENVIRONMENTS.items()
     ]
     print_table(rows)
-    for broken in (*BROKEN_ROBOTS, *BROKEN_TASKS):
-        say(f"skipped {broken.name}: {broken.reason}")
-    for reason in controllers.broken():
+    for reason in skipped_plugins():
         say(f"skipped {reason}")
     with plain_errors():
         write_json(json_file, rows)

@@ -18,6 +18,7 @@ from avrgym.cli.terminal import (
     say,
     write_json,
 )
+from avrgym.vr.server.addresses import PORT
 
 if TYPE_CHECKING:
     from avrgym.recording.files import Recording
@@ -57,7 +58,7 @@ def replay(
     ] = False,
     port: Annotated[
         int, typer.Option(help="The port of the page; 0 takes a free one.", min=0, max=65535)
-    ] = 8000,
+    ] = PORT,
     json_file: JsonFile = None,
 ) -> None:
     """Replay a recorded trial in a browser; or verify it, show forces, write a page or a video, or draw pictures."""

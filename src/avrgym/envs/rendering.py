@@ -12,6 +12,7 @@ from avrgym.models.contacts import VISUAL_GROUP
 from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_AHEAD_M, Person
 from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.scene import build_spec
+from avrgym.system.headless import HOW_TO_DRAW
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import View
 
@@ -137,10 +138,7 @@ def _shown() -> mujoco.MjvOption:
 def _renderer(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.Renderer:
     error = _graphics_error()
     if error is not None:
-        raise RuntimeError(
-            "no picture can be drawn here: set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa "
-            f"(software) in the environment before Python starts; {error}"
-        )
+        raise RuntimeError(f"no picture can be drawn here: {HOW_TO_DRAW}; {error}")
     return mujoco.Renderer(model, height_px, width_px)
 
 

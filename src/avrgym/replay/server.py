@@ -11,8 +11,9 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from avrgym.recording.files import Recording
 from avrgym.replay.timeline import Timeline, render_recorded
 from avrgym.vr.server.access import OwnPagesOnly, Tokens
+from avrgym.vr.server.addresses import LOOPBACK
 from avrgym.vr.server.gate import Gate
-from avrgym.vr.server.web import LOOPBACK, STATIC, WebThread, check_page, listen
+from avrgym.vr.server.web import STATIC, WebThread, check_page, listen
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:

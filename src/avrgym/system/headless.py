@@ -7,6 +7,10 @@ from ctypes.util import find_library
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
 LIBRARIES = {"EGL": "egl", "OSMesa": "osmesa"}
 """What can draw without a screen, and what MuJoCo calls it; the first that is installed is taken."""
+HOW_TO_DRAW = (
+    "set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa (software) in the environment "
+    "before Python starts"
+)
 
 
 def choose_renderer() -> None:

@@ -58,25 +58,33 @@ def _lan_addresses() -> tuple[str, ...]:
 def certificate_for(names: Sequence[str], folder: Path) -> Certificate:
     """The folder's certificate; a new one where there is none, it ends soon, or it is for other names."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    found = Certificate(folder / "certificate.pem", folder / "key.pem", tuple(names))
-    if not _serves(found):
+    found = certificate_in(folder, names)
+    if reason_to_renew(found) is not None:
         _make(found)
     return found
 
 
-def _serves(wanted: Certificate) -> bool:
+def certificate_in(folder: Path, names: Sequence[str]) -> Certificate:
+    """Where a folder's certificate for these names lies, whether there is one or not."""
+    return Certificate(folder / "certificate.pem", folder / "key.pem", tuple(names))
+
+
+def reason_to_renew(wanted: Certificate) -> str | None:
+    """Why a new certificate has to be made; ``None`` where the one that is there serves."""
     try:
         certificate = x509.load_pem_x509_certificate(wanted.certificate_file.read_bytes())
         key = serialization.load_pem_private_key(wanted.key_file.read_bytes(), None)
     except (OSError, ValueError):
-        return False
-    ends = datetime.timedelta(days=RENEWED_BEFORE_DAYS) + datetime.datetime.now(datetime.UTC)
-    return (
-        certificate.not_valid_after_utc > ends
-        and certificate.public_key() == key.public_key()
-        and set(_alternative_names(wanted.names))
-        <= set(certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
-    )
+        return "it or its key cannot be read"
+    if certificate.public_key() != key.public_key():
+        return "its key is another's"
+    ends = certificate.not_valid_after_utc
+    if ends <= datetime.timedelta(days=RENEWED_BEFORE_DAYS) + datetime.datetime.now(datetime.UTC):
+        return f"it ends on {ends:%Y-%m-%d}"
+    known = set(certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
+    if not set(_alternative_names(wanted.names)) <= known:
+        return "it is for other names or addresses than this computer has now"
+    return None
 
 
 def _make(wanted: Certificate) -> None:

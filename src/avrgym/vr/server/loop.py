@@ -7,7 +7,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
 from typing import Generic, Protocol, TypeVar
@@ -114,7 +113,7 @@ class RealTimeLoop(Generic[S]):
         self._inbox.put(Greeting(send, role))
 
     def _run(self) -> None:
-        _take_precedence()
+        take_precedence()
         keep_awake = KeepAwake()
         began, due = _clock_s(), time.monotonic()
         try:
@@ -178,12 +177,16 @@ def _clock_s() -> float:
     return time.monotonic() if clock is None else time.clock_gettime(clock)
 
 
-def _take_precedence() -> None:
-    """Have the system run this thread before all ordinary ones, where it can and may.
+def take_precedence() -> bool:
+    """Have the system run this thread before all ordinary ones, where it can and may; whether it does.
 
     Linux lets root and whoever has a limit ``rtprio``. On a single processor the others would wait for every tick.
     """
-    if sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1:
-        with suppress(OSError):
-            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK  # threads that it starts are ordinary ones
-            os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
+    if sys.platform != "linux" or len(os.sched_getaffinity(0)) == 1:
+        return False
+    try:
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK  # threads that it starts are ordinary ones
+        os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
+    except OSError:
+        return False
+    return True

@@ -13,12 +13,13 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from avrgym.vr.protocol.messages import Message
 from avrgym.vr.scene.rendering import SceneRenderer
 from avrgym.vr.server.access import OwnPagesOnly, Tokens
+from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK
 from avrgym.vr.server.broadcast import Broadcast
 from avrgym.vr.server.certificate import Certificate
 from avrgym.vr.server.connection import PARTICIPANT, WATCHING, serve_connection
 from avrgym.vr.server.gate import Gate
 from avrgym.vr.server.loop import RealTimeLoop, S
-from avrgym.vr.server.web import EVERY_ADDRESS, LOOPBACK, STATIC, ServerError, WebThread, check_page, listen
+from avrgym.vr.server.web import STATIC, ServerError, WebThread, check_page, listen
 
 SWITCH_INTERVAL_S = 0.0001
 """How long a thread may keep the others waiting: Python's own 5 ms would be half of a tick."""

@@ -12,14 +12,19 @@ import uvicorn
 from fastapi import FastAPI
 from starlette.types import ASGIApp
 
+from avrgym.vr.server.addresses import LOOPBACK
 from avrgym.vr.server.answers import Answers
 from avrgym.vr.server.certificate import Certificate
 from avrgym.vr.server.gate import Gate
 from avrgym.vr.server.protocols import Http, Socket
 
 STATIC = Path(__file__).parents[1] / "static"
-LOOPBACK = ("127.0.0.1", "localhost")
-EVERY_ADDRESS = "0.0.0.0"
+PAGES = ("index.html", "dashboard.html", "replay.html")
+"""The client's pages, of participant and spectators, experimenter, and replay."""
+HOW_TO_GET_PAGES = (
+    "`pip install --force-reinstall avrgym` brings it, and in a clone of the repository "
+    "`make client` builds it"
+)
 PROTOCOL = socket.IPPROTO_TCP
 """Named, because asyncio sets TCP_NODELAY only on sockets that name it; those accepted name what the listener does."""
 BACKLOG = 1024
@@ -39,10 +44,7 @@ class ServerError(RuntimeError):
 def check_page(name: str) -> None:
     """``ServerError`` when a page of the client is not built."""
     if not (STATIC / name).exists():
-        raise ServerError(
-            "the browser client is missing; `pip install --force-reinstall avrgym` brings it, "
-            "and in a clone of the repository `make client` builds it"
-        )
+        raise ServerError(f"the browser client is missing; {HOW_TO_GET_PAGES}")
 
 
 def listen(host: str, port: int, certificate: Certificate | None = None) -> socket.socket:

@@ -1,0 +1,35 @@
+"""The command ``avrgym doctor``."""
+
+from dataclasses import asdict
+
+import typer
+
+from avrgym.cli.terminal import JsonFile, check_json, plain_errors, say, write_json
+
+
+def doctor(json_file: JsonFile = None) -> None:
+    """Examine this computer: what is installed, what it draws, who reaches it; each trouble with its cure.
+
+    The exit code is 1 where there is a fault; warnings leave it 0.
+    """
+    from avrgym.doctor.checks import CHECKS, examine
+    from avrgym.doctor.finding import Finding
+
+    width = max(len(check.name) for check in CHECKS)
+
+    def tell(name: str, finding: Finding) -> None:
+        say(f"{finding.state:8} {name:{width}}  {finding.found}")
+        if finding.cure:
+            say(f"{'':8} {'':{width}}  → {finding.cure}")
+
+    with plain_errors():
+        check_json(json_file)
+        found: list[tuple[str, Finding]] = []
+        for name, finding in examine():
+            tell(name, finding)
+            found.append((name, finding))
+        write_json(json_file, [{"check": name, **asdict(finding)} for name, finding in found])
+    states = [finding.state for _, finding in found]
+    say(f"faults: {states.count('fault')}, warnings: {states.count('warning')}")
+    if "fault" in states:
+        raise typer.Exit(1)

@@ -1,0 +1,44 @@
+"""All checks of this computer, in the order in which they are told."""
+
+import platform
+from collections.abc import Iterator
+from pathlib import Path
+
+from avrgym.doctor import connections, graphics, installation, machine
+from avrgym.doctor.finding import Check, Finding, fault
+from avrgym.doctor.installation import EXTRAS
+from avrgym.vr.server.addresses import PORT
+from avrgym.vr.server.certificate import certificate_in, data_folder, lan_names
+
+CHECKS = (
+    Check("Python", lambda: installation.python(platform.python_version())),
+    Check("packages", lambda: installation.packages(installation.asked_for())),
+    Check("extras", lambda: installation.extras({name: installation.asked_for(name) for name in EXTRAS})),
+    Check("plug-ins", installation.plugins),
+    Check("client", installation.client),
+    Check("graphics card", graphics.card),
+    Check("OpenGL", graphics.drawing),
+    Check("browser", connections.browser),
+    Check("headset", connections.headset),
+    Check("port", lambda: connections.port(PORT)),
+    Check("network", lambda: connections.network(lan_names())),
+    Check("firewall", lambda: connections.firewall(PORT)),
+    Check("certificate", lambda: connections.certificate(certificate_in(data_folder(), lan_names()))),
+    Check("processors", machine.processors),
+    Check("priority", machine.precedence),
+    Check("timer", lambda: machine.timer(machine.oversleep_s())),
+    Check("halting", machine.halting),
+    Check("open files", machine.handles),
+    Check("disk", lambda: machine.free_space(Path.cwd())),
+    Check("this folder", lambda: machine.writable(Path.cwd())),
+    Check("data folder", lambda: machine.writable(data_folder())),
+)
+
+
+def examine(checks: tuple[Check, ...] = CHECKS) -> Iterator[tuple[str, Finding]]:
+    """The name of each check and what it finds; one that fails itself is a fault, and the others go on."""
+    for check in checks:
+        try:
+            yield check.name, check.look()
+        except Exception as error:  # whatever a broken installation raises
+            yield check.name, fault(f"cannot be examined: {error!r}", "tell us, with this line")

@@ -1,0 +1,111 @@
+"""What stands between this computer and a headset: browser, cable, port, network, certificate."""
+
+import re
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+from avrgym.doctor.finding import Finding, ok, warning
+from avrgym.system.files import exposed
+from avrgym.vr.emulation.headset import find_chromium
+from avrgym.vr.server.addresses import LOOPBACK
+from avrgym.vr.server.certificate import Certificate, reason_to_renew
+from avrgym.vr.server.web import ServerError, listen
+
+PATIENCE_S = 20.0
+UFW = Path("/etc/ufw/ufw.conf")
+
+
+def browser() -> Finding:
+    """Whether `avrgym demo` finds a Chromium that it can drive."""
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        return warning(
+            "Playwright is not installed, so the demo has no browser", "pip install 'avrgym[browser]'"
+        )
+    found = find_chromium()
+    if found is None:
+        with sync_playwright() as playwright:
+            found = playwright.chromium.executable_path
+    if not Path(found).is_file():
+        return warning("no Chromium is found, so the demo has no browser", "playwright install chromium")
+    return ok(found)
+
+
+def headset() -> Finding:
+    """Whether a headset is attached by a cable and lets this computer in."""
+    program = shutil.which("adb")
+    if program is None:
+        return warning(
+            "adb is not installed, which connects a Quest or Pico by cable",
+            "sudo apt install adb, or Android's platform tools; not needed with --lan or SteamVR",
+        )
+    ran = subprocess.run(
+        [program, "devices"], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    attached = re.findall(r"^(\S+)\t(.+)$", ran.stdout, re.MULTILINE)
+    ready = [serial for serial, state in attached if state == "device"]
+    if ready:
+        return ok(f"attached: {', '.join(ready)}")
+    if attached:
+        serial, state = attached[0]
+        return warning(f"{serial} is attached, but {state}", "put the headset on and allow USB debugging")
+    return warning("adb finds no headset", "attach it by cable, with developer mode on; see docs/vr.md")
+
+
+def port(number: int) -> Finding:
+    """Whether a server can listen on a port of this computer."""
+    try:
+        listen(LOOPBACK[0], number).close()
+    except ServerError as error:
+        return warning(str(error).partition(";")[0], "avrgym serve --port 0 takes a free one")
+    return ok(f"{number} is free")
+
+
+def network(names: Sequence[str]) -> Finding:
+    """Under which address and names headsets of the local network reach this computer."""
+    if not any(re.fullmatch(r"[\d.]+", name) for name in names):
+        return warning(
+            "this computer has no address in a network, so --lan reaches nobody",
+            "join the headset's network, or use a cable",
+        )
+    return ok(", ".join(names))
+
+
+def firewall(number: int, ufw: Path = UFW) -> Finding:
+    """Whether a firewall may keep the headsets of the local network from a port."""
+    if ufw.is_file() and re.search(r"^ENABLED=yes", ufw.read_text(), re.MULTILINE):
+        return warning(
+            "ufw is on and may keep headsets from --lan",
+            f"sudo ufw allow {number}/tcp, unless you did already",
+        )
+    program = shutil.which("firewall-cmd")
+    if program is None or not _agrees(program, "--state"):
+        return ok("neither ufw nor firewalld is on")
+    if _agrees(program, f"--query-port={number}/tcp"):
+        return ok(f"firewalld lets {number}/tcp pass")
+    return warning(
+        f"firewalld keeps headsets of the network from {number}/tcp",
+        f"sudo firewall-cmd --add-port={number}/tcp",
+    )
+
+
+def _agrees(*command: str) -> bool:
+    return subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False).returncode == 0
+
+
+def certificate(wanted: Certificate) -> Finding:
+    """How the certificate of --lan stands."""
+    if not wanted.certificate_file.exists():
+        return ok(f"none yet; --lan makes one in {wanted.certificate_file.parent}")
+    if any(exposed(wanted.key_file)):
+        return warning(f"others than you can use {wanted.key_file}", f"chmod 600 '{wanted.key_file}'")
+    reason = reason_to_renew(wanted)
+    if reason is not None:
+        return warning(
+            f"{wanted.certificate_file}: {reason}",
+            "nothing to do: --lan makes a new one, and each headset asks once more whether to trust it",
+        )
+    return ok(f"{wanted.certificate_file}")

@@ -1,0 +1,61 @@
+"""Graphics card and drawing."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from avrgym.doctor.finding import Finding, fault, ok, warning
+from avrgym.system.headless import HOW_TO_DRAW
+
+PATIENCE_S = 60.0
+KERNEL_DEVICES = Path("/sys/class/drm")
+BY_THE_PROCESSOR = ("llvmpipe", "softpipe", "swrast")
+"""What Mesa calls drawing without a graphics card."""
+
+
+def card() -> Finding:
+    """Which graphics card there is, and whether its driver answers."""
+    program = shutil.which("nvidia-smi")
+    if program is not None:
+        return _nvidia(program)
+    drivers = {(card / "device" / "driver").resolve().name for card in KERNEL_DEVICES.glob("renderD*")}
+    if drivers:
+        return ok(f"one with the kernel's driver {', '.join(sorted(drivers))}")
+    return ok("none is found; the processor draws, and nothing here needs a graphics card")
+
+
+def _nvidia(program: str) -> Finding:
+    asked = [program, "--query-gpu=name,driver_version", "--format=csv,noheader"]
+    ran = subprocess.run(asked, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    lines = (ran.stdout or ran.stderr).strip().splitlines() or ["no answer"]
+    if ran.returncode == 0:
+        return ok("; ".join(f"{line.replace(', ', ', driver ')}" for line in lines))
+    return warning(
+        f"NVIDIA's driver does not answer: {lines[0]}",
+        "restart the computer after an update of the driver or the kernel, else install the driver anew",
+    )
+
+
+def drawing() -> Finding:
+    """Whether a picture can be drawn, really, and by what."""
+    command = [sys.executable, "-m", "avrgym.doctor.drawing"]
+    try:
+        ran = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    except subprocess.TimeoutExpired:
+        return fault(f"no picture was drawn within {PATIENCE_S:.0f} s", HOW_TO_DRAW)
+    way = f"MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}"
+    if ran.returncode != 0:
+        return fault(f"no picture can be drawn with {way}: {_reason(ran)}", HOW_TO_DRAW)
+    renderer = ran.stdout.strip()
+    slowly = ", by the processor" if renderer.startswith(BY_THE_PROCESSOR) else ""
+    return ok(f"a picture was drawn by {renderer} ({way}{slowly})")
+
+
+def _reason(ran: "subprocess.CompletedProcess[str]") -> str:
+    if ran.returncode < 0:
+        return f"the graphics library ended its process ({signal.strsignal(-ran.returncode)})"
+    said = [line for line in ran.stderr.splitlines() if line.strip()]
+    return said[-1] if said else "it does not say why"

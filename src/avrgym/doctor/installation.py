@@ -1,0 +1,106 @@
+"""Whether what AVR Gym is made of is installed as it asks for."""
+
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, metadata, requires, version
+
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+
+from avrgym.doctor.finding import Finding, fault, ok, warning
+from avrgym.policies import controllers
+from avrgym.robots.registry import BROKEN as BROKEN_ROBOTS
+from avrgym.tasks.registry import BROKEN as BROKEN_TASKS
+from avrgym.vr.server.web import HOW_TO_GET_PAGES, PAGES, ServerError, check_page
+
+SHOWN = ("mujoco", "numpy", "gymnasium")
+"""The packages whose versions most reports of bugs need."""
+EXTRAS = ("train", "browser", "onnx", "export", "video", "postgresql")
+
+
+def python(running: str, asked: str | None = None) -> Finding:
+    """Whether the Python of this version is new enough for AVR Gym, or for what is ``asked``, as in ``>=3.11``."""
+    wanted = asked or metadata("avrgym")["Requires-Python"]
+    if SpecifierSet(wanted).contains(running, prereleases=True):
+        return ok(f"{running} on {platform.system()} {platform.machine()}")
+    return fault(
+        f"{running}; AVR Gym asks for {wanted}",
+        "make a virtual environment with a newer Python and install AVR Gym there",
+    )
+
+
+def packages(wanted: Sequence[Requirement]) -> Finding:
+    """Whether packages are installed in the versions that are asked for, such as ``numpy>=2.0``."""
+    unmet = [each for each in wanted if _version_that_fails(each) is not None]
+    if unmet:
+        return fault(_told(unmet), _install(unmet))
+    shown = ", ".join(f"{each.name} {version(each.name)}" for each in wanted if each.name in SHOWN)
+    return ok(f"{len(wanted)} packages are as asked for; {shown}")
+
+
+def asked_for(extra: str = "") -> list[Requirement]:
+    """What the installed AVR Gym asks for by itself, or for one of its extras alone."""
+    needed = [Requirement(each) for each in requires("avrgym") or ()]
+    return [each for each in needed if _applies(each, extra) and not (extra and _applies(each, ""))]
+
+
+def _applies(needed: Requirement, extra: str) -> bool:
+    return needed.marker is None or needed.marker.evaluate({"extra": extra})
+
+
+def extras(wanted: Mapping[str, Sequence[Requirement]]) -> Finding:
+    """Which extras are installed, of those with what they ask for; a package in another version is a warning."""
+    wrong = [each for asked in wanted.values() for each in asked if _version_that_fails(each)]
+    if wrong:
+        return warning(_told(wrong), _install(wrong))
+    there = [
+        name for name, asked in wanted.items() if all(_version_that_fails(each) is None for each in asked)
+    ]
+    missing = [name for name in wanted if name not in there]
+    without = f"; `pip install 'avrgym[{','.join(missing)}]'` brings the others" if missing else ""
+    return ok(f"installed: {', '.join(there) or 'none'}{without}")
+
+
+def client() -> Finding:
+    """Whether the browser's pages are there."""
+    try:
+        for page in PAGES:
+            check_page(page)
+    except ServerError:
+        return fault("the browser client is missing", HOW_TO_GET_PAGES)
+    return ok("the pages of participant, experimenter and replay are there")
+
+
+def plugins() -> Finding:
+    """Whether what other packages register can be used."""
+    skipped = skipped_plugins()
+    if skipped:
+        return warning(f"skipped {'; '.join(skipped)}", "mend or uninstall that package; the rest works")
+    return ok("nothing of other packages is broken")
+
+
+def skipped_plugins() -> list[str]:
+    """What other packages register and cannot be used, each with the reason; this imports all controllers."""
+    records = [f"{broken.name}: {broken.reason}" for broken in (*BROKEN_ROBOTS, *BROKEN_TASKS)]
+    return [*records, *controllers.broken()]
+
+
+def _version_that_fails(wanted: Requirement) -> str | None:
+    """The installed version where it is another than asked for, "" where none is installed, else ``None``."""
+    try:
+        found = version(wanted.name)
+    except PackageNotFoundError:
+        return ""
+    return None if wanted.specifier.contains(found, prereleases=True) else found
+
+
+def _told(unmet: Iterable[Requirement]) -> str:
+    found = ((each, _version_that_fails(each)) for each in unmet)
+    return ", ".join(
+        f"{each.name} {number or 'is missing'} (asked for: {each.specifier or 'any'})"
+        for each, number in found
+    )
+
+
+def _install(unmet: Iterable[Requirement]) -> str:
+    return " ".join(["pip install", *(f"'{each.name}{each.specifier}'" for each in unmet)])

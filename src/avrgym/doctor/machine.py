@@ -1,0 +1,127 @@
+"""Whether this computer keeps up with real time, and has room for what is recorded."""
+
+import getpass
+import os
+import shutil
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+
+from avrgym.doctor.finding import Finding, fault, ok, warning
+from avrgym.system.files import write_whole
+from avrgym.system.locks import locked
+from avrgym.vr.server import keep_awake
+from avrgym.vr.server.gate import MOST_STRANGERS, SHARE_OF_HANDLES, most_file_handles
+from avrgym.vr.server.loop import PRIORITY, take_precedence
+from avrgym.vr.tracking.world import TICK_S
+
+SLEEPS = 20
+OVERSLEEP_SHARE = 0.2
+"""The part of a tick by which a sleep may be too long at the median."""
+TRIAL_BYTES = 1_000_000
+"""About what a trial of 20 s leaves: the recordings in ``tests/data/recordings-of-0.1.0`` have 0.8 to 1.0 MB."""
+FEW_TRIALS, VERY_FEW_TRIALS = 1000, 100
+
+
+def processors() -> Finding:
+    """Whether the simulation can have a processor of its own."""
+    count = _processor_count()
+    if count > 1:
+        return ok(f"{count}")
+    return warning("one, which simulation and server share", "let AVR Gym have two processors or more")
+
+
+def _processor_count() -> int:
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+
+
+def precedence() -> Finding:
+    """Whether the simulation's thread may go before all others, tried in a thread of its own."""
+    if sys.platform != "linux" or _processor_count() == 1:
+        return ok("the system decides which thread goes first")
+    with ThreadPoolExecutor(1) as thread:
+        if thread.submit(take_precedence).result():
+            return ok("the simulation's thread goes before all others")
+    return warning(
+        "the simulation's thread may not go before others, so a busy computer delays it",
+        f"put `{getpass.getuser()} - rtprio {PRIORITY}` into /etc/security/limits.conf and log in again",
+    )
+
+
+def oversleep_s() -> float:
+    """How much longer than asked for the system lets a thread sleep, the median of some short sleeps."""
+    late: list[float] = []
+    for _ in range(SLEEPS):
+        began = time.monotonic()
+        time.sleep(TICK_S)
+        late.append(time.monotonic() - began - TICK_S)
+    return median(late)
+
+
+def timer(late_s: float) -> Finding:
+    """Whether sleeps that are so much too long suit a simulation that ticks every 10 ms."""
+    told = f"a sleep of {1000 * TICK_S:.0f} ms is {1000 * late_s:.1f} ms too long"
+    if late_s <= OVERSLEEP_SHARE * TICK_S:
+        return ok(told)
+    return warning(told, "end other programs, and set the computer to its highest performance")
+
+
+def halting(driver: Path = keep_awake.DRIVER_FILE, latency: Path = keep_awake.LATENCY_FILE) -> Finding:
+    """Whether processors of a virtual machine, which its host gives back late, can be kept from halting."""
+    if not driver.exists() or driver.read_text().strip() != keep_awake.GUEST_DRIVER:
+        return ok("idle processors wake at once")
+    if os.access(latency, os.W_OK, effective_ids=True):
+        return ok("the processors of this virtual machine can be kept awake")
+    return warning(
+        "the processors of this virtual machine cannot be kept awake, so ticks may be late",
+        f"sudo chmod o+w {latency}, which lasts until the next start",
+    )
+
+
+def handles(number: int | None = None) -> Finding:
+    """Whether so many open files, or those that this process may have, are enough for a server."""
+    allowed = most_file_handles() if number is None else number
+    needed = SHARE_OF_HANDLES * MOST_STRANGERS
+    if allowed >= needed:
+        return ok(f"{allowed}")
+    return warning(f"{allowed}, which lets fewer browsers in at a time", f"ulimit -n {needed}")
+
+
+def writable(folder: Path) -> Finding:
+    """Whether files can be written into a folder and locked there, or where it is missing, whether it can be made."""
+    place = _nearest(folder)
+    try:
+        with TemporaryDirectory(prefix=".avrgym-doctor-", dir=place) as trial:
+            write_whole(Path(trial) / "file", b"written")
+            with locked(Path(trial)):
+                return ok(f"{folder}" if place == folder else f"{folder} can be made")
+    except OSError as error:
+        return fault(
+            f"nothing can be written in {place}: {error.strerror}",
+            f"choose a folder of your own, or sudo chown {getpass.getuser()} '{place}'",
+        )
+    except ValueError as error:
+        return fault(str(error), "a network's file system may lack locks: use a folder on this computer")
+
+
+def free_space(folder: Path) -> Finding:
+    """Whether there is room for a study's recordings."""
+    return space(shutil.disk_usage(_nearest(folder)).free)
+
+
+def space(free_bytes: int) -> Finding:
+    """Whether so many bytes are enough for a study's recordings."""
+    trials = free_bytes // TRIAL_BYTES
+    told = f"{free_bytes / 1e9:.1f} GB are free, room for about {trials} trials"
+    cure = "make room, or work on another disk"
+    if trials < VERY_FEW_TRIALS:
+        return fault(told, cure)
+    return warning(told, cure) if trials < FEW_TRIALS else ok(told)
+
+
+def _nearest(folder: Path) -> Path:
+    """The folder, or the first above it that is there."""
+    return next(each for each in (folder, *folder.absolute().parents) if os.path.isdir(each))

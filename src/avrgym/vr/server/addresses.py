@@ -1,0 +1,6 @@
+"""Where servers listen."""
+
+LOOPBACK = ("127.0.0.1", "localhost")
+EVERY_ADDRESS = "0.0.0.0"
+PORT = 8000
+"""Unless another is asked for."""

@@ -1,0 +1,51 @@
+"""`avrgym doctor`: every check in one go, told and written, and an exit code that says whether something fails."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli.main import app
+from avrgym.doctor.checks import CHECKS, examine
+from avrgym.doctor.finding import Check, ok
+from avrgym.system.headless import HOW_TO_DRAW, SCREENS
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_sound_computer_has_no_fault_and_nothing_is_left_behind(tmp_path: Path) -> None:
+    told = CliRunner().invoke(app, ["doctor", "--json", "found.json"])
+    assert told.exit_code == 0, told.output
+    rows = json.loads(Path("found.json").read_text())
+    assert [row["check"] for row in rows] == [check.name for check in CHECKS]
+    assert [row["check"] for row in rows if bool(row["cure"]) is (row["state"] == "ok")] == []
+    for row in rows:
+        assert row["found"] in told.stdout
+        assert row["cure"] in told.stdout
+    assert "a picture was drawn by " in told.stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["found.json"]
+
+
+def test_a_fault_ends_with_exit_code_1_and_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+    for screen in SCREENS:
+        monkeypatch.delenv(screen, raising=False)
+    monkeypatch.setenv("MUJOCO_GL", "glfw")
+    told = CliRunner().invoke(app, ["doctor"])
+    assert told.exit_code == 1
+    assert re.search(r"fault +OpenGL +no picture can be drawn with MUJOCO_GL=glfw: \w+", told.stdout)
+    assert HOW_TO_DRAW in told.stdout
+    assert "faults: 1" in told.stdout
+
+
+def test_a_check_that_fails_itself_is_a_fault_and_the_others_go_on() -> None:
+    def fail():
+        raise OSError("broken installation")
+
+    found = dict(examine((Check("broken", fail), Check("sound", lambda: ok("well")))))
+    assert (found["broken"].state, found["sound"].state) == ("fault", "ok")
+    assert "broken installation" in found["broken"].found

@@ -1,0 +1,50 @@
+"""What is installed, as it is asked for and otherwise."""
+
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from avrgym.doctor import installation
+from avrgym.vr.server import web
+
+
+@pytest.mark.parametrize(("running", "state"), [("3.10.14", "fault"), ("3.11.0", "ok"), ("3.15.0rc1", "ok")])
+def test_an_old_python_is_a_fault(running: str, state: str) -> None:
+    assert installation.python(running).state == state
+
+
+def test_a_missing_and_an_old_package_are_named_with_the_line_that_brings_them() -> None:
+    found = installation.packages(
+        [Requirement(each) for each in ("numpy>=2.0", "mujoco>=1000", "no-such-package>=1")]
+    )
+    assert found.state == "fault"
+    assert "mujoco" in found.found
+    assert "no-such-package is missing" in found.found
+    assert "numpy" not in found.found
+    assert found.cure == "pip install 'mujoco>=1000' 'no-such-package>=1'"
+
+
+def test_what_the_package_asks_for_is_what_its_metadata_say() -> None:
+    by_itself = {each.name for each in installation.asked_for()}
+    assert {"mujoco", "numpy", "gymnasium"} <= by_itself
+    assert {each.name for each in installation.asked_for("browser")} == {"playwright"}
+    assert not by_itself & {
+        each.name for extra in installation.EXTRAS for each in installation.asked_for(extra)
+    }
+    assert installation.packages(installation.asked_for()).state == "ok"
+
+
+def test_an_extra_that_is_missing_is_no_trouble_and_one_in_another_version_is() -> None:
+    there, missing, other = ([Requirement(each)] for each in ("numpy", "no-such-package", "numpy>=1000"))
+    found = installation.extras({"a": there, "b": missing})
+    assert (found.state, "installed: a" in found.found, "avrgym[b]" in found.found) == ("ok", True, True)
+    assert installation.extras({"a": other}).cure == "pip install 'numpy>=1000'"
+
+
+def test_a_client_that_is_not_built_is_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(web, "STATIC", tmp_path)
+    for page in web.PAGES:
+        assert installation.client().state == "fault"
+        (tmp_path / page).touch()
+    assert installation.client().state == "ok"

@@ -1,0 +1,126 @@
+"""A computer that keeps up and one that does not, made by the system's own limits."""
+
+import os
+import resource
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from avrgym.doctor import machine
+from avrgym.vr.server import keep_awake
+
+NOBODY = 65534
+
+
+@pytest.fixture
+def ordinary_user() -> Iterator[None]:
+    """Who runs the tests is somebody whom the system refuses things."""
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(NOBODY)
+    yield
+    if root:
+        os.seteuid(0)
+
+
+@pytest.fixture
+def one_processor() -> Iterator[None]:
+    """This thread may run on one processor alone."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(before)})
+    yield
+    os.sched_setaffinity(0, before)
+
+
+def test_one_processor_is_a_warning(one_processor: None) -> None:
+    assert machine.processors().state == "warning"
+
+
+def test_on_one_processor_nobody_goes_first(one_processor: None) -> None:
+    assert machine.precedence().state == "ok"
+
+
+def test_two_processors_are_enough() -> None:
+    assert (machine.processors().state == "ok") is (len(os.sched_getaffinity(0)) > 1)
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) == 1, reason="on one processor nobody goes first")
+def test_who_may_not_go_first_is_told_how(ordinary_user: None) -> None:
+    _, most = resource.getrlimit(resource.RLIMIT_RTPRIO)
+    resource.setrlimit(resource.RLIMIT_RTPRIO, (0, most))
+    found = machine.precedence()
+    assert found.state == "warning"
+    assert "- rtprio 10" in found.cure
+
+
+@pytest.mark.parametrize(("late_s", "state"), [(0.0001, "ok"), (0.0056, "warning")])
+def test_a_coarse_timer_is_a_warning(late_s: float, state: str) -> None:
+    assert machine.timer(late_s).state == state
+
+
+def test_sleeps_are_measured() -> None:
+    assert 0.0 <= machine.oversleep_s() < 10.0
+
+
+def test_processors_of_a_virtual_machine_halt_where_nobody_may_keep_them_awake(
+    ordinary_user: None,
+) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        driver, latency = Path(name, "driver"), Path(name, "latency")
+        latency.touch()
+        assert machine.halting(driver, latency).state == "ok"
+        driver.write_text("intel_idle\n")
+        assert machine.halting(driver, latency).state == "ok"
+        driver.write_text(f"{keep_awake.GUEST_DRIVER}\n")
+        assert machine.halting(driver, latency).state == "ok"
+        latency.chmod(0o400)
+        found = machine.halting(driver, latency)
+        assert (found.state, str(latency) in found.cure) == ("warning", True)
+
+
+def test_few_file_handles_are_a_warning() -> None:
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (256, before[1]))
+        assert machine.handles().cure == "ulimit -n 1024"
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+    assert machine.handles(1024).state == "ok"
+
+
+def test_a_full_path_with_spaces_is_written_to_and_left_as_it_was(tmp_path: Path) -> None:
+    folder = tmp_path / "a study's (own) folder"
+    assert machine.writable(folder).found == f"{folder} can be made"
+    assert list(tmp_path.iterdir()) == []
+    folder.mkdir()
+    assert machine.writable(folder).found == str(folder)
+    assert list(folder.iterdir()) == []
+
+
+def test_a_folder_of_somebody_else_is_a_fault(ordinary_user: None) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o555)
+        for each in (folder, folder / "within"):
+            found = machine.writable(each)
+            assert (found.state, "Permission denied" in found.found) == ("fault", True)
+        folder.chmod(0o755)
+
+
+def test_a_disk_that_takes_nothing_is_a_fault(tmp_path: Path, small_files: Callable[[int], None]) -> None:
+    small_files(1)
+    assert machine.writable(tmp_path).state == "fault"
+    small_files(0)
+    assert machine.writable(tmp_path).state == "ok"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("free_bytes", "state"), [(5e9, "ok"), (5e8, "warning"), (5e7, "fault")])
+def test_little_room_is_a_warning_and_hardly_any_a_fault(free_bytes: float, state: str) -> None:
+    assert machine.space(int(free_bytes)).state == state
+
+
+def test_free_room_is_that_of_the_disk_on_which_a_folder_would_be(tmp_path: Path) -> None:
+    assert machine.free_space(tmp_path / "not" / "yet").found.endswith("trials")

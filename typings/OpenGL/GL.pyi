@@ -1,0 +1,3 @@
+GL_RENDERER: int
+
+def glGetString(name: int) -> bytes: ...
