@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from avrgym.skeletons.writing import write_skeleton
 from places import ROOT
 
 PAGE = (ROOT / "docs" / "add_a_task.md").read_text()
@@ -20,13 +21,14 @@ ENVIRONMENT = "avrgym/TouchElbowJaco-v1"
 def installed(tmp_path_factory) -> Path:
     """A folder of packages: that of the page, and one with tasks that are broken."""
     folder = tmp_path_factory.mktemp("site")
-    (folder / "touch_elbow.py").write_text(RECORD)
+    write_skeleton("task", "TouchElbow", folder / "new")
+    (folder / "new" / "src" / "touch_elbow").rename(folder / "touch_elbow")
     (folder / "unfinished.py").write_text(
         "from dataclasses import replace\n"
-        "from touch_elbow import TOUCH_ELBOW\n"
-        "TWICE = TOUCH_ELBOW\n"
+        "from touch_elbow.task import TASK\n"
+        "TWICE = TASK\n"
         "def scene(robot):\n    raise RuntimeError('no scene yet')\n"
-        "NO_SCENE = replace(TOUCH_ELBOW, name='NoScene', scene=scene)\n"
+        "NO_SCENE = replace(TASK, name='NoScene', scene=scene)\n"
     )
     entries = re.search(r'^\[project\.entry-points."avrgym\.tasks"\]\n(.*?)^```', PAGE, re.M | re.S)
     assert entries
@@ -63,6 +65,10 @@ def _avrgym(installed: Path, *arguments: str) -> "subprocess.CompletedProcess[st
     return _python(installed, "-c", "from avrgym.cli import app; app()", *arguments)
 
 
+def test_the_page_shows_what_the_command_writes(installed):
+    assert (installed / "touch_elbow" / "task.py").read_text() == RECORD
+
+
 def test_the_page_s_own_test_passes(installed):
     ran = _python(installed, "-c", CHECK)
     assert ran.returncode == 0, ran.stderr
@@ -90,9 +96,9 @@ def test_broken_tasks_are_named_and_skipped(installed):
 
 
 def test_a_module_that_is_imported_before_avrgym_is_told_so(installed):
-    ran = _python(installed, "-c", "import touch_elbow")
+    ran = _python(installed, "-c", "import touch_elbow.task")
     assert ran.returncode == 0
-    assert "touch_elbow was imported before avrgym; import avrgym first" in ran.stderr
+    assert "touch_elbow.task was imported before avrgym; import avrgym first" in ran.stderr
 
 
 def test_it_is_evaluated_and_measured(installed):

@@ -11,6 +11,7 @@ import typer
 
 from avrgym.cli.analysis import analyze
 from avrgym.cli.doctor import doctor
+from avrgym.cli.new import app as new_commands
 from avrgym.cli.program import Program
 from avrgym.cli.replay import replay
 from avrgym.cli.study import app as study_commands
@@ -48,6 +49,7 @@ app = Program(
 bench = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine.")
 app.add_typer(bench, name="bench")
 app.add_typer(study_commands, name="study")
+app.add_typer(new_commands, name="new")
 app.command()(analyze)
 app.command()(replay)
 app.command()(doctor)

@@ -1,0 +1,46 @@
+"""The program ``avrgym new``."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from avrgym.cli.terminal import plain_errors, say
+
+if TYPE_CHECKING:
+    from avrgym.skeletons.writing import Kind
+
+app = typer.Typer(no_args_is_help=True, help="Write a package of your own to begin with.")
+Name = Annotated[str, typer.Argument(help="A capital letter, then letters and digits, such as LiftArm.")]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="A new folder; without it one of the package's name, here.", metavar="DIR"),
+]
+
+
+@app.command()
+def task(name: Name, out: Out = None) -> None:
+    """Write a package with a task: scene, start, observation, reward, success, experts."""
+    _write("task", name, out)
+
+
+@app.command()
+def robot(name: Name, out: Out = None) -> None:
+    """Write a package with a robot: model, arm, grips, mounts."""
+    _write("robot", name, out)
+
+
+@app.command()
+def controller(name: Name, out: Out = None) -> None:
+    """Write a package with a controller: what drives a robot, behind --policy."""
+    _write("controller", name, out)
+
+
+def _write(kind: "Kind", name: str, out: Path | None) -> None:
+    from avrgym.skeletons.writing import distribution, write_skeleton
+
+    with plain_errors():
+        for path in write_skeleton(kind, name, out):
+            say(f"written   {path}")
+    folder = out or Path(distribution(name))
+    say(f"It works as it stands: `pip install -e '{folder}'`, then read {folder / 'README.md'}")

@@ -1,0 +1,1 @@
+"""The controller WaveArm for AVR Gym."""

@@ -1,0 +1,1 @@
+"""The robot ExampleArm for AVR Gym."""

@@ -1,0 +1,57 @@
+"""The robot ExampleArm: seven joints on a stand beside the person, a hand of two parallel fingers."""
+
+from importlib.resources import files
+
+import mujoco
+import numpy as np
+
+from avrgym.geometry import transforms
+from avrgym.models.robot import BaseRange, Grip, Mount, Robot, tuned_arm
+
+JOINTS = (
+    "shoulder_turn", "shoulder_lift", "upper_arm_turn", "elbow", "forearm_turn", "wrist_lift", "wrist_turn",
+)  # fmt: skip
+SEED_DEG = (-46.0, 72.0, -18.0, -38.0, -38.0, -106.0, 146.0)
+"""Near the poses in which tasks begin; `docs/add_a_robot.md` of AVR Gym says how to find one."""
+
+
+def build(appearance: bool) -> mujoco.MjSpec:
+    """The arm on its stand, with its hand; what is only seen is small enough to be always there."""
+    return mujoco.MjSpec.from_string(files("example_arm").joinpath("arm.xml").read_text())
+
+
+def fingers(opening_m: float) -> dict[str, float]:
+    """Both fingers so far from the middle."""
+    return {"finger_left": opening_m, "finger_right": opening_m}
+
+
+_ARM = tuned_arm(
+    build,
+    JOINTS,
+    "hand",
+    np.radians(SEED_DEG),
+    speed_limit_rad_s=2.0,
+    torque_limit_n_m=[80.0, 80.0, 60.0, 60.0, 30.0, 30.0, 30.0],
+)
+BETWEEN_TIPS_M = np.array([0.13, 0.0, 0.0])
+UPRIGHT = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""The cup's x across the fingers."""
+ACROSS = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""The washcloth's z across the fingers."""
+BESIDE = Mount((-0.7, -0.65, 0.0), 0.0, BaseRange((-0.2, 0.1), (-0.3, 0.5), (-0.5, 0.5)))
+
+ROBOT = Robot(
+    name="ExampleArm",
+    build=build,
+    base="stand",
+    torso="stand",
+    arms={"right": _ARM, "left": _ARM},
+    mounts={"wheelchair": BESIDE, "bed": BESIDE},
+    grips={
+        "spoon": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0045)),
+        "cup": Grip(BETWEEN_TIPS_M, UPRIGHT, fingers(0.042)),
+        "scratcher": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0056)),
+        "washcloth": Grip(BETWEEN_TIPS_M, ACROSS, fingers(0.0098)),
+    },
+    half_width_m=0.18,
+)

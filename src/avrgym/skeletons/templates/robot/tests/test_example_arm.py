@@ -1,0 +1,21 @@
+"""The robot is registered, and every task that it can do begins with it."""
+
+import numpy as np
+
+from avrgym.robots.records import check_robot
+from avrgym.robots.registry import find_robot
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import ENVIRONMENTS
+
+
+def test_its_record_is_whole() -> None:
+    check_robot(find_robot("ExampleArm"))
+
+
+def test_its_environments_begin() -> None:
+    made = [environment for environment, (_, robot) in ENVIRONMENTS.items() if robot == "ExampleArm"]
+    assert "avrgym/FeedingExampleArm-v1" in made
+    for environment in made:
+        episodes = Episodes(environment, 1)
+        episodes.begin(np.arange(1), [np.random.default_rng(0)])
+        assert np.isfinite(episodes.assess().observation).all()

@@ -1,0 +1,1 @@
+"""The task TouchElbow for AVR Gym."""

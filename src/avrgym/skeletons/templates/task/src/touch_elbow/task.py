@@ -1,0 +1,136 @@
+"""Touching the elbow: bring the tip of a scratcher to the person's right elbow, gently."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.geometry.transforms import norm
+from avrgym.models import human
+from avrgym.models.furniture import add_wheelchair_without_right_armrest
+from avrgym.models.human import People
+from avrgym.models.robot import Robot
+from avrgym.models.scene import SceneConfig
+from avrgym.models.scratcher import SCRATCHER
+from avrgym.people.distributions import Pose
+from avrgym.simulation.worlds import RightArm, Start, State
+from avrgym.tasks import observation as seen
+from avrgym.tasks import places
+from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.experts.reactive import Aim, Reactive, speed_m_s
+from avrgym.tasks.observation import Observation, from_goal
+from avrgym.tasks.person import ARM_SPREAD_RAD, when_strong
+from avrgym.tasks.task import Marks, StepResult, Task, View, Views
+from avrgym.tasks.training_settings import TrainingSettings
+
+Array = NDArray[np.float64]
+
+ELBOW = 1
+REACHED_M, TOUCHES = 0.08, 5
+POSE = Pose(rest_rad=human.joint_angles(right_shoulder_y=30.0), spread_rad=ARM_SPREAD_RAD)
+HAND_W = (-0.55, 0.0, 0.8)
+POINTING_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
+
+
+@dataclass(frozen=True)
+class TouchState:
+    """In how many control steps the elbow was touched, (N,)."""
+
+    touches: NDArray[np.intp]
+
+
+def scene(robot: Robot) -> SceneConfig:
+    """A wheelchair without its right armrest; the robot's left arm holds the scratcher."""
+    return places.wheelchair_scene(
+        robot, "left", SCRATCHER, (0.1, 0.0), chair=add_wheelchair_without_right_armrest
+    )
+
+
+def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
+    """The hand within ±5 cm of a point beside the elbow; the base from where the elbow is within reach."""
+    hand_w = np.array(HAND_W) + 0.05 * (2.0 * uniforms[:, :3] - 1.0)
+    tool_w, tool_q_w = places.held(scene, hand_w, POINTING_Q_W)
+    elbow_w = places.right_arm(people, scene.posture)[:, ELBOW]
+    return places.start(
+        scene, people, {}, tool_w, tool_q_w, elbow_w[:, None], tool_q_w[:, None], uniforms[:, 3:]
+    )
+
+
+def init_state(people: People, uniforms: Array) -> TouchState:
+    """Not touched yet."""
+    return TouchState(np.zeros(len(uniforms), dtype=np.intp))
+
+
+def elbow_w(arm: RightArm) -> Array:
+    """The right elbow, (N, 3), world frame."""
+    return arm.right_arm_pos_w[:, ELBOW]
+
+
+def observation(scene: SceneConfig) -> Observation:
+    """Tool, elbow and both arms."""
+    return Observation(
+        (
+            seen.TOOL_FROM_TORSO,
+            seen.TOOL_ROTATION,
+            from_goal("tool_from_elbow_m", lambda state, _: state.tool_pos_w - elbow_w(state)),
+            seen.arm_angles(scene),
+            *seen.RIGHT_ARM_FROM_TORSO,
+            seen.TOOL_FORCE,
+        )
+    )
+
+
+WEIGHTS = {"distance_m": -1.0, "action_squared": -0.01, "touched": 1.0, "strong_force_n": -0.05}
+
+
+def evaluate_step(state: State, action: Array, task_state: TouchState) -> StepResult:
+    """A touch is a contact of the tool within 8 cm of the elbow's middle; five steps of it are a success."""
+    near = norm(state.tool_contact_pos_w - elbow_w(state)[:, None]) < REACHED_M
+    touched = (near & (state.tool_contact_force_n > 0.0)).any(axis=-1)
+    after = TouchState(task_state.touches + touched)
+    distance = norm(state.tool_pos_w - elbow_w(state))
+    return StepResult(
+        task_state=after,
+        terms={
+            "distance_m": distance,
+            "action_squared": (action * action).sum(axis=-1),
+            "touched": touched.astype(float),
+            "strong_force_n": when_strong(state.tool_contact_force_n.sum(axis=-1)),
+        },
+        distance_m=distance,
+        force_on_person_n=state.total_force_n,
+        success=after.touches >= TOUCHES,
+        events=(after.touches == TOUCHES) & touched,
+        gone=np.zeros((len(distance), 0), dtype=bool),
+    )
+
+
+def aim(state: State, task_state: TouchState, guide: Guide) -> Aim:
+    """Straight to the elbow, ever more slowly, and no farther once the tool touches."""
+    goal_w = np.where(state.tool_force_n[:, None] > 0.0, guide.pos_w, elbow_w(state))
+    return goal_w, np.tile(POINTING_Q_W, (len(goal_w), 1)), speed_m_s(goal_w - guide.pos_w, 0.03)
+
+
+TASK = Task(
+    name="TouchElbow",
+    goal="Let the robot touch your right elbow.",
+    pose=POSE,
+    offered="arm",
+    scene=scene,
+    uniforms=3 + places.UNIFORMS,
+    start=start,
+    init_state=init_state,
+    observation=observation,
+    weights=WEIGHTS,
+    evaluate_step=evaluate_step,
+    expert=partial(Reactive, aim=aim),
+    reactive_expert=partial(Reactive, aim=aim),
+    views=Views(
+        mounted=View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
+        on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
+    ),
+    training=TrainingSettings(worlds=2, minibatch=100, epochs=1, imitation_rounds=1),
+    marks=Marks(count=1, radius_m=0.01, rgb=(0.85, 0.10, 0.12), places=lambda arm, _: elbow_w(arm)[:, None]),
+)

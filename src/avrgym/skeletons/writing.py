@@ -1,0 +1,101 @@
+"""Packages to begin with: whole ones that work, written with another name."""
+
+import importlib.util
+import keyword
+import re
+import shutil
+from collections.abc import Collection, Iterator, Mapping
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Literal
+
+from avrgym.policies.registry import OPERATOR, named_policies
+from avrgym.robots.registry import ROBOTS
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+
+Kind = Literal["task", "robot", "controller"]
+TEMPLATES: Mapping[Kind, str] = {"task": "TouchElbow", "robot": "ExampleArm", "controller": "WaveArm"}
+"""The name that each template bears, which a package's own takes the place of."""
+NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
+
+
+def write_skeleton(kind: Kind, name: str, out: Path | None = None) -> list[Path]:
+    """Write a package that adds a task, a robot or a controller to AVR Gym once it is installed.
+
+    Args:
+        kind: of what it adds.
+        name: capital letter, then letters and digits, such as ``LiftArm``.
+        out: a new folder; ``lift-arm`` here unless given.
+
+    Returns:
+        Its files.
+
+    Raises:
+        ValueError: for a name that cannot be used, saying which can, and for a folder that is there already.
+        OSError: where it cannot be written; what there is of it is removed.
+    """
+    check_name(kind, name)
+    folder = out or Path(distribution(name))
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        raise ValueError(f"{folder} is there already and stays as it is; choose another --out") from None
+    try:
+        return list(_written(kind, name, folder))
+    except BaseException:
+        shutil.rmtree(folder)
+        raise
+
+
+def check_name(kind: Kind, name: str) -> None:
+    """``ValueError`` for a name that a package of this kind cannot have."""
+    if not NAME.fullmatch(name) or not name.isascii():
+        raise ValueError(
+            f"{name!r} cannot be the name of a {kind}; allowed: a capital letter, then letters and digits, as LiftArm"
+        )
+    if (distribution(name) if kind == "controller" else name) in _taken(kind):
+        raise ValueError(f"there is already a {kind} {name}; allowed: another name")
+    if keyword.iskeyword(module(name)) or importlib.util.find_spec(module(name)) is not None:
+        raise ValueError(f"Python knows {module(name)} already; allowed: a name of which there is no module")
+
+
+def _taken(kind: Kind) -> Collection[str]:
+    if kind == "controller":
+        return (*named_policies(next(iter(ENVIRONMENTS))), OPERATOR)
+    return TASKS if kind == "task" else ROBOTS
+
+
+def module(name: str) -> str:
+    """``lift_arm`` of ``LiftArm``."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+
+
+def distribution(name: str) -> str:
+    """``lift-arm`` of ``LiftArm``."""
+    return module(name).replace("_", "-")
+
+
+def _written(kind: Kind, name: str, folder: Path) -> Iterator[Path]:
+    template = files("avrgym.skeletons").joinpath("templates", kind)
+    for parts, text in _texts(template):
+        path = folder.joinpath(*(_renamed(part, kind, name) for part in parts))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(_renamed(text, kind, name), "utf-8")
+        yield path
+
+
+def _texts(folder: Traversable, *parents: str) -> Iterator[tuple[tuple[str, ...], str]]:
+    """The files of a folder and those below it: the parts of each path, and what it holds."""
+    for each in sorted(folder.iterdir(), key=lambda each: each.name):
+        if each.is_dir():
+            yield from _texts(each, *parents, each.name)
+        else:
+            yield (*parents, each.name), each.read_text("utf-8")
+
+
+def _renamed(text: str, kind: Kind, name: str) -> str:
+    template = TEMPLATES[kind]
+    for spelt in (str, module, distribution):
+        text = text.replace(spelt(template), spelt(name))
+    return text

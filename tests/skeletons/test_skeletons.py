@@ -1,0 +1,129 @@
+"""Packages to begin with: installed as they are written, they pass their own tests and are wherever ours are."""
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from avrgym.cli.main import app
+from avrgym.skeletons.writing import TEMPLATES, distribution, module
+from extension import avrgym, environment_with, python
+
+NAMES = {"task": "RollUpSleeve", "robot": "LongArm2", "controller": "LetGo"}
+
+
+def new(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, ["new", *map(str, arguments)])
+
+
+def files_in(folder: Path) -> dict[Path, str]:
+    return {path.relative_to(folder): path.read_text() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with one package of each kind, as they are written and as pip installs them, into a path with spaces."""
+    folder = tmp_path_factory.mktemp("of my own")
+    for kind, name in NAMES.items():
+        written = new(kind, name, "--out", folder / kind)
+        assert written.exit_code == 0, written.output
+    offline = ("--quiet", "--no-index", "--no-deps", "--no-build-isolation")
+    command = [sys.executable, "-m", "pip", "install", *offline, "--target", folder]
+    subprocess.run([*command, *(folder / kind for kind in NAMES)], check=True, timeout=300)
+    return folder
+
+
+def test_each_passes_its_own_test(installed: Path) -> None:
+    tests = [str(installed / kind / "tests") for kind in NAMES]
+    python(installed, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests)
+
+
+def test_each_is_where_ours_are(installed: Path) -> None:
+    avrgym(installed, "envs", "--json", "envs.json")
+    listed = {row["env"] for row in json.loads((installed / "envs.json").read_text())}
+    tasks = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
+    assert {f"avrgym/{task}LongArm2-v1" for task in tasks} <= listed
+    assert {f"avrgym/RollUpSleeve{robot}-v1" for robot in ("Jaco", "PR2", "LongArm2")} <= listed
+    asked = [sys.executable, "-c", "from avrgym.cli import app; app()", "evaluate"]
+    refused = subprocess.run(
+        [*asked, "avrgym/FeedingJaco-v1", "--policy", "none-such"],
+        env=environment_with(installed), cwd=installed, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "let-go" in refused.stderr
+
+
+@pytest.mark.parametrize("kind", NAMES)
+def test_nothing_of_the_template_s_name_is_left(kind: str, installed: Path) -> None:
+    written = files_in(installed / kind)
+    assert Path("src", module(NAMES[kind]), "__init__.py") in written
+    for spelt in (str, module, distribution):
+        name = spelt(TEMPLATES[kind])  # type: ignore[index]
+        assert [path for path, text in written.items() if name in f"{path} {text}"] == []
+    project = tomllib.loads(written[Path("pyproject.toml")])["project"]
+    assert project["name"] == distribution(NAMES[kind])
+
+
+@pytest.mark.parametrize(
+    ("name", "spelt"), [("LiftArm", "lift_arm"), ("UR5", "ur5"), ("Gen3Lite", "gen3_lite"), ("A", "a")]
+)
+def test_a_name_is_spelt_as_python_spells_modules(name: str, spelt: str) -> None:
+    assert module(name) == spelt
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "reason"),
+    [
+        ("task", "lift-arm", "a capital letter"),
+        ("task", "Lift Arm", "a capital letter"),
+        ("task", "Ärmel", "a capital letter"),
+        ("task", "../Up", "a capital letter"),
+        ("robot", "", "a capital letter"),
+        ("task", "Feeding", "there is already a task Feeding"),
+        ("robot", "Jaco", "there is already a robot Jaco"),
+        ("controller", "Oracle", "there is already a controller Oracle"),
+        ("controller", "Revised", "there is already a controller Revised"),
+        ("controller", "Operator", "there is already a controller Operator"),
+        ("task", "Class", "Python knows class already"),
+        ("controller", "Json", "Python knows json already"),
+        ("robot", "Mujoco", "Python knows mujoco already"),
+    ],
+)
+def test_a_name_that_cannot_be_used_is_refused_in_one_line_and_nothing_is_written(
+    kind: str, name: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused = new(kind, name)
+    assert (refused.exit_code, len(refused.stderr.splitlines())) == (1, 1)
+    assert reason in refused.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("there", ["file", "folder", "link"])
+def test_what_is_there_already_is_never_touched(there: str, tmp_path: Path) -> None:
+    out = tmp_path / "mine"
+    if there == "file":
+        out.write_text("kept")
+    elif there == "folder":
+        out.mkdir()
+    else:
+        out.symlink_to(tmp_path / "nowhere")
+    before = out.lstat()
+    refused = new("task", "LiftArm", "--out", out)
+    assert refused.exit_code == 1
+    assert (
+        refused.stderr.strip() == f"avrgym: {out} is there already and stays as it is; choose another --out"
+    )
+    assert out.lstat().st_mtime_ns == before.st_mtime_ns
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, small_files) -> None:
+    small_files(100)
+    refused = new("task", "LiftArm", "--out", tmp_path / "mine")
+    small_files(0)
+    assert refused.exit_code == 1
+    assert list(tmp_path.iterdir()) == []
