@@ -14,7 +14,7 @@ from avrgym.tasks.registry import ENVIRONMENTS, TASKS, environment_id
 from places import ROOT
 
 README = (ROOT / "README.md").read_text()
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))]
 ENVIRONMENT_PAGE = (ROOT / "docs" / "environments.md").read_text()
 
 
@@ -26,7 +26,7 @@ def test_links_and_pictures_lead_somewhere(document):
 
 
 EXAMPLES = {
-    environment_id(task, robot) for task in (*TASKS, "TouchElbow") for robot in ("Jaco", "Gen3", "UR5")
+    environment_id(task, robot) for task in (*TASKS, "TouchElbow") for robot in ("Jaco", "Gen3", "UR5", "LongArm")
 }
 """Those of the pages on how to add a task and a robot."""
 
