@@ -15,8 +15,9 @@ from avrgym.learning.evaluation import EVALUATION_STREAM, MAX_WORLDS
 from avrgym.policies.registry import acting, find
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.world_version import WORLD_VERSIONS
-from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS, find_task
+from avrgym.tasks.task import EPISODE_STEPS
 
 Array = NDArray[np.float64]
 POLICIES: Mapping[str, str] = {"oracle": "revised", "original": "original", "revised": "revised"}

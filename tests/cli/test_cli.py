@@ -62,6 +62,13 @@ def test_every_command_explains_itself_and_its_options(command: tuple[str, ...])
     assert all(option.help for option in declared.params)
 
 
+@pytest.mark.parametrize("group", ["", "study", "new", "bench"])
+def test_no_summary_of_a_command_is_cut(group: str) -> None:
+    shown = avrgym(*group.split(), "--help").stdout.partition("Commands:")[2]
+    assert shown
+    assert "..." not in shown
+
+
 def test_without_a_command_it_lists_them() -> None:
     shown = avrgym()
     assert all(command[0] in shown.output for command in COMMANDS)

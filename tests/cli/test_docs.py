@@ -26,7 +26,9 @@ def test_links_and_pictures_lead_somewhere(document):
 
 
 EXAMPLES = {
-    environment_id(task, robot) for task in (*TASKS, "TouchElbow") for robot in ("Jaco", "Gen3", "UR5", "LongArm")
+    environment_id(task, robot)
+    for task in (*TASKS, "TouchElbow")
+    for robot in ("Jaco", "Gen3", "UR5", "LongArm")
 }
 """Those of the pages on how to add a task and a robot."""
 

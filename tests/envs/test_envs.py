@@ -10,7 +10,8 @@ from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_array_equal
 
 import avrgym
-from avrgym.envs.registration import AssistiveEnv, AssistiveVectorEnv
+from avrgym.envs.single import AssistiveEnv
+from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.models.human import Person
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS

@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from numpy.testing import assert_array_equal
 
-from avrgym.envs.registration import AssistiveVectorEnv
+from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.tasks.registry import ENVIRONMENTS
 from vector_laws import assert_same, assert_same_pair, compare, make_both, unusable
 

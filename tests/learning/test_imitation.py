@@ -6,7 +6,7 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
-from avrgym.envs.registration import AssistiveVectorEnv
+from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.learning.imitation import imitate
 from avrgym.learning.stable_baselines import SB3VectorEnv
 from avrgym.tasks.episodes import Episodes

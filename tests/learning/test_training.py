@@ -15,7 +15,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
-from avrgym.envs.registration import AssistiveVectorEnv
+from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.learning import training
 from avrgym.learning.stable_baselines import SB3VectorEnv
 from avrgym.learning.training import (
@@ -27,9 +27,9 @@ from avrgym.learning.training import (
     train,
 )
 from avrgym.policies.trained import Policy
-from avrgym.tasks.episodes import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.scratch_itch.detour import around_arm_m
+from avrgym.tasks.task import EPISODE_STEPS
 
 FEEDING = "avrgym/FeedingJaco-v1"
 SCRATCHING = "avrgym/ScratchItchJaco-v1"

@@ -14,11 +14,11 @@ from avrgym.people import distributions
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import State
-from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.person import LIMBS
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.scratch_itch.reward import ALONG, AROUND_RAD, ScratchItchState
-from avrgym.tasks.task import StepResult
+from avrgym.tasks.task import EPISODE_STEPS, StepResult
 from worlds import still_world
 
 SCRATCHING = TASKS["ScratchItch"]

@@ -20,7 +20,10 @@ def analyze(
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Analyse a study: report, tables, figures and results; an earlier analysis in the folder is replaced."""
+    """Analyse a study: report, tables, figures and results.
+
+    An earlier analysis in the folder is replaced.
+    """
     from avrgym.analysis.report.output import check_out, write_analysis
     from avrgym.analysis.study import analyse
     from avrgym.study.storage.store import Store

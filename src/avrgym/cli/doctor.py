@@ -8,9 +8,10 @@ from avrgym.cli.terminal import JsonFile, check_json, plain_errors, say, write_j
 
 
 def doctor(json_file: JsonFile = None) -> None:
-    """Examine this computer: what is installed, what it draws, who reaches it; each trouble with its cure.
+    """Examine this computer, and tell each trouble with its cure.
 
-    The exit code is 1 where there is a fault; warnings leave it 0.
+    What is installed, whether it draws, who reaches it, whether it keeps up with real time. The exit code is 1 where
+    there is a fault; warnings leave it 0.
     """
     from avrgym.doctor.checks import CHECKS, examine
     from avrgym.doctor.finding import Finding

@@ -28,8 +28,7 @@ from avrgym.cli.terminal import (
 )
 from avrgym.models.human import SEXES, Sex
 from avrgym.people.distributions import DISTRIBUTIONS
-from avrgym.policies.registry import CHOICES, OPERATOR
-from avrgym.policies.trained import packaged_policies
+from avrgym.policies.names import CHOICES, OPERATOR
 from avrgym.tasks.registry import ENVIRONMENTS, find_environment, sizes
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
 
@@ -44,6 +43,7 @@ app = Program(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     help="Real people meet simulated assistive robots in virtual reality.",
 )
 bench = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine.")
@@ -65,7 +65,10 @@ def demo(
     out: Annotated[Path, typer.Option(help="A folder for recordings, pictures and report.")] = Path("demo"),
     seed: Seed = 0,
 ) -> None:
-    """Run a whole session of a simulated participant, then its report. Takes about a minute and a half."""
+    """Run a session of a simulated participant, then its report.
+
+    Takes about a minute and a half.
+    """
     from avrgym.demo.session import run_demo
 
     with plain_errors():
@@ -138,10 +141,10 @@ def serve(
         ),
     ] = None,
 ) -> None:
-    """Serve one participant's session to a headset: for each environment practice, then trials with questions.
+    """Serve one participant's session to a headset.
 
-    A study's folder is served with the experimenter's dashboard, which begins its sessions; with --participant theirs
-    begins at once.
+    For each environment there is practice, then trials with questions. A study's folder is served with the
+    experimenter's dashboard, which begins its sessions; with --participant theirs begins at once.
     """
     from concurrent.futures import ThreadPoolExecutor
 
@@ -309,6 +312,7 @@ def _wait(server: "LiveServer[Any]") -> None:
 def envs(json_file: JsonFile = None) -> None:
     """List the environments."""
     from avrgym.doctor.installation import skipped_plugins
+    from avrgym.policies.trained import packaged_policies
 
     rows = [
         {
@@ -371,7 +375,10 @@ def fit_people(
     study: Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")],
     out: Annotated[Path, typer.Option(help="A new file of people.", metavar="FILE")] = Path("people.toml"),
 ) -> None:
-    """Fit people to a study's participants, for `train`, `evaluate` and `view --people FILE`."""
+    """Fit people to a study's participants.
+
+    For `train`, `evaluate` and `view --people FILE`.
+    """
     from avrgym.analysis.fitting import fit_people, write_people
 
     with plain_errors():
@@ -409,9 +416,9 @@ def evaluate(
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Measure a policy's reward, success and force over many episodes."""
+    """Measure reward, success and force over many episodes."""
     from avrgym.learning.evaluation import evaluate_all
-    from avrgym.tasks.episodes import EPISODE_STEPS
+    from avrgym.tasks.task import EPISODE_STEPS
 
     with plain_errors():
         check_json(json_file)
@@ -443,7 +450,10 @@ def bench_sim(
     num_envs: Annotated[int, typer.Option(help="Worlds stepped together.", min=1)] = 64,
     json_file: JsonFile = None,
 ) -> None:
-    """Measure whole episodes against their bare physics: medians of five runs. Best on an idle machine."""
+    """Measure whole episodes against their bare physics.
+
+    Medians of five runs. Best on an idle machine.
+    """
     from avrgym.envs.benchmark import RUNS, measure_simulation
 
     def row(environment: str) -> Row:
@@ -465,7 +475,10 @@ def bench_vr(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Measure the live server over loopback, with recording: ticks and round trips. Best on an idle machine."""
+    """Measure the live server's ticks and round trips.
+
+    Over loopback, with recording. Best on an idle machine.
+    """
     from avrgym.vr.benchmark.measuring import measure_vr
 
     def row(environment: str) -> Row:

@@ -20,19 +20,28 @@ Out = Annotated[
 
 @app.command()
 def task(name: Name, out: Out = None) -> None:
-    """Write a package with a task: scene, start, observation, reward, success, experts."""
+    """Write a package with a task.
+
+    It has a scene, a start, an observation, rewards, success and experts.
+    """
     _write("task", name, out)
 
 
 @app.command()
 def robot(name: Name, out: Out = None) -> None:
-    """Write a package with a robot: model, arm, grips, mounts."""
+    """Write a package with a robot.
+
+    It has a model, an arm, grips and mounts.
+    """
     _write("robot", name, out)
 
 
 @app.command()
 def controller(name: Name, out: Out = None) -> None:
-    """Write a package with a controller: what drives a robot, behind --policy."""
+    """Write a package with a controller.
+
+    It drives a robot, wherever --policy names it.
+    """
     _write("controller", name, out)
 
 

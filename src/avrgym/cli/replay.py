@@ -61,7 +61,10 @@ def replay(
     ] = PORT,
     json_file: JsonFile = None,
 ) -> None:
-    """Replay a recorded trial in a browser; or verify it, show forces, write a page or a video, or draw pictures."""
+    """Replay a recorded trial: in a browser, verified, or drawn.
+
+    Without options it is shown in a browser; others step it again, show forces, or write a page, a video or pictures.
+    """
     with plain_errors():
         if (frames is None) != (out is None):
             raise ValueError("--frames and --out go together, as in --frames 4 --out strip.png")

@@ -31,7 +31,10 @@ app.command()(power)
 
 @app.command()
 def new(folder: Folder) -> None:
-    """Write study.toml: the paper's protocol with comments, to be changed as you like."""
+    """Write the paper's protocol to study.toml.
+
+    It has comments, and is to be changed as you like.
+    """
     from avrgym.study.storage.store import create_study
 
     with plain_errors():
@@ -41,7 +44,10 @@ def new(folder: Folder) -> None:
 
 @app.command()
 def status(folder: Folder, json_file: JsonFile = None) -> None:
-    """Show how a study stands: its participants, their trials and how the orders are filled."""
+    """Show how a study stands.
+
+    Its participants, their trials and how the orders are filled.
+    """
     from avrgym.study.checking.summary import summarise_study
     from avrgym.study.storage.store import Store
 
@@ -87,7 +93,10 @@ def enrol(
 
 @app.command()
 def consent(folder: Folder, participant: Pseudonym) -> None:
-    """Ask a participant for consent, then the inclusion questions, and give them an order if they can take part."""
+    """Ask a participant for consent.
+
+    Then the inclusion questions are asked; who can take part is given an order.
+    """
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
@@ -141,7 +150,10 @@ def simulate(
     jobs: Jobs = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Let simulated participants complete the study, in simulated time; what an earlier run left is finished."""
+    """Let simulated participants complete the study.
+
+    Their time is simulated; what an earlier run left is finished.
+    """
     from avrgym.study.checking.summary import summarise_study
     from avrgym.study.sessions.simulation import simulate_study
     from avrgym.study.storage.store import Store
@@ -166,7 +178,10 @@ def check(
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Check that the study can run with its policies, and that whatever it stored is there, whole and unchanged."""
+    """Check that the study can run and its data are sound.
+
+    Its policies are loaded, and whatever it stored is to be there, whole and unchanged.
+    """
     from avrgym.study.checking.checks import check_study
     from avrgym.study.checking.database_checks import fix_permissions as fix
     from avrgym.study.storage.store import Store
@@ -190,7 +205,10 @@ def check(
 
 @app.command()
 def rebuild(folder: Folder) -> None:
-    """Make a lost database anew from the recordings; what they do not tell is listed. Names and recordings stay."""
+    """Make a lost database anew from the recordings.
+
+    What they do not tell is listed. Names and recordings stay.
+    """
     from avrgym.study.checking.rebuilding import LOST, rebuild_study
 
     with plain_errors():
@@ -213,7 +231,10 @@ def export(
         ),
     ] = False,
 ) -> None:
-    """Export a study, pseudonymised: movements of head and hands may still identify a person."""
+    """Export a study's data, pseudonymised.
+
+    Movements of head and hands may still identify a person.
+    """
     from avrgym.study.export import export_study
     from avrgym.study.storage.store import Store
 
@@ -232,7 +253,10 @@ def delete_participant(
     folder: Folder,
     participant: Pseudonym,
 ) -> None:
-    """Delete all that a participant left: recordings, rows, key entry, and the database's backups."""
+    """Delete all that a participant left.
+
+    Recordings, rows, key entry, and the database's backups.
+    """
     from avrgym.study.people.deletion import delete_participant as delete
     from avrgym.study.storage.store import Store
 

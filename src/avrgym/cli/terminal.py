@@ -11,16 +11,15 @@ import sys
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.box import SIMPLE
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Column, Table
 
 from avrgym.system.files import write_whole
 from avrgym.system.plain_values import is_array
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
 _AS_WIDE_AS_NEEDED = 100_000
@@ -90,6 +89,10 @@ def confirm(question: str) -> bool:
 
 def print_table(rows: list[dict[str, Any]]) -> None:
     """Print rows of equal keys as a table that is never cut at the terminal's edge."""
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Column, Table
+
     table = Table(*(Column(_cell(name), no_wrap=True) for name in rows[0]), box=SIMPLE)
     for row in rows:
         table.add_row(*(_cell(value) for value in row.values()))
@@ -113,7 +116,7 @@ def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None
 class Bar:
     """How far long work is."""
 
-    def __init__(self, progress: Progress, words: str, total: float | None) -> None:
+    def __init__(self, progress: "Progress", words: str, total: float | None) -> None:
         self._progress = progress
         self._task = progress.add_task(printable(words), total=total)
 
@@ -130,6 +133,9 @@ class Bar:
 @contextmanager
 def progress_bar(words: str, total: float | None = None) -> Generator[Bar]:
     """A bar that is there while long work goes on; it sways where nobody knows the ``total``."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
     left = TimeRemainingColumn(elapsed_when_finished=True)
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), left)
     with Progress(*columns, console=Console(**_TEXT_ONLY), transient=True) as progress:

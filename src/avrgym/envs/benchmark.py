@@ -10,7 +10,8 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from avrgym.models.scene import SUBSTEPS
-from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.task import EPISODE_STEPS
 
 Array = NDArray[np.float64]
 

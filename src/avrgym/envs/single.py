@@ -1,6 +1,6 @@
 """The Gymnasium environment of one world."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -11,7 +11,8 @@ from avrgym.envs.rendering import Camera
 from avrgym.envs.vector_conventions import plain_seed
 from avrgym.models.human import Person
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.tasks.episodes import EPISODE_STEPS, Episodes, Step, checked_actions
+from avrgym.tasks.episodes import Episodes, Step, checked_actions
+from avrgym.tasks.task import EPISODE_STEPS
 
 Array = NDArray[np.float64]
 
@@ -94,6 +95,22 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
         if self._camera is not None:
             self._camera.close()
             self._camera = None
+
+
+class _SingleEntry:
+    """Makes the single environments that Gymnasium is asked for.
+
+    Where an environment draws pictures, Gymnasium makes a window of the render mode "human", which fails at the first
+    reset without a screen. With "human" among the modes here it hands the mode on, and the environment refuses it.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {**METADATA, "render_modes": [*METADATA["render_modes"], "human"]}
+
+    def __call__(self, **kwargs: Any) -> AssistiveEnv:
+        return AssistiveEnv(**kwargs)
+
+
+single_entry = _SingleEntry()
 
 
 def _info(step: Step) -> dict[str, Any]:

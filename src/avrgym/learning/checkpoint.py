@@ -17,7 +17,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 
-from avrgym.envs.registration import AssistiveVectorEnv
+from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.learning.stable_baselines import go_on_from, normaliser_of
 from avrgym.system.files import write_whole
 

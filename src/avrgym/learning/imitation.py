@@ -21,7 +21,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 from torch import Tensor
 
 from avrgym.learning.stable_baselines import finished_episodes, go_on_from, normaliser_of
-from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.task import EPISODE_STEPS
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from avrgym.envs.registration import AssistiveVectorEnv
-from avrgym.tasks.episodes import EPISODE_STEPS
+from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.tasks.observation import Observation
+from avrgym.tasks.task import EPISODE_STEPS
 
 Array = NDArray[Any]
 

@@ -22,7 +22,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecNormalize
 
-from avrgym.envs.registration import AssistiveVectorEnv
+from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.learning import checkpoint
 from avrgym.learning.evaluation import evaluate
 from avrgym.learning.hard_episodes import HardEpisodes
@@ -38,8 +38,9 @@ from avrgym.people.distributions import DISTRIBUTIONS, people_name
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
-from avrgym.tasks.episodes import EPISODE_STEPS, Episodes
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.task import EPISODE_STEPS
 from avrgym.tasks.training_settings import TrainingSettings
 
 POLICY_FILE, CONFIGURATION_FILE, CHECKPOINT_FILE = "policy.safetensors", "configuration.json", "checkpoint.pt"

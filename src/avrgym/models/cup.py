@@ -30,9 +30,11 @@ def _packed(count: int, radius_m: float) -> NDArray[np.float64]:
     """The lowest ``count`` places of a closest packing of spheres in the cup, (count, 3)."""
     pitch = 2.02 * radius_m
     places: list[NDArray[np.float64]] = []
-    for layer in range(count):
+    layer = 0
+    while len(places) < count:
         z = _FLOOR_M - HEIGHT_M + radius_m * (1.0 + layer * np.sqrt(8.0 / 3.0) * 1.01)
         places.extend(_layer(z, inner_radius_m(z) - 1.05 * radius_m, pitch, shifted=layer % 2 == 1))
+        layer += 1
     return np.array(places[:count])
 
 

@@ -9,7 +9,6 @@ from avrgym.geometry import transforms
 from avrgym.models import contacts, human, robot
 from avrgym.models.body_regions import REGION_OF_GEOM
 from avrgym.models.human import Person, Posture
-from avrgym.models.human_shape import add_appearance
 from avrgym.models.parts import add_collision
 from avrgym.models.robot import Arm, Furniture, Mount, Robot
 from avrgym.models.tools import BODY as TOOL_BODY
@@ -55,6 +54,8 @@ def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: 
     )
     human.add_person(spec, person, scene.posture, moving=moving)
     if appearance:
+        from avrgym.models.human_shape import add_appearance  # with what reads pictures
+
         add_appearance(spec, person, scene.posture, open_mouth=scene.tool.particles is not None)
     for add in scene.furniture:
         add(spec, appearance)

@@ -6,6 +6,7 @@ Every person comes from one row of uniform numbers, so that a world's person doe
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,10 @@ from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Person, Posture
 from avrgym.people import arm_limits
 from avrgym.people.arm_clearance import Boxes, clearance, person_capsules
-from avrgym.people.files import PeopleFile, read_people
 from avrgym.people.uniform import between
+
+if TYPE_CHECKING:
+    from avrgym.people.files import PeopleFile
 
 Array = NDArray[np.float64]
 
@@ -93,10 +96,12 @@ def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution
         raise ValueError(
             f"unknown people {name_or_path!r}; the distributions are {names}, or a file of people"
         )
+    from avrgym.people.files import read_people  # with what reads and writes such files
+
     return distribution_of(read_people(Path(name_or_path), tasks))
 
 
-def distribution_of(people: PeopleFile) -> Distribution:
+def distribution_of(people: "PeopleFile") -> Distribution:
     """The distribution that a file describes."""
     heights = people.torso_height_m
     return Distribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from avrgym.policies import controllers
 from avrgym.policies.controllers import Foreign
+from avrgym.policies.names import FORMS, OPERATOR, SCRIPTS
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
 from avrgym.tasks.episodes import Episodes
@@ -17,12 +18,6 @@ from avrgym.tasks.registry import sizes
 
 Array = NDArray[np.float64]
 Act = Callable[[Array], NDArray[np.floating]]
-
-SCRIPTS = ("oracle", "random", "zero")
-OPERATOR = "operator"
-FORMS = "FILE.safetensors, FILE.onnx, MODULE:ATTRIBUTE"
-CHOICES = f"original, revised, {', '.join(SCRIPTS)}, {FORMS}, or the name of a plug-in's controller"
-"""What ``--policy`` takes everywhere."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Literal
 
-from avrgym.policies.registry import OPERATOR, named_policies
+from avrgym.policies.names import OPERATOR
+from avrgym.policies.registry import named_policies
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 

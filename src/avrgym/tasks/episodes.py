@@ -26,7 +26,6 @@ from avrgym.tasks.task import StepResult, TaskState, arrays_of, merge
 
 Array = NDArray[np.float64]
 
-EPISODE_STEPS = 200
 ACTION_LIMIT: Mapping[int, float] = {1: np.inf, 2: 1.0}
 """By world version, what either way an action's numbers are clipped to before they are rewarded; arms never do more."""
 MOST_DRAWS = 100

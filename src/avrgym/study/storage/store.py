@@ -9,8 +9,9 @@ from typing import Any, Self, TypeVar, get_type_hints
 import msgspec
 import sqlalchemy as sa
 
+from avrgym.policies.names import OPERATOR
 from avrgym.policies.onnx import ONNX_SUFFIX
-from avrgym.policies.registry import OPERATOR, named_policies
+from avrgym.policies.registry import named_policies
 from avrgym.policies.trained import FILE_SUFFIX, PolicyError
 from avrgym.study.design.design import FILE, Design, default_text, read_design
 from avrgym.study.storage import keyfile, ledger, schema
