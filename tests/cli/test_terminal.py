@@ -78,6 +78,25 @@ def test_a_table_shows_every_cell_whole(monkeypatch: pytest.MonkeyPatch) -> None
                 assert line.strip() in shown
 
 
+def test_a_table_is_as_wide_as_it_needs_and_shows_no_value_as_a_dash(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a pipe or a file, however narrow the terminal is said to be."""
+    monkeypatch.setenv("COLUMNS", "20")
+    row = {f"figure_{number}_of_many": None if number else "x" * 30 for number in range(12)}
+    shown = shown_by(lambda: print_table([row]), monkeypatch)
+    header, values = (
+        next(line for line in shown.splitlines() if word in line) for word in ("figure_0", "xxx")
+    )
+    assert header.split() == list(row)
+    assert values.split() == ["x" * 30, *["–"] * 11]
+
+
+def test_what_the_system_refuses_is_told_in_words_and_with_the_file(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for out, reason in (("none/new", "no such file or directory"), ("file/new", "not a directory")):
+        refused = avrgym("new", "task", "LiftArm", "--out", tmp_path / out)
+        assert (refused.exit_code, refused.stderr) == (1, f"avrgym: {tmp_path / out}: {reason}\n")
+
+
 def test_a_progress_bar_shows_its_words(monkeypatch: pytest.MonkeyPatch) -> None:
     for text in HOSTILE:
         with progress_bar(text, 2) as bar:

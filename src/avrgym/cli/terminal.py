@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
 _AS_WIDE_AS_NEEDED = 100_000
+UNKNOWN = "–"
+"""What a table shows where there is no value."""
 _TEXT_ONLY: dict[str, Any] = {"markup": False, "emoji": False, "highlight": False}
 
 JsonFile = Annotated[
@@ -41,9 +43,17 @@ def plain_errors() -> Generator[None]:
     try:
         yield
     except (ValueError, OSError, RuntimeError) as error:
-        line = " ".join(f"avrgym: {error}".splitlines())
+        line = " ".join(f"avrgym: {_words(error)}".splitlines())
         typer.echo(printable(line, sys.stderr.encoding), err=True)
         raise typer.Exit(1) from error
+
+
+def _words(error: Exception) -> str:
+    """An error as people say it: the system's own without its number, and the file first."""
+    if not isinstance(error, OSError) or error.strerror is None:
+        return str(error)
+    reason = error.strerror[:1].lower() + error.strerror[1:]
+    return reason if error.filename is None else f"{os.fsdecode(error.filename)}: {reason}"
 
 
 def check_json(path: Path | None) -> None:
@@ -143,6 +153,8 @@ def progress_bar(words: str, total: float | None = None) -> Generator[Bar]:
 
 
 def _cell(value: Any) -> str:
+    if value is None:
+        return UNKNOWN
     if isinstance(value, float):
         return f"{value:.3g}"
     if is_array(value):
