@@ -58,8 +58,8 @@ def test_who_measures_them_changes_no_bit(environment, whom, rng):
         for name in ("observation", "reward", "force_on_person_n", "distance_m", "success"):
             assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
     for world in range(4):
-        states = (each.simulation.integration_state(world) for each in (plain, measured))
-        assert_array_equal(*states)
+        one, other = (each.simulation.integration_state(world) for each in (plain, measured))
+        assert_array_equal(one, other)
 
 
 def test_nobody_is_asked_who_does_not_measure():
