@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, ViewportSize, sync_playwright
+from playwright.sync_api import Page, sync_playwright
 
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.server import LiveServer
@@ -16,11 +16,10 @@ from visit import ENVIRONMENT, driving
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 
-PHONE: ViewportSize = {"width": 390, "height": 844}
 ENDLESS = 100_000
 
 
-def test_a_finger_stops_the_robot_and_nobody_speaks_of_triggers(tmp_path: Path) -> None:
+def test_a_press_stops_the_robot_and_nobody_speaks_of_triggers(tmp_path: Path) -> None:
     trial = TrialPlan(ENVIRONMENT, "drive", seed=3, practice=False)
     plan = SessionPlan([trial], "woman", 0.3, simulated=True, trial_steps=ENDLESS, countdown_s=0.3)
     observed: list[events.SessionEvent] = []
@@ -32,11 +31,11 @@ def test_a_finger_stops_the_robot_and_nobody_speaks_of_triggers(tmp_path: Path) 
 
         with LiveServer(make, "127.0.0.1", 0) as server:
             browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
-            page = browser.new_page(viewport=PHONE, has_touch=True)
+            page = browser.new_page(viewport={"width": 390, "height": 844})
             page.set_default_timeout(1000 * PATIENCE_S)
-            page.goto(server.url.replace("/#", "/?emulate=1#"))  # drawn as lightly as for that
+            page.goto(server.url.replace("/#", "/?detail=light#"))
             play(page, server)
-            page.get_by_role("button", name="Stop the robot").tap()
+            page.get_by_role("button", name="Stop the robot").dispatch_event("pointerdown")
             await_that(lambda: server.session.phase == "paused")
             page.get_by_text("Choose Go on to repeat the trial").wait_for()
             assert page.get_by_role("button", name="Stop the robot").count() == 0
