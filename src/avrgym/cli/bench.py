@@ -1,0 +1,92 @@
+"""The commands ``avrgym bench``."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from avrgym.cli.options import chosen_environments
+from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, progress_bar, write_json
+from avrgym.policies.names import CHOICES
+
+Row = dict[str, Any]
+app = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine.")
+
+
+@app.command("sim")
+def bench_sim(
+    env: Annotated[
+        list[str] | None, typer.Option(help="An environment id, again for more; without one, all.")
+    ] = None,
+    num_envs: Annotated[int, typer.Option(help="Worlds stepped together.", min=1)] = 64,
+    json_file: JsonFile = None,
+) -> None:
+    """Measure whole episodes against their bare physics.
+
+    Medians of five runs. Best on an idle machine.
+    """
+    from avrgym.envs.benchmark import RUNS, measure_simulation
+
+    def row(environment: str) -> Row:
+        with progress_bar(environment, RUNS) as bar:
+            return asdict(measure_simulation(environment, num_envs, bar.advance))
+
+    with plain_errors():
+        _tabulate(env, not env, row, json_file)
+
+
+@app.command("vr")
+def bench_vr(
+    env: Annotated[
+        list[str] | None, typer.Option(help="An environment id, again for more; without one, all.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="How long each environment is measured.", min=1.0)] = 60.0,
+    policy: Annotated[
+        str | None, typer.Option(help=f"Who drives: {CHOICES}; without it an untrained network.")
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Measure the live server's ticks and round trips.
+
+    Over loopback, with recording. Best on an idle machine.
+    """
+    from avrgym.vr.benchmark.measuring import measure_vr
+
+    def row(environment: str) -> Row:
+        with progress_bar(environment):
+            return asdict(measure_vr(environment, seconds, policy))
+
+    with plain_errors():
+        _tabulate(env, not env, row, json_file, shown=_brief)
+
+
+def _brief(row: Row) -> Row:
+    """What of a row of ``bench vr`` fits a table."""
+    p99s = {
+        f"{name}\np99, ms": row[key] and row[key]["p99"]
+        for name, key in (
+            ("tick", "tick_ms"),
+            ("undisturbed tick", "undisturbed_tick_ms"),
+            ("processor", "processor_ms"),
+            ("round trip", "round_trip_ms"),
+            ("undisturbed trip", "undisturbed_round_trip_ms"),
+        )
+    }
+    missed = {"missed": row["missed_deadlines"], "missed\nrunning": row["missed_running"]}
+    return {"env": row["env"], **p99s, **missed, "stolen, s": row["stolen_s"]}
+
+
+def _tabulate(
+    environments: list[str] | None,
+    every: bool,
+    row: Callable[[str], Row],
+    json_file: Path | None,
+    shown: Callable[[Row], Row] = lambda row: row,
+) -> None:
+    """Measure a row for each environment that was named, or all; print what is ``shown`` of them, write them whole."""
+    check_json(json_file)
+    rows = [row(environment) for environment in chosen_environments(environments, every)]
+    print_table([shown(each) for each in rows])
+    write_json(json_file, rows)

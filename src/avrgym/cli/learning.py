@@ -1,0 +1,151 @@
+"""The commands about environments, people and policies: ``envs``, ``train``, ``fit-people`` and ``evaluate``."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from avrgym.cli.options import PEOPLE, Policy, Seed, chosen_environments
+from avrgym.cli.terminal import (
+    Jobs,
+    JsonFile,
+    check_json,
+    plain_errors,
+    print_regions,
+    print_table,
+    progress_bar,
+    say,
+    write_json,
+)
+from avrgym.tasks.registry import ENVIRONMENTS, find_environment, sizes
+
+
+def envs(json_file: JsonFile = None) -> None:
+    """List the environments."""
+    from avrgym.doctor.installation import skipped_plugins
+    from avrgym.policies.trained import packaged_policies
+
+    rows = [
+        {
+            "env": environment,
+            "task": task,
+            "robot": robot,
+            "observation_size": sizes(environment)[0],
+            "policies": sorted(packaged_policies(environment)),
+        }
+        for environment, (task, robot) in ENVIRONMENTS.items()
+    ]
+    print_table(rows)
+    for reason in skipped_plugins():
+        say(f"skipped {reason}")
+    with plain_errors():
+        write_json(json_file, rows)
+
+
+def train(
+    env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
+    people: Annotated[str, typer.Option(help=f"Whom to train with: {PEOPLE}.")] = "original",
+    steps: Annotated[int, typer.Option(help="Environment steps.", min=1)] = 1_000_000,
+    out: Annotated[Path | None, typer.Option(help="A folder for policy, checkpoint and log.")] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the training in the folder, as it was configured.")
+    ] = False,
+    seed: Seed = 0,
+) -> None:
+    """Train a policy with PPO. Needs the extra `train`."""
+    with plain_errors():
+        find_environment(env)
+        try:
+            from avrgym.learning import training
+        except ModuleNotFoundError as error:
+            raise RuntimeError(
+                f"{error.name} is missing; `pip install avrgym[train]` brings what training needs"
+            ) from error
+        folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{Path(people).stem}-{seed}"
+        if resume:
+            stored = training.stored_configuration(folder)
+            if stored.environment != env:
+                raise ValueError(f"{folder} holds a training of {stored.environment}, not of {env}")
+            steps = stored.steps
+        with progress_bar(env, steps) as bar:
+
+            def tell(now: "training.Progress") -> None:
+                words = f"{env}  reward {now.reward_mean:.1f}  success {now.success_rate:.1%}"
+                bar.show(now.steps, words=words)
+
+            if resume:
+                training.resume(folder, tell)
+            else:
+                training.train(training.configuration_for(env, people, steps, seed), folder, tell)
+    say(f"policy    {folder / 'policy.safetensors'}")
+
+
+def fit_people(
+    study: Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")],
+    out: Annotated[Path, typer.Option(help="A new file of people.", metavar="FILE")] = Path("people.toml"),
+) -> None:
+    """Fit people to a study's participants.
+
+    For `train`, `evaluate` and `view --people FILE`.
+    """
+    from avrgym.analysis.fitting import fit_people, write_people
+
+    with plain_errors():
+        with progress_bar("recordings") as bar:
+            fit = fit_people(study, bar.show)
+        write_people(fit, out)
+    for recording in fit.left_out:
+        say(f"left out  {recording}")
+    say(fit.remarks)
+    say(f"people    {out}")
+
+
+def evaluate(
+    env: Annotated[
+        list[str] | None, typer.Argument(help="Environment ids; `avrgym envs` lists them.")
+    ] = None,
+    all_environments: Annotated[bool, typer.Option("--all", help="Every environment.")] = False,
+    policy: Policy = "revised",
+    people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
+    episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
+    seed: Seed = 0,
+    jobs: Jobs = None,
+    allow_other_environment: Annotated[
+        bool,
+        typer.Option(
+            "--allow-other-environment", help="Run a policy that was trained for another environment."
+        ),
+    ] = False,
+    force_guard: Annotated[
+        bool, typer.Option("--force-guard", help="Draw back arms that press too hard, as live sessions do.")
+    ] = False,
+    regions: Annotated[
+        bool, typer.Option("--regions", help="Show the forces by region of the body too.")
+    ] = False,
+    json_file: JsonFile = None,
+) -> None:
+    """Measure reward, success and force over many episodes."""
+    from avrgym.learning.evaluation import evaluate_all
+    from avrgym.tasks.task import EPISODE_STEPS
+
+    with plain_errors():
+        check_json(json_file)
+        chosen = chosen_environments(env, all_environments)
+        with progress_bar(policy, len(chosen) * episodes * EPISODE_STEPS) as bar:
+            metrics = evaluate_all(
+                chosen,
+                policy,
+                people,
+                episodes,
+                seed,
+                bar.advance,
+                jobs=jobs,
+                allow_other_environment=allow_other_environment,
+                force_guard=force_guard,
+            )
+        rows = [asdict(each) for each in metrics]
+        print_table([{name: row[name] for name in row if name != "force_regions"} for row in rows])
+        if regions:
+            print_regions({row["env"]: row["force_regions"] for row in rows})
+        write_json(json_file, rows)

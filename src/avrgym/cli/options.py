@@ -1,0 +1,28 @@
+"""Options that several commands share, and the environments that they name."""
+
+from typing import Annotated
+
+import typer
+
+from avrgym.people.distributions import DISTRIBUTIONS
+from avrgym.policies.names import CHOICES
+from avrgym.tasks.registry import ENVIRONMENTS, find_environment
+
+PEOPLE = f"{', '.join(DISTRIBUTIONS)}, or a file of `avrgym fit-people`"
+Policy = Annotated[str, typer.Option(help=f"Who drives: {CHOICES}.")]
+Seed = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
+
+
+def chosen_environments(environments: list[str] | None, every: bool) -> list[str]:
+    """The environments that were named, or all.
+
+    Raises:
+        ValueError: when none was named or one does not exist, naming those that do.
+    """
+    if every:
+        return list(ENVIRONMENTS)
+    if not environments:
+        raise ValueError(f"name an environment or --all; the environments are {', '.join(ENVIRONMENTS)}")
+    for environment in environments:
+        find_environment(environment)
+    return environments

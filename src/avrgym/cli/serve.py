@@ -1,0 +1,237 @@
+"""The commands that serve pages live: ``avrgym serve`` and ``avrgym view``."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from avrgym.cli.options import PEOPLE, Policy, Seed
+from avrgym.cli.terminal import plain_errors, say
+from avrgym.models.human import SEXES, Sex
+from avrgym.policies.names import CHOICES, OPERATOR
+from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
+
+if TYPE_CHECKING:
+    from avrgym.models.furniture.real import RealFurniture
+    from avrgym.vr.protocol.messages import Send
+    from avrgym.vr.server.certificate import Certificate
+    from avrgym.vr.server.server import LiveServer
+    from avrgym.vr.session.session import Session
+
+
+def serve(
+    study: Annotated[
+        Path, typer.Option(help="A study's folder, or one that recordings go into.", metavar="DIR")
+    ] = Path("study"),
+    participant: Annotated[
+        str | None, typer.Option(help="Whose session in the study begins or goes on, such as sub-001.")
+    ] = None,
+    host: Annotated[
+        str | None, typer.Option(help="The address to listen on: this machine's own, or with --lan any.")
+    ] = None,
+    port: Annotated[
+        int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
+    ] = PORT,
+    lan: Annotated[
+        bool,
+        typer.Option("--lan", help="Serve the local network too, over TLS with a certificate of our own."),
+    ] = False,
+    env: Annotated[
+        list[str] | None, typer.Option(help="An environment of the trials, again for more.")
+    ] = None,
+    policy: Annotated[str, typer.Option(help=f"Who drives: {CHOICES}; or {OPERATOR}.")] = "revised",
+    body: Annotated[
+        str, typer.Option("--body", "--person", help=f"The body model: {' or '.join(SEXES)}.")
+    ] = "woman",
+    trials: Annotated[int, typer.Option(help="Trials after each environment's practice trial.", min=1)] = 1,
+    seed: Seed = 0,
+    seat_height: Annotated[
+        float | None,
+        typer.Option(help="The real seat above the floor, m; 0.485 unless the study says otherwise."),
+    ] = None,
+    seat_depth: Annotated[float | None, typer.Option(help="The real seat's depth, m.")] = None,
+    seat_back: Annotated[
+        float | None, typer.Option(help="The angle of the real seat's back from the horizontal, degrees.")
+    ] = None,
+    mattress_height: Annotated[
+        float | None, typer.Option(help="The real mattress above the floor, m.")
+    ] = None,
+    mattress_back: Annotated[
+        float | None, typer.Option(help="The angle of the real bed's back from the horizontal, degrees.")
+    ] = None,
+    force_guard: Annotated[
+        bool | None,
+        typer.Option(
+            "--force-guard/--no-force-guard",
+            help="Whether arms that press too hard draw back; they do, and in a study as study.toml says.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Serve one participant's session to a headset.
+
+    For each environment there is practice, then trials with questions. A study's folder is served with the
+    experimenter's dashboard, which begins its sessions; with --participant theirs begins at once.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    from avrgym.models.furniture.real import REAL_AS_VIRTUAL, real_furniture
+    from avrgym.vr.server.certificate import certificate_for, data_folder, lan_names
+    from avrgym.vr.server.server import LiveServer
+
+    with plain_errors(), ThreadPoolExecutor(1) as workers:
+        if body not in SEXES:
+            raise ValueError(f"unknown body {body!r}; the body models are {' and '.join(SEXES)}")
+        furniture = partial(
+            real_furniture,
+            seat_height_m=seat_height,
+            seat_depth_m=seat_depth,
+            seat_back_deg=seat_back,
+            mattress_height_m=mattress_height,
+            mattress_back_deg=mattress_back,
+        )
+        certificate = certificate_for(lan_names(), data_folder()) if lan else None
+        address = host or (EVERY_ADDRESS if lan else LOOPBACK[0])
+        if participant is not None or (study / "study.toml").is_file():
+            if force_guard is not None:
+                raise ValueError(f"in a study force_guard in {study / 'study.toml'} says it, and no option")
+            _serve_study(study, participant, furniture, workers, address, port, certificate)
+            return
+        make_session = _free_session(
+            study,
+            env or ["avrgym/FeedingJaco-v1"],
+            policy,
+            body,
+            furniture(REAL_AS_VIRTUAL),
+            trials,
+            seed,
+            workers,
+            force_guard=force_guard is not False,
+        )
+        with LiveServer(make_session, address, port, certificate) as server:
+            _explain(server, "spectator")
+            _wait(server)
+
+
+def _serve_study(
+    folder: Path,
+    participant: str | None,
+    furniture: "Callable[[RealFurniture], RealFurniture]",
+    workers: Executor,
+    host: str,
+    port: int,
+    certificate: "Certificate | None",
+) -> None:
+    """Serve a study's dashboard, and one after another the sessions that it begins, a participant's at once."""
+    from avrgym.study.dashboard.application import dashboard_app
+    from avrgym.study.sessions.serving import StudySessions
+    from avrgym.study.sessions.storing import StoringThread
+    from avrgym.study.storage.store import Store
+    from avrgym.vr.server.server import LiveServer
+
+    with (
+        Store(folder) as store,
+        StoringThread() as storing,
+        LiveServer(
+            lambda send: StudySessions(
+                store,
+                send,
+                workers,
+                first=participant,
+                furniture=furniture(store.design.furniture),
+                storing=storing,
+            ),
+            host,
+            port,
+            certificate,
+            study=lambda tokens, sessions: dashboard_app(store, tokens, sessions),
+        ) as server,
+    ):
+        _explain(server, "dashboard")
+        _wait(server)
+
+
+def _free_session(
+    folder: Path,
+    environments: list[str],
+    policy: str,
+    person: Sex,
+    furniture: "RealFurniture",
+    trials: int,
+    seed: int,
+    workers: Executor,
+    *,
+    force_guard: bool,
+) -> "Callable[[Send], Session]":
+    """What makes a session outside of any study."""
+    from avrgym.vr.session.plan import SessionPlan, load_policies, practised_trials
+    from avrgym.vr.session.session import Session
+
+    planned = practised_trials(environments, policy, trials, seed)
+    plan = SessionPlan(
+        planned, person, free_movement_s=5.0, simulated=False, furniture=furniture, force_guard=force_guard
+    )
+    policies = load_policies(plan)
+    recordings, name = folder / "recordings", folder.name
+    return lambda send: Session(plan, policies, recordings, send, identifier=name, workers=workers)
+
+
+def _explain(server: "LiveServer[Any]", experimenters_page: str) -> None:
+    """Say which addresses to open."""
+    own, *in_network = server.urls()
+    say(
+        "Headset on a USB cable (Quest, Pico): run this first, then open the address in the headset's browser"
+    )
+    say(f"    adb reverse tcp:{server.port} tcp:{server.port}")
+    say(f"    {own}")
+    say("Headset connected to this computer (SteamVR, Rift S), or none at all: open it in Chrome here")
+    if in_network:
+        _explain_network(in_network)
+    say("Experimenter: watch and command here; this address is not for the participant")
+    say(f"    {server.urls(experimenters_page, server.tokens.experimenter)[0]}")
+    say("Spectators: watch here")
+    say(f"    {server.urls('spectator', server.tokens.spectator)[0]}")
+    say("Stop with Ctrl+C.")
+
+
+def _explain_network(urls: list[str]) -> None:
+    import segno
+
+    say("Headset in this network: open one of these; its browser asks once whether to trust the certificate")
+    for url in urls:
+        say(f"    {url}")
+    segno.make(urls[0]).terminal(compact=True)
+
+
+def view(
+    env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
+    policy: Policy = "oracle",
+    people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
+    port: Annotated[
+        int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
+    ] = PORT,
+    seed: Seed = 0,
+) -> None:
+    """Show an environment live in a browser, episode after episode."""
+    from avrgym.vr.server.server import LiveServer
+    from avrgym.vr.server.viewing import Viewing
+
+    with (
+        plain_errors(),
+        LiveServer(lambda send: Viewing(env, policy, people, seed, send), "127.0.0.1", port) as server,
+    ):
+        say("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
+        say(f"    {server.url}")
+        _wait(server)
+
+
+def _wait(server: "LiveServer[Any]") -> None:
+    try:
+        server.wait()
+    except KeyboardInterrupt:
+        say("stopped")
+    if server.loop.error is not None:
+        raise RuntimeError(f"the simulation failed: {server.loop.error!r}")
