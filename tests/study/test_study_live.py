@@ -263,8 +263,7 @@ def test_nothing_is_stored_of_who_withdrew_elsewhere_even_before_that_is_known_h
         attended = attend(visit)
         go_to_trial(attended)
         withdraw(store, pseudonym)
-        attended.tick(60)
-        assert attended.phase == "paused"
+        attended.until("paused")
         attended.tell(Ready())
         attended.tick(5)
         assert attended.phase == "paused"

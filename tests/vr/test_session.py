@@ -435,13 +435,13 @@ def test_messages_that_have_no_place_are_named_and_change_nothing(visit: Callabl
             visitor.until(phase)
         wrong: list[tuple[messages.ClientMessage, str]] = [(hello, "Hello")]
         if phase != "questionnaire":
-            wrong.append((answer, "questionnaire"))
+            wrong.append((answer, "only while the questionnaire is open"))
         if phase not in ("calibration", "check"):
-            wrong.append((Ready(), "calibration, check"))
+            wrong.append((Ready(), "nothing waits for you to go on"))
         if phase != "check":
-            wrong.append((Recalibrate(), "check and paused"))
-        if phase not in ("free_before", "countdown", "trial"):
-            wrong.append((Stop(), "free_before, countdown, trial"))
+            wrong.append((Recalibrate(), "only between two trials"))
+        if phase not in ("free_before", "countdown", "trial", "retreat"):
+            wrong.append((Stop(), "the robot holds still already"))
         for message, words in wrong:
             said = len(visitor.problems)
             visitor.tell(message)

@@ -90,7 +90,7 @@ def test_a_trial_keeps_its_body(visit: Visit, phase: str) -> None:
     visit.tell(ChooseBody("man", "dark"))
     assert visit.phase == phase
     assert visit.session.person is before
-    assert "waiting, calibration, check, paused" in visit.problems[-1]
+    assert "only before or between trials" in visit.problems[-1]
 
 
 def test_a_tone_that_there_is_not_is_refused(visit: Visit) -> None:

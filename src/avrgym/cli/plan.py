@@ -37,7 +37,10 @@ def freeze(
         typer.Option("--export", help="Write the plan as the fields of a registry: osf or aspredicted."),
     ] = None,
 ) -> None:
-    """Freeze the study's plan before the first participant; without a plan, write one to fill in."""
+    """Freeze the study's plan, before the first participant.
+
+    Without a plan, write one to fill in.
+    """
     from avrgym.analysis.statistics.offered import offered_tests
     from avrgym.study.plan.freezing import FROZEN
     from avrgym.study.plan.freezing import freeze as freeze_plan
@@ -87,7 +90,10 @@ def power(
     jobs: Jobs = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Simulate the design for assumed effects: how many participants the paper's tests need to find them."""
+    """Simulate how many participants the study needs.
+
+    That is, for the paper's tests to find the effects that are assumed.
+    """
     from avrgym.analysis.power.answers import Assumptions
     from avrgym.analysis.power.power import default_sizes, simulate_power
     from avrgym.analysis.power.summary import printed, summary

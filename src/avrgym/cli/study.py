@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Lead a study from its design to the export of its data.")
 Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
-app.command()(freeze)
-app.command()(power)
 
 
 @app.command()
@@ -40,6 +38,10 @@ def new(folder: Folder) -> None:
     with plain_errors():
         path = create_study(folder)
     say(f"design    {path}")
+
+
+app.command()(power)
+app.command()(freeze)
 
 
 @app.command()
