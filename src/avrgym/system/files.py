@@ -45,6 +45,12 @@ def private_opener(path: str, flags: int) -> int:
     return os.open(path, flags, PRIVATE_FILE)
 
 
+def write_new(path: Path, text: str) -> None:
+    """Write a new file that is its owner's alone; ``FileExistsError`` where there is one, which stays as it is."""
+    with open(path, "x", encoding="utf-8", opener=private_opener) as file:
+        file.write(text)
+
+
 def make_private_folder(path: Path) -> None:
     """Make a folder with those above it; each that is new is its owner's alone, whatever the process masks."""
     if not path.parent.exists():

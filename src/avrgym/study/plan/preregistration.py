@@ -13,7 +13,7 @@ from avrgym.study.plan.freezing import FROZEN, check_untouched, read_frozen
 from avrgym.study.plan.plan import Offered, Plan, read_plan
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import private_opener
+from avrgym.system.files import write_new
 from avrgym.tasks.registry import TASKS
 
 Fields = Mapping[str, Mapping[str, str]]
@@ -48,8 +48,7 @@ def write_preregistration(store: Store, offered: Offered, form: str) -> Path:
 
 def _write_new(path: Path, text: str) -> Path:
     try:
-        with open(path, "x", encoding="utf-8", opener=private_opener) as file:
-            file.write(text)
+        write_new(path, text)
     except FileExistsError:
         if path.read_bytes() != text.encode():
             raise StudyError(

@@ -10,7 +10,7 @@ from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design
 from avrgym.study.plan.plan import FILE, Hypothesis, Offered
 from avrgym.study.storage.states import StudyError
-from avrgym.system.files import private_opener
+from avrgym.system.files import write_new
 
 _TEXT = """\
 # The plan of the study {title}.
@@ -66,8 +66,7 @@ def write_template(folder: Path, design: Design, offered: Offered, hypotheses: S
     """
     path = folder / FILE
     try:
-        with open(path, "x", encoding="utf-8", opener=private_opener) as file:
-            file.write(template(design, offered, hypotheses))
+        write_new(path, template(design, offered, hypotheses))
     except FileExistsError:
         raise StudyError(f"{path} is there already and stays as it is") from None
     return path

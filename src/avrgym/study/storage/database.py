@@ -22,7 +22,7 @@ from avrgym.study.storage.remains import remains
 from avrgym.study.storage.schema import EVENT, LEDGER, now
 from avrgym.study.storage.seal import HEAD, MISMATCH, Seal, SealError
 from avrgym.study.storage.states import StudyError
-from avrgym.system.files import make_private_folder, private_opener
+from avrgym.system.files import make_private_folder, write_new
 
 FILE = "study.db"
 BACKUPS = "backups"
@@ -263,8 +263,7 @@ class Database:
         if self.is_sqlite:
             sqlite.back_up(self._path, path)
         else:
-            with open(path, "x", encoding="utf-8", opener=private_opener) as file:
-                json.dump(_all_rows(connection), file)
+            write_new(path, json.dumps(_all_rows(connection)))
 
 
 def database_url(configured: str) -> str:

@@ -31,7 +31,7 @@ from avrgym.study.storage.rows import (
 )
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import TRANSITIONS, StudyError, check_transition
-from avrgym.system.files import make_private_folder, private_opener
+from avrgym.system.files import make_private_folder, write_new
 from avrgym.tasks.registry import find_environment
 
 Row = TypeVar("Row")
@@ -59,8 +59,7 @@ def create_study(folder: Path) -> Path:
         raise StudyError(f"{folder} holds {held[0]} already; choose another folder")
     make_private_folder(folder)
     path = folder / FILE
-    with open(path, "x", encoding="utf-8", opener=private_opener) as file:
-        file.write(default_text())
+    write_new(path, default_text())
     return path
 
 
