@@ -1,0 +1,30 @@
+import platform
+import subprocess
+import sys
+
+import pytest
+
+HELD = """
+import os
+from pathlib import Path
+import numpy as np
+from avrgym.system.memory import LARGE_BYTES, return_large_blocks
+
+def resident_bytes():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+return_large_blocks()
+begun = resident_bytes()
+blocks = [np.ones(LARGE_BYTES // 64 if number % 2 else 2 * LARGE_BYTES, np.uint8) for number in range(200)]
+filled = resident_bytes() - begun
+del blocks[::2]
+print(filled, resident_bytes() - begun)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other C libraries are left as they are")
+def test_large_blocks_that_are_freed_go_back_to_the_system_though_small_ones_between_them_stay() -> None:
+    told = subprocess.run([sys.executable, "-c", HELD], capture_output=True, text=True, check=True).stdout
+    filled, held = map(int, told.split())
+    assert filled > 200 << 20
+    assert held < filled / 10
