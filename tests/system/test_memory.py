@@ -15,7 +15,7 @@ def resident_bytes():
 
 return_large_blocks()
 begun = resident_bytes()
-blocks = [np.ones(LARGE_BYTES // 64 if number % 2 else 2 * LARGE_BYTES, np.uint8) for number in range(300)]
+blocks = [np.ones(LARGE_BYTES // 256 if number % 2 else LARGE_BYTES + 4096, np.uint8) for number in range(150)]
 filled = resident_bytes() - begun
 del blocks[::2]
 print(filled, resident_bytes() - begun)

@@ -31,6 +31,7 @@ from avrgym.models.scene import (
 from avrgym.simulation.brakes import Brakes
 from avrgym.simulation.region_forces import RegionForces
 from avrgym.simulation.room import Geoms
+from avrgym.system.memory import return_large_blocks
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.intp]
@@ -142,6 +143,7 @@ class Simulation:
             add_region_sensors(spec, scene)
         self.model = spec.compile()
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
+        return_large_blocks()
         self.batch = Batch(self.model, num_worlds, num_threads, persistent=True)
         self._names = _Names(self.model, scene)
         self._person = _PersonFields(self.batch, scene, moving, gives_way=gives_way)

@@ -4,7 +4,6 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 from avrgym.models.human import Person
-from avrgym.system.memory import return_large_blocks
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.session.preparation import BodyKey, Preparation, TrialKey
@@ -27,7 +26,6 @@ class TrialWorlds:
         scenes: list[tuple[str, Person]],
     ) -> None:
         """Make the first world, of the trial with this index; new scenes are added to ``scenes``."""
-        return_large_blocks()
         self.scenes = scenes
         self._plan = plan
         self._preparation = Preparation(workers)
