@@ -55,7 +55,7 @@ def deepest_overlap_m(episodes: Episodes) -> float:
     model = simulation.batch.get_model(0)
     data = mujoco.MjData(model)
     fastened = None if episodes.scene.mount.on_floor else PREFIX + episodes.scene.robot.base
-    robot = [*_of(model, contacts.ROBOT), *_of(model, contacts.TOOL)]
+    robot = [geom for bits in (contacts.ROBOT, contacts.TOOL, contacts.HULL) for geom in _of(model, bits)]
     others = [*_of(model, contacts.PERSON), *_of(model, contacts.FURNITURE)]
     deepest = 0.0
     for world in range(simulation.num_worlds):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from avrgym.models import contacts
 from avrgym.models.human import SEATED_RAD, TORSO_HEIGHT_RANGE_M, Person, joint_angles
 from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
 from avrgym.simulation.room import NoRoomError
@@ -24,6 +25,17 @@ def test_nothing_overlaps_and_nothing_presses_at_any_start(environment, whom, im
     episodes = begun(environment, 24, whom, impairment)
     assert deepest_overlap_m(episodes) == 0.0
     assert at_once(episodes).max() == 0.0
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_whatever_may_touch_the_person_is_measured(environment):
+    episodes = Episodes(environment, 1)
+    model, room = episodes.simulation.model, episodes._room
+    assert room is not None
+    measured = set(zip(room._first.tolist(), room._second.tolist(), strict=True))
+    person = np.nonzero(model.geom_contype == contacts.PERSON.contype)[0]
+    touching = np.nonzero(model.geom_conaffinity & contacts.PERSON.contype)[0]
+    assert {(first, second) for first in touching.tolist() for second in person.tolist()} <= measured
 
 
 def test_starts_that_were_false_in_version_1_are_drawn_again():

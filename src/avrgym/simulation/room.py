@@ -145,7 +145,9 @@ def _of_loose(model: mujoco.MjModel, base: str | None) -> Rooms:
 def _robot(model: mujoco.MjModel) -> list[int]:
     """The geoms of the robot, its tool and what that carries."""
     return [
-        geom for bits in (contacts.ROBOT, contacts.TOOL, contacts.PARTICLE) for geom in _geoms(model, bits)
+        geom
+        for bits in (contacts.ROBOT, contacts.TOOL, contacts.HULL, contacts.PARTICLE)
+        for geom in _geoms(model, bits)
     ]
 
 
@@ -170,11 +172,11 @@ def _between(first: Iterable[int], second: Sequence[int], room_m: float) -> Room
 
 
 def _geoms(model: mujoco.MjModel, bits: ContactBits) -> list[int]:
-    """The geoms of a kind; the floor is not among them, which no start comes near."""
+    """The geoms of a kind, whatever may touch them; the floor is not among them, which no start comes near."""
     return [
         geom
         for geom in range(model.ngeom)
-        if (model.geom_contype[geom], model.geom_conaffinity[geom]) == (bits.contype, bits.conaffinity)
+        if model.geom_contype[geom] == bits.contype
         and model.geom_group[geom] == contacts.COLLISION_GROUP
         and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
     ]
