@@ -21,8 +21,8 @@ from processes import AVRGYM, die_with_parent
 from visit import ENVIRONMENT, drive
 
 FIGURES = [
-    "env", "policy", "people", "episodes", "reward_mean", "reward_std", "success_rate", "success_ci95",
-    "force_mean_newton", "episodes_over_limit", "guard_interventions",
+    "env", "policy", "people", "impairment", "episodes", "reward_mean", "reward_std", "success_rate",
+    "success_ci95", "force_mean_newton", "episodes_over_limit", "guard_interventions",
 ]  # fmt: skip
 PROGRAM = get_command(app)
 
@@ -148,6 +148,30 @@ def test_evaluate_shows_forces_by_region(tmp_path: Path) -> None:
     assert "Nobody was touched." in nobody.stdout
 
 
+def test_evaluate_shows_who_gets_on_with_whom(tmp_path: Path) -> None:
+    file = tmp_path / "rows.json"
+    asked = [
+        "evaluate",
+        ENVIRONMENT,
+        "--cross-play",
+        "--episodes",
+        1,
+        "--json",
+        file,
+        "--impairment",
+        "tremor",
+    ]
+    result = avrgym(*asked, "--policy", "zero", "--people", "original", "--people", "zoo/unseen")
+    assert result.exit_code == 0, result.output
+    rows = json.loads(file.read_text())
+    assert [(row["policy"], row["people"], row["impairment"]) for row in rows] == [
+        ("zero", "original", "tremor"),
+        ("zero", "zoo/unseen", "tremor"),
+    ]
+    assert result.stdout.count("0% [0, 79]") == 2
+    assert "zoo/unseen" in result.stdout
+
+
 def test_evaluate_takes_a_policy_file(tmp_path: Path) -> None:
     file = tmp_path / "drive.safetensors"
     drive(ENVIRONMENT).save(file)
@@ -203,6 +227,9 @@ def complaint(result: Result) -> str:
         (["evaluate"], f"--all; the environments are {ENVIRONMENT}"),
         (["evaluate", "avrgym/Nope-v1"], ENVIRONMENT),
         (["evaluate", ENVIRONMENT, "--people", "martians"], "original, revised"),
+        (["evaluate", ENVIRONMENT, "--impairment", "gout"], "none, limits, weakness, tremor"),
+        (["view", ENVIRONMENT, "--impairment", "gout"], "none, limits, weakness, tremor"),
+        (["study", "simulate", ".", "--people", "martians"], "zoo/train, zoo/unseen"),
         (["evaluate", ENVIRONMENT, "--policy", "nope"], "original, revised, oracle, random, zero, FILE"),
         (
             ["evaluate", ENVIRONMENT, "--policy", "no/such.safetensors"],

@@ -16,7 +16,7 @@ from avrgym.vr.tracking.world import LiveWorld
 from starts import HAND_AT_THE_ROBOT_RAD, at_once, begun, deepest_overlap_m
 
 SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"
-KINDS = [("original", "limits"), ("revised", "limits"), ("participants", "tremor")]
+KINDS = [("original", "limits"), ("revised", "limits"), ("participants", "tremor"), ("zoo/unseen", "tremor")]
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)

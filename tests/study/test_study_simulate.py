@@ -10,10 +10,17 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
+from avrgym.people.zoo.partners import PARTNERS
 from avrgym.policies.trained import PolicyError
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.summary import summarise_study
-from avrgym.study.sessions.simulation import simulate_study, simulated_participant, traits_of
+from avrgym.study.sessions.simulation import (
+    Cast,
+    cast_of,
+    simulate_study,
+    simulated_participant,
+    traits_of,
+)
 from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -100,21 +107,48 @@ def test_a_dry_run_is_a_whole_study_and_a_second_one_goes_on(folder: Path) -> No
             "after_session",
         ]
         assert len(answers) == 10
-        heights = {traits_of(person, SEED).torso_height_m for person in store.participants()}
+        heights = {traits_of(person, Cast(SEED)).torso_height_m for person in store.participants()}
         assert len(heights) == 2
 
 
 def test_another_seed_does_not_go_on_with_earlier_people(folder: Path) -> None:
     with Store(folder) as store:
-        simulated_participant(store, 0, SEED)
+        simulated_participant(store, 0, Cast(SEED))
     with (
         Store(folder) as store,
         pytest.raises(StudyError, match="'simulated with seed 5'; a run with another"),
     ):
-        simulated_participant(store, 0, SEED + 1)
+        simulated_participant(store, 0, Cast(SEED + 1))
     with Store(folder) as store:
         take_in(store, simulated=False)
-        assert simulated_participant(store, 1, SEED) == "sub-003"
+        assert simulated_participant(store, 1, Cast(SEED)) == "sub-003"
+
+
+def test_other_people_do_not_go_on_with_them_either(folder: Path) -> None:
+    zoo = cast_of(SEED, "zoo/unseen", "tremor")
+    assert str(zoo) == f"simulated with seed {SEED}, people zoo/unseen, impairment tremor"
+    with Store(folder) as store:
+        simulated_participant(store, 0, zoo)
+        with pytest.raises(StudyError, match="other people does not go on"):
+            simulated_participant(store, 0, Cast(SEED))
+
+
+def test_partners_of_the_zoo_take_part(tmp_path: Path) -> None:
+    design = DESIGN | {"practice_policy": '""', "policies": '["revised"]'}
+    folder = make_study(tmp_path / "study", **design)
+    asked = "--participants", 1, "--seed", SEED, "--jobs", 1
+    result = study("simulate", folder, *asked, "--people", "zoo/unseen", "--impairment", "limits")
+    assert result.exit_code == 0, result.output
+    with Store(folder) as store:
+        assert [finding for finding in check_study(store) if finding.wrong] == []
+        (person,) = store.participants()
+        traits = traits_of(person, cast_of(SEED, "zoo/unseen", "limits"))
+        assert traits.partner is not None
+        assert PARTNERS[traits.partner].zoo == "zoo/unseen"
+        assert 0.25 <= traits.range_share < 1.0
+    refused = study("simulate", folder, *asked)
+    assert refused.exit_code == 1
+    assert "other people" in refused.output
 
 
 def test_a_missing_policy_ends_a_dry_run_before_it_begins(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def assert_same_steps(some: Episodes, many: Episodes, at: int, actions: np.ndarr
         assert_array_equal(one.reward[0], other.reward[at])
 
 
-@pytest.mark.parametrize("people", ["revised", "participants"])
+@pytest.mark.parametrize("people", ["revised", "participants", "zoo/train"])
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_the_number_of_threads_changes_no_bit(environment, people, rng):
     one, two = (begun(environment, 4, people=people, threads=threads) for threads in (1, 2))

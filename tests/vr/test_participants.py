@@ -12,6 +12,8 @@ from avrgym.models import human
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Sex
 from avrgym.models.scene import TOOL
+from avrgym.people.distributions import find_distribution
+from avrgym.people.impairments import IMPAIRMENTS, Impairment
 from avrgym.recording.files import read_recording
 from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.tasks.registry import TASKS
@@ -105,6 +107,21 @@ def arm_after_watching(cooperation: float, environment: str) -> Array:
 def test_who_cooperates_brings_the_arm_to_the_tool() -> None:
     still, half, full = (arm_after_watching(share, BATHING) for share in (0.0, 0.5, 1.0))
     assert 0.01 < np.linalg.norm(half - still) < np.linalg.norm(full - still)
+
+
+@pytest.mark.parametrize("people", ["original", "zoo/unseen"])
+@pytest.mark.parametrize("impairment", IMPAIRMENTS)
+def test_people_of_other_kinds_move_smoothly_and_have_their_own_heights(people: str, impairment: Impairment):
+    whom = find_distribution(people, TASKS)
+    for seed in range(6):
+        traits = draw_traits("man", seed, whom, impairment)
+        assert whom.torso_height_man_m[0] <= traits.torso_height_m <= whom.torso_height_man_m[1]
+        assert (traits.partner is not None) == (people == "zoo/unseen")
+        someone = SimulatedParticipant(traits, seed)
+        frames = [someone.frame(0.02 * i, moving=True).head for i in range(50)]
+        places = np.array([frame.position for frame in frames if frame is not None])
+        assert np.isfinite(places).all()
+        assert np.abs(np.diff(places, axis=0)).max() < 0.04, "as far as heads tremble by 20° at 5 Hz"
 
 
 @pytest.mark.parametrize("sex", SEXES)

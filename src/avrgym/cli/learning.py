@@ -2,11 +2,11 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from avrgym.cli.options import PEOPLE, Policy, Seed, chosen_environments
+from avrgym.cli.options import PEOPLE, Impairment, Seed, chosen_environments
 from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
@@ -18,6 +18,8 @@ from avrgym.cli.terminal import (
     say,
     write_json,
 )
+from avrgym.people.distributions import DISTRIBUTIONS, NAMED
+from avrgym.policies.names import CHOICES
 from avrgym.tasks.registry import ENVIRONMENTS, find_environment, sizes
 
 
@@ -46,6 +48,7 @@ def envs(json_file: JsonFile = None) -> None:
 def train(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
     people: Annotated[str, typer.Option(help=f"Whom to train with: {PEOPLE}.")] = "original",
+    impairment: Impairment = "none",
     steps: Annotated[int, typer.Option(help="Environment steps.", min=1)] = 1_000_000,
     out: Annotated[Path | None, typer.Option(help="A folder for policy, checkpoint and log.")] = None,
     resume: Annotated[
@@ -62,7 +65,7 @@ def train(
             raise RuntimeError(
                 f"{error.name} is missing; `pip install avrgym[train]` brings what training needs"
             ) from error
-        folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{Path(people).stem}-{seed}"
+        folder = out or Path("runs") / _run_name(env, people, impairment, seed)
         if resume:
             stored = training.stored_configuration(folder)
             if stored.environment != env:
@@ -77,8 +80,15 @@ def train(
             if resume:
                 training.resume(folder, tell)
             else:
-                training.train(training.configuration_for(env, people, steps, seed), folder, tell)
+                configuration = training.configuration_for(env, people, steps, seed, impairment)
+                training.train(configuration, folder, tell)
     say(f"policy    {folder / 'policy.safetensors'}")
+
+
+def _run_name(env: str, people: str, impairment: str, seed: int) -> str:
+    whom = people.replace("/", "-") if people in NAMED else Path(people).stem
+    limited = [] if impairment == "none" else [impairment]
+    return "-".join([env.removeprefix("avrgym/"), whom, *limited, str(seed)])
 
 
 def fit_people(
@@ -106,8 +116,21 @@ def evaluate(
         list[str] | None, typer.Argument(help="Environment ids; `avrgym envs` lists them.")
     ] = None,
     all_environments: Annotated[bool, typer.Option("--all", help="Every environment.")] = False,
-    policy: Policy = "revised",
-    people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
+    policy: Annotated[
+        list[str] | None, typer.Option(help=f"Who drives, revised unless named: {CHOICES}. Repeatable.")
+    ] = None,
+    people: Annotated[
+        list[str] | None, typer.Option(help=f"Whom to meet, revised unless named: {PEOPLE}. Repeatable.")
+    ] = None,
+    impairment: Impairment = "none",
+    cross_play: Annotated[
+        bool,
+        typer.Option(
+            "--cross-play",
+            help="Show success as a matrix of policies and people; unless named, original and revised policies with "
+            f"{', '.join(DISTRIBUTIONS)}.",
+        ),
+    ] = False,
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
     seed: Seed = 0,
     jobs: Jobs = None,
@@ -125,27 +148,42 @@ def evaluate(
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Measure reward, success and force over many episodes."""
-    from avrgym.learning.evaluation import evaluate_all
+    """Measure reward, success and force over many episodes.
+
+    Of each policy with each group of people.
+    """
+    from avrgym.learning.cross_play import cross_play as evaluate_each
+    from avrgym.learning.cross_play import matrix
     from avrgym.tasks.task import EPISODE_STEPS
 
     with plain_errors():
         check_json(json_file)
         chosen = chosen_environments(env, all_environments)
-        with progress_bar(policy, len(chosen) * episodes * EPISODE_STEPS) as bar:
-            metrics = evaluate_all(
+        policies = policy or (["original", "revised"] if cross_play else ["revised"])
+        groups = people or ([*DISTRIBUTIONS] if cross_play else ["revised"])
+        steps = len(chosen) * len(policies) * len(groups) * episodes * EPISODE_STEPS
+        with progress_bar(", ".join(policies), steps) as bar:
+            metrics = evaluate_each(
                 chosen,
-                policy,
-                people,
+                policies,
+                groups,
                 episodes,
                 seed,
                 bar.advance,
+                impairment=impairment,
                 jobs=jobs,
                 allow_other_environment=allow_other_environment,
                 force_guard=force_guard,
             )
         rows = [asdict(each) for each in metrics]
-        print_table([{name: row[name] for name in row if name != "force_regions"} for row in rows])
+        if cross_play:
+            print_table(matrix(metrics))
+        else:
+            print_table([{name: row[name] for name in row if name != "force_regions"} for row in rows])
         if regions:
-            print_regions({row["env"]: row["force_regions"] for row in rows})
+            print_regions({_whose(row): row["force_regions"] for row in rows})
         write_json(json_file, rows)
+
+
+def _whose(row: dict[str, Any]) -> str:
+    return f"{row['env']}, {row['policy']} with {row['people']}"

@@ -4,12 +4,16 @@ from typing import Annotated
 
 import typer
 
-from avrgym.people.distributions import DISTRIBUTIONS
+from avrgym.people import distributions
+from avrgym.people.impairments import IMPAIRMENTS
 from avrgym.policies.names import CHOICES
 from avrgym.tasks.registry import ENVIRONMENTS, find_environment
 
-PEOPLE = f"{', '.join(DISTRIBUTIONS)}, or a file of `avrgym fit-people`"
+PEOPLE = distributions.CHOICES
 Policy = Annotated[str, typer.Option(help=f"Who drives: {CHOICES}.")]
+Impairment = Annotated[
+    str, typer.Option(help=f"What keeps people from moving as they want: {', '.join(IMPAIRMENTS)}.")
+]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
 
 

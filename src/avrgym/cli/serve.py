@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.options import PEOPLE, Policy, Seed
+from avrgym.cli.options import PEOPLE, Impairment, Policy, Seed
 from avrgym.cli.terminal import plain_errors, say
 from avrgym.models.human import SEXES, Sex
 from avrgym.policies.names import CHOICES, OPERATOR
@@ -210,6 +210,7 @@ def view(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
     policy: Policy = "oracle",
     people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
+    impairment: Impairment = "none",
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
     ] = PORT,
@@ -221,7 +222,9 @@ def view(
 
     with (
         plain_errors(),
-        LiveServer(lambda send: Viewing(env, policy, people, seed, send), "127.0.0.1", port) as server,
+        LiveServer(
+            lambda send: Viewing(env, policy, people, seed, send, impairment), "127.0.0.1", port
+        ) as server,
     ):
         say("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
         say(f"    {server.url}")

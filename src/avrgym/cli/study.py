@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from avrgym.cli.options import PEOPLE, Impairment
 from avrgym.cli.plan import Folder, freeze, plan_findings, plan_of, power
 from avrgym.cli.terminal import (
     Jobs,
@@ -149,6 +150,8 @@ def simulate(
         int, typer.Option(help="How many simulated participants the study shall have.", min=1)
     ] = 8,
     seed: Annotated[int, typer.Option(help="The same seed gives the same study.", min=0)] = 0,
+    people: Annotated[str, typer.Option(help=f"What participants are like: {PEOPLE}.")] = "participants",
+    impairment: Impairment = "none",
     jobs: Jobs = None,
     json_file: JsonFile = None,
 ) -> None:
@@ -163,7 +166,7 @@ def simulate(
     with plain_errors():
         check_json(json_file)
         with progress_bar("trials") as bar:
-            simulate_study(folder, participants, seed, bar.show, jobs)
+            simulate_study(folder, participants, seed, bar.show, jobs, people, impairment)
         with Store(folder) as store:
             summary = summarise_study(store)
         write_json(json_file, asdict(summary))

@@ -63,7 +63,7 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
         self.episodes.begin(np.array([0]), [self.np_random])
         self.close()
         start = self.episodes.assess()
-        return start.observation[0], _info(start)
+        return start.observation[0], info_of(start)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """One control step of 0.1 s; the episode is truncated after 200 and never ends before.
@@ -76,7 +76,7 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
             raise ResetNeeded(f"no episode is running: reset() begins one, of {EPISODE_STEPS} steps")
         step = self.episodes.step(checked_actions(action, (self.episodes.action_size,))[None])
         self._steps_left -= 1
-        return step.observation[0], float(step.reward[0]), False, self._steps_left == 0, _info(step)
+        return step.observation[0], float(step.reward[0]), False, self._steps_left == 0, info_of(step)
 
     def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """A picture (480, 640, 3) with the render mode ``rgb_array``, else nothing.
@@ -113,8 +113,11 @@ class _SingleEntry:
 single_entry = _SingleEntry()
 
 
-def _info(step: Step) -> dict[str, Any]:
-    """Plain values: Gymnasium's vector environments make arrays of Python's bools, but not of NumPy's."""
+def info_of(step: Step) -> dict[str, Any]:
+    """What the first world tells.
+
+    In plain values: Gymnasium's vector environments make arrays of Python's bools, but not of NumPy's.
+    """
     return {
         "success": bool(step.success[0]),
         "reward_terms": {name: float(term[0]) for name, term in step.reward_terms.items()},

@@ -48,6 +48,7 @@ class Evaluation:
     env: str
     policy: str
     people: str
+    impairment: str
     episodes: int
     reward_mean: float
     reward_std: float
@@ -66,6 +67,7 @@ class _Batch:
     environment_id: str
     policy: str
     people: str
+    impairment: str
     seed: int
     episodes: range
     threads: int
@@ -80,9 +82,12 @@ def evaluate(
     episodes: int,
     seed: int,
     progress: Progress = lambda steps: None,
+    *,
+    impairment: str = "none",
 ) -> Evaluation:
     """Run episodes of 200 steps in this process, and sum them up; see ``evaluate_all``."""
-    return evaluate_all([environment_id], policy, people, episodes, seed, progress, jobs=1)[0]
+    asked = [environment_id], policy, people, episodes, seed, progress
+    return evaluate_all(*asked, impairment=impairment, jobs=1)[0]
 
 
 def evaluate_all(
@@ -93,6 +98,7 @@ def evaluate_all(
     seed: int,
     progress: Progress = lambda steps: None,
     *,
+    impairment: str = "none",
     jobs: int | None = None,
     allow_other_environment: bool = False,
     force_guard: bool = False,
@@ -102,10 +108,11 @@ def evaluate_all(
     Args:
         environment_ids: such as ``avrgym/FeedingJaco-v1``.
         policy: whatever ``policies.registry.find`` finds, but ``operator``.
-        people: whom to meet, a name in ``people.distributions.DISTRIBUTIONS`` or a file of people.
+        people: whom to meet, a name in ``people.distributions.NAMED`` or a file of people.
         episodes: how many in each, 1 or more.
         seed: of the episodes; another seed gives other people and starts.
         progress: told again and again how many environment steps were made since it was told last.
+        impairment: a name in ``people.impairments.IMPAIRMENTS``.
         jobs: how many processes share the work and the cores; without it one for each core that has enough to do.
             It changes no figure.
         allow_other_environment: whether to run a policy that was trained for another environment.
@@ -127,7 +134,17 @@ def evaluate_all(
     threads = max(1, cores() // jobs)
     split = _split(episodes, size)
     batches = [
-        _Batch(environment_id, policy, people, seed, numbers, threads, allow_other_environment, force_guard)
+        _Batch(
+            environment_id=environment_id,
+            policy=policy,
+            people=people,
+            impairment=impairment,
+            seed=seed,
+            episodes=numbers,
+            threads=threads,
+            allow_other_environment=allow_other_environment,
+            force_guard=force_guard,
+        )
         for environment_id in environment_ids
         for numbers in split
     ]
@@ -159,6 +176,7 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
         batch.environment_id,
         len(batch.episodes),
         distribution=batch.people,
+        impairment=batch.impairment,
         num_threads=batch.threads,
         by_region=True,
     )
@@ -177,6 +195,7 @@ def _sum_up(batch: _Batch, results: list[Results]) -> Evaluation:
         env=batch.environment_id,
         policy=batch.policy,
         people=batch.people,
+        impairment=batch.impairment,
         episodes=len(reward),
         reward_mean=float(reward.mean()),
         reward_std=float(reward.std()),

@@ -34,7 +34,7 @@ from avrgym.learning.stable_baselines import (
     go_on_from,
     normaliser_of,
 )
-from avrgym.people.distributions import DISTRIBUTIONS, people_name
+from avrgym.people.distributions import NAMED, people_name
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
@@ -58,6 +58,7 @@ class TrainingConfiguration(TrainingSettings):
 
     environment: str
     people: str = "original"
+    impairment: str = "none"
     steps: int = 2_000_000
     seed: int = 0
     threads: int = 0
@@ -91,7 +92,9 @@ class TrainingConfiguration(TrainingSettings):
         return self.force_weight_per_n * min(max(3.0 * self._ppo_share(steps) - 1.0, 0.0), 1.0)
 
 
-def configuration_for(environment: str, people: str, steps: int, seed: int) -> TrainingConfiguration:
+def configuration_for(
+    environment: str, people: str, steps: int, seed: int, impairment: str = "none"
+) -> TrainingConfiguration:
     """How we train in an environment.
 
     Raises:
@@ -99,7 +102,12 @@ def configuration_for(environment: str, people: str, steps: int, seed: int) -> T
     """
     task, _ = find_environment(environment)
     return TrainingConfiguration(
-        environment=environment, people=people, steps=steps, seed=seed, **vars(TASKS[task].training)
+        environment=environment,
+        people=people,
+        impairment=impairment,
+        steps=steps,
+        seed=seed,
+        **vars(TASKS[task].training),
     )
 
 
@@ -233,7 +241,7 @@ def train(configuration: TrainingConfiguration, out: Path, tell: Tell = lambda p
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
         _refuse_used(out)
-        if configuration.people not in DISTRIBUTIONS:
+        if configuration.people not in NAMED:
             write_whole(out / PEOPLE_FILE, Path(configuration.people).read_bytes())
         write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
         return _begin(configuration, env, out, tell)
@@ -308,12 +316,16 @@ def _imitate(model: PPO, configuration: TrainingConfiguration, watch: _Watch, ou
 
 def _stored_people(configuration: TrainingConfiguration, out: Path) -> str:
     """Name or file of the people of the training in ``out``."""
-    return configuration.people if configuration.people in DISTRIBUTIONS else str(out / PEOPLE_FILE)
+    return configuration.people if configuration.people in NAMED else str(out / PEOPLE_FILE)
 
 
 def _environment(configuration: TrainingConfiguration, people: str) -> SB3VectorEnv:
     native = AssistiveVectorEnv(
-        configuration.environment, configuration.worlds, people=people, num_threads=configuration.threads
+        configuration.environment,
+        configuration.worlds,
+        people=people,
+        impairment=configuration.impairment,
+        num_threads=configuration.threads,
     )
     env = SB3VectorEnv(native)
     env.detour_weight_per_m = configuration.detour_weight_per_m
@@ -323,7 +335,14 @@ def _environment(configuration: TrainingConfiguration, people: str) -> SB3Vector
 def _measure(configuration: TrainingConfiguration, out: Path) -> Policy:
     """Write into the policy's file what it reaches."""
     path, people = out / POLICY_FILE, _stored_people(configuration, out)
-    figures = evaluate(configuration.environment, str(path), people, MEASURED_EPISODES, seed=0)
+    figures = evaluate(
+        configuration.environment,
+        str(path),
+        people,
+        MEASURED_EPISODES,
+        seed=0,
+        impairment=configuration.impairment,
+    )
     measured = {
         name: getattr(figures, name)
         for name in ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
@@ -385,6 +404,7 @@ def export_policy(
         metadata=PolicyMetadata(
             environment=configuration.environment,
             people=people_name(configuration.people),
+            impairment=configuration.impairment,
             steps=steps,
             seed=configuration.seed,
             git_commit=_git_commit(),

@@ -6,6 +6,7 @@ sway a little. The numbers are our assumptions about unhurried adults: reactions
 sway below 0.5 Hz.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
@@ -62,6 +63,13 @@ HEAD_TURN_RAD = np.radians([30.0, 0.0, 40.0])
 SPEED_RAD_S = np.array(
     [{"torso": 0.2, "head": 0.8}.get(joint.body, 0.4) for joint in JOINTS.values()], dtype=float
 )
+
+OFFERED_JOINTS: Mapping[Offered, tuple[str, ...]] = {
+    "mouth": tuple(name for name, joint in JOINTS.items() if joint.body in ("torso", "head")),
+    "arm": tuple(name for name in JOINTS if name.startswith("right_")),
+    "nothing": (),
+}
+"""The joints with which people bring the tool what they offer."""
 
 _WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 _HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
@@ -146,16 +154,11 @@ def sway_rad(mind: Mind) -> Array:
 
 def _bring_mouth(mind: Mind, sight: Sight, tool_w: Array, posture: Posture) -> Array:
     """Targets that turn the face to the tool, and lean to it when it is near and in front."""
-    torso_q_w = _torso_rotation(mind.targets_rad, posture)
     seen = np.asarray(np.isfinite(tool_w).all(axis=-1))
     offset = np.where(seen[:, None], tool_w, sight.mouth_pos_w) - sight.head_pos_w
-    ahead = transforms.rotate(transforms.conjugate(torso_q_w), offset)
-    distance = transforms.norm(ahead)
-    facing = np.zeros((len(seen), 3))
-    facing[:, 0] = elementary.arctan2(-ahead[:, 2], -ahead[:, 1])
-    facing[:, 2] = elementary.arcsin(np.clip(ahead[:, 0] / np.maximum(distance, 1e-9), -1.0, 1.0))
-    turn = np.clip(mind.facing[:, None] * facing, -HEAD_TURN_RAD, HEAD_TURN_RAD)
-    near = seen & (distance < NEAR_MOUTH_M) & (ahead[:, 1] < 0.0)
+    ahead = ahead_of(mind.targets_rad, offset, posture)
+    turn = np.clip(mind.facing[:, None] * facing_rad(ahead), -HEAD_TURN_RAD, HEAD_TURN_RAD)
+    near = seen & (transforms.norm(ahead) < NEAR_MOUTH_M) & (ahead[:, 1] < 0.0)
     wanted = mind.targets_rad.copy()
     wanted[:, _HEAD] = np.where(seen[:, None], turn, wanted[:, _HEAD])
     wanted[:, _WAIST[0]] = np.where(near, LEAN_RAD, wanted[:, _WAIST[0]])
@@ -171,7 +174,16 @@ def _bring_arm(mind: Mind, sight: Sight, tool_w: Array) -> Array:
     return wanted
 
 
-def _torso_rotation(joint_angles_rad: Array, posture: Posture) -> Array:
-    """The torso's rotation (N, 4) in the world for joint angles (N, 20)."""
+def ahead_of(joint_angles_rad: Array, offset_w: Array, posture: Posture) -> Array:
+    """Offsets (N, 3), world frame, in the torso's frame of people with joint angles (N, 20): ahead is −y."""
     hips, torso = (human.body_rotation(body, joint_angles_rad, posture) for body in ("hips", "torso"))
-    return transforms.multiply(hips, torso)
+    return transforms.rotate(transforms.conjugate(transforms.multiply(hips, torso)), offset_w)
+
+
+def facing_rad(ahead: Array) -> Array:
+    """The head's joint angles (N, 3) that turn the face to what lies there from the head (N, 3), torso's frame."""
+    facing = np.zeros((len(ahead), 3))
+    facing[:, 0] = elementary.arctan2(-ahead[:, 2], -ahead[:, 1])
+    distance = np.maximum(transforms.norm(ahead), 1e-9)
+    facing[:, 2] = elementary.arcsin(np.clip(ahead[:, 0] / distance, -1.0, 1.0))
+    return facing

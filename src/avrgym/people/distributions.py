@@ -16,6 +16,8 @@ from avrgym.models.human import JOINT_INDEX, JOINTS, People, Person, Posture
 from avrgym.people import arm_limits
 from avrgym.people.arm_clearance import Boxes, clearance, person_capsules
 from avrgym.people.uniform import between
+from avrgym.people.zoo.partners import OF_ONE_STYLE, ZOOS, Partners
+from avrgym.people.zoo.styles import STYLES
 
 if TYPE_CHECKING:
     from avrgym.people.files import PeopleFile
@@ -35,8 +37,9 @@ JointRanges = Mapping[str, tuple[float, float]]
 class Distribution:
     """Ranges of uniform distributions: torso heights in metres, waist joints in degrees either way.
 
-    ``cooperating`` people move, see ``people.behaviour``; others keep the pose they were found in. ``poses``: by task,
-    the joints that are found at other angles than the task has it.
+    ``cooperating`` people move, see ``people.behaviour``, and so do ``partners`` of the zoo, see ``people.zoo``; others
+    keep the pose they were found in. ``poses``: by task, the joints that are found at other angles than the task has
+    it.
     """
 
     torso_height_man_m: tuple[float, float]
@@ -44,6 +47,12 @@ class Distribution:
     waist_deg: float
     cooperating: bool = False
     poses: Mapping[str, JointRanges] = field(default_factory=dict[str, JointRanges])
+    partners: Partners | None = None
+
+    @property
+    def moving(self) -> bool:
+        """Whether they move by themselves."""
+        return self.cooperating or self.partners is not None
 
     def pose_in(self, task: str, usual: "Pose") -> "Pose":
         """How these people are found in a task, whose own pose is the ``usual`` one."""
@@ -54,11 +63,17 @@ class Distribution:
         return Pose(rest_rad, spread_rad)
 
 
+_REVISED = Distribution((0.50, 0.70), (0.44, 0.64), waist_deg=10.0)
 DISTRIBUTIONS: Mapping[str, Distribution] = {
     "original": Distribution((0.60, 0.60), (0.54, 0.54), waist_deg=0.0),
-    "revised": Distribution((0.50, 0.70), (0.44, 0.64), waist_deg=10.0),
+    "revised": _REVISED,
     "participants": Distribution((0.51, 0.58), (0.51, 0.58), waist_deg=5.0, cooperating=True),
+    **{name: replace(_REVISED, partners=partners) for name, partners in ZOOS.items()},
 }
+NAMED: Mapping[str, Distribution] = DISTRIBUTIONS | {
+    name: replace(_REVISED, partners=partners) for name, partners in OF_ONE_STYLE.items()
+}
+"""All that have names: with those of a single style of the zoo, such as ``zoo/train/startled``."""
 
 ROOM_M = 0.01
 """What a random arm keeps from the rest of the body and from the furniture (reference)."""
@@ -83,19 +98,23 @@ class Pose:
         return bool(self.spread_rad[RIGHT_ARM].any())
 
 
+CHOICES = (
+    f"{', '.join(DISTRIBUTIONS)}, a style of the zoo such as zoo/train/startled "
+    f"({', '.join(STYLES)}), or a file of people"
+)
+"""All that may be named, in words."""
+
+
 def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution:
     """The distribution of that name, or in that file, which may have poses for any of ``tasks``.
 
     Raises:
         ValueError: naming the distributions there are, or what is wrong in the file.
     """
-    if name_or_path in DISTRIBUTIONS:
-        return DISTRIBUTIONS[name_or_path]
+    if name_or_path in NAMED:
+        return NAMED[name_or_path]
     if not Path(name_or_path).is_file():
-        names = ", ".join(DISTRIBUTIONS)
-        raise ValueError(
-            f"unknown people {name_or_path!r}; the distributions are {names}, or a file of people"
-        )
+        raise ValueError(f"unknown people {name_or_path!r}; the distributions are {CHOICES}")
     from avrgym.people.files import read_people  # with what reads and writes such files
 
     return distribution_of(read_people(Path(name_or_path), tasks))
@@ -109,7 +128,7 @@ def distribution_of(people: "PeopleFile") -> Distribution:
 
 def people_name(name_or_path: str) -> str:
     """What to call people where their file is not at hand."""
-    return name_or_path if name_or_path in DISTRIBUTIONS else f"fitted: {Path(name_or_path).name}"
+    return name_or_path if name_or_path in NAMED else f"fitted: {Path(name_or_path).name}"
 
 
 def sample(

@@ -39,16 +39,23 @@ def impair(people: People, impairment: Impairment, uniforms: Array) -> People:
     """The same people with an impairment, drawn from uniform numbers (n, ``UNIFORMS``).
 
     ``limits``: joint ranges, and the pose, shrink to a share U(0.5, 1); ``weakness``: the joints' torque to a
-    share U(0.25, 1); ``tremor``: joint targets alternate by U(0, 20°) for the head and U(0, 10°) for the arms.
+    share U(0.25, 1); ``tremor``: joint targets alternate by U(0, 20°) for the head and U(0, 10°) for the arms, or
+    by what they trembled before where that is more.
     """
     if impairment == "limits":
-        limited = replace(people, range_share=between(RANGE_SHARE, uniforms[:, 0]))
-        return replace(limited, joint_angles_rad=limit(limited, people.joint_angles_rad))
+        return with_ranges(people, people.range_share * between(RANGE_SHARE, uniforms[:, 0]))
     if impairment == "weakness":
-        return replace(people, strength_share=between(STRENGTH_SHARE, uniforms[:, 0]))
+        share = people.strength_share * between(STRENGTH_SHARE, uniforms[:, 0])
+        return replace(people, strength_share=share)
     if impairment == "tremor":
-        return replace(people, tremor_rad=TREMOR_RAD * uniforms[:, 1:])
+        return replace(people, tremor_rad=np.maximum(people.tremor_rad, TREMOR_RAD * uniforms[:, 1:]))
     return people
+
+
+def with_ranges(people: People, share: Array) -> People:
+    """The same people with so much (n,) of the joints' full ranges, and in a pose within them."""
+    limited = replace(people, range_share=share)
+    return replace(limited, joint_angles_rad=limit(limited, people.joint_angles_rad))
 
 
 def limit(people: People, joint_angles_rad: Array) -> Array:

@@ -49,6 +49,7 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     environment: str
     people: str
+    impairment: str = "none"
     steps: int
     seed: int
     git_commit: str = ""

@@ -14,6 +14,7 @@ from avrgym.geometry.transforms import norm
 from avrgym.models import human, robot, yielding
 from avrgym.models.human import People, Person
 from avrgym.models.scene import (
+    CONTROL_STEP_S,
     EFFECTOR_VELOCITY_SENSOR,
     ROBOT_CONTACT_SENSOR,
     ROBOT_CONTACTS,
@@ -121,6 +122,7 @@ class Simulation:
         braked: bool = True,
         gives_way: bool = True,
         by_region: bool = False,
+        gliding: bool = False,
     ) -> None:
         """Compile the scene.
 
@@ -132,15 +134,19 @@ class Simulation:
             braked: whether the arm's joints have brakes.
             gives_way: whether people give way and motors press no harder than they lead, see ``models.yielding``.
             by_region: whether ``region_force_n`` is measured, which takes time and changes nothing else.
+            gliding: whether moving people go evenly from one target to the next, see ``command_person``.
         """
         self.scene = scene
         self.num_worlds = num_worlds
         self.moving = moving
+        self._gliding = gliding
         spec = build_spec(scene, Person(), moving=moving, appearance=False)
         if gives_way:
             yielding.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
         if by_region:
             add_region_sensors(spec, scene)
+        if gliding:
+            human.let_targets_glide(spec)
         self.model = spec.compile()
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
         return_large_blocks()
@@ -174,7 +180,10 @@ class Simulation:
         self._act[np.ix_(ids, names.arm_act)] = start.arm_angles_rad
         if self.moving:
             self._qpos[np.ix_(ids, names.person_qpos)] = start.people.joint_angles_rad
-            self._ctrl[np.ix_(ids, names.person_ctrl)] = start.people.joint_angles_rad
+            if self._gliding:
+                self._act[np.ix_(ids, names.person_act)] = start.people.joint_angles_rad
+            else:
+                self._ctrl[np.ix_(ids, names.person_ctrl)] = start.people.joint_angles_rad
         self._place_particles(ids)
         self.batch.forward(ids)
         self._segment_w[ids] = self._person_segments(ids)
@@ -218,8 +227,13 @@ class Simulation:
         self._ctrl[:, names.arm_ctrl] = 0.0
 
     def command_person(self, joint_targets_rad: Array) -> None:
-        """Set the targets (N, 20) of a moving person's servos."""
-        self._ctrl[:, self._names.person_ctrl] = joint_targets_rad
+        """Set the targets (N, 20) of a moving person's servos, to be had at once or, gliding, a control step later."""
+        names = self._names
+        if self._gliding:
+            way = joint_targets_rad - self._act[:, names.person_act]
+            self._ctrl[:, names.person_ctrl] = way / CONTROL_STEP_S
+        else:
+            self._ctrl[:, names.person_ctrl] = joint_targets_rad
 
     def step(self, substeps: int = SUBSTEPS) -> None:
         """Advance all worlds by physics steps; forces are of the last one, positions of its end."""
@@ -359,6 +373,7 @@ class _Names:
         self.person_geoms = np.array([model.geom(human.PREFIX + name).id for name in human.GEOMS])
         driven = [human.PREFIX + name for name in human.JOINTS if model.nu > len(arm)]
         self.person_qpos, self.person_ctrl = _qpos(model, driven), _actuators(model, driven)
+        self.person_act = np.array([model.actuator(name).actadr[0] for name in driven], dtype=np.intp)
         particles = scene.tool.particles.bodies if scene.tool.particles else ()
         self.particle_qpos = np.array(
             [[model.joint(f"{body}_{axis}").qposadr[0] for axis in "xyz"] for body in particles],

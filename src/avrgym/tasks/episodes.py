@@ -13,14 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from avrgym.geometry import transforms
 from avrgym.models import robot
 from avrgym.models.human import People, Person
-from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import arm_limits, behaviour, distributions, impairments
 from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.impairments import Impairment
+from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
 from avrgym.simulation.world_version import WORLD_VERSION, check_world_version
 from avrgym.simulation.worlds import Ids, Simulation, Start, State
+from avrgym.tasks.minds import Minds
 from avrgym.tasks.registry import TASKS, find_environment, find_task
 from avrgym.tasks.task import StepResult, TaskState, arrays_of, merge
 
@@ -88,19 +89,21 @@ class Episodes:
         num_threads: int = 0,
         world_version: int = WORLD_VERSION,
         by_region: bool = False,
+        steered: bool = False,
     ) -> None:
         """Compile the scene.
 
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
             num_worlds: N.
-            distribution: whom to meet, a name in ``people.distributions.DISTRIBUTIONS`` or a file of people.
+            distribution: whom to meet, a name in ``people.distributions.NAMED`` or a file of people.
             person: one fixed person for every episode instead.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             moving: whether the people's joints are driven from outside, with ``command_person``.
             num_threads: threads for the physics; 0 takes one per core.
             world_version: an earlier one to step recordings again that were made with it. In version 1 no start is
                 drawn again.
+            steered: whether people go where ``steer_people`` has them go, in place of moving by themselves.
             by_region: whether forces are measured by region of the body, see ``Simulation.region_force_n``.
 
         Raises:
@@ -115,12 +118,15 @@ class Episodes:
         self._distribution = distributions.find_distribution(distribution, TASKS)
         self._pose = self._distribution.pose_in(self.task.name, self.task.pose)
         self._impairment: Impairment = impairments.find_impairment(impairment)
+        self._partners = self._distribution.partners
         self._moved_by_themselves = not moving and (
-            self._distribution.cooperating or self._impairment in impairments.MOVING
+            steered or self._distribution.moving or self._impairment in impairments.MOVING
         )
         self.scene = self.task.scene(find_robot(robot))
         self.action_size = len(self.scene.arm.joints)
         """How many numbers an action has: one for each joint of the arm."""
+        self.offered_joints = behaviour.OFFERED_JOINTS[self.task.offered]
+        """The person's joints that ``steer_people`` drives, by name."""
         self.observation = self.task.observation(self.scene)
         self._furniture = furniture_boxes(self.scene.furniture)
         self.simulation = Simulation(
@@ -131,11 +137,14 @@ class Episodes:
             braked=world_version > 1,
             gives_way=world_version > 1,
             by_region=by_region,
+            gliding=self._moved_by_themselves and (steered or self._partners is not None),
         )
         self._room = None if world_version == 1 else self._room_of_scene(led=moving and person is not None)
         self.people = distributions.repeat(person or Person(), num_worlds)
         self.task_state = self.task.init_state(self.people, np.zeros((num_worlds, self.task.uniforms)))
-        self._mind = behaviour.begin(self.people, np.zeros((num_worlds, behaviour.UNIFORMS)))
+        self._minds = Minds(
+            self._distribution, self.people, self.task.offered, self.scene.posture, steered=steered
+        )
         self._arm_start_rad = np.zeros((num_worlds, len(self.scene.arm.joints)))
         self.draws = np.zeros(num_worlds, dtype=int)
         """How often the starts of the present episodes were drawn, (N,)."""
@@ -199,9 +208,12 @@ class Episodes:
         )
         uniforms = np.stack([generator.random(int(parts[-1])) for generator in generators])
         for_people, for_impairments, for_minds, for_task = np.split(uniforms, parts[:-1], axis=1)
-        who = impairments.impair(self._draw_people(for_people), self._impairment, for_impairments)
+        who = self._draw_people(for_people)
+        if self._partners is not None:
+            who = partners.endow(who, self._partners.draw(for_minds[:, :2]))
+        who = impairments.impair(who, self._impairment, for_impairments)
         self.people = merge(self.people, who, ids)
-        self._mind = merge(self._mind, behaviour.begin(who, for_minds), ids)
+        self._minds.begin(ids, who, for_minds)
         self._put(ids, self.task.start(self.scene, who, for_task), self.task.init_state(who, for_task))
 
     def _put(self, ids: Ids, start: Start, task_state: TaskState) -> None:
@@ -217,13 +229,13 @@ class Episodes:
     def _conflicts(self, ids: Ids) -> dict[int, Conflict]:
         """What lacks room, in those of worlds ``ids`` (n,) where anything does, by world.
 
-        People who tremble reach two other poses within their first moment.
+        People who tremble reach two other poses within their first moment; in the zoo anybody may.
         """
         found = self._lacking_room(ids)
         if self._moved_by_themselves and self._room is not None:
-            swing_m = SWING_M if self._impairment == "tremor" else 0.0
+            swing_m = SWING_M if self._impairment == "tremor" or self._partners is not None else 0.0
             for direction in (-1.0, 1.0):
-                trembling = self._mind.targets_rad + direction * self.people.tremor_rad
+                trembling = self._minds.targets_rad + direction * self.people.tremor_rad
                 self.simulation.pose_people(ids, self._possible(trembling)[ids])
                 found |= self._lacking_room(ids, swing_m)
             self.simulation.pose_people(ids, self.people.joint_angles_rad[ids])
@@ -254,7 +266,17 @@ class Episodes:
         action = checked_actions(action, (self.simulation.num_worlds, self.action_size))
         self.simulation.command_robot(action)
         if self._moved_by_themselves:
-            self._command_people()
+            targets = self._minds.live(self.simulation.state, self.people, self._possible)
+            self.simulation.command_person(targets)
+
+    def steer_people(self, action: Array) -> None:
+        """Say where steered people go in the control step that is commanded next.
+
+        Args:
+            action: (N, K), how fast each of ``offered_joints`` goes, -1 to 1 of the speed of unhurried people, see
+                ``people.zoo.movement``; what lies beyond is clipped, and no joint goes where it cannot.
+        """
+        self._minds.steer(self.offered_joints, action, self._possible)
 
     def evaluate_step(self, action: Array) -> Step:
         """Reward the control step that ends now, and take out of play what has left the task."""
@@ -317,14 +339,3 @@ class Episodes:
         return distributions.sample(
             self._distribution, self._pose, self.scene.posture, self._furniture, uniforms
         )
-
-    def _command_people(self) -> None:
-        """Tremor changes its direction at every control step (reference)."""
-        self._mind = behaviour.wait(self._mind)
-        direction = np.where(np.round(self._mind.time_s / CONTROL_STEP_S) % 2 == 1, 1.0, -1.0)
-        trembling = self._mind.targets_rad + direction[:, None] * self.people.tremor_rad
-        if self._distribution.cooperating:
-            state = self.simulation.state()
-            self._mind = behaviour.see(self._mind, state, self.task.offered, self.scene.posture)
-            trembling = trembling + behaviour.sway_rad(self._mind)
-        self.simulation.command_person(self._possible(trembling))

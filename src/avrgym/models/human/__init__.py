@@ -35,7 +35,7 @@ from avrgym.models.human.joints import (
     joint_angles,
 )
 from avrgym.models.human.measures import MAN, PROPORTIONS, SEXES, TORSO_HEIGHT_RANGE_M, WOMAN, Sex
-from avrgym.models.human.model import PREFIX, add_person, person_model
+from avrgym.models.human.model import PREFIX, add_person, let_targets_glide, person_model
 from avrgym.models.human.person import SKIN_TONES, People, Person
 
 __all__ = [
@@ -75,6 +75,7 @@ __all__ = [
     "body_rotations",
     "joint_angles",
     "layout",
+    "let_targets_glide",
     "mass_shares",
     "person_model",
 ]

@@ -91,6 +91,15 @@ def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
         actuator.set_to_position(kp=stiffness, dampratio=1.0)
 
 
+def let_targets_glide(spec: mujoco.MjSpec) -> None:
+    """Have the servos of a scene's moving person told how fast their targets go, rad/s, not where they are."""
+    for name in JOINTS:
+        actuator, joint = spec.actuator(PREFIX + name), spec.joint(PREFIX + name)
+        actuator.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR
+        actuator.actlimited, actuator.actrange = True, joint.range
+        actuator.ctrllimited = False
+
+
 def _capsule_quaternion(axis: tuple[float, float, float] | None) -> Array:
     turns = {X: (Y, 0.5 * np.pi), Y: (X, -0.5 * np.pi)}
     if axis not in turns:

@@ -5,12 +5,15 @@ back and are measured again. So what a trial gives follows from the seeds alone,
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from avrgym.models.human import SEXES
+from avrgym.people import distributions, impairments
+from avrgym.people.distributions import Distribution
+from avrgym.people.impairments import Impairment
 from avrgym.policies.registry import Operated
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.records import Answer
@@ -21,12 +24,39 @@ from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.jobs import cores, run_all
+from avrgym.tasks.registry import TASKS
 from avrgym.vr.emulation.in_process import ANSWER_AFTER_S, InProcessClient
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, Traits, draw_traits
+from avrgym.vr.emulation.simulated_participant import (
+    PARTICIPANTS,
+    SimulatedParticipant,
+    Traits,
+    draw_traits,
+)
 
 AGES_YEARS = (19, 24)
 """Of the paper's participants."""
 GONE = ("excluded", "withdrawn")
+
+
+@dataclass(frozen=True)
+class Cast:
+    """Whom simulated participants are drawn from: a seed, kinds of people by name and as such, and an impairment."""
+
+    seed: int
+    people: str = "participants"
+    whom: Distribution = PARTICIPANTS
+    impairment: Impairment = "none"
+
+    def __str__(self) -> str:
+        words = f"simulated with seed {self.seed}"
+        words += "" if self.people == "participants" else f", people {distributions.people_name(self.people)}"
+        return words + ("" if self.impairment == "none" else f", impairment {self.impairment}")
+
+
+def cast_of(seed: int, people: str, impairment: str) -> Cast:
+    """The cast of people and an impairment by name; ``ValueError`` names what is allowed."""
+    whom = distributions.find_distribution(people, TASKS)
+    return Cast(seed, people, whom, impairments.find_impairment(impairment))
 
 
 def simulate_study(
@@ -35,6 +65,8 @@ def simulate_study(
     seed: int,
     progress: Callable[[int, int], None] = lambda completed, planned: None,
     jobs: int | None = None,
+    people: str = "participants",
+    impairment: str = "none",
 ) -> None:
     """Let so many simulated participants complete a study; those of an earlier run are among them and go on.
 
@@ -45,42 +77,47 @@ def simulate_study(
         progress: told again and again how many of their trials are completed, and how many there are.
         jobs: how many take part at the same time, each in a process; without it as many as there are cores. What
             each gives does not depend on it.
+        people: what participants are like, a name in ``people.distributions.NAMED`` or a file of people.
+        impairment: of all of them, a name in ``people.impairments.IMPAIRMENTS``.
 
     Raises:
-        StudyError: when an earlier run had another seed, or a participant's session does not get on.
+        ValueError: for unknown people or impairments, naming what is allowed; nothing is stored then.
+        StudyError: when an earlier run had another seed or other people, or a participant's session does not get on.
         PolicyError: when a policy of the design is missing; nothing is stored then.
     """
+    cast = cast_of(seed, people, impairment)
     with Store(folder) as store:
         for environment, policy in policies_needed(store):
             if isinstance(load_study_policy(store, environment, policy), Operated):
                 raise PolicyError(
                     f"{policy}: nobody drives the robot in a dry run; leave it out of a copy of the study"
                 )
-        pseudonyms = [simulated_participant(store, index, seed) for index in range(participants)]
+        pseudonyms = [simulated_participant(store, index, cast) for index in range(participants)]
         unfinished = [name for name in pseudonyms if store.participant(name).state == "allocated"]
         run_all(
             simulate_participant,
-            [(store.folder, name, seed) for name in unfinished],
+            [(store.folder, name, cast) for name in unfinished],
             jobs or cores(),
             lambda _: progress(*_trials(store, pseudonyms)),
         )
 
 
-def simulate_participant(folder: Path, pseudonym: str, seed: int) -> None:
+def simulate_participant(folder: Path, pseudonym: str, cast: Cast) -> None:
     """Let one simulated participant go through all trials that remain, in this process."""
     with Store(folder) as store, StudyVisit(store, pseudonym) as visit:
-        chance = _random(seed, visit.stored.participant)
+        chance = _random(cast.seed, visit.stored.participant)
         _answer(visit, "before_session", chance)
         for _ in store.remaining_trials(pseudonym):
-            _run_trial(visit, seed)
+            _run_trial(visit, cast)
             if visit.called_off:
                 raise StudyError(f"{visit.stored} was ended elsewhere")
         _answer(visit, "after_session", chance)
 
 
-def traits_of(participant: Participant, seed: int) -> Traits:
+def traits_of(participant: Participant, cast: Cast) -> Traits:
     """Body and habits of a simulated participant."""
-    return draw_traits(participant.sex, int(_random(seed, participant.number).integers(2**31)))
+    seed = int(_random(cast.seed, participant.number).integers(2**31))
+    return draw_traits(participant.sex, seed, cast.whom, cast.impairment)
 
 
 def _answer(visit: StudyVisit, when: str, chance: np.random.Generator) -> None:
@@ -92,37 +129,39 @@ def _answer(visit: StudyVisit, when: str, chance: np.random.Generator) -> None:
             visit.record(Answer(item.id, value, ANSWER_AFTER_S), when).result()
 
 
-def _run_trial(visit: StudyVisit, seed: int) -> None:
+def _run_trial(visit: StudyVisit, cast: Cast) -> None:
     """Run the first trial that remains as a session in VR of its own."""
     plan = visit.plan()
     number = plan.first_trial
-    traits = traits_of(visit.store.participant(visit.pseudonym), seed)
+    traits = traits_of(visit.store.participant(visit.pseudonym), cast)
     participant = SimulatedParticipant(traits, plan.trials[number - 1].seed, plan.furniture)
     client = InProcessClient(participant, lambda text: None)
     session = visit.session(replace(plan, trials=plan.trials[:number]), client.hear)
     client.run(session)
 
 
-def simulated_participant(store: Store, index: int, seed: int) -> str:
+def simulated_participant(store: Store, index: int, cast: Cast) -> str:
     """The pseudonym of the simulated participant with this index, who takes part from now on if not before."""
     present = [person for person in store.participants() if person.simulated and person.state not in GONE]
     if index < len(present):
         pseudonym = present[index].pseudonym
     else:
-        age_years = int(_random(seed, index).integers(AGES_YEARS[0], AGES_YEARS[1] + 1))
+        age_years = int(_random(cast.seed, index).integers(AGES_YEARS[0], AGES_YEARS[1] + 1))
         pseudonym = enrol(store, SEXES[index % len(SEXES)], age_years=age_years, simulated=True)
-    _admit(store, pseudonym, seed)
+    _admit(store, pseudonym, cast)
     return pseudonym
 
 
-def _admit(store: Store, pseudonym: str, seed: int) -> None:
+def _admit(store: Store, pseudonym: str, cast: Cast) -> None:
     """Do what is still to be done before a first session."""
-    note = f"simulated with seed {seed}"
+    note = str(cast)
     notes = [written.text for written in store.notes(pseudonym)]
     if not notes:
         add_note(store, pseudonym, note)
     elif notes[0] != note:
-        raise StudyError(f"{pseudonym} is {notes[0]!r}; a run with another seed does not go on with them")
+        raise StudyError(
+            f"{pseudonym} is {notes[0]!r}; a run with another seed or other people does not go on with them"
+        )
     if store.participant(pseudonym).state == "enrolled":
         record_consent(store, pseudonym)
     if store.participant(pseudonym).state == "consented":

@@ -5,7 +5,7 @@ demonstrations and tests. Whatever they leave behind is marked as simulated.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.furniture.real import REAL_AS_VIRTUAL, RealFurniture
-from avrgym.models.human import LOWER_RAD, SEATED, SEATED_RAD, UPPER_RAD, Person, Sex
+from avrgym.models.human import JOINTS, SEATED, SEATED_RAD, Person, Sex
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
-from avrgym.people import behaviour, distributions
+from avrgym.people import behaviour, distributions, impairments
+from avrgym.people.distributions import DISTRIBUTIONS, Distribution
+from avrgym.people.impairments import Impairment
+from avrgym.people.zoo import movement, partners
 from avrgym.robots.registry import find_robot
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.protocol import messages
@@ -27,6 +30,9 @@ from avrgym.vr.session.attempt import Experience
 Array = NDArray[np.float64]
 
 
+PARTICIPANTS = DISTRIBUTIONS["participants"]
+TREMOR_HZ = 5.0
+"""As simulated people tremble elsewhere, whose joints' targets alternate every 0.1 s."""
 LENIENCY, NOISE = 0.08, 0.1
 """Standard deviations, between participants and from answer to answer, as shares of a scale."""
 
@@ -47,7 +53,8 @@ class Traits:
     ``sway_m`` and ``sway_hz`` describe the slow movement of the head; ``lean_deg`` how far they bend forward at
     rest, ``arm_deg`` how much farther back than most they hold their arms. ``cooperation`` (0 to 1) is how far they
     bring mouth or arm to the tool, as they saw it ``reaction_s`` ago. ``leniency`` is by how much of the scale they
-    rate everything higher than most.
+    rate everything higher than most. A ``partner`` of the zoo, a row of its ``MANNERS``, moves as that one does. The
+    rest are impairments, see ``People``; who has less strength moves less far.
     """
 
     sex: Sex
@@ -59,14 +66,21 @@ class Traits:
     cooperation: float
     reaction_s: float
     leniency: float
+    partner: int | None = None
+    range_share: float = 1.0
+    strength_share: float = 1.0
+    tremor_rad: Array = field(default_factory=lambda: np.zeros(len(JOINTS)))
 
 
-def draw_traits(sex: Sex, seed: int) -> Traits:
-    """Traits of a participant of the paper's range of torso heights, 0.51 to 0.58 m."""
+def draw_traits(
+    sex: Sex, seed: int, whom: Distribution = PARTICIPANTS, impairment: Impairment = "none"
+) -> Traits:
+    """Traits of one of a kind of people: without another, of the paper's participants."""
     random = np.random.default_rng(seed)
-    return Traits(
+    heights_m = whom.torso_height_woman_m if sex == "woman" else whom.torso_height_man_m
+    traits = Traits(
         sex=sex,
-        torso_height_m=float(random.uniform(0.51, 0.58)),
+        torso_height_m=float(random.uniform(*heights_m)),
         sway_deg=float(random.uniform(0.3, 1.0)),
         sway_hz=float(random.uniform(0.1, 0.3)),
         lean_deg=float(random.uniform(-2.0, 5.0)),
@@ -74,6 +88,27 @@ def draw_traits(sex: Sex, seed: int) -> Traits:
         cooperation=float(random.uniform(0.0, 1.0)),
         reaction_s=float(random.uniform(0.2, 0.4)),
         leniency=float(random.normal(0.0, LENIENCY)),
+    )
+    if not whom.moving:
+        traits = replace(traits, sway_deg=0.0, cooperation=0.0)
+    return _with_body(traits, random, whom, impairment)
+
+
+def _with_body(
+    traits: Traits, random: np.random.Generator, whom: Distribution, impairment: Impairment
+) -> Traits:
+    """The same with what a partner's body is like, and an impairment."""
+    body, partner = distributions.repeat(Person(traits.sex, traits.torso_height_m), 1), None
+    if whom.partners is not None:
+        drawn = whom.partners.draw(random.random((1, 2)))
+        body, partner = partners.endow(body, drawn), int(drawn[0])
+    body = impairments.impair(body, impairment, random.random((1, impairments.UNIFORMS)))
+    return replace(
+        traits,
+        partner=partner,
+        range_share=float(body.range_share[0]),
+        strength_share=float(body.strength_share[0]),
+        tremor_rad=body.tremor_rad[0],
     )
 
 
@@ -103,6 +138,7 @@ class SimulatedParticipant:
             np.array([*random.uniform(-0.3, 0.3, 2), 0.0]), float(random.uniform(-np.pi, np.pi))
         )
         self._phase = random.uniform(0.0, 2.0 * np.pi, 3)
+        self._chance = np.random.default_rng([seed, 2]).random((1, 4))
         self._sequence = -1
         self._bodies: list[str] = []
         self._environment = ""
@@ -131,11 +167,13 @@ class SimulatedParticipant:
             self._see(message)
 
     def _rest(self, posture: human.Posture, rest_rad: Array) -> None:
-        self._posture, self._rest_rad = posture, rest_rad
-        person = Person(self.traits.sex, self.traits.torso_height_m, rest_rad)
+        traits = self.traits
+        people = distributions.repeat(Person(traits.sex, traits.torso_height_m, rest_rad), 1)
+        self._people = impairments.with_ranges(people, np.array([traits.range_share]))
+        person = self._people.person(0)
+        self._posture, self._rest_rad = posture, person.joint_angles_rad
         higher_m = self._furniture.head_rise_m(posture, person.torso_height_m)
         self._room = replace(self._room, origin_w=np.array([*self._room.origin_w[:2], -higher_m]))
-        self._people = distributions.repeat(person, 1)
         self._sites = human.layout(self._people.is_woman, self._people.torso_height_m).site_pos
         self._model = human.person_model(person, posture, moving=True)
         self._data = mujoco.MjData(self._model)
@@ -143,8 +181,12 @@ class SimulatedParticipant:
 
     def _open_mind(self) -> None:
         """Forget what was seen."""
-        mind = behaviour.begin(self._people, np.full((1, behaviour.UNIFORMS), 0.5))
-        self._mind = replace(mind, reaction=np.array([round(self.traits.reaction_s / CONTROL_STEP_S)]))
+        self._mind: behaviour.Mind | movement.Mind
+        if self.traits.partner is not None:
+            self._mind = movement.begin(self._people, np.array([self.traits.partner]), self._chance)
+        else:
+            mind = behaviour.begin(self._people, np.full((1, behaviour.UNIFORMS), 0.5))
+            self._mind = replace(mind, reaction=np.array([round(self.traits.reaction_s / CONTROL_STEP_S)]))
         self._next_look_s = -np.inf
 
     def _see(self, state: messages.State) -> None:
@@ -154,7 +196,10 @@ class SimulatedParticipant:
         self._next_look_s = state.simulation_time_s + CONTROL_STEP_S
         poses = np.frombuffer(state.poses, "<f4").reshape(-1, 7).astype(float)
         sight = self._sight(dict(zip(self._bodies, poses, strict=False)))
-        self._mind = behaviour.see(self._mind, sight, self._offered, self._posture)
+        if isinstance(self._mind, movement.Mind):
+            self._mind = movement.live(self._mind, sight, self._offered, self._posture, self._possible)
+        else:
+            self._mind = behaviour.see(self._mind, sight, self._offered, self._posture)
 
     def _sight(self, bodies: Mapping[str, Array]) -> _Sight:
         """From the poses (7,) of bodies by name."""
@@ -193,9 +238,18 @@ class SimulatedParticipant:
     def _joint_angles(self, time_s: float, moving: bool) -> Array:
         if not moving:
             return self._rest_rad
-        brought = self._mind.targets_rad[0] - self._rest_rad
-        angles = self._rest_rad + self.traits.cooperation * brought + self._habits(time_s)
-        return np.clip(angles, LOWER_RAD, UPPER_RAD)
+        traits, mind = self.traits, self._mind
+        brought = traits.strength_share * (mind.targets_rad[0] - self._rest_rad)
+        if isinstance(mind, movement.Mind):
+            angles = self._rest_rad + brought + movement.oscillation_rad(mind)[0]
+        else:
+            angles = self._rest_rad + traits.cooperation * brought + self._habits(time_s)
+        trembling = traits.tremor_rad * np.sin(2.0 * np.pi * TREMOR_HZ * time_s)
+        return self._possible((angles + trembling)[None])[0]
+
+    def _possible(self, joint_angles_rad: Array) -> Array:
+        """Joint angles (1, 20) brought to where the participant's joints can go."""
+        return impairments.limit(self._people, joint_angles_rad)
 
     def _habits(self, time_s: float) -> Array:
         """What lean, sway and the way to hold the arms add to the joint angles (20,)."""

@@ -31,21 +31,25 @@ class Viewing:
         people: str,
         seed: int,
         send: Send,
+        impairment: str = "none",
     ) -> None:
         """Compile the scene and begin the first episode.
 
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
             policy: whatever ``policies.registry.find`` finds.
-            people: whom to meet, a name in ``people.distributions.DISTRIBUTIONS``.
+            people: whom to meet, a name in ``people.distributions.NAMED`` or a file of people.
             seed: of the first episode; each later one takes the next.
             send: takes every message for the client.
+            impairment: a name in ``people.impairments.IMPAIRMENTS``.
 
         Raises:
             ValueError: for an unknown name, naming what is allowed.
         """
         self.scenes: list[tuple[str, Person]] = []
-        self._episodes = Episodes(environment_id, 1, distribution=people, num_threads=1)
+        self._episodes = Episodes(
+            environment_id, 1, distribution=people, impairment=impairment, num_threads=1
+        )
         self._policy, self._seed, self._send = policy, seed, send
         self._driver = driver_of(find(policy, environment_id), beside=True)
         self._phase: Literal["loading", "running", "ended"] = "loading"

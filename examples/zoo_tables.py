@@ -1,0 +1,31 @@
+"""The tables of docs/zoo.md: python examples/zoo_tables.py"""
+
+from avrgym.people.zoo import STYLES, ZOOS, Style
+from avrgym.people.zoo.partners import OF_ONE_STYLE
+
+AXES = ("delay", "amplitude", "tempo")
+
+
+def style_rows() -> list[str]:
+    """What each style does, and the sources."""
+    return [f"| `{name}` | {style.does} | {style.source} |" for name, style in STYLES.items()]
+
+
+def range_rows() -> list[str]:
+    """What each style moves along each axis, and how many partners it has to train with and unseen."""
+    return [
+        f"| `{name}` | {' | '.join(_ranges(style, axis) for axis in AXES)} | {_counts(name)} |"
+        for name, style in STYLES.items()
+    ] + [f"| all | | | | {' + '.join(str(len(partners)) for partners in ZOOS.values())} |"]
+
+
+def _ranges(style: Style, axis: str) -> str:
+    return ", ".join(f"{trait} {first:g}–{last:g}" for trait, (first, last) in getattr(style, axis).items())
+
+
+def _counts(name: str) -> str:
+    return " + ".join(str(len(OF_ONE_STYLE[f"{zoo}/{name}"])) for zoo in ZOOS)
+
+
+if __name__ == "__main__":
+    print("\n".join([*style_rows(), "", *range_rows()]))

@@ -1,0 +1,66 @@
+"""Every policy with every group of people: who gets on with whom."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from avrgym.learning.evaluation import Evaluation, Progress, evaluate_all
+from avrgym.people.distributions import find_distribution
+from avrgym.people.impairments import find_impairment
+from avrgym.policies import registry
+from avrgym.tasks.registry import TASKS, find_environment
+
+
+def cross_play(
+    environment_ids: Sequence[str],
+    policies: Sequence[str],
+    people: Sequence[str],
+    episodes: int,
+    seed: int,
+    progress: Progress = lambda steps: None,
+    *,
+    impairment: str = "none",
+    jobs: int | None = None,
+    allow_other_environment: bool = False,
+    force_guard: bool = False,
+) -> list[Evaluation]:
+    """A row for each group of people, policy and environment; arguments as of ``evaluate_all``.
+
+    In an environment each policy meets the same people in the same episodes.
+
+    Raises:
+        ValueError: for an unknown name, before anything is run, naming what is allowed.
+    """
+    find_impairment(impairment)
+    for whom in people:
+        find_distribution(whom, TASKS)
+    for environment_id in environment_ids:
+        find_environment(environment_id)
+        for policy in policies:
+            registry.find(policy, environment_id, allow_other_environment=allow_other_environment)
+    return [
+        row
+        for whom in people
+        for policy in policies
+        for row in evaluate_all(
+            environment_ids,
+            policy,
+            whom,
+            episodes,
+            seed,
+            progress,
+            impairment=impairment,
+            jobs=jobs,
+            allow_other_environment=allow_other_environment,
+            force_guard=force_guard,
+        )
+    ]
+
+
+def matrix(rows: Sequence[Evaluation]) -> list[dict[str, Any]]:
+    """Success with its 95 % interval: a row for each environment and policy, a column for each group of people."""
+    table: dict[tuple[str, str], dict[str, Any]] = {}
+    for row in rows:
+        line = table.setdefault((row.env, row.policy), {"env": row.env, "policy": row.policy})
+        low, high = row.success_ci95
+        line[row.people] = f"{row.success_rate:.0%} [{100.0 * low:.0f}, {100.0 * high:.0f}]"
+    return list(table.values())

@@ -1,0 +1,267 @@
+"""How partners of the zoo move: what their traits make of what they see, as fast and as suddenly as people do.
+
+Posture follows what they want with bounded speed and acceleration; sway, chewing and tremor come on top. All of it is
+smooth: servos go evenly from one control step's target to the next, see ``Simulation.command_person``.
+
+What unhurried people do at most:
+
+- head 1.2 rad/s, less than the 1.6 that heads reach as people walk or run, and 8 rad/s², a quarter of what that is at
+  the 3.2 Hz of running (Grossman et al., Exp. Brain Res. 70:470, 1988);
+- arms 0.8 rad/s, less than the 1.2 of a hand that reaches for a glass at 0.66 m/s on an arm of 0.55 m (de los
+  Reyes-Guzmán et al., J. NeuroEng. Rehabil. 7:41, 2010), and 3.5 rad/s², that of the same reach, which takes 1.04 s,
+  with minimum jerk (Flash and Hogan, J. Neurosci. 5:1688, 1985);
+- waist 0.35 rad/s and 2 rad/s², our assumption.
+
+Who is startled turns the head with up to 3 rad/s and 30 rad/s², where vigorous turning reaches 13.6 rad/s at 2.6 Hz
+(Grossman et al.), and moves all else 2.5 times as fast as usual.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import elementary, transforms
+from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.people import behaviour
+from avrgym.people.behaviour import (
+    HEAD_TURN_RAD,
+    LEAN_RAD,
+    LIFT_RAD,
+    NEAR_ARM_M,
+    NEAR_MOUTH_M,
+    Offered,
+    Sight,
+)
+from avrgym.people.zoo.partners import MANNERS, Manner, Rows
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Possible = Callable[[Array], Array]
+"""Brings joint angles (N, 20) to where these people's joints can go."""
+
+REMEMBERED_STEPS = 11
+"""Of the tool's places: a second and the present."""
+SPEED_RAD_S = np.array([{"torso": 0.35, "head": 1.2}.get(each.body, 0.8) for each in JOINTS.values()])
+ACCELERATION_RAD_S2 = np.array([{"torso": 2.0, "head": 8.0}.get(each.body, 3.5) for each in JOINTS.values()])
+STARTLED_SPEED, STARTLED_ACCELERATION = 2.5, 3.75
+"""By how much faster, and more suddenly, the startled move."""
+REST_S = 3.0
+"""So long after a startle nobody is startled again."""
+NEVER_S = 1e6
+SETTLING_S = 1.0
+"""How long sway, chewing and tremor take to come to their full extent."""
+GOLDEN = 0.6180339887498949
+"""Multiples of it, without their whole parts, are spread evenly (Weyl): one after the other they serve as chance."""
+
+_WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
+_HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
+_LIFT = [JOINT_INDEX["right_shoulder_y"], JOINT_INDEX["right_elbow_x"]]
+_SHOULDER, _ELBOW = _LIFT
+
+
+@dataclass(frozen=True)
+class Mind:
+    """What N partners carry from one control step to the next.
+
+    ``partner`` (N,) are rows of ``MANNERS``, ``chance`` (N, 4) numbers in 0..1 that tell partners alike apart.
+    ``seen_w`` (N, ``REMEMBERED_STEPS``, 3) are the latest places of the tool, newest first. ``rest_rad``,
+    ``targets_rad`` and ``speed_rad_s`` (N, 20): where the joints began, where they are to be without sway, chewing and
+    tremor, and how fast they go there. ``time_s`` (N,) since the start, ``near_s`` since the tool came near, 0 while it
+    is not, ``startled_s`` since the latest of ``startles``.
+    """
+
+    partner: Rows
+    chance: Array
+    seen_w: Array
+    rest_rad: Array
+    targets_rad: Array
+    speed_rad_s: Array
+    time_s: Array
+    near_s: Array
+    startled_s: Array
+    startles: Array
+
+
+class _View(NamedTuple):
+    """The tool as N people are aware of it: whether they are, the face's angles to it (N, 3), how far it is from what
+    they offer (N,), and on which side of them, 1 for the left and −1 for the right."""
+
+    aware: Bools
+    facing_rad: Array
+    gap_m: Array
+    side: Array
+
+
+def begin(people: People, partners: Rows, chance: Array) -> Mind:
+    """The minds of partners (n,) in the bodies of people whose episode begins, from uniform numbers (n, 4)."""
+    count = len(chance)
+    at_rest, none = np.zeros_like(people.joint_angles_rad), np.zeros(count)
+    return Mind(
+        partner=partners,
+        chance=chance,
+        seen_w=np.zeros((count, REMEMBERED_STEPS, 3)),
+        rest_rad=people.joint_angles_rad,
+        targets_rad=people.joint_angles_rad,
+        speed_rad_s=at_rest,
+        time_s=none,
+        near_s=none,
+        startled_s=np.full(count, NEVER_S),
+        startles=none,
+    )
+
+
+def live(mind: Mind, sight: Sight, offered: Offered, posture: Posture, possible: Possible) -> Mind:
+    """One control step passes: they look, and their targets move.
+
+    Args:
+        mind: what they carry.
+        sight: what they see now.
+        offered: what they bring to the tool.
+        posture: how they sit or lie.
+        possible: where their joints can go.
+    """
+    manner = MANNERS.of(mind.partner)
+    seen = np.concatenate([sight.tool_pos_w[:, None], mind.seen_w[:, :-1]], axis=1)
+    mind = replace(mind, seen_w=seen, time_s=mind.time_s + CONTROL_STEP_S)
+    view = _view(mind, manner, sight, offered, posture)
+    mind = _feel(mind, manner, view, offered)
+    return _follow(mind, manner, possible(_wanted(mind, manner, view, offered)))
+
+
+def oscillation_rad(mind: Mind) -> Array:
+    """What sway and chewing add to the joints' targets (N, 20): nothing at first."""
+    manner = MANNERS.of(mind.partner)
+    wave = np.zeros_like(mind.targets_rad)
+    phase = 2.0 * np.pi * mind.chance[:, :2].T
+    angle = 2.0 * np.pi * manner.sway_hz * mind.time_s
+    swung = elementary.sin(np.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
+    wave[:, _WAIST[:2]] = (np.radians(manner.sway_deg) * swung).T
+    opened = 0.5 - 0.5 * elementary.cos(2.0 * np.pi * manner.chew_hz * mind.time_s)
+    wave[:, _HEAD[0]] = -np.radians(manner.chew_deg) * opened * settled(mind)
+    return wave
+
+
+def settled(mind: Mind) -> Array:
+    """What share (N,) of their full extent chewing and tremor have come to."""
+    return np.minimum(mind.time_s / SETTLING_S, 1.0)
+
+
+def _view(mind: Mind, manner: Manner, sight: Sight, offered: Offered, posture: Posture) -> _View:
+    """The tool's place of a reaction time ago, between two that they remember, and what it is to them."""
+    back = manner.reaction_s / CONTROL_STEP_S
+    whole = back.astype(np.intp)
+    share, row = (back - whole)[:, None], np.arange(len(back))
+    tool = (1.0 - share) * mind.seen_w[row, whole] + share * mind.seen_w[row, whole + 1]
+    aware = mind.time_s > manner.reaction_s + 1.5 * CONTROL_STEP_S
+    tool = np.where(aware[:, None], tool, sight.mouth_pos_w)
+    ahead = behaviour.ahead_of(mind.targets_rad, tool - sight.head_pos_w, posture)
+    match offered:
+        case "mouth":
+            gap = np.where(ahead[:, 1] < 0.0, transforms.norm(tool - sight.mouth_pos_w), np.inf)
+        case "arm":
+            gap = transforms.norm(sight.right_arm_pos_w - tool[:, None]).min(axis=-1)
+        case "nothing":
+            gap = np.full(len(tool), np.inf)
+    side = np.where(ahead[:, 0] > 0.0, 1.0, -1.0)
+    return _View(aware, behaviour.facing_rad(ahead), np.where(aware, gap, np.inf), side)
+
+
+def _feel(mind: Mind, manner: Manner, view: _View, offered: Offered) -> Mind:
+    """For how long the tool has been near, and whether that startles them."""
+    near = view.gap_m < (NEAR_ARM_M if offered == "arm" else NEAR_MOUTH_M)
+    startled = (manner.startle_deg > 0.0) & (view.gap_m < manner.startle_m)
+    startled &= mind.startled_s > manner.startle_s + REST_S
+    return replace(
+        mind,
+        near_s=np.where(near, mind.near_s + CONTROL_STEP_S, 0.0),
+        startled_s=np.where(startled, 0.0, mind.startled_s + CONTROL_STEP_S),
+        startles=mind.startles + startled,
+    )
+
+
+def _wanted(mind: Mind, manner: Manner, view: _View, offered: Offered) -> Array:
+    """Where they want their joints (N, 20)."""
+    wanted = mind.rest_rad.copy()
+    faced = np.clip(manner.facing_share[:, None] * view.facing_rad, -HEAD_TURN_RAD, HEAD_TURN_RAD)
+    faces = view.aware & (manner.facing_share > 0.0)
+    wanted[:, _HEAD] = np.where(faces[:, None], faced, wanted[:, _HEAD])
+    _glance(wanted, mind, manner)
+    _shift(wanted, mind, manner)
+    _approach(wanted, mind, manner, offered)
+    _withdraw(wanted, mind, manner, view, offered)
+    return wanted
+
+
+def _glance(wanted: Array, mind: Mind, manner: Manner) -> None:
+    """From time to time the head turns away from all else: to the side of a companion, or anywhere."""
+    count, share = _beat(mind, manner.glance_every_s, 2)
+    away = (manner.glance_share > 0.0) & (share >= 1.0 - manner.glance_share)
+    side = np.where(mind.chance[:, 3] < 0.5, -1.0, 1.0)
+    anywhere = 2.0 * _chance(mind.chance[:, 3], count) - 1.0
+    yaw = np.radians(side * manner.glance_deg + anywhere * manner.wander_deg)
+    wanted[:, _HEAD[2]] = np.where(away, yaw, wanted[:, _HEAD[2]])
+
+
+def _shift(wanted: Array, mind: Mind, manner: Manner) -> None:
+    """Now and then they sit otherwise; an arm moves outwards, where it has room."""
+    count, _ = _beat(mind, manner.shift_every_s, 3)
+    extent = np.radians(manner.shift_deg)
+    for axis, joint in enumerate(_WAIST):
+        wanted[:, joint] += extent * (2.0 * _chance(mind.chance[:, axis], count) - 1.0)
+    wanted[:, _SHOULDER] += extent * _chance(mind.chance[:, 3], count)
+
+
+def _approach(wanted: Array, mind: Mind, manner: Manner, offered: Offered) -> None:
+    """They lean to a tool that is near, or lift the arm; who hesitates does so in two halves."""
+    hesitates = manner.pause_s > 0.0
+    halves = np.floor(mind.near_s / np.where(hesitates, manner.pause_s, 1.0))
+    come = np.where(hesitates, np.minimum(0.5 * halves, 1.0), mind.near_s > 0.0)
+    share = manner.approach_share * come
+    if offered == "mouth":
+        wanted[:, _WAIST[0]] += share * LEAN_RAD
+    elif offered == "arm":
+        wanted[:, _LIFT] += (share * LIFT_RAD)[:, None]
+
+
+def _withdraw(wanted: Array, mind: Mind, manner: Manner, view: _View, offered: Offered) -> None:
+    """They bend to the other side and turn the face away, or draw the forearm in."""
+    starting = (mind.startles > 0.0) & (mind.startled_s <= manner.startle_s)
+    extent_deg = manner.away_deg * (mind.near_s > 0.0)
+    extent_deg = extent_deg + np.where(starting, manner.startle_deg * 0.5 ** (mind.startles - 1.0), 0.0)
+    extent = np.radians(extent_deg)
+    wanted[:, _WAIST[1]] -= 0.5 * view.side * extent
+    if offered == "arm":
+        wanted[:, _ELBOW] -= extent
+    else:
+        wanted[:, _HEAD[0]] -= extent
+        wanted[:, _HEAD[2]] -= view.side * extent
+
+
+def _beat(mind: Mind, every_s: Array, of: int) -> tuple[Array, Array]:
+    """How often (N,) something has come round that does every so many seconds, and the share of a round since."""
+    rounds = mind.time_s / every_s + mind.chance[:, of]
+    count = np.floor(rounds)
+    return count, rounds - count
+
+
+def _chance(first: Array, count: Array) -> Array:
+    """Numbers (N,) in 0..1, another one for each count."""
+    value = first + GOLDEN * count
+    return value - np.floor(value)
+
+
+def _follow(mind: Mind, manner: Manner, wanted: Array) -> Mind:
+    """The targets a control step on their way: as fast as can still be braked before the goal."""
+    startled = (mind.startled_s <= manner.startle_s)[:, None]
+    pace = manner.speed_share[:, None]
+    most = SPEED_RAD_S * np.where(startled, STARTLED_SPEED, pace)
+    change = ACCELERATION_RAD_S2 * np.where(startled, STARTLED_ACCELERATION, pace) * CONTROL_STEP_S
+    way = wanted - mind.targets_rad
+    braked = np.sqrt(0.25 * change * change + 2.0 * change / CONTROL_STEP_S * np.abs(way)) - 0.5 * change
+    speed = np.copysign(np.minimum(np.minimum(most, braked), np.abs(way) / CONTROL_STEP_S), way)
+    speed = np.clip(speed, mind.speed_rad_s - change, mind.speed_rad_s + change)
+    return replace(mind, targets_rad=mind.targets_rad + CONTROL_STEP_S * speed, speed_rad_s=speed)

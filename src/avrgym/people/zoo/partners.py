@@ -1,0 +1,162 @@
+"""Who lives in the zoo: every style at every combination of levels of its axes, some to train with and others to meet.
+
+A partner is a row of ``MANNERS``. Those of ``zoo/unseen`` lie between those of ``zoo/train`` on every axis: no trait
+that a style moves has the same value in both.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, fields, replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models.human import JOINTS, People
+from avrgym.people import impairments
+from avrgym.people.impairments import TREMOR_RAD
+from avrgym.people.zoo.styles import STYLES, Style
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+LEVELS: Mapping[str, tuple[float, ...]] = {
+    "zoo/train": (0.0, 0.5, 1.0),
+    "zoo/unseen": (0.13, 0.37, 0.63, 0.87),
+}
+"""Where on each axis of a style the partners are, from its traits' first values, 0, to their last, 1."""
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How P partners behave, (P,) each; the defaults are of those who do nothing.
+
+    Attributes:
+        reaction_s: what they see of the tool lies so far in the past.
+        facing_share: how far they turn the face to it.
+        approach_share: how far they lean to it, or lift the arm, when it is near; 1 is as far as participants do.
+        pause_s: how long they wait before they do, and half-way.
+        away_deg: how far they withdraw as long as it is near.
+        startle_deg, startle_m, startle_s: how far they withdraw the first time that it comes so near, and for how long.
+        glance_deg, wander_deg: how far to one side, and how far to any, they turn the head from time to time.
+        glance_every_s, glance_share: how often, and for what share of the time.
+        chew_deg, chew_hz: how far and how often the head goes back with the jaw.
+        shift_deg, shift_every_s: how far and how often they shift in their seat.
+        sway_deg, sway_hz: how they sway.
+        speed_share: how fast they move, of the usual.
+        tremor_deg: how far the head trembles either way; the arms do half as far.
+        strength_share, range_share: of their joints' torques and ranges.
+    """
+
+    reaction_s: Array
+    facing_share: Array
+    approach_share: Array
+    pause_s: Array
+    away_deg: Array
+    startle_deg: Array
+    startle_m: Array
+    startle_s: Array
+    glance_deg: Array
+    wander_deg: Array
+    glance_every_s: Array
+    glance_share: Array
+    chew_deg: Array
+    chew_hz: Array
+    shift_deg: Array
+    shift_every_s: Array
+    sway_deg: Array
+    sway_hz: Array
+    speed_share: Array
+    tremor_deg: Array
+    strength_share: Array
+    range_share: Array
+
+    def of(self, rows: Rows) -> "Manner":
+        """Those of some partners."""
+        return Manner(*(array[rows] for array in vars(self).values()))
+
+
+TRAITS = tuple(each.name for each in fields(Manner))
+_USUAL: Mapping[str, float] = {
+    "speed_share": 1.0,
+    "strength_share": 1.0,
+    "range_share": 1.0,
+    "glance_every_s": 1.0,
+    "shift_every_s": 1.0,
+}
+
+
+class Partner(NamedTuple):
+    """One of a zoo: its style, and its level on each axis of it, 0 to 1."""
+
+    zoo: str
+    style: str
+    levels: tuple[float, ...]
+
+
+def _partners() -> tuple[Partner, ...]:
+    """All partners; those of a style in a zoo follow each other."""
+    return tuple(
+        Partner(zoo, name, chosen)
+        for zoo, levels in LEVELS.items()
+        for name, style in STYLES.items()
+        for chosen in product(*(levels if axis else (0.0,) for axis in style.axes))
+    )
+
+
+def _traits(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
+    """What the traits of a style are that it moves."""
+    return {
+        trait: first + level * (last - first)
+        for axis, level in zip(style.axes, levels, strict=True)
+        for trait, (first, last) in axis.items()
+    }
+
+
+PARTNERS = _partners()
+_MOVED = [_traits(STYLES[partner.style], partner.levels) for partner in PARTNERS]
+MANNERS = Manner(
+    *(np.array([moved.get(trait, _USUAL.get(trait, 0.0)) for moved in _MOVED]) for trait in TRAITS)
+)
+"""The manner of each of ``PARTNERS``."""
+
+
+class Partners:
+    """Some of the partners to draw from: each style with the same chance, then each of its partners."""
+
+    def __init__(self, zoo: str, styles: Collection[str]) -> None:
+        self.zoo, self.styles = zoo, tuple(styles)
+        places = [
+            [row for row, partner in enumerate(PARTNERS) if (partner.zoo, partner.style) == (zoo, style)]
+            for style in styles
+        ]
+        self._first = np.array([rows[0] for rows in places])
+        self._count = np.array([len(rows) for rows in places])
+
+    def __len__(self) -> int:
+        return int(self._count.sum())
+
+    def draw(self, uniforms: Array) -> Rows:
+        """Partners (n,) from uniform numbers (n, 2)."""
+        style = _which(uniforms[:, 0], np.array(len(self.styles)))
+        return self._first[style] + _which(uniforms[:, 1], self._count[style])
+
+
+def _which(uniform: Array, count: NDArray[np.intp]) -> Rows:
+    return np.minimum((uniform * count).astype(np.intp), count - 1)
+
+
+ZOOS: Mapping[str, Partners] = {zoo: Partners(zoo, STYLES) for zoo in LEVELS}
+OF_ONE_STYLE: Mapping[str, Partners] = {
+    f"{zoo}/{style}": Partners(zoo, [style]) for zoo in LEVELS for style in STYLES
+}
+
+_TREMOR_SHARE = TREMOR_RAD / TREMOR_RAD[list(JOINTS).index("head_x")]
+
+
+def endow(people: People, partners: Rows) -> People:
+    """The same people with what the bodies of partners (n,) are like: ranges, strength and tremor."""
+    manner = MANNERS.of(partners)
+    tremor_rad = np.radians(manner.tremor_deg)[:, None] * _TREMOR_SHARE
+    strong = replace(people, strength_share=manner.strength_share, tremor_rad=tremor_rad)
+    return impairments.with_ranges(strong, manner.range_share)

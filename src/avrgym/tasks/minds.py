@@ -1,0 +1,87 @@
+"""What N people want their joints to do by themselves: hold still, tremble, cooperate, or live as in the zoo."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models.human import JOINT_INDEX, People, Posture
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.people import behaviour
+from avrgym.people.behaviour import Offered, Sight
+from avrgym.people.distributions import Distribution
+from avrgym.people.zoo import movement
+from avrgym.people.zoo.movement import Possible
+from avrgym.tasks.task import merge
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.intp]
+
+
+class Minds:
+    """The minds of N people of one kind, each with an episode of its own."""
+
+    def __init__(
+        self, distribution: Distribution, people: People, offered: Offered, posture: Posture, *, steered: bool
+    ) -> None:
+        """See ``Episodes`` for what is offered and steered."""
+        self._partners = None if steered else distribution.partners
+        self._cooperating = distribution.cooperating and not steered
+        self._offered: Offered = offered
+        self._posture = posture
+        self._mind = self._begun(people, np.zeros((len(people.is_woman), behaviour.UNIFORMS)))
+
+    @property
+    def targets_rad(self) -> Array:
+        """Where their joints are to be, (N, 20), but for what trembles, sways and chews."""
+        return self._mind.targets_rad
+
+    def begin(self, ids: Ids, people: People, uniforms: Array) -> None:
+        """Begin episodes of people in worlds ``ids`` (n,), from uniform numbers (n, ``behaviour.UNIFORMS``)."""
+        self._mind = merge(self._mind, self._begun(people, uniforms), ids)
+
+    def _begun(self, people: People, uniforms: Array) -> behaviour.Mind | movement.Mind:
+        if self._partners is None:
+            return behaviour.begin(people, uniforms)
+        return movement.begin(people, self._partners.draw(uniforms[:, :2]), uniforms[:, 2:])
+
+    def steer(self, joints: Sequence[str], action: Array, possible: Possible) -> None:
+        """Move the targets of joints by a control step at speeds of unhurried people, shares (N, K) of them."""
+        columns = [JOINT_INDEX[name] for name in joints]
+        targets = self._mind.targets_rad.copy()
+        targets[:, columns] += CONTROL_STEP_S * movement.SPEED_RAD_S[columns] * np.clip(action, -1.0, 1.0)
+        self._mind = replace(self._mind, targets_rad=possible(targets))
+
+    def live(self, look: Callable[[], Sight], people: People, possible: Possible) -> Array:
+        """One control step passes: where their joints (N, 20) are to be at its end.
+
+        Tremor changes its direction at every control step (reference).
+
+        Args:
+            look: gives what they see now; only those who look are asked.
+            people: their bodies.
+            possible: where their joints can go.
+        """
+        if isinstance(self._mind, movement.Mind):
+            return possible(self._live_in_the_zoo(self._mind, look(), people, possible))
+        mind = behaviour.wait(self._mind)
+        targets = mind.targets_rad + _direction(mind.time_s) * people.tremor_rad
+        if self._cooperating:
+            mind = behaviour.see(mind, look(), self._offered, self._posture)
+            targets = targets + behaviour.sway_rad(mind)
+        self._mind = mind
+        return possible(targets)
+
+    def _live_in_the_zoo(
+        self, mind: movement.Mind, sight: Sight, people: People, possible: Possible
+    ) -> Array:
+        mind = movement.live(mind, sight, self._offered, self._posture, possible)
+        self._mind = mind
+        tremor = _direction(mind.time_s) * movement.settled(mind)[:, None] * people.tremor_rad
+        return mind.targets_rad + movement.oscillation_rad(mind) + tremor
+
+
+def _direction(time_s: Array) -> Array:
+    """Which way a tremor goes, (N, 1)."""
+    return np.where(np.round(time_s / CONTROL_STEP_S) % 2 == 1, 1.0, -1.0)[:, None]

@@ -1,0 +1,37 @@
+"""Cross-play: each policy meets the same people, and each cell is what it is alone."""
+
+import pytest
+
+from avrgym.learning.cross_play import cross_play, matrix
+from avrgym.learning.evaluation import evaluate_all
+from visit import ENVIRONMENT
+
+POLICIES, PEOPLE = ["zero", "random"], ["original", "zoo/unseen/startled"]
+
+
+def test_every_cell_is_what_it_is_alone() -> None:
+    told: list[int] = []
+    rows = cross_play([ENVIRONMENT], POLICIES, PEOPLE, 1, 5, told.append, impairment="weakness", jobs=1)
+    assert [(row.people, row.policy) for row in rows] == [(whom, who) for whom in PEOPLE for who in POLICIES]
+    (alone,) = evaluate_all([ENVIRONMENT], "random", PEOPLE[1], 1, 5, impairment="weakness", jobs=1)
+    assert rows[3] == alone
+    assert {row.impairment for row in rows} == {"weakness"}
+    assert sum(told) == 4 * 200
+    table = matrix(rows)
+    assert [[*line] for line in table] == [["env", "policy", *PEOPLE]] * 2
+    assert table[0] == {"env": ENVIRONMENT, "policy": "zero"} | dict.fromkeys(PEOPLE, "0% [0, 79]")
+
+
+@pytest.mark.parametrize(
+    ("policies", "people", "impairment", "said"),
+    [
+        (["nope"], PEOPLE, "none", "no policy 'nope'"),
+        (POLICIES, ["original", "zoo/nope"], "none", "unknown people 'zoo/nope'"),
+        (POLICIES, PEOPLE, "gout", "the impairments are none, limits"),
+    ],
+)
+def test_mistakes_are_named_before_anything_runs(policies, people, impairment, said) -> None:
+    told: list[int] = []
+    with pytest.raises(ValueError, match=said):
+        cross_play([ENVIRONMENT], policies, people, 1, 0, told.append, impairment=impairment)
+    assert told == []

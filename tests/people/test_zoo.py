@@ -1,0 +1,305 @@
+"""The partners of the zoo: who they are, and that they move as their style says, as people can."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from avrgym.models.human import JOINT_INDEX, LOWER_RAD, SEATED, UPPER_RAD, People, Person
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.people import arm_limits, distributions, impairments
+from avrgym.people.behaviour import Offered
+from avrgym.people.zoo import STYLES, ZOOS, movement
+from avrgym.people.zoo.movement import ACCELERATION_RAD_S2, SPEED_RAD_S, Mind
+from avrgym.people.zoo.partners import MANNERS, PARTNERS, TRAITS, endow
+from avrgym.simulation.worlds import State
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import TASKS
+from worlds import still_world
+
+FEEDING = "avrgym/FeedingJaco-v1"
+ALL = np.arange(len(PARTNERS))
+HEAD_X, HEAD_Z, WAIST_X, WAIST_Y = (JOINT_INDEX[name] for name in ("head_x", "head_z", "waist_x", "waist_y"))
+ELBOW = JOINT_INDEX["right_elbow_x"]
+FAR, NEAR = (-0.2, -0.9, 0.0), (-0.1, -0.05, 0.0)
+"""Places of the tool from the mouth: an arm's length ahead, and about to arrive from the right."""
+
+
+def rows(zoo: str, style: str) -> np.ndarray:
+    return np.array([i for i, one in enumerate(PARTNERS) if (one.zoo, one.style) == (zoo, style)])
+
+
+def begun(partners: np.ndarray, chance: float | np.ndarray = 0.3) -> tuple[People, Mind]:
+    people = endow(distributions.repeat(Person("man", 0.6), len(partners)), partners)
+    return people, movement.begin(people, partners, np.broadcast_to(chance, (len(partners), 4)))
+
+
+def seeing(offset: tuple[float, ...] | np.ndarray) -> State:
+    """Whoever sits upright, and sees the tool at an offset (3,) or (N, 3) from mouth and elbow."""
+    mouth, arm = (
+        np.array([[0.0, -0.1, 1.2]]),
+        np.array([[[-0.2, 0.0, 1.1], [-0.2, 0.0, 0.85], [-0.2, -0.3, 0.85]]]),
+    )
+    return replace(
+        still_world(),
+        tool_pos_w=mouth + offset,
+        mouth_pos_w=mouth,
+        head_pos_w=mouth + np.array([0.0, 0.1, 0.0]),
+        right_arm_pos_w=arm,
+    )
+
+
+def lived(
+    mind: Mind, people: People, offset: tuple[float, ...] | np.ndarray, steps: int, offered: Offered = "mouth"
+) -> Mind:
+    for _ in range(steps):
+        mind = movement.live(mind, sight(offset, len(mind.partner)), offered, SEATED, possible_for(people))
+    return mind
+
+
+def sight(offset: tuple[float, ...] | np.ndarray, count: int) -> State:
+    one = seeing(offset)
+    names = ("tool_pos_w", "mouth_pos_w", "head_pos_w", "right_arm_pos_w")
+    each = {
+        name: np.broadcast_to(getattr(one, name), (count, *getattr(one, name).shape[1:])) for name in names
+    }
+    return replace(one, **each)
+
+
+def possible_for(people: People):
+    return lambda angles: arm_limits.clip(impairments.limit(people, angles))
+
+
+# Who there is ------------------------------------------------------------------------------------------------
+
+
+def test_there_are_at_least_625_partners_whom_training_never_meets():
+    traits = np.stack([getattr(MANNERS, trait) for trait in TRAITS], axis=-1)
+    zoo = np.array([partner.zoo for partner in PARTNERS])
+    unseen = np.unique(traits[zoo == "zoo/unseen"], axis=0)
+    assert len(unseen) == len(ZOOS["zoo/unseen"]) >= 625
+    assert len(np.unique(traits, axis=0)) == len(PARTNERS)
+
+
+@pytest.mark.parametrize("trait", TRAITS)
+def test_no_value_of_a_trait_that_a_style_moves_is_in_both_zoos(trait):
+    values = {zoo: set[float]() for zoo in ZOOS}
+    for row, partner in enumerate(PARTNERS):
+        if any(trait in axis for axis in STYLES[partner.style].axes):
+            values[partner.zoo].add(float(getattr(MANNERS, trait)[row].round(9)))
+    assert values["zoo/train"]
+    assert not values["zoo/train"] & values["zoo/unseen"]
+
+
+def test_every_style_moves_traits_that_there_are_within_what_its_ranges_say():
+    for style in STYLES.values():
+        moved = [trait for axis in style.axes for trait in axis]
+        assert set(moved) <= set(TRAITS)
+        assert len(set(moved)) == len(moved)
+    for row, partner in enumerate(PARTNERS):
+        for axis in STYLES[partner.style].axes:
+            for trait, (first, last) in axis.items():
+                assert first - 1e-9 <= getattr(MANNERS, trait)[row] <= last + 1e-9
+
+
+def test_styles_are_met_equally_often_and_partners_of_one_too(rng):
+    partners = ZOOS["zoo/unseen"].draw(rng.random((60_000, 2)))
+    styles = [PARTNERS[row].style for row in partners]
+    assert {PARTNERS[row].zoo for row in partners} == {"zoo/unseen"}
+    for style in STYLES:
+        assert styles.count(style) / len(styles) == pytest.approx(1.0 / len(STYLES), abs=0.01)
+    assert len(np.unique(partners)) == len(ZOOS["zoo/unseen"])
+
+
+@pytest.mark.parametrize("name", [*ZOOS, "zoo/train/startled"])
+def test_a_zoo_and_a_style_of_it_have_names(name):
+    found = distributions.find_distribution(name, TASKS)
+    assert found.moving
+    assert found.partners is not None
+    assert name.startswith(found.partners.zoo)
+
+
+@pytest.mark.parametrize("name", ["zoo", "zoo/test", "zoo/train/", "zoo/train/nope", "zoo/unseen/train"])
+def test_unknown_zoos_and_styles_name_what_there_is(name):
+    with pytest.raises(ValueError, match=r"zoo/train, zoo/unseen, a style of the zoo such as .*hesitant"):
+        distributions.find_distribution(name, TASKS)
+
+
+# How they move -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("offered", ["mouth", "arm", "nothing"])
+def test_nobody_moves_faster_or_more_suddenly_than_the_speeds_and_accelerations_say(offered: Offered, rng):
+    people, mind = begun(ALL, rng.random((len(ALL), 4)))
+    possible = possible_for(people)
+    tool = np.array(FAR) + np.zeros((len(ALL), 3))
+    for _ in range(150):
+        tool = np.clip(tool + rng.uniform(-0.08, 0.08, tool.shape), -0.6, 0.6)
+        later = movement.live(mind, sight(tool, len(ALL)), offered, SEATED, possible)
+        startled = (later.startled_s <= MANNERS.of(later.partner).startle_s)[:, None]
+        pace = np.where(startled, movement.STARTLED_SPEED, MANNERS.of(later.partner).speed_share[:, None])
+        was_startled = np.abs(mind.speed_rad_s) > SPEED_RAD_S * pace
+        moved = (later.targets_rad - mind.targets_rad) / CONTROL_STEP_S
+        assert ((np.abs(moved) <= SPEED_RAD_S * pace + 1e-9) | was_startled).all()
+        gained = np.abs(later.speed_rad_s - mind.speed_rad_s) / CONTROL_STEP_S
+        most = ACCELERATION_RAD_S2 * np.where(startled, movement.STARTLED_ACCELERATION, pace)
+        assert (gained <= most + 1e-9).all()
+        shown = possible(later.targets_rad + movement.oscillation_rad(later))
+        assert np.isfinite(shown).all()
+        assert (shown >= LOWER_RAD - 1e-9).all()
+        assert (shown <= UPPER_RAD + 1e-9).all()
+        mind = later
+
+
+def test_all_begin_at_rest_where_they_were_found():
+    _, mind = begun(ALL)
+    assert_array_equal(mind.targets_rad, mind.rest_rad)
+    assert_allclose(movement.oscillation_rad(mind), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("style", ["cooperating", "startled", "talking", "weak"])
+def test_nobody_sees_the_tool_before_the_reaction_time(style):
+    partners = rows("zoo/unseen", style)
+    people, mind = begun(partners, 0.0)
+    steps = np.floor(MANNERS.of(partners).reaction_s / CONTROL_STEP_S)
+    before = lived(mind, people, NEAR, int(steps.min()) + 1)
+    assert_array_equal(before.targets_rad[:, WAIST_X], mind.rest_rad[:, WAIST_X])
+    later = lived(mind, people, NEAR, int(steps.max()) + 6)
+    assert (np.abs(later.targets_rad - mind.rest_rad).max(axis=-1) > 0.01).all()
+
+
+def test_the_still_stay_as_they_are():
+    partners = rows("zoo/train", "still")
+    people, mind = begun(partners)
+    assert_array_equal(lived(mind, people, NEAR, 60).targets_rad, mind.rest_rad)
+
+
+def test_the_cooperating_lean_to_the_tool_and_the_averse_from_it():
+    for style, sign in (("cooperating", 1.0), ("averse", -1.0)):
+        people, mind = begun(rows("zoo/unseen", style))
+        moved = lived(mind, people, NEAR, 40).targets_rad - mind.rest_rad
+        assert (moved[:, WAIST_X] > np.radians(4.0)).all() == (sign > 0.0)
+        assert (moved[:, WAIST_Y] > np.radians(1.5)).all() == (sign < 0.0)
+        back = lived(lived(mind, people, NEAR, 40), people, FAR, 60).targets_rad
+        assert_allclose(back[:, [WAIST_X, WAIST_Y]], mind.rest_rad[:, [WAIST_X, WAIST_Y]], atol=1e-6)
+
+
+def test_the_hesitant_wait_and_stop_half_way():
+    partners = rows("zoo/unseen", "hesitant")
+    people, mind = begun(partners)
+    goal = MANNERS.of(partners).approach_share * np.radians(10.0)
+    leans, wait_s, reaction_s = [], MANNERS.of(partners).pause_s, MANNERS.of(partners).reaction_s
+    for _ in range(80):
+        mind = lived(mind, people, NEAR, 1)
+        leans.append(mind.targets_rad[:, WAIST_X] - mind.rest_rad[:, WAIST_X])
+    leaned = np.array(leans)
+    waited = (leaned < 1e-9).sum(axis=0) * CONTROL_STEP_S
+    assert (waited >= wait_s).all()
+    before_the_rest = ((reaction_s + 1.9 * wait_s) / CONTROL_STEP_S).astype(int)
+    half = leaned[before_the_rest, np.arange(len(partners))]
+    assert ((half > 0.2 * goal) & (half <= 0.5 * goal + 1e-9)).all()
+    assert_allclose(leaned[-1], goal, atol=1e-6)
+
+
+def test_the_startled_withdraw_at_once_come_back_and_get_used_to_it():
+    partners = rows("zoo/unseen", "startled")
+    people, mind = begun(partners)
+    peaks = []
+    for _ in range(3):
+        extent = np.zeros(len(partners))
+        for _ in range(12):
+            mind = lived(mind, people, NEAR, 1)
+            extent = np.maximum(extent, mind.targets_rad[:, WAIST_Y] - mind.rest_rad[:, WAIST_Y])
+        peaks.append(extent)
+        mind = lived(mind, people, FAR, 60)
+        assert_allclose(mind.targets_rad[:, WAIST_Y], mind.rest_rad[:, WAIST_Y], atol=1e-6)
+    assert (peaks[0] > np.radians(3.0)).all()
+    assert (peaks[1] < 0.6 * peaks[0]).all()
+    assert (peaks[2] < 0.6 * peaks[1]).all()
+
+
+def test_arms_are_drawn_in_by_the_startled_and_the_averse():
+    for style in ("startled", "averse"):
+        people, mind = begun(rows("zoo/train", style))
+        drawn = lived(mind, people, (-0.2, 0.1, -0.35), 10, "arm").targets_rad - mind.rest_rad
+        assert (drawn[:, ELBOW] < -np.radians(2.0)).all()
+
+
+def heads(style: str, steps: int = 200) -> np.ndarray:
+    """Where the heads of a style turn, (steps, N, 3), degrees from where they were found, the tool far ahead."""
+    people, mind = begun(rows("zoo/unseen", style))
+    turned = []
+    for _ in range(steps):
+        mind = lived(mind, people, (0.0, -0.9, 0.1), 1)
+        shown = mind.targets_rad + movement.oscillation_rad(mind)
+        turned.append(np.degrees(shown - mind.rest_rad)[:, [HEAD_X, JOINT_INDEX["head_y"], HEAD_Z]])
+    return np.array(turned)
+
+
+def test_those_who_talk_turn_to_one_side_and_the_distracted_to_any():
+    talking, distracted = heads("talking")[..., 2], heads("distracted")[..., 2]
+    assert (np.abs(talking).max(axis=0) > 20.0).all()
+    assert ((talking < -10.0).any(axis=0) != (talking > 10.0).any(axis=0)).all()
+    share = (np.abs(talking) > 10.0).mean(axis=0)
+    assert 0.2 < share.min() < share.max() < 0.8
+    assert ((distracted < -5.0).any(axis=0) & (distracted > 5.0).any(axis=0)).all()
+
+
+def test_those_who_chew_do_so_at_their_pace():
+    partners = rows("zoo/unseen", "chewing")
+    back = heads("chewing", 100)[10:, :, 0]
+    back -= back.mean(axis=0)
+    crossings = (np.diff(np.sign(back), axis=0) > 0).sum(axis=0)
+    assert_allclose(crossings / 9.0, MANNERS.of(partners).chew_hz, atol=0.25)
+
+
+def test_the_restless_sit_otherwise_every_few_seconds():
+    partners = rows("zoo/unseen", "restless")
+    people, mind = begun(partners)
+    waists = []
+    for _ in range(200):
+        mind = lived(mind, people, FAR, 1)
+        waists.append(mind.targets_rad[:, WAIST_X : WAIST_X + 3])
+    moved = np.degrees(np.ptp(np.array(waists), axis=0))
+    assert (moved.max(axis=-1) > 0.5 * MANNERS.of(partners).shift_deg).all()
+    assert (moved <= 2.0 * MANNERS.of(partners).shift_deg[:, None] + 1e-9).all()
+
+
+def test_bodies_are_as_their_style_has_them_and_impairments_add_to_it(rng):
+    people = distributions.repeat(Person("woman", 0.54), len(ALL))
+    body, manner = endow(people, ALL), MANNERS
+    assert_allclose(body.strength_share, manner.strength_share)
+    assert_allclose(np.degrees(body.tremor_rad[:, HEAD_X]), manner.tremor_deg)
+    uniforms = rng.random((len(ALL), impairments.UNIFORMS))
+    weaker = impairments.impair(body, "weakness", uniforms)
+    assert (weaker.strength_share <= body.strength_share).all()
+    stiffer = impairments.impair(body, "limits", uniforms)
+    assert (stiffer.range_share <= body.range_share).all()
+    shakier = impairments.impair(body, "tremor", uniforms)
+    assert (shakier.tremor_rad >= body.tremor_rad).all()
+
+
+def test_joints_move_smoothly_between_control_steps():
+    """The speeds of joints change by no more in 10 ms than those of a head in running do (Grossman et al., 1988)."""
+    episodes = Episodes(FEEDING, 6, distribution="zoo/train/cooperating", num_threads=1)
+    episodes.begin(np.arange(6), [np.random.default_rng(i) for i in range(6)])
+    simulation = episodes.simulation
+    angles = [simulation.person_angles_rad()]
+    for _ in range(20):
+        episodes.command(np.zeros((6, 7)))
+        for _ in range(10):
+            simulation.step(1)
+            angles.append(simulation.person_angles_rad())
+    acceleration = np.diff(np.array(angles), n=2, axis=0) / 0.01**2
+    assert 1.0 < np.abs(acceleration).max() < 31.0
+
+
+def test_a_partner_is_the_same_alone_and_among_others(rng):
+    many, alone = (Episodes(FEEDING, count, distribution="zoo/train", num_threads=1) for count in (9, 1))
+    many.begin(np.arange(9), [np.random.default_rng(i) for i in range(9)])
+    alone.begin(np.array([0]), [np.random.default_rng(7)])
+    for action in rng.uniform(-1.0, 1.0, (25, 9, 7)):
+        among, one = many.step(action), alone.step(action[7:8])
+        assert_array_equal(among.observation[7], one.observation[0])
+        assert_array_equal(among.reward[7], one.reward[0])
