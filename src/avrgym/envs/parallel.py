@@ -1,0 +1,176 @@
+"""Robot and human as two agents: PettingZoo's parallel environment of one world. Needs the extra ``pettingzoo``."""
+
+# PettingZoo's functions: their types are known only in part.
+# pyright: reportUnknownMemberType=false, reportMissingTypeStubs=false
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+
+from avrgym.envs.human_view import HumanView
+from avrgym.envs.rendering import Camera
+from avrgym.envs.single import METADATA, check_render_mode, info_of, spaces_of
+from avrgym.envs.vector_conventions import plain_seed
+from avrgym.models.human import Person
+from avrgym.tasks.episodes import Episodes, Step, checked_actions
+from avrgym.tasks.task import EPISODE_STEPS
+
+Array = NDArray[np.float64]
+Action = NDArray[np.float32]
+
+ROBOT, HUMAN = "robot", "human"
+EFFORT = "action_squared"
+"""The reward term of an agent's own effort."""
+
+
+class AssistiveParallelEnv(ParallelEnv[str, Array, Action]):
+    """One world in which both act. Observations, rewards and infos are those of ``gym.make`` for the robot.
+
+    The human's action (K,) says how fast each joint goes that the task has people offer, -1 to 1 of the speeds of
+    unhurried people: ``joints`` names them. Nothing, the zero action, is to sit as people do who do not move.
+    """
+
+    metadata: dict[str, Any]
+
+    def __init__(
+        self,
+        environment_id: str,
+        *,
+        people: str = "original",
+        person: Person | None = None,
+        impairment: str = "none",
+        shared_reward: bool = True,
+        render_mode: str | None = None,
+    ) -> None:
+        """See ``Episodes`` for people, person and impairment; people's own movements give way to the human's actions.
+
+        Without a shared reward each agent pays for its own effort: the human's reward has the human's squared action
+        in the place of the robot's.
+
+        Raises:
+            ValueError: for an unknown name, naming what is allowed.
+        """
+        check_render_mode(render_mode, environment_id)
+        self.render_mode, self._shared_reward = render_mode, shared_reward
+        self.metadata = {**METADATA, "name": environment_id}
+        self.episodes = Episodes(
+            environment_id,
+            1,
+            distribution=people,
+            person=person,
+            impairment=impairment,
+            steered=True,
+            num_threads=1,
+        )
+        self.joints = self.episodes.offered_joints
+        """The joints that the human's action drives, in its order."""
+        self._view = HumanView(self.episodes)
+        self.possible_agents, self.agents = [ROBOT, HUMAN], []
+        bound, (seen, acted) = self._view.bound, spaces_of(self.episodes)
+        self.observation_spaces = {ROBOT: seen, HUMAN: gym.spaces.Box(-bound, bound, dtype=np.float64)}
+        human_acts = gym.spaces.Box(-1.0, 1.0, (len(self.joints),), np.float32)
+        self.action_spaces = {ROBOT: acted, HUMAN: human_acts}
+        self._random: np.random.Generator | None = None
+        self._steps_left = 0
+        self._camera: Camera | None = None
+
+    def observation_space(self, agent: str) -> gym.Space[Array]:
+        """The space of an agent's observations."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> gym.Space[Action]:
+        """The space of an agent's actions."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
+        """Begin an episode, for a seed the one of ``gym.make``; without one the random stream goes on."""
+        if seed is not None or self._random is None:
+            self._random, _ = seeding.np_random(plain_seed(seed))
+        self.agents, self._steps_left = self.possible_agents[:], EPISODE_STEPS
+        self.episodes.begin(np.array([0]), [self._random])
+        self.close()
+        start = self.episodes.assess()
+        return self._observations(start), {agent: info_of(start) for agent in self.agents}
+
+    def step(
+        self, actions: dict[str, Action]
+    ) -> tuple[
+        dict[str, Array],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """One control step of 0.1 s; for both agents the episode is truncated after 200.
+
+        Raises:
+            ValueError: without an action of each agent, for another shape, or for numbers that are not finite.
+            gymnasium.error.ResetNeeded: before the first reset, and after an episode's end. Nothing has moved then.
+        """
+        if not self.agents:
+            raise ResetNeeded(f"no episode is running: reset() begins one, of {EPISODE_STEPS} steps")
+        robot, human = self._checked(actions)
+        self.episodes.steer_people(human[None])
+        step = self.episodes.step(robot[None])
+        self._steps_left -= 1
+        ended, agents = self._steps_left == 0, self.agents
+        if ended:
+            self.agents = []
+        return (
+            self._observations(step),
+            {ROBOT: float(step.reward[0]), HUMAN: self._human_reward(step, human)},
+            dict.fromkeys(agents, False),
+            dict.fromkeys(agents, ended),
+            {agent: info_of(step) for agent in agents},
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture (480, 640, 3) with the render mode ``rgb_array``, else nothing.
+
+        Raises:
+            RuntimeError: where no picture can be drawn, naming what to set.
+        """
+        if self.render_mode is None:
+            return None
+        if self._camera is None:
+            self._camera = Camera(self.episodes, 0)
+        return self._camera.picture()
+
+    def close(self) -> None:
+        """Put the camera away; the next picture takes a new one."""
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+    def _observations(self, step: Step) -> dict[str, Array]:
+        return {ROBOT: step.observation[0], HUMAN: self._view.of()}
+
+    def _human_reward(self, step: Step, action: Array) -> float:
+        reward, weight = float(step.reward[0]), self.episodes.task.weights.get(EFFORT, 0.0)
+        if self._shared_reward or not weight:
+            return reward
+        acted = np.clip(action, -1.0, 1.0)
+        return reward + weight * float((acted * acted).sum() - step.reward_terms[EFFORT][0])
+
+    def _checked(self, actions: Mapping[str, Action]) -> list[Array]:
+        """The actions of robot and human, as numbers."""
+        if set(actions) != set(self.possible_agents):
+            found = ", ".join(actions) or "nobody"
+            raise ValueError(f"actions of {found}; allowed: one of each of {', '.join(self.possible_agents)}")
+        return [self._checked_of(agent, actions[agent]) for agent in self.possible_agents]
+
+    def _checked_of(self, agent: str, action: Action) -> Array:
+        shape = self.action_spaces[agent].shape
+        assert shape is not None
+        try:
+            return checked_actions(action, shape)
+        except ValueError as error:
+            raise ValueError(f"{agent}: {error}") from None
