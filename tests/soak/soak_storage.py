@@ -15,12 +15,14 @@ import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
 from avrgym.study.checking.checks import check_study
+from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage import database, ledger
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.store import Store
 from flips import flip_bit, noticed
+from sites import contents, make_site, merge_killed, tree, wrong
 from studies import (
     fitting_answers,
     new_postgresql_database,
@@ -32,7 +34,7 @@ from studies import (
     take_in,
 )
 
-KILLS, FLIPS = 200, 500
+KILLS, FLIPS, MERGE_KILLS = 200, 500, 20
 SURNAME = "Unverwechselbar"
 Fact = tuple[str, int]
 """A participant who was enrolled (0), or a trial of theirs that was completed, by its position."""
@@ -140,6 +142,26 @@ def end_study(folder: Path) -> None:
         assert [f"{each.where}: {each.what}" for each in check_study(store) if each.wrong] == []
     for path in folder.rglob("*"):
         assert path.is_dir() or SURNAME.encode() not in path.read_bytes(), path
+
+
+def test_merges_that_are_killed_lose_nothing_and_the_next_completes_them(tmp_path: Path) -> None:
+    """Each time anew: killed at a random step again and again, then completed, then with one more site."""
+    sites = [make_site(tmp_path / name, trials=(None, 2)) for name in ("atlanta", "berlin", "cairo")]
+    before = [tree(site) for site in sites]
+    merge_studies(sites, tmp_path / "whole")
+    whole = contents(tmp_path / "whole")
+    chance, done, rounds = random.Random(5), 0, 0
+    while done < MERGE_KILLS:
+        out, rounds = tmp_path / f"all-{rounds}", rounds + 1
+        while done < MERGE_KILLS and merge_killed(sites[: chance.randint(1, 3)], out, chance.randrange(600)):
+            done += 1
+            if out.exists():
+                assert all(found == whole[person] for person, found in contents(out).items())
+        merge_studies(sites, out)
+        assert contents(out) == whole
+        assert wrong(out) == []
+    assert [tree(site) for site in sites] == before
+    print(f"\n{done} kills of merges in {rounds} merged studies: each completed, nothing lost, nothing twice")
 
 
 # Flipped bits

@@ -10,8 +10,9 @@ from avrgym.analysis.statistics.offered import offered_tests, suggested_hypothes
 from avrgym.cli.main import app
 from avrgym.policies.trained import packaged_policies
 from avrgym.study.design.design import DesignError, default_text, parse_design
+from avrgym.study.design.differences import differences
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
-from avrgym.study.plan.deviations import differences
+from avrgym.study.plan.deviations import changed
 from avrgym.study.plan.freezing import FROZEN, read_frozen
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
 from avrgym.study.plan.template import template
@@ -106,7 +107,7 @@ def test_differences_are_told_value_by_value() -> None:
     before = {"a": 1, "b": {"c": [1, 2]}, "items": [{"id": "x"}, {"id": "y"}], "gone": "?" * 200}
     after = {"a": 2, "b": {"c": [1, 3]}, "items": [{"id": "x"}, {"id": "z"}, {"id": "w"}], "new": True}
     assert list(differences(before, before)) == []
-    assert list(differences(before, after)) == [
+    assert [changed(*each) for each in differences(before, after)] == [
         "a was 1, is 2",
         "b.c was [1, 2], is [1, 3]",
         'items 2.id was "y", is "z"',

@@ -12,6 +12,7 @@ from avrgym.study.design.allocation import (
     PlannedTrial,
     cell_orders,
     least_filled_cell,
+    order_of_cells,
     plan_trials,
     practice_robots_of,
 )
@@ -165,7 +166,7 @@ def test_completed_cells_differ_by_at_most_one_with_thirty_percent_dropout(cells
     active: list[int] = []
     while len(completed) < target:
         if len(active) < stations and len(completed) + len(active) < target:
-            active.append(least_filled_cell(cells, completed + active))
+            active.append(least_filled_cell(range(cells), completed + active))
             continue
         cell = active.pop(int(rng.integers(len(active))))
         if rng.random() < 0.3:
@@ -179,3 +180,44 @@ def test_completed_cells_differ_by_at_most_one_with_thirty_percent_dropout(cells
     print(f"{cells} cells, {stations} stations: completed {counts} with {dropouts} dropouts")
     assert max(counts) - min(counts) <= 1
     assert dropouts > cells
+
+
+# Sites
+
+
+@pytest.mark.parametrize("sites", [1, 2, 3, 5])
+def test_each_site_is_a_block_and_all_of_them_together_are_balanced(sites):
+    """Whoever comes next, at whichever site that shares a database: no cell is ever one ahead of two others."""
+    rng = np.random.default_rng(sites)
+    orders = {f"site-{site}": order_of_cells(PAPER, f"site-{site}") for site in range(sites)}
+    cells = len(orders["site-0"])
+    taken: dict[str, list[int]] = {site: [] for site in orders}
+    for _ in range(20 * cells):
+        site = str(rng.choice(list(orders)))
+        elsewhere = [cell for other in orders if other != site for cell in taken[other]]
+        taken[site].append(least_filled_cell(orders[site], taken[site], elsewhere))
+        for own in taken.values():
+            counts = [own.count(cell) for cell in range(cells)]
+            assert max(counts) - min(counts) <= 1
+    everybody = [cell for own in taken.values() for cell in own]
+    counts = [everybody.count(cell) for cell in range(cells)]
+    print(f"{sites} sites: {counts}")
+    assert max(counts) - min(counts) <= max(1, sites - 1)
+
+
+def test_sites_with_databases_of_their_own_do_not_all_begin_with_the_same_cells():
+    firsts = Counter(order_of_cells(PAPER, f"site-{number}")[0] for number in range(400))
+    assert all(60 < firsts[cell] < 140 for cell in range(4))
+
+
+def test_without_a_site_everything_is_as_it_was():
+    assert order_of_cells(PAPER, None) == list(range(4))
+    assert plan_trials(PAPER, 1, 3, None) == plan_trials(PAPER, 1, 3, "") == plan_trials(PAPER, 1, 3)
+
+
+def test_the_same_participant_of_two_sites_meets_other_scenes_in_the_same_order():
+    atlanta, berlin = (plan_trials(PAPER, 1, 3, site) for site in ("atlanta", "berlin"))
+    assert not {trial.seed for trial in atlanta} & {trial.seed for trial in berlin}
+    assert [(each.environment, each.policy) for each in atlanta] == [
+        (each.environment, each.policy) for each in berlin
+    ]

@@ -8,6 +8,7 @@ import typer
 
 from avrgym.cli.options import PEOPLE, Impairment
 from avrgym.cli.plan import Folder, freeze, plan_findings, plan_of, power
+from avrgym.cli.sites import merge, say_sites
 from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
@@ -43,6 +44,7 @@ def new(folder: Folder) -> None:
 
 app.command()(power)
 app.command()(freeze)
+app.command()(merge)
 
 
 @app.command()
@@ -67,6 +69,7 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
         f"{summary.excluded} excluded, {summary.deleted} deleted; {summary.simulated} are simulated"
     )
     say(f"participants per order  {', '.join(map(str, summary.filled))}")
+    say_sites(summary)
     if summary.participants:
         print_table([asdict(participant) for participant in summary.participants])
     if frozen_at is not None:
@@ -82,6 +85,7 @@ def enrol(
     age: Annotated[int | None, typer.Option(help="In years.")] = None,
     name: Annotated[str, typer.Option(help="Kept in private/key.json and nowhere else.")] = "",
     contact: Annotated[str, typer.Option(help="Kept in private/key.json and nowhere else.")] = "",
+    site: Annotated[str, typer.Option(help="Where; without it the site of study.toml.")] = "",
 ) -> None:
     """Take someone in under a new pseudonym."""
     from avrgym.study.people.participants import enrol as take_in
@@ -90,7 +94,7 @@ def enrol(
     with plain_errors(), Store(folder) as store:
         if body not in SEXES:
             raise ValueError(f"unknown body model {body!r}; allowed: {', '.join(SEXES)}")
-        pseudonym = take_in(store, body, age_years=age, name=name, contact=contact)
+        pseudonym = take_in(store, body, age_years=age, name=name, contact=contact, site=site)
     say(f"enrolled  {pseudonym}")
 
 

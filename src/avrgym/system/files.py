@@ -2,7 +2,8 @@
 
 import os
 import re
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from avrgym.system.processes import is_running
@@ -38,6 +39,28 @@ def remove_unfinished(folder: Path) -> None:
     """Remove what ``write_whole`` left anywhere in a folder where its process was killed."""
     for path in unfinished(folder):
         path.unlink(missing_ok=True)
+
+
+def write_folder_whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Write a new folder, or an empty one, that appears whole or not at all and is its owner's alone.
+
+    ``write`` is given the folder in which it is made; what killed processes left of such folders is removed.
+    """
+    make_private_folder(path.parent)
+    for left in path.parent.glob(f".{path.name}.*.new"):
+        number = left.name.split(".")[-2]
+        if number.isdecimal() and not is_running(int(number)):
+            shutil.rmtree(left)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.new")
+    temporary.mkdir(mode=PRIVATE_FOLDER)
+    try:
+        write(temporary)
+        make_private(temporary)
+        if path.exists():
+            path.rmdir()
+        os.replace(temporary, path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def private_opener(path: str, flags: int) -> int:

@@ -94,7 +94,7 @@ class ImaginedStudies:
         cells: list[int] = []
         while sum(stays) < participants:
             taken = [cell for cell, remains in zip(cells, stays, strict=True) if remains]
-            cells.append(least_filled_cell(len(self._places), taken))
+            cells.append(least_filled_cell(range(len(self._places)), taken))
             stays.append(bool(rng.random() >= self._assumptions.dropout))
         return np.array(stays), self._places[cells]
 

@@ -18,13 +18,15 @@ from avrgym.study.storage.rows import (
     RECORDINGS,
     GivenAnswer,
     Participant,
+    StudyEvent,
     StudySession,
     Trial,
     TrialAttempt,
     pseudonym_of,
 )
+from avrgym.study.storage.sites import LEFT_OUT
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import Store, find_all
 
 
 def check_study(store: Store) -> list[Finding]:
@@ -144,10 +146,19 @@ def _check_attempt(
             "simulated": participant.simulated,
         }
         yield from _check_recording(store, planned, attempt, path, answers)
-    elif session.station != store.station:
+    elif participant.site_number is None and session.station != store.station:
         yield Finding(attempt.recording, f"is not here; it was recorded at {session.station}", wrong=False)
+    elif left_out := _left_out(store, attempt):
+        yield Finding(attempt.recording, f"was left out when sites were merged: {left_out}", wrong=False)
     elif completed or attempt.sha256 is not None:
         yield Finding(attempt.recording, "is missing")
+
+
+def _left_out(store: Store, attempt: TrialAttempt) -> str:
+    """Why a recording was left out of a merged study, if it was."""
+    with store.database.read() as connection:
+        told = find_all(connection, StudyEvent, attempt=attempt.id)
+    return next((event.detail for event in told if event.name == LEFT_OUT), "")
 
 
 def _check_recording(

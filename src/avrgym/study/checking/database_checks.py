@@ -10,6 +10,7 @@ from avrgym.study.storage.manifest import FOLDER as ANALYSIS
 from avrgym.study.storage.manifest import unfinished_analyses
 from avrgym.study.storage.rows import RECORDINGS
 from avrgym.study.storage.seal import CHECKSUM, HEAD
+from avrgym.study.storage.sites import DIFFERS
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import exposed, make_private, unfinished
@@ -24,6 +25,8 @@ def check_database(store: Store) -> Iterator[Finding]:
     for event in store.events():
         if event.name == LEDGER_BEGUN:
             yield Finding("ledger", f"vouches for earlier rows only from {event.at} on", wrong=False)
+        elif event.name == DIFFERS:
+            yield Finding("sites", f"were merged though {event.detail}", wrong=False)
 
 
 def check_private(store: Store) -> Iterator[Finding]:

@@ -113,7 +113,9 @@ class _Rebuilding:
     def _fitting(self, number: int, kept: list[_Kept]) -> dict[int, Plan]:
         """The plans that recordings may be of, by cell."""
         design = self._store.design
-        plans = {cell: plan_trials(design, cell, number) for cell in range(len(cell_orders(design)))}
+        plans = {
+            cell: plan_trials(design, cell, number, design.site) for cell in range(len(cell_orders(design)))
+        }
         exact = {cell: plan for cell, plan in plans.items() if _covers(plan, kept)}
         adopted = {cell: _adopt(plan, kept) for cell, plan in plans.items()}
         return exact or {cell: plan for cell, plan in adopted.items() if _covers(plan, kept)}
@@ -187,6 +189,7 @@ class _Rebuilding:
             number=number,
             state="allocated",
             simulated=bool(metadata.get("simulated")),
+            site=self._store.design.site or None,
             sex=metadata["person"]["sex"],
             cell=cell,
             enrolled_at=first,

@@ -13,9 +13,14 @@ from avrgym.study.storage.store import Store, find_all
 
 @dataclass(frozen=True)
 class ParticipantSummary:
-    """One participant's metrics; practice trials count as trials."""
+    """One participant's metrics; practice trials count as trials.
+
+    ``site_participant`` is the pseudonym at their site, where the study was merged from sites.
+    """
 
     participant: str
+    site: str | None
+    site_participant: str | None
     state: str
     simulated: bool
     cell: int | None
@@ -29,7 +34,10 @@ class ParticipantSummary:
 
 @dataclass(frozen=True)
 class StudySummary:
-    """A whole study. ``filled`` and ``completed_cells`` count participants per cell of the design."""
+    """A whole study. ``filled`` and ``completed_cells`` count participants per cell of the design.
+
+    ``filled_by_site`` does so for each site, where participants have sites.
+    """
 
     title: str
     planned: int
@@ -40,6 +48,7 @@ class StudySummary:
     deleted: int
     filled: tuple[int, ...]
     completed_cells: tuple[int, ...]
+    filled_by_site: dict[str, tuple[int, ...]]
     participants: tuple[ParticipantSummary, ...]
 
 
@@ -60,6 +69,10 @@ def summarise_study(store: Store) -> StudySummary:
         deleted=deleted,
         filled=_per_cell(store, participants, TAKES_PART),
         completed_cells=_per_cell(store, participants, ("completed",)),
+        filled_by_site={
+            site: _per_cell(store, [each for each in participants if each.site == site], TAKES_PART)
+            for site in sorted({each.site for each in participants if each.site})
+        },
         participants=tuple(_summarise(participant, counts) for participant in participants),
     )
 
@@ -85,6 +98,8 @@ def _count(connection: sa.Connection) -> dict[str, Counter[int]]:
 def _summarise(participant: Participant, counts: dict[str, Counter[int]]) -> ParticipantSummary:
     return ParticipantSummary(
         participant=participant.pseudonym,
+        site=participant.site,
+        site_participant=participant.site_pseudonym,
         state=participant.state,
         simulated=participant.simulated,
         cell=participant.cell,

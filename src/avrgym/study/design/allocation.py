@@ -1,7 +1,7 @@
 """Which participant gets which order, and the trials that follow from it."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,18 +28,38 @@ def cell_orders(design: Design) -> tuple[Order, ...]:
     return balanced_orders(len(design.tasks), len(design.conditions), rng)
 
 
-def least_filled_cell(cells: int, taken: Iterable[int]) -> int:
-    """The first of the cells that fewest of the participants who take part or have finished are in."""
-    filled = Counter(taken)
-    return min(range(cells), key=lambda cell: (filled[cell], cell))
+def least_filled_cell(order: Sequence[int], taken: Iterable[int], elsewhere: Iterable[int] = ()) -> int:
+    """The cell of the next participant, where each site is a block.
+
+    Args:
+        order: all cells; of those equally filled the first is taken.
+        taken: the cells of those who take part or have finished at the participant's site.
+        elsewhere: the same at other sites, which decides where the site itself is balanced.
+    """
+    here, others = Counter(taken), Counter(elsewhere)
+    return min(order, key=lambda cell: (here[cell], others[cell]))
 
 
-def plan_trials(design: Design, cell: int, participant: int) -> tuple[PlannedTrial, ...]:
-    """All trials of a participant, by cell and number: a practice trial before each task, then its trials.
+def order_of_cells(design: Design, site: str | None) -> list[int]:
+    """The order in which a site fills the cells of a design.
+
+    Each site has another, so that where several do not fill all cells these are not the same ones.
+    """
+    cells = len(cell_orders(design))
+    if site is None:
+        return list(range(cells))
+    rng = np.random.default_rng([design.seed, _SITES, *site.encode()])
+    return [int(cell) for cell in rng.permutation(cells)]
+
+
+def plan_trials(
+    design: Design, cell: int, participant: int, site: str | None = None
+) -> tuple[PlannedTrial, ...]:
+    """All trials of a participant, by cell, number and site: a practice trial before each task, then its trials.
 
     Robots for practice and the trials' seeds differ between participants; the design's seed decides on both.
     """
-    rng = np.random.default_rng([design.seed, participant])
+    rng = np.random.default_rng([design.seed, participant, *(site or "").encode()])
     practice_robots = practice_robots_of(design, participant)
     trials: list[PlannedTrial] = []
     for block in cell_orders(design)[cell]:
@@ -63,8 +83,8 @@ def practice_robots_of(design: Design, participant: int) -> tuple[str, ...]:
     return tuple(design.robots[int(index)] for index in (rng.permutation(robots)[place] + shifts) % robots)
 
 
-_PRACTICE = 2**32 - 1
-"""Keeps the draws of practice robots apart from those of participants."""
+_PRACTICE, _SITES = 2**32 - 1, 2**32 - 2
+"""Keep the draws of practice robots and of sites' cells apart from those of participants."""
 
 
 def _conditions(design: Design, block: Block, practice_robot: str) -> list[tuple[str, str, bool]]:

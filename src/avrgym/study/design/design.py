@@ -25,6 +25,8 @@ from avrgym.tasks.registry import ENVIRONMENTS, TASKS, environment_id
 FILE = "study.toml"
 PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps")
 """What must stay as it is once a participant has been given an order."""
+LOCAL = ("site", "database")
+"""What each site of a study says for itself."""
 
 Sentence = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=8)]
@@ -63,6 +65,7 @@ class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole study.
 
+    ``site`` is where it runs, if it runs at several sites.
     ``trial_steps`` are control steps of 0.1 s. An empty ``practice_policy`` means no practice trials. ``goals`` tell
     participants what a task is, by task; where one is missing, the task's own sentence does. ``furniture`` is what they
     really sit and lie on.
@@ -81,6 +84,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     trial_steps: Annotated[int, msgspec.Meta(ge=1)]
     free_movement_s: Annotated[float, msgspec.Meta(ge=0, le=600)]
     blind_experimenter: bool
+    site: str = ""
     max_held_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 1.0
     force_guard: bool = False
     consent: Consent
@@ -157,6 +161,8 @@ def parse_design(text: str, name: str = FILE, folder: Path = Path()) -> Design:
 
 def _check(design: Design) -> None:
     """Raise ``Wrong`` for the first value that no type forbids but that cannot be."""
+    if design.site:
+        check_id(("site",), design.site, ())
     _check_names(("tasks",), design.tasks, TASKS)
     _check_names(("robots",), design.robots, ROBOTS)
     for index, robot in enumerate(design.robots):

@@ -1,7 +1,5 @@
 """Exports of a study in formats that other tools read: pseudonymised, not anonymous."""
 
-import os
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -9,7 +7,7 @@ from pathlib import Path
 from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attempts, verified
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import make_private, make_private_folder
+from avrgym.system.files import write_folder_whole
 
 FORMATS: Mapping[str, str] = {
     "csv": "tables",
@@ -67,7 +65,8 @@ def export_study(
         raise StudyError(_refusal(left_out))
     for each in left_out:
         tell(each.why)
-    return _write_whole(out, lambda folder: _write(store, write, sound, left_out, folder))
+    write_folder_whole(out, lambda folder: _write(store, write, sound, left_out, folder))
+    return sum(path.is_file() for path in out.rglob("*"))
 
 
 def _refusal(left_out: Sequence[LeftOut]) -> str:
@@ -83,21 +82,6 @@ def _write(
     write(store, sound, folder)
     if left_out:
         write_csv(folder / LEFT_OUT, [each.exported.labels() | {"why": each.why} for each in left_out])
-
-
-def _write_whole(out: Path, write: Callable[[Path], None]) -> int:
-    """Write a folder that appears whole or not at all, its owner's alone; the number of its files."""
-    make_private_folder(out.parent)
-    with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as temporary:
-        folder = Path(temporary) / "export"
-        folder.mkdir()
-        write(folder)
-        make_private(folder)
-        files = sum(path.is_file() for path in folder.rglob("*"))
-        if out.exists():
-            out.rmdir()
-        os.replace(folder, out)
-    return files
 
 
 def _writer(data_format: str) -> Write:

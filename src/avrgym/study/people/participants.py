@@ -7,8 +7,9 @@ from dataclasses import asdict
 import sqlalchemy as sa
 
 from avrgym.models.human import SEXES, Sex
-from avrgym.study.design.allocation import cell_orders, least_filled_cell, plan_trials
+from avrgym.study.design.allocation import least_filled_cell, order_of_cells, plan_trials
 from avrgym.study.design.design import Design
+from avrgym.study.design.wrong import NAME
 from avrgym.study.storage import keyfile, ledger, schema
 from avrgym.study.storage.remains import known_numbers
 from avrgym.study.storage.rows import Participant, StudySession, pseudonym_of
@@ -27,12 +28,15 @@ def enrol(
     name: str = "",
     contact: str = "",
     simulated: bool = False,
+    site: str = "",
 ) -> str:
     """Take someone in and return their pseudonym; name and contact go into the key file and nowhere else.
 
+    Orders are balanced within each ``site``; without one it is the design's.
+
     Raises:
-        StudyError: for an unknown body model, an impossible age, a simulated participant with a name, or a name
-            or contact that cannot be one.
+        StudyError: for an unknown body model, an impossible age, a simulated participant with a name, or a name,
+            contact or site that cannot be one.
     """
     if sex not in SEXES:
         raise StudyError(f"unknown body model {sex!r}; allowed: {', '.join(SEXES)}")
@@ -41,7 +45,9 @@ def enrol(
     if simulated and (name or contact):
         raise StudyError("a simulated participant has neither name nor contact")
     _check_identity(name, contact)
-    with store.database.write() as connection:
+    if site and not NAME.fullmatch(site):
+        raise StudyError(f"{site!r} is no site; allowed: at most 40 letters, digits, - and _")
+    with store.write() as connection:
         number = _next_number(store, connection)
         ledger.insert(
             connection,
@@ -49,6 +55,7 @@ def enrol(
             number=number,
             state="enrolled",
             simulated=simulated,
+            site=site or store.design.site or None,
             sex=sex,
             age_years=age_years,
             enrolled_at=now(),
@@ -63,7 +70,7 @@ def enrol(
 def set_identity(store: Store, pseudonym: str, name: str, contact: str) -> None:
     """Store who a participant is, in the key file only; ``StudyError`` for what cannot be a name or contact."""
     _check_identity(name, contact)
-    with store.database.write() as connection:  # one writer at a time, for the key file as well
+    with store.write() as connection:  # one writer at a time, for the key file as well
         find_participant(connection, pseudonym)
         keyfile.write_entry(store.folder, pseudonym, keyfile.Identity(name, contact))
 
@@ -71,7 +78,7 @@ def set_identity(store: Store, pseudonym: str, name: str, contact: str) -> None:
 def record_consent(store: Store, pseudonym: str) -> None:
     """Store that a participant agreed to the consent text of the study's design."""
     consent = store.design.consent
-    with store.database.write() as connection:
+    with store.write() as connection:
         change_state(
             connection,
             participant := find_participant(connection, pseudonym),
@@ -97,15 +104,15 @@ def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) 
     if set(answers) != set(questions) or not all(type(answer) is bool for answer in answers.values()):
         raise StudyError(f"each question needs a yes or no; the questions are {', '.join(questions)}")
     fits = all(answers[question] == required for question, required in questions.items())
-    with store.database.write() as connection:
+    with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         about, given = {"participant": participant.number}, dict(answers)
         if not fits:
             change_state(connection, participant, "excluded", about, inclusion=given)
             return False
-        cell = _free_cell(connection, store.design, participant.simulated)
+        cell = _free_cell(connection, store.design, participant)
         change_state(connection, participant, "allocated", about, f"cell {cell}", cell=cell, inclusion=given)
-        _plan(connection, store.design, cell, participant.number)
+        _plan(connection, store.design, cell, participant)
     return True
 
 
@@ -115,7 +122,7 @@ def withdraw(store: Store, pseudonym: str, reason: str = "") -> None:
     ``StudyError`` for a reason that is too long, or when they do not take part.
     """
     check_line("the reason", reason)
-    with store.database.write() as connection:
+    with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         change_state(connection, participant, "withdrawn", {"participant": participant.number}, reason)
         end_open_sessions(store, connection, participant, attempts="stopped", sessions="closed")
@@ -127,7 +134,7 @@ def add_note(store: Store, pseudonym: str, text: str, session: int | None = None
     ``StudyError`` for an empty note or one that is too long, and for somebody else's session.
     """
     check_note(text)
-    with store.database.write() as connection:
+    with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         own = find_all(connection, StudySession, participant=participant.number)
         if session is not None and session not in {visit.id for visit in own}:
@@ -149,17 +156,16 @@ def _next_number(store: Store, connection: sa.Connection) -> int:
     return max(taken) + 1
 
 
-def _free_cell(connection: sa.Connection, design: Design, simulated: bool) -> int:
-    """The cell of the next participant; simulated ones never take the place of people."""
-    taken = [
-        participant.cell
-        for participant in find_all(connection, Participant, simulated=simulated)
-        if participant.state in TAKES_PART and participant.cell is not None
-    ]
-    return least_filled_cell(len(cell_orders(design)), taken)
+def _free_cell(connection: sa.Connection, design: Design, participant: Participant) -> int:
+    """The cell of a participant; simulated ones never take the place of people."""
+    taken: dict[bool, list[int]] = {True: [], False: []}
+    for other in find_all(connection, Participant, simulated=participant.simulated):
+        if other.state in TAKES_PART and other.cell is not None:
+            taken[other.site == participant.site].append(other.cell)
+    return least_filled_cell(order_of_cells(design, participant.site), taken[True], taken[False])
 
 
-def _plan(connection: sa.Connection, design: Design, cell: int, number: int) -> None:
-    planned = plan_trials(design, cell, number)
-    for trial in planned:
+def _plan(connection: sa.Connection, design: Design, cell: int, participant: Participant) -> None:
+    number = participant.number
+    for trial in plan_trials(design, cell, number, participant.site):
         ledger.insert(connection, schema.TRIAL, **asdict(trial), participant=number, state="planned")

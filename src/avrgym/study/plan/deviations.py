@@ -1,8 +1,6 @@
 """In what a study deviates from its frozen plan, in words."""
 
-import json
-from collections.abc import Iterator, Sequence
-from itertools import zip_longest
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import tomlkit
@@ -11,18 +9,14 @@ from avrgym.recording.files import RecordingError
 from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.held import held_share, too_much_held
 from avrgym.study.design.design import FILE as DESIGN
+from avrgym.study.design.design import LOCAL
+from avrgym.study.design.differences import NOTHING, differences, shown
 from avrgym.study.export.trials import all_attempts
 from avrgym.study.plan.freezing import FROZEN, Frozen, PolicyFile, Record, policy_files, sha256, software
 from avrgym.study.plan.plan import FILE, NOT_PLANNED, Offered
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.states import TAKES_PART, StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.plain_values import is_array, is_table
-
-LONGEST = 80
-"""Longer values are told by their beginning."""
-NOTHING = object()
-"""Stands for a value that is not there."""
 
 
 def deviations(
@@ -88,34 +82,25 @@ def _changed_file(store: Store, record: Record, name: str, before: str) -> Itera
     except ValueError:
         yield _deviation(name, "was changed and can no longer be read")
         return
-    changes = [_deviation(name, words) for words in differences(tomlkit.parse(before).unwrap(), after)]
-    yield from changes or [_deviation(name, "was changed in comments or layout alone")]
+    frozen = tomlkit.parse(before).unwrap()
+    for change in differences(_shared(frozen), _shared(after)):
+        yield _deviation(name, changed(*change))
+    if frozen == after:
+        yield _deviation(name, "was changed in comments or layout alone")
 
 
-def differences(before: Any, after: Any, place: str = "") -> Iterator[str]:
-    """What differs between two tables of TOML, value by value, in words."""
-    if is_table(before) and is_table(after):
-        for name in dict.fromkeys([*before, *after]):
-            inner = f"{place}.{name}" if place else name
-            yield from differences(before.get(name, NOTHING), after.get(name, NOTHING), inner)
-    elif _holds_tables(before) and _holds_tables(after):
-        for number, pair in enumerate(zip_longest(before, after, fillvalue=NOTHING), start=1):
-            yield from differences(*pair, f"{place} {number}")
-    elif before is NOTHING:
-        yield f"{place} was added: {_shown(after)}"
-    elif after is NOTHING:
-        yield f"{place} is gone; it was {_shown(before)}"
-    elif before != after:
-        yield f"{place} was {_shown(before)}, is {_shown(after)}"
+def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
+    """What a file says for all sites."""
+    return {name: value for name, value in values.items() if name not in LOCAL}
 
 
-def _holds_tables(value: Any) -> bool:
-    return is_array(value) and any(is_table(each) for each in value)
-
-
-def _shown(value: Any) -> str:
-    text = json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+def changed(place: str, before: Any, after: Any) -> str:
+    """A difference in words; either value may be ``NOTHING``."""
+    if before is NOTHING:
+        return f"{place} was added: {shown(after)}"
+    if after is NOTHING:
+        return f"{place} is gone; it was {shown(before)}"
+    return f"{place} was {shown(before)}, is {shown(after)}"
 
 
 def _software(record: Record) -> Iterator[Finding]:

@@ -88,7 +88,7 @@ def freeze(store: Store, offered: Offered) -> Record:
     record = _record(store, text)
     data = msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
     path = store.folder / FROZEN
-    with store.database.write() as connection:
+    with store.write() as connection:
         _check_untouched(store, connection)
         record_event(connection, EVENT, sha256(data), {})
         write_whole(path, data, PRIVATE_FILE)

@@ -27,11 +27,16 @@ def participant_number(pseudonym: str) -> int:
 
 @dataclass(frozen=True)
 class Participant:
-    """Someone who takes part. ``cell`` numbers their order, ``inclusion`` holds their answers by question."""
+    """Someone who takes part. ``cell`` numbers their order, ``inclusion`` holds their answers by question.
+
+    ``site`` is where, if that was said. ``site_number`` is their number there, where this study was merged from sites.
+    """
 
     number: int
     state: str
     simulated: bool
+    site: str | None
+    site_number: int | None
     sex: Sex
     age_years: int | None
     cell: int | None
@@ -44,6 +49,11 @@ class Participant:
     @property
     def pseudonym(self) -> str:
         return pseudonym_of(self.number)
+
+    @property
+    def site_pseudonym(self) -> str | None:
+        """What they go by at their site, where this study was merged from sites."""
+        return None if self.site_number is None else pseudonym_of(self.site_number)
 
     def __str__(self) -> str:
         return self.pseudonym
@@ -146,6 +156,16 @@ class Note:
     participant: int
     session: int | None
     text: str
+
+
+@dataclass(frozen=True)
+class Site:
+    """A study that this one was merged from, with the end of its ledger at the latest merge."""
+
+    number: int
+    name: str
+    entries: int
+    digest: str
 
 
 @dataclass(frozen=True)

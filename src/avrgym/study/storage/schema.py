@@ -56,6 +56,8 @@ PARTICIPANT = Table(
     Column("number", Integer, primary_key=True, autoincrement=False),
     Column("state", String, nullable=False),
     Column("simulated", Boolean, nullable=False),
+    Column("site", String),
+    Column("site_number", Integer),
     Column("sex", String, nullable=False),
     Column("age_years", Integer),
     Column("cell", Integer),
@@ -66,6 +68,7 @@ PARTICIPANT = Table(
     Column("inclusion", JSON),
     _salt(),
 )
+"""``site`` is where someone takes part; ``site_number`` the number that they have there, in a merged study alone."""
 
 SESSION = Table(
     "session",
@@ -167,6 +170,18 @@ TOMBSTONE = Table(
     _salt(),
 )
 """A participant whose data were deleted; their number is never given again."""
+
+SITE = Table(
+    "site",
+    METADATA,
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("name", String, nullable=False),
+    Column("entries", Integer, nullable=False),
+    Column("digest", String, nullable=False),
+    _salt(),
+    UniqueConstraint("name"),
+)
+"""The studies that this one was merged from, each with the end of its ledger as the latest merge found it."""
 
 LEDGER = Table(
     "ledger",

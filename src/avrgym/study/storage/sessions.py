@@ -39,7 +39,7 @@ def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> St
     Raises:
         StudyError: without consent and an allocated order, or while another session runs.
     """
-    with store.database.write() as connection:
+    with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.state != "allocated" or participant.consented_at is None:
             raise StudyError(f"{participant} is {participant.state}; only the allocated have sessions")
@@ -97,8 +97,11 @@ def end_open_sessions(
 
 
 def may_run(store: Store, session: StudySession) -> bool:
-    """Whether the process behind an open session may still run; only of this station's can that be known."""
-    return session.station != store.station or is_running(session.process)
+    """Whether the process behind an open session may still run here; only of this station's can that be known.
+
+    In a study that was merged from sites none does.
+    """
+    return not store.sites() and (session.station != store.station or is_running(session.process))
 
 
 def _insert_session(

@@ -2,7 +2,8 @@
 
 import os
 import socket
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self, TypeVar, get_type_hints
 
@@ -22,6 +23,7 @@ from avrgym.study.storage.rows import (
     GivenAnswer,
     Note,
     Participant,
+    Site,
     StudyEvent,
     StudySession,
     Tombstone,
@@ -44,6 +46,7 @@ TABLES: Mapping[type, sa.Table] = {
     StudyEvent: schema.EVENT,
     Note: schema.NOTE,
     Tombstone: schema.TOMBSTONE,
+    Site: schema.SITE,
 }
 
 
@@ -106,6 +109,16 @@ class Store:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    @contextmanager
+    def write(self) -> Generator[sa.Connection]:
+        """A transaction of the database in which people take part; ``StudyError`` where sites were merged."""
+        with self.database.write() as connection:
+            if find_all(connection, Site):
+                raise StudyError(
+                    f"{self.folder} was merged from sites: people take part there; then merge again"
+                )
+            yield connection
 
     def path(self, relative: str) -> Path:
         """A file of the study; ``StudyError`` for one that lies outside, also by way of links."""
@@ -176,6 +189,10 @@ class Store:
     def tombstones(self) -> list[Tombstone]:
         """The participants whose data were deleted."""
         return self._rows(Tombstone)
+
+    def sites(self) -> list[Site]:
+        """The studies that this one was merged from; none where people take part here."""
+        return self._rows(Site)
 
     def _rows(self, kind: type[Row], **key: int) -> list[Row]:
         with self.database.read() as connection:

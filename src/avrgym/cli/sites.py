@@ -1,0 +1,70 @@
+"""The command ``avrgym study merge``, and what others tell of sites."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from avrgym.cli.terminal import (
+    JsonFile,
+    check_json,
+    plain_errors,
+    print_table,
+    progress_bar,
+    say,
+    write_json,
+)
+
+if TYPE_CHECKING:
+    from avrgym.study.checking.summary import StudySummary
+
+
+def merge(
+    folders: Annotated[
+        list[Path], typer.Argument(help="The folders of the sites' studies.", metavar="SITE...")
+    ],
+    out: Annotated[Path, typer.Option(help="A new folder for the merged study, or one that a merge made.")],
+    accept_differences: Annotated[
+        bool,
+        typer.Option(
+            "--accept-differences", help="Merge studies whose designs or plans differ all the same."
+        ),
+    ] = False,
+    skip_damaged: Annotated[
+        bool,
+        typer.Option(
+            "--skip-damaged", help="Leave out recordings that are damaged or missing at their site."
+        ),
+    ] = False,
+    json_file: JsonFile = None,
+) -> None:
+    """Merge the studies of several sites into one.
+
+    Again at any time: what is new at a site comes along, nothing comes twice. Names stay at the sites.
+    """
+    from avrgym.study.merge.merging import merge_studies
+
+    told: list[str] = []
+    with plain_errors():
+        check_json(json_file)
+        with progress_bar("comparing recordings") as bar:
+            sites = merge_studies(
+                folders,
+                out,
+                accept_differences=accept_differences,
+                skip_damaged=skip_damaged,
+                progress=bar.show,
+                tell=told.append,
+            )
+        write_json(json_file, [asdict(site) for site in sites])
+    for words in told:
+        say(f"note      {words}")
+    print_table([asdict(site) for site in sites])
+    say(f"merged    {out}; names and contacts stay in the sites' key files")
+
+
+def say_sites(summary: "StudySummary") -> None:
+    """How orders are filled at each site, where there are any."""
+    for site, filled in summary.filled_by_site.items():
+        say(f"at {site}  {', '.join(map(str, filled))}")

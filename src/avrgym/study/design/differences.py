@@ -1,0 +1,38 @@
+"""What differs between two tables as TOML and JSON have them, value by value."""
+
+import json
+from collections.abc import Iterator
+from itertools import zip_longest
+from typing import Any
+
+from avrgym.system.plain_values import is_array, is_table
+
+LONGEST = 80
+"""Longer values are told by their beginning."""
+NOTHING = object()
+"""Stands for a value that is not there."""
+
+
+def differences(a: Any, b: Any, place: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """The place of each difference, and the values there, of which one may be ``NOTHING``."""
+    if is_table(a) and is_table(b):
+        for name in dict.fromkeys([*a, *b]):
+            inner = f"{place}.{name}" if place else name
+            yield from differences(a.get(name, NOTHING), b.get(name, NOTHING), inner)
+    elif _holds_tables(a) and _holds_tables(b):
+        for number, pair in enumerate(zip_longest(a, b, fillvalue=NOTHING), start=1):
+            yield from differences(*pair, f"{place} {number}")
+    elif a != b:
+        yield place, a, b
+
+
+def shown(value: Any) -> str:
+    """A value in a sentence."""
+    if value is NOTHING:
+        return "missing"
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+
+
+def _holds_tables(value: Any) -> bool:
+    return is_array(value) and any(is_table(each) for each in value)

@@ -1,0 +1,259 @@
+"""Merging the studies of several sites into one.
+
+Whatever comes from a site has a place of its own in the merged study, which follows from the site's number and the
+row's key there. So a merge compares, and writes what is missing or older: after a kill the next one completes it, and
+one with nothing new changes nothing. A participant's recordings come first, then their rows in one transaction.
+"""
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import sqlalchemy as sa
+
+from avrgym.study.merge.agreement import disagreements
+from avrgym.study.merge.new_study import make_merged_study
+from avrgym.study.merge.recordings import Recording, recordings_of
+from avrgym.study.merge.rows import Rows, rows_by_participant, store_rows
+from avrgym.study.merge.sources import Source, check_continues, check_told_apart, read_source
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.database import FILE as DATABASE
+from avrgym.study.storage.database import URL_VARIABLE
+from avrgym.study.storage.rows import RECORDINGS, Site, Tombstone, pseudonym_of
+from avrgym.study.storage.sites import (
+    DIFFERS,
+    LEFT_OUT,
+    merged_id,
+    merged_number,
+    record_once,
+)
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find_all
+from avrgym.system.files import remove_unfinished
+
+
+@dataclass(frozen=True)
+class MergedSite:
+    """What a merge did with a site: how many participants and recordings are of it, and how much of that was new."""
+
+    site: str
+    participants: int
+    pseudonyms: str
+    recordings: int
+    recordings_copied: int
+    rows_written: int
+    participants_deleted: int
+
+
+@dataclass
+class _Merging:
+    """A site on its way into the merged study."""
+
+    number: int
+    source: Source
+    differing: Sequence[str]
+    recordings: Mapping[int, Sequence[Recording]]
+    faults: dict[int, str] = field(default_factory=dict[int, str])
+    copied: int = 0
+    written: int = 0
+    deleted: int = 0
+
+
+def merge_studies(
+    folders: Sequence[Path],
+    out: Path,
+    *,
+    accept_differences: bool = False,
+    skip_damaged: bool = False,
+    progress: Callable[[int, int], None] = lambda done, all_: None,
+    tell: Callable[[str], None] = lambda text: None,
+) -> list[MergedSite]:
+    """Merge studies into a new folder, or into one that an earlier merge made. The sites' studies stay as they are.
+
+    Args:
+        folders: those of the sites' studies.
+        out: the merged study's.
+        accept_differences: merge also studies whose designs or plans differ.
+        skip_damaged: leave out recordings that are damaged or missing at their site.
+        progress: told after each recording how many were compared, and how many there are.
+        tell: told of each difference that was accepted, and of each recording that was left out.
+
+    Raises:
+        StudyError: when studies differ, are the same, were changed from outside or lack recordings, or ``out`` is
+            another study. Nothing is changed then.
+        DesignError: when a site's ``study.toml`` says what cannot be.
+    """
+    _check_places(folders, out)
+    with ExitStack() as stack:
+        sources = [read_source(stack.enter_context(Store(folder))) for folder in folders]
+        check_told_apart(sources)
+        merged = _open_merged(out, stack)
+        sites = _number(sources, merged, out, accepted=accept_differences)
+        _verify(sites, progress)
+        _tell(sites, tell, skip_damaged=skip_damaged)
+        if merged is None:
+            make_merged_study(sources[0].store, {site.number: site.source.name for site in sites}, out)
+            merged = stack.enter_context(Store(out))
+        remove_unfinished(merged.folder / RECORDINGS)
+        return [_merge_site(merged, site) for site in sites]
+
+
+# Before anything is written
+
+
+def _check_places(folders: Sequence[Path], out: Path) -> None:
+    if os.environ.get(URL_VARIABLE):
+        raise StudyError(
+            f"{URL_VARIABLE} is set and would stand for the database of every site: unset it, and give `url` under "
+            "[database] in the study.toml of a site that uses PostgreSQL (its password in ~/.pgpass)"
+        )
+    for folder in folders:
+        if out.resolve().is_relative_to(folder.resolve()):
+            raise StudyError(f"{out} lies in {folder}, which is a site; choose another folder")
+    if out.exists() and not out.is_dir():
+        raise StudyError(f"{out} is a file; choose a folder")
+
+
+def _open_merged(out: Path, stack: ExitStack) -> Store | None:
+    """The merged study in a folder; ``None`` for a new or empty folder."""
+    if not out.exists() or not any(out.iterdir()):
+        return None
+    if (out / DATABASE).is_file():
+        store = stack.enter_context(Store(out))
+        if store.sites():
+            return store
+    raise StudyError(
+        f"{out} holds something that no merge made; choose a new folder, or one that a merge made"
+    )
+
+
+def _number(sources: Sequence[Source], merged: Store | None, out: Path, *, accepted: bool) -> list[_Merging]:
+    """The sites with their numbers and all that is to be copied of them; ``StudyError`` where they do not fit."""
+    known = merged.sites() if merged else []
+    people = merged.participants() if merged else []
+    gone = {each.number for each in merged.tombstones()} if merged else set[int]()
+    like = (known[0].name, merged) if merged else (sources[0].name, sources[0].store)
+    numbers = {site.name: site.number for site in known}
+    sites: list[_Merging] = []
+    for source in sources:
+        check_continues(source, known, people)
+        number = numbers.setdefault(source.name, len(numbers) + 1)
+        differing = disagreements(like, (source.name, source.store), accepted=accepted)
+        recordings: dict[int, list[Recording]] = {
+            person: [] for person in source.people if merged_number(number, person) not in gone
+        }
+        for each in recordings_of(source, number, out):
+            if each.participant in recordings:
+                recordings[each.participant].append(each)
+        sites.append(_Merging(number, source, differing, recordings))
+    return sites
+
+
+def _verify(sites: Sequence[_Merging], progress: Callable[[int, int], None]) -> None:
+    """Note the fault of each recording that cannot be copied."""
+    everything = [
+        (site, each) for site in sites for recordings in site.recordings.values() for each in recordings
+    ]
+    for done, (site, each) in enumerate(everything, start=1):
+        fault = None if each.is_there() else each.fault()
+        if fault is not None:
+            site.faults[each.attempt] = fault
+        progress(done, len(everything))
+
+
+def _tell(sites: Sequence[_Merging], tell: Callable[[str], None], *, skip_damaged: bool) -> None:
+    faults = [f"{site.source.name}: {fault}" for site in sites for fault in site.faults.values()]
+    if faults and not skip_damaged:
+        raise StudyError(
+            f"nothing was merged: {'; '.join(faults)}; --skip-damaged leaves out what is damaged or missing"
+        )
+    for words in [*(each for site in sites for each in site.differing), *faults]:
+        tell(words)
+
+
+# One site
+
+
+def _merge_site(merged: Store, site: _Merging) -> MergedSite:
+    with merged.database.write() as connection:
+        _enter(connection, site)
+    rows = rows_by_participant(site.source, site.number)
+    for person, recordings in site.recordings.items():
+        _merge_participant(merged, site, person, recordings, rows[person])
+    site.deleted = sum(1 for _ in _delete(merged, site))
+    with merged.database.write() as connection:
+        site.written += store_rows(connection, rows.get(None, {}))
+        _merge_rest(connection, site)
+    return MergedSite(
+        site=site.source.name,
+        participants=len(site.recordings),
+        pseudonyms=_range([merged_number(site.number, person) for person in site.recordings]),
+        recordings=sum(each.target.is_file() for own in site.recordings.values() for each in own),
+        recordings_copied=site.copied,
+        rows_written=site.written,
+        participants_deleted=site.deleted,
+    )
+
+
+def _enter(connection: sa.Connection, site: _Merging) -> None:
+    """Store the site's number, unless it is stored; ``StudyError`` where another merge took it meanwhile."""
+    for known in find_all(connection, Site, number=site.number):
+        if known.name != site.source.name:
+            raise StudyError(f"{known.name!r} was merged meanwhile; merge {site.source.name!r} again")
+        return
+    row = {"number": site.number, "name": site.source.name, "entries": 0, "digest": ""}
+    ledger.insert(connection, schema.SITE, **row)
+
+
+def _merge_participant(
+    merged: Store, site: _Merging, person: int, recordings: Sequence[Recording], rows: Rows
+) -> None:
+    for each in recordings:
+        if each.attempt not in site.faults:
+            site.copied += each.copy()
+    number = merged_number(site.number, person)
+    with merged.database.write() as connection:
+        if find_all(connection, Tombstone, number=number):
+            return  # deleted while this merge ran
+        site.written += store_rows(connection, rows)
+        for each in recordings:
+            if each.attempt in site.faults:
+                attempt = merged_id(site.number, each.attempt)
+                record_once(
+                    connection, LEFT_OUT, site.faults[each.attempt], participant=number, attempt=attempt
+                )
+
+
+def _delete(merged: Store, site: _Merging) -> Iterator[int]:
+    """Delete whoever was deleted at the site since an earlier merge, also one that was killed; their numbers."""
+    present = {each.number for each in merged.participants()}
+    for row in site.source.rows["tombstone"]:
+        number = merged_number(site.number, row["number"])
+        pseudonym = pseudonym_of(number)
+        if number in present or (merged.folder / RECORDINGS / pseudonym).exists():
+            delete_participant(merged, pseudonym)
+            yield number
+
+
+def _merge_rest(connection: sa.Connection, site: _Merging) -> None:
+    """Who was deleted, in what the site differs, and up to where its ledger was merged."""
+    for row in site.source.rows["tombstone"]:
+        number = merged_number(site.number, row["number"])
+        if not find_all(connection, Tombstone, number=number):
+            ledger.insert(connection, schema.TOMBSTONE, **{**row, "number": number})
+    for words in site.differing:
+        record_once(connection, DIFFERS, words)
+    head = site.source.head
+    (before,) = find_all(connection, Site, number=site.number)
+    if (before.entries, before.digest) != (head.number, head.digest):
+        ledger.update(connection, schema.SITE, site.number, entries=head.number, digest=head.digest)
+
+
+def _range(numbers: Sequence[int]) -> str:
+    if not numbers:
+        return "nobody"
+    first, last = pseudonym_of(min(numbers)), pseudonym_of(max(numbers))
+    return first if first == last else f"{first} to {last}"

@@ -1,0 +1,128 @@
+"""The studies that are merged: what each holds at one moment, and whether they can be told apart."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import sqlalchemy as sa
+
+from avrgym.study.design.wrong import NAME
+from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.rows import Participant, Site, pseudonym_of
+from avrgym.study.storage.sites import PEOPLE_PER_SITE, site_of
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+
+Row = Mapping[str, Any]
+MERGED_TABLES = tuple(
+    table
+    for table in schema.METADATA.sorted_tables
+    if table not in (schema.STUDY, schema.SITE, schema.LEDGER)
+)
+"""In an order in which no row comes before one that it belongs to."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A site's study: its rows by table as of one moment, and the end of its ledger then."""
+
+    name: str
+    store: Store
+    rows: Mapping[str, Sequence[Row]]
+    head: ledger.Head
+
+    @property
+    def people(self) -> dict[int, str]:
+        """When each participant was enrolled, by number: nobody else was at that microsecond."""
+        return {row["number"]: row["enrolled_at"] for row in self.rows["participant"]}
+
+    @property
+    def sites(self) -> set[str]:
+        """What its participants' sites are called."""
+        return {self.name, *(row["site"] for row in self.rows["participant"] if row["site"])}
+
+
+def read_source(store: Store) -> Source:
+    """A study as a site of a merged one.
+
+    Raises:
+        StudyError: when it was merged itself, has no name as a site, or was changed from outside.
+    """
+    name = store.design.site or store.folder.name
+    if store.sites():
+        raise StudyError(f"{store.folder} was merged from sites itself: name these instead")
+    if not NAME.fullmatch(name):
+        raise StudyError(
+            f"{store.folder}: {name!r} is no name of a site; give it one as `site` in study.toml, of at most 40 "
+            "letters, digits, - and _"
+        )
+    for where, what in store.database.faults():
+        raise StudyError(
+            f"nothing was merged: {store.folder}: {where} {what}; `avrgym study check` says more"
+        )
+    with store.database.read() as connection:
+        rows = {table.name: _rows(connection, table) for table in MERGED_TABLES}
+        source = Source(name, store, rows, ledger.head(connection))
+    most = max((row["number"] for table in ("participant", "tombstone") for row in rows[table]), default=0)
+    if most >= PEOPLE_PER_SITE:
+        raise StudyError(
+            f"{store.folder} has {pseudonym_of(most)}: a site can have numbers up to {PEOPLE_PER_SITE - 1}"
+        )
+    return source
+
+
+def _rows(connection: sa.Connection, table: sa.Table) -> list[dict[str, Any]]:
+    """A table's rows by the columns' keys, without salts: these are drawn anew."""
+    names = [column.key for column in table.columns]
+    found = connection.execute(sa.select(table).order_by(ledger.key_of(table)))
+    rows = [dict(zip(names, row, strict=True)) for row in found]
+    return [{name: value for name, value in row.items() if name != "salt"} for row in rows]
+
+
+def check_told_apart(sources: Sequence[Source]) -> None:
+    """Raise ``StudyError`` where two studies are the same, or have sites of the same name."""
+    for a, b in combinations(sources, 2):
+        both = f"{a.store.folder} and {b.store.folder}"
+        twice = sorted(set(a.people.items()) & set(b.people.items()))
+        if a.store.folder == b.store.folder or twice:
+            raise StudyError(f"{both} are the same site; allowed: each once")
+        if shared := sorted(a.sites & b.sites):
+            raise StudyError(
+                f"{both} both are or have the site {shared[0]!r}: give each another `site` in its study.toml"
+            )
+
+
+def check_continues(source: Source, known: Sequence[Site], people: Sequence[Participant]) -> None:
+    """Raise ``StudyError`` unless a site is new to a merged study, or goes on where it was merged before.
+
+    Args:
+        source: the site.
+        known: the sites of the merged study.
+        people: its participants.
+    """
+    before = next((site for site in known if site.name == source.name), None)
+    others = [each for each in people if before is None or site_of(each.number) != before.number]
+    for each in others:
+        if (each.site_number, each.enrolled_at) in source.people.items():
+            raise StudyError(
+                f"{source.store.folder}: its {each.site_pseudonym} is in the merged study already, of a site of "
+                f"another name: give it that as `site` in study.toml ({', '.join(site.name for site in known)})"
+            )
+    taken = {each.site for each in others} | {site.name for site in known if site is not before}
+    if shared := sorted(source.sites & taken):
+        raise StudyError(
+            f"{source.store.folder}: the merged study has another site {shared[0]!r}; give this one another `site` in "
+            "its study.toml"
+        )
+    if before is not None and before.entries:
+        _check_not_set_back(source, before)
+
+
+def _check_not_set_back(source: Source, before: Site) -> None:
+    with source.store.database.read() as connection:
+        if ledger.lost(connection, [ledger.Head(before.entries, before.digest)]):
+            raise StudyError(
+                f"{source.store.folder}: the site {source.name!r} is another study than was merged before, or was set "
+                "back since: put back its latest copy, or merge into a new folder"
+            )

@@ -1,0 +1,107 @@
+"""Studies of several sites, and merges that are killed."""
+
+import os
+import signal
+from collections.abc import Callable, Sequence
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from avrgym.study.checking.checks import check_study
+from avrgym.study.merge.merging import merge_studies
+from avrgym.study.storage import ledger
+from avrgym.study.storage.store import Store
+from studies import run_participant, small_study, take_in
+
+Tree = dict[str, bytes]
+
+
+def make_site(folder: Path, site: str = "", *, trials: tuple[int | None, ...] = (2,), url: str = "") -> Path:
+    """A site's study, with a participant who has run so many trials, all for ``None``, for each of ``trials``."""
+    small_study(folder)
+    set_in_design(folder, 'site = ""', f'site = "{site}"')
+    set_in_design(folder, 'url = ""', f'url = "{url}"')
+    for count in trials:
+        add_participant(folder, count)
+    return folder
+
+
+def add_participant(folder: Path, trials: int | None) -> str:
+    """Someone with a name who runs so many trials at a site."""
+    with Store(folder) as store:
+        pseudonym = take_in(store, simulated=False, name="Grace Unverwechselbar")
+        run_participant(store, pseudonym, trials, simulated=False)
+    return pseudonym
+
+
+def set_in_design(folder: Path, before: str, after: str) -> None:
+    """Change a line of a site's design."""
+    path = folder / "study.toml"
+    text = path.read_text()
+    assert text.count(f"\n{before}\n") == 1
+    path.write_text(text.replace(f"\n{before}\n", f"\n{after}\n"))
+
+
+def tree(folder: Path) -> Tree:
+    """Every file in a folder, by name."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def wrong(folder: Path) -> list[str]:
+    """What a study's check finds wrong."""
+    with Store(folder) as store:
+        return [f"{each.where}: {each.what}" for each in check_study(store) if each.wrong]
+
+
+def contents(folder: Path) -> dict[str, list[Any]]:
+    """All that a merged study tells of its participants, and the bytes of their recordings."""
+    with Store(folder) as store:
+        return {
+            person.pseudonym: [
+                person,
+                store.sessions(person.pseudonym),
+                store.trials(person.pseudonym),
+                store.attempts(person.pseudonym),
+                store.answers(person.pseudonym),
+                [event for event in store.events() if event.participant == person.number],
+                store.notes(person.pseudonym),
+                {
+                    each.recording: store.path(each.recording).read_bytes()
+                    for each in store.attempts(person.pseudonym)
+                },
+            ]
+            for person in store.participants()
+        }
+
+
+def merge_killed(folders: Sequence[Path], out: Path, after: int | float) -> bool:
+    """Merge in a process that is killed: before so many steps, or after so many seconds; whether it was."""
+    context = get_context("forkserver")
+    context.set_forkserver_preload(["sites"])
+    process = context.Process(target=_merge, args=(folders, out, after if isinstance(after, int) else None))
+    process.start()
+    process.join(None if isinstance(after, int) else after)
+    process.kill()
+    process.join()
+    assert process.exitcode in (0, -signal.SIGKILL)
+    return process.exitcode != 0
+
+
+def _merge(folders: Sequence[Path], out: Path, steps: int | None) -> None:
+    if steps is not None:
+        left = iter(range(steps))
+        os.replace = _killing(os.replace, left)
+        ledger.insert = _killing(ledger.insert, left)
+        ledger.close_entries = _killing(ledger.close_entries, left)
+    merge_studies(folders, out)
+
+
+def _killing(function: Callable[..., Any], left: Any) -> Callable[..., Any]:
+    """A function that kills this process once there are no steps left."""
+
+    def counted(*given: Any, **named: Any) -> Any:
+        if next(left, None) is None:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return function(*given, **named)
+
+    return counted

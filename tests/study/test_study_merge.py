@@ -1,0 +1,457 @@
+"""Studies of several sites become one: whole, each participant once, and however often a merge is broken off."""
+
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from avrgym.analysis.statistics.offered import offered_tests, suggested_hypotheses
+from avrgym.study.checking.checks import check_study
+from avrgym.study.merge.merging import merge_studies
+from avrgym.study.people import deletion
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
+from avrgym.study.plan.deviations import deviations
+from avrgym.study.plan.freezing import freeze, read_frozen
+from avrgym.study.plan.template import write_template
+from avrgym.study.storage import database
+from avrgym.study.storage.attempts import begin_attempt, end_attempt
+from avrgym.study.storage.sessions import close_session, open_session
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from places import DATA
+from sites import add_participant, contents, make_site, merge_killed, set_in_design, tree, wrong
+from studies import (
+    fitting_answers,
+    new_postgresql_database,
+    postgresql_programs,
+    postgresql_server,
+    record,
+    small_study,
+)
+
+
+@pytest.fixture(autouse=True)
+def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two sites: atlanta with one who has finished and one who has begun, berlin, named by its folder, with one."""
+    folder = tmp_path_factory.mktemp("sites")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(database.URL_VARIABLE, raising=False)
+        make_site(folder / "a", "atlanta", trials=(None, 2))
+        make_site(folder / "berlin", trials=(1,))
+    return folder
+
+
+@pytest.fixture
+def sites(made: Path, tmp_path: Path) -> list[Path]:
+    return [Path(shutil.copytree(made / name, tmp_path / name)) for name in ("a", "berlin")]
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    return tmp_path / "all"
+
+
+def without_keys(store: Store, pseudonym: str) -> list:
+    """What a study tells of a participant, but for ids."""
+    trials = [(each.position, each.environment, each.seed, each.state) for each in store.trials(pseudonym)]
+    attempts = [
+        (each.number, each.state, each.sha256, each.metrics, store.path(each.recording).read_bytes())
+        for each in store.attempts(pseudonym)
+    ]
+    answers = [(each.item, each.value, each.answered_at) for each in store.answers(pseudonym)]
+    number = store.participant(pseudonym).number
+    events = [(each.at, each.name) for each in store.events() if each.participant == number]
+    return [trials, attempts, answers, events, [note.text for note in store.notes(pseudonym)]]
+
+
+def test_everybody_is_there_once_and_can_be_traced(sites: list[Path], out: Path) -> None:
+    before = [tree(site) for site in sites]
+    found = merge_studies(sites, out)
+    assert [(each.site, each.pseudonyms) for each in found] == [
+        ("atlanta", "sub-1001 to sub-1002"),
+        ("berlin", "sub-2001"),
+    ]
+    with Store(out) as store, Store(sites[0]) as atlanta, Store(sites[1]) as berlin:
+        people = [(each.pseudonym, each.site, each.site_pseudonym) for each in store.participants()]
+        assert people == [
+            ("sub-1001", "atlanta", "sub-001"),
+            ("sub-1002", "atlanta", "sub-002"),
+            ("sub-2001", "berlin", "sub-001"),
+        ]
+        for pseudonym, site, there in people:
+            source = atlanta if site == "atlanta" else berlin
+            assert without_keys(store, pseudonym) == without_keys(source, there)
+    assert wrong(out) == []
+    assert [tree(site) for site in sites] == before
+
+
+def test_names_stay_at_the_sites(sites: list[Path], out: Path) -> None:
+    merge_studies(sites, out)
+    assert not (out / "private").exists()
+    assert [name for name, data in tree(out).items() if b"Unverwechselbar" in data] == []
+
+
+def test_merging_again_changes_nothing(sites: list[Path], out: Path) -> None:
+    merge_studies(sites, out)
+    before = tree(out)
+    again = merge_studies(sites[::-1], out)
+    assert [(each.rows_written, each.recordings_copied) for each in again] == [(0, 0), (0, 0)]
+    assert tree(out) == before
+
+
+def test_what_is_new_comes_along(sites: list[Path], out: Path, tmp_path: Path) -> None:
+    merge_studies(sites, out)
+    before = contents(out)
+    merge_studies([make_site(tmp_path / "c", "cairo")], out)
+    after = contents(out)
+    assert sorted(after) == [*sorted(before), "sub-3001"]
+    assert {name: after[name] for name in before} == before
+    add_participant(sites[0], 1)
+    with Store(sites[1]) as store:
+        withdraw(store, "sub-001", "felt sick")
+    merge_studies(sites, out)
+    with Store(out) as store:
+        states = {each.pseudonym: each.state for each in store.participants()}
+    assert states == {
+        "sub-1001": "completed",
+        "sub-1002": "allocated",
+        "sub-1003": "allocated",
+        "sub-2001": "withdrawn",
+        "sub-3001": "allocated",
+    }
+    assert wrong(out) == []
+
+
+def test_who_is_deleted_at_a_site_is_deleted_at_the_next_merge(sites: list[Path], out: Path) -> None:
+    with Store(sites[0]) as store:
+        add_note(store, "sub-001", "she-laughed-out-loud")
+    merge_studies(sites, out)
+    with Store(sites[0]) as store:
+        delete_participant(store, "sub-001")
+    assert merge_studies(sites, out)[0].participants_deleted == 1
+    assert "sub-1001" not in contents(out)
+    assert [name for name, data in tree(out).items() if b"laughed" in data or "sub-1001" in name] == []
+    assert wrong(out) == []
+
+
+def test_a_deletion_that_was_broken_off_is_finished(
+    sites: list[Path], out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    merge_studies(sites, out)
+    with Store(sites[0]) as store:
+        delete_participant(store, "sub-001")
+    with monkeypatch.context() as broken:
+        broken.setattr(deletion, "_remove", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            merge_studies(sites, out)
+    merge_studies(sites, out)
+    assert [name for name in tree(out) if "sub-1001" in name] == []
+    assert wrong(out) == []
+
+
+def test_who_is_deleted_here_stays_deleted(sites: list[Path], out: Path) -> None:
+    merge_studies(sites, out)
+    with Store(out) as store:
+        delete_participant(store, "sub-2001")
+    merge_studies(sites, out)
+    assert sorted(contents(out)) == ["sub-1001", "sub-1002"]
+    assert not (out / "recordings" / "sub-2001").exists()
+    assert wrong(out) == []
+
+
+def test_nobody_takes_part_in_a_merged_study(sites: list[Path], out: Path) -> None:
+    merge_studies(sites, out)
+    before = contents(out)
+    with Store(out) as store:
+        for action in (
+            lambda: enrol(store, "man"),
+            lambda: open_session(store, "sub-1002"),
+            lambda: withdraw(store, "sub-1002"),
+            lambda: add_note(store, "sub-1002", "x"),
+        ):
+            with pytest.raises(
+                StudyError, match="merged from sites: people take part there; then merge again"
+            ):
+                action()
+    assert contents(out) == before
+
+
+def test_a_session_that_is_open_comes_as_it_is_and_later_as_it_ended(sites: list[Path], out: Path) -> None:
+    with Store(sites[0]) as store:
+        session = open_session(store, "sub-002")
+        trial = store.remaining_trials("sub-002")[0]
+        attempt = begin_attempt(store, session.id, trial.position)
+        store.path(attempt.recording).write_bytes(b"the beginning")
+        merge_studies(sites, out)
+        assert contents(out)["sub-1002"][3][-1].state == "running"
+        assert wrong(out) == []
+        store.path(attempt.recording).unlink()
+        record(store, attempt, trial, simulated=False)
+        end_attempt(store, attempt.id, "stopped")
+        close_session(store, session.id)
+    merge_studies(sites, out)
+    with Store(out) as merged, Store(sites[0]) as site:
+        assert without_keys(merged, "sub-1002") == without_keys(site, "sub-002")
+    assert wrong(out) == []
+
+
+def test_a_study_of_an_earlier_version_is_merged_too(tmp_path: Path, out: Path) -> None:
+    old = Path(shutil.copytree(DATA / "study-of-0.1.0", tmp_path / "old"))
+    merge_studies([old], out)
+    with Store(old) as store, Store(out) as merged:
+        for person in store.participants():
+            there = f"sub-1{person.pseudonym.removeprefix('sub-')}"
+            assert without_keys(merged, there) == without_keys(store, person.pseudonym)
+    assert wrong(out) == []
+
+
+def test_sites_that_share_a_database_are_blocks_of_its_orders(tmp_path: Path) -> None:
+    with Store(small_study(tmp_path / "study")) as store:
+        for number in range(8):
+            pseudonym = enrol(store, "woman", site="berlin" if number % 2 else "atlanta")
+            record_consent(store, pseudonym)
+            record_inclusion(store, pseudonym, fitting_answers(store))
+        cells = [(each.site, each.cell) for each in store.participants()]
+        assert sorted(cells) == [(site, cell) for site in ("atlanta", "berlin") for cell in range(4)]
+        with pytest.raises(StudyError, match="'a b' is no site; allowed: at most 40 letters"):
+            enrol(store, "man", site="a b")
+
+
+# What is refused
+
+
+def _twice(sites: list[Path]) -> list[Path]:
+    return [sites[0], sites[0]]
+
+
+def _copied(sites: list[Path]) -> list[Path]:
+    copy = Path(shutil.copytree(sites[1], sites[1].with_name("boston")))
+    return [sites[1], copy]
+
+
+def _same_name(sites: list[Path]) -> list[Path]:
+    set_in_design(sites[1], 'site = ""', 'site = "atlanta"')
+    return sites
+
+
+def _no_name(sites: list[Path]) -> list[Path]:
+    return [sites[1].rename(sites[1].with_name("our site"))]
+
+
+def _nothing(sites: list[Path]) -> list[Path]:
+    (sites[0].parent / "empty").mkdir()
+    return [sites[0], sites[0].parent / "empty"]
+
+
+def _longer_trials(sites: list[Path]) -> list[Path]:
+    shutil.rmtree(sites[1])
+    make_site(sites[1], trials=())
+    set_in_design(sites[1], "trial_steps = 200", "trial_steps = 100")
+    Store(sites[1]).close()
+    return sites
+
+
+def _other_policies(sites: list[Path]) -> list[Path]:
+    shutil.rmtree(sites[1])
+    make_site(sites[1], trials=())
+    set_in_design(sites[1], 'policies = ["original", "revised"]', 'policies = ["revised"]')
+    Store(sites[1]).close()
+    return sites
+
+
+def _edited(sites: list[Path]) -> list[Path]:
+    with Store(sites[1]) as store, store.database._engine.begin() as connection:
+        connection.exec_driver_sql("UPDATE trial SET seed = 1")
+    return sites
+
+
+REFUSED: list[tuple[Callable[[list[Path]], list[Path]], str]] = [
+    (_twice, "are the same site; allowed: each once"),
+    (_copied, "are the same site; allowed: each once"),
+    (_same_name, "have the site 'atlanta': give each another `site` in its study.toml"),
+    (_no_name, "'our site' is no name of a site; give it one as `site`"),
+    (_nothing, "empty holds no study.toml"),
+    (
+        _longer_trials,
+        "trial_steps is 200 at atlanta, 100 at berlin; --accept-differences merges them all the same",
+    ),
+    (_other_policies, "studies with other tasks, robots or policies are never merged"),
+    (_edited, "was changed by something other than AVR Gym: .*; `avrgym study check` says more"),
+]
+
+
+@pytest.mark.parametrize(("prepare", "words"), REFUSED)
+def test_what_is_no_second_site_is_refused(
+    sites: list[Path], out: Path, prepare: Callable[[list[Path]], list[Path]], words: str
+) -> None:
+    given = prepare(sites)
+    before = [tree(site) for site in given]
+    with pytest.raises(StudyError, match=words) as refused:
+        merge_studies(given, out)
+    assert "\n" not in str(refused.value)
+    assert not out.exists()
+    assert [tree(site) for site in given] == before
+
+
+def test_an_output_that_no_merge_made_is_refused_and_stays(sites: list[Path], tmp_path: Path) -> None:
+    for name, out in {
+        "another study": make_site(tmp_path / "another", "delhi"),
+        "a design": small_study(tmp_path / "design"),
+        "a site": sites[0],
+        "in a site": sites[0] / "all",
+        "a file": sites[0] / "study.toml",
+    }.items():
+        before = tree(tmp_path)
+        with pytest.raises(StudyError, match=r"that no merge made|which is a site|is a file"):
+            merge_studies(sites, out)
+        assert tree(tmp_path) == before, name
+
+
+def test_a_merged_study_is_no_site(sites: list[Path], out: Path, tmp_path: Path) -> None:
+    merge_studies(sites, out)
+    with pytest.raises(StudyError, match="was merged from sites itself: name these instead"):
+        merge_studies([out], tmp_path / "more")
+
+
+def test_a_site_that_was_set_back_or_renamed_is_refused(sites: list[Path], out: Path, tmp_path: Path) -> None:
+    older = Path(shutil.copytree(sites[1], tmp_path / "older" / "berlin"))
+    add_participant(sites[1], 1)
+    merge_studies(sites, out)
+    before = tree(out)
+    with pytest.raises(StudyError, match="'berlin' is another study than was merged before, or was set back"):
+        merge_studies([older], out)
+    with pytest.raises(
+        StudyError, match="its sub-001 is in the merged study already, of a site of another name"
+    ):
+        merge_studies([sites[1].rename(tmp_path / "bonn")], out)
+    other = make_site(tmp_path / "another" / "berlin")
+    with pytest.raises(StudyError, match="'berlin' is another study than was merged before"):
+        merge_studies([other], out)
+    assert tree(out) == before
+
+
+def test_the_variable_of_the_database_is_refused(
+    sites: list[Path], out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(database.URL_VARIABLE, "postgresql://user@host/name")
+    with pytest.raises(StudyError, match="would stand for the database of every site: unset it"):
+        merge_studies(sites, out)
+
+
+def test_differences_that_are_accepted_are_told(sites: list[Path], out: Path) -> None:
+    set_in_design(sites[1], "free_movement_s = 5.0", "free_movement_s = 4.0")
+    told: list[str] = []
+    for _ in range(2):
+        merge_studies(sites, out, accept_differences=True, tell=told.append)
+    assert told[0] == "study.toml: free_movement_s is 5.0 at atlanta, 4.0 at berlin"
+    with Store(out) as store:
+        notes = [each for each in check_study(store) if each.where == "sites"]
+    assert [(each.wrong, each.what) for each in notes] == [(False, f"were merged though {told[0]}")]
+
+
+# Damage
+
+
+def test_damaged_recordings_are_named_and_left_out_on_request(sites: list[Path], out: Path) -> None:
+    damaged, missing = sorted((sites[0] / "recordings" / "sub-002").rglob("*.mcap"))
+    whole = damaged.read_bytes(), missing.read_bytes()
+    damaged.write_bytes(whole[0][:-1])
+    missing.unlink()
+    with pytest.raises(StudyError, match="sub-002/ses-01/trial-01") as refused:
+        merge_studies(sites, out)
+    assert "trial-02_attempt-1.mcap is missing; --skip-damaged leaves out" in str(refused.value)
+    assert not out.exists()
+    told: list[str] = []
+    merge_studies(sites, out, skip_damaged=True, tell=told.append)
+    assert len(told) == 2
+    assert wrong(out) == []
+    with Store(out) as store:
+        left_out = [each.what for each in check_study(store) if "left out" in each.what]
+    assert len(left_out) == 2
+    damaged.write_bytes(whole[0])
+    missing.write_bytes(whole[1])
+    assert merge_studies(sites, out)[0].recordings_copied == 2
+    with Store(out) as store:
+        assert not [each for each in check_study(store) if "left out" in each.what]
+
+
+def test_damage_to_a_merged_study_is_noticed_and_recordings_come_again(sites: list[Path], out: Path) -> None:
+    merge_studies(sites, out)
+    first, second, *_ = sorted((out / "recordings").rglob("*.mcap"))
+    whole = tree(out)
+    first.write_bytes(first.read_bytes()[:-1])
+    second.unlink()
+    found = wrong(out)
+    assert f"{first.relative_to(out)}: was changed: its checksum is another" in found
+    assert f"{second.relative_to(out)}: is missing" in found
+    merge_studies(sites, out)
+    assert tree(out) == whole
+    with Store(out) as store, store.database._engine.begin() as connection:
+        connection.exec_driver_sql("UPDATE participant SET site = 'berlin' WHERE number = 1001")
+    assert any("participant 1001: was changed by something other" in each for each in wrong(out))
+
+
+# Kills
+
+
+def test_a_killed_merge_is_completed_by_the_next(sites: list[Path], out: Path, tmp_path: Path) -> None:
+    """The share of 20 that every run of the tests can afford: as the study is made, in a copy, in and after rows."""
+    merge_studies(sites, tmp_path / "whole")
+    for step in (0, 4, 30):
+        assert merge_killed(sites, out, step)
+        if out.exists():
+            assert all(each in contents(tmp_path / "whole") for each in contents(out))
+    merge_studies(sites, out)
+    assert contents(out) == contents(tmp_path / "whole")
+    assert wrong(out) == []
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "all", "berlin", "whole"]
+
+
+# Plans and databases
+
+
+def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
+    a, b = (make_site(tmp_path / name, name, trials=()) for name in ("a", "b"))
+    with Store(a) as store:
+        write_template(a, store.design, offered_tests(store.design), suggested_hypotheses(store.design))
+        freeze(store, offered_tests(store.design))
+    add_participant(a, 1)
+    with pytest.raises(StudyError, match=r'the frozen plan.s checksum .* is ".*" at a, "none" at b'):
+        merge_studies([a, b], out)
+    for name in ("plan.toml", "plan-frozen.json"):
+        shutil.copy(a / name, b)
+    merge_studies([b, a], out)
+    with Store(out) as store:
+        frozen = read_frozen(store)
+        assert frozen is not None
+        assert frozen.fault == ""
+        assert frozen.record is not None
+        assert frozen.record.design != (out / "study.toml").read_text()
+        found = deviations(store, frozen, offered_tests(store.design))
+    assert [each for each in found if each.where in ("study.toml", "plan.toml")] == []
+
+
+@pytest.fixture(scope="module")
+def postgresql() -> Iterator[Path]:
+    programs = postgresql_programs()
+    if programs is None:
+        pytest.skip("PostgreSQL's server is not installed (Debian: postgresql)")
+    with postgresql_server(programs) as server:
+        yield server
+
+
+def test_a_site_may_use_postgresql(postgresql: Path, sites: list[Path], out: Path, tmp_path: Path) -> None:
+    shared = make_site(tmp_path / "paris", url=new_postgresql_database(postgresql), trials=(None,))
+    merge_studies([*sites, shared], out)
+    assert sorted(contents(out)) == ["sub-1001", "sub-1002", "sub-2001", "sub-3001"]
+    assert wrong(out) == []
+    before = tree(out)
+    merge_studies([shared], out)
+    assert tree(out) == before
