@@ -27,9 +27,9 @@ ITEMS = ("L1", "L2", "L3", "L4")
 Rate = Callable[[Participant, Trial, str], int]
 
 
-def take_part(store: Store, sex: Sex = "woman", *, simulated: bool = True) -> str:
+def take_part(store: Store, sex: Sex = "woman", *, simulated: bool = True, site: str = "") -> str:
     """Enrol someone, with consent and an order."""
-    pseudonym = enrol(store, sex, age_years=22, simulated=simulated)
+    pseudonym = enrol(store, sex, age_years=22, simulated=simulated, site=site)
     record_consent(store, pseudonym)
     record_inclusion(store, pseudonym, fitting_answers(store))
     return pseudonym

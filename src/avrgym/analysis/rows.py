@@ -9,9 +9,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class ParticipantRow:
-    """Someone who takes or took part; ``torso_height_m`` is the median over the counted trials' calibrations."""
+    """Someone who takes or took part; ``torso_height_m`` is the median over the counted trials' calibrations.
+
+    ``site`` is where; ``site_participant`` the pseudonym there, in a study that was merged from sites.
+    """
 
     participant: str
+    site: str | None = None
+    site_participant: str | None = None
     simulated: bool
     state: str
     sex: str
@@ -40,6 +45,7 @@ class TrialRow:
     """
 
     participant: str
+    site: str | None = None
     simulated: bool
     participant_state: str
     sex: str
@@ -86,6 +92,7 @@ class AttemptRow:
     """An attempt at a trial, with the metrics that were stored at its end."""
 
     participant: str
+    site: str | None = None
     simulated: bool
     session: int
     position: int
@@ -111,6 +118,7 @@ class AnswerRow:
     """
 
     participant: str
+    site: str | None = None
     simulated: bool
     counted: bool
     session: int
@@ -132,6 +140,7 @@ class TermRow:
     """What a reward term added up to in a trial; ``weighted_sum`` is its part of the reward."""
 
     participant: str
+    site: str | None = None
     simulated: bool
     position: int
     term: str

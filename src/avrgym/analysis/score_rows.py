@@ -12,6 +12,7 @@ class ScoreRow:
     """
 
     participant: str
+    site: str | None = None
     simulated: bool
     counted: bool
     session: int

@@ -10,6 +10,7 @@ from avrgym.analysis import rows
 from avrgym.analysis.reading.observations import Observations, observe
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED, draw_people
 from avrgym.analysis.score_rows import ScoreRow, ScoreSummaryRow
+from avrgym.analysis.site_rows import SiteEffectRow, SiteOutcomeRow
 from avrgym.analysis.statistics.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
 from avrgym.analysis.statistics.biomechanics_tests import biomechanics_families
 from avrgym.analysis.statistics.families import Family
@@ -22,6 +23,7 @@ from avrgym.analysis.statistics.session_answers import (
     session_families,
     session_likert_rows,
 )
+from avrgym.analysis.statistics.sites import site_effect_rows, site_outcome_rows
 from avrgym.analysis.statistics.subjective import answer_families, likert_rows, subjective_rows
 from avrgym.analysis.statistics.tests import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
 from avrgym.analysis.tables import Table, control_steps
@@ -68,6 +70,8 @@ class Analysis:
     families: list[Family]
     biomechanics: list[rows.BiomechanicsRow]
     ranges: list[rows.RangeRow]
+    site_outcomes: list[SiteOutcomeRow]
+    site_effects: list[SiteEffectRow]
 
     @property
     def tests(self) -> list[rows.TestedRow]:
@@ -95,7 +99,10 @@ class Analysis:
         yield Table.of("biomechanics", rows.BiomechanicsRow, self.biomechanics)
         yield Table.of("ranges", rows.RangeRow, self.ranges)
         yield Table.of("people", rows.PersonRow, self.people)
-        yield control_steps(seen.series, {row.participant: row.simulated for row in seen.participants})
+        if self.site_outcomes:
+            yield Table.of("site_outcomes", SiteOutcomeRow, self.site_outcomes)
+            yield Table.of("site_effects", SiteEffectRow, self.site_effects)
+        yield control_steps(seen.series, {row.participant: row for row in seen.participants})
 
     def results(self) -> dict[str, Any]:
         """Every number but those of single control steps and of the people drawn, which only tables hold."""
@@ -148,6 +155,8 @@ def analyse(
         score_summaries=score_summary_rows(store.design, observed.scores),
         biomechanics=biomechanics_rows(groups, people),
         ranges=range_rows(groups),
+        site_outcomes=site_outcome_rows(store.design, observed.trials),
+        site_effects=site_effect_rows(store.design, observed.trials, observed.answers, observed.scores),
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from avrgym.analysis.reading.measures import Measured
+from avrgym.analysis.rows import ParticipantRow
 from avrgym.study.export.tables import neutral
 
 
@@ -31,25 +32,30 @@ class Table:
             writer.writerows([neutral(row[column]) for column in self.columns] for row in self.rows)
 
 
-def control_steps(series: Mapping[tuple[str, int], Measured], simulated: Mapping[str, bool]) -> Table:
+def control_steps(
+    series: Mapping[tuple[str, int], Measured], participants: Mapping[str, ParticipantRow]
+) -> Table:
     """Every control step of every trial with its unweighted reward terms; a term of other tasks is empty."""
     steps = [step for measured in series.values() for step in measured.steps]
     terms = sorted({term for step in steps for term in step.reward_terms})
     columns = [
-        "participant", "simulated", "position", "step", "time_s", "reward", "success", "distance_m",
+        "participant", "site", "simulated", "position", "step", "time_s", "reward", "success", "distance_m",
         "force_on_person_n", *(f"term_{term}" for term in terms),
     ]  # fmt: skip
-    return Table("control_steps", columns, _steps(series, simulated, terms))
+    return Table("control_steps", columns, _steps(series, participants, terms))
 
 
 def _steps(
-    series: Mapping[tuple[str, int], Measured], simulated: Mapping[str, bool], terms: Sequence[str]
+    series: Mapping[tuple[str, int], Measured],
+    participants: Mapping[str, ParticipantRow],
+    terms: Sequence[str],
 ) -> Iterator[Mapping[str, Any]]:
     for (participant, position), measured in series.items():
         for time_s, step in zip(measured.times_s, measured.steps, strict=True):
             yield {
                 "participant": participant,
-                "simulated": simulated[participant],
+                "site": participants[participant].site,
+                "simulated": participants[participant].simulated,
                 "position": position,
                 "step": step.step,
                 "time_s": time_s,

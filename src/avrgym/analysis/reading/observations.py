@@ -1,6 +1,6 @@
 """Reading a study for its analysis: every participant, trial, attempt and answer, each completed recording once."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import fmean, median
 
@@ -18,6 +18,7 @@ from avrgym.study.checking.held import held_share, too_much_held
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.storage.attempts import CHANGED
 from avrgym.study.storage.rows import Participant, Trial
+from avrgym.study.storage.sites import DIFFERS
 from avrgym.study.storage.states import TAKES_PART, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
@@ -59,7 +60,7 @@ def observe(
     Raises:
         StudyError: for such a recording, unless they are skipped; the message names them all.
     """
-    found = Observations()
+    found = Observations(problems=list(_site_problems(store)))
     attempts = list(all_attempts(store))
     completed = {each.trial.id: each for each in attempts if each.attempt.state == "completed"}
     changed = {key for key, each in completed.items() if each.is_changed()}
@@ -85,6 +86,14 @@ def observe(
     return found
 
 
+def _site_problems(store: Store) -> Iterator[ProblemRow]:
+    """In what the sites differ that a study was merged from."""
+    for event in store.events():
+        if event.name == DIFFERS:
+            what = f"were merged though {event.detail}"
+            yield ProblemRow(simulated=None, where="sites", what=what, consequence="they are taken together")
+
+
 def _refusal(changed: Sequence[ExportedAttempt]) -> str:
     faults = "; ".join(f"{each.attempt.recording} {CHANGED}" for each in changed)
     return f"nothing was analysed: {faults}; --skip-damaged uses nothing of what is damaged"
@@ -95,6 +104,7 @@ def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAt
     takes_part = participant.state in TAKES_PART
     return TrialRow(
         participant=participant.pseudonym,
+        site=participant.site,
         simulated=participant.simulated,
         participant_state=participant.state,
         sex=participant.sex,
@@ -228,6 +238,7 @@ def _terms(row: TrialRow, measured: Measured) -> list[TermRow]:
     return [
         TermRow(
             participant=row.participant,
+            site=row.site,
             simulated=row.simulated,
             position=row.position,
             term=name,
@@ -254,6 +265,8 @@ def _participant(store: Store, participant: Participant, found: Observations) ->
     completed = sum(row.state == "completed" for row in trials)
     return ParticipantRow(
         participant=participant.pseudonym,
+        site=participant.site,
+        site_participant=participant.site_pseudonym,
         simulated=participant.simulated,
         state=participant.state,
         sex=participant.sex,

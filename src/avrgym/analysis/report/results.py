@@ -42,7 +42,7 @@ def _paper_table(shown: PaperTable) -> Markup:
         )
         for task, cells in shown.rows.items()
     ]
-    caption = _about(shown.caption, shown.simulated)
+    caption = captioned(shown.caption, shown.simulated)
     return table(caption, ("Task", *shown.columns), body, numbers=range(1, len(shown.columns) + 1))
 
 
@@ -62,15 +62,15 @@ def _intervals(rows: Sequence[ObjectiveRow], simulated: bool) -> Markup:
         (
             row.task, row.robot, row.policy, row.trials,
             _interval(row.reward_mean, row.reward_low, row.reward_high),
-            _percent(row.success_rate, row.success_low, row.success_high),
+            percent(row.success_rate, row.success_low, row.success_high),
             row.simulation_people or "–", row.simulation_episodes or "–",
             _interval(row.simulation_reward_mean, row.simulation_reward_low, row.simulation_reward_high),
-            _percent(row.simulation_success_rate, row.simulation_success_low, row.simulation_success_high),
+            percent(row.simulation_success_rate, row.simulation_success_low, row.simulation_success_high),
         )
         for row in rows
     ]  # fmt: skip
     numbers = (3, 4, 5, 7, 8, 9)
-    return table(_about("Objective measures with 95 % intervals", simulated), heads, body, numbers=numbers)
+    return table(captioned("Objective measures with 95 % intervals", simulated), heads, body, numbers=numbers)
 
 
 def _remarks(rows: Sequence[ObjectiveRow]) -> Markup:
@@ -89,7 +89,8 @@ def _interval(mean: float | None, low: float | None, high: float | None) -> str:
     return quantity(mean, digits=1) + ends
 
 
-def _percent(rate: float | None, low: float | None, high: float | None) -> str:
+def percent(rate: float | None, low: float | None, high: float | None) -> str:
+    """A share with the ends of its interval."""
     if rate is None or low is None or high is None:
         return "–"
     return f"{100 * rate:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
@@ -162,7 +163,7 @@ def _about_sessions(
     name, when = questionnaire.name, " and ".join(WORDS[each] for each in _moments(questionnaire))
     heads = ("Item", "When", "n", "Median", "Quartiles", "Mean", "Range")
     body = [(row.item, WORDS[row.moment], *_quartiles(row)) for row in rows]
-    caption = _about(f"{name}: answers {when} sessions, one for each participant", simulated)
+    caption = captioned(f"{name}: answers {when} sessions, one for each participant", simulated)
     return tag(
         "section",
         tag("h4", f"{name}, asked {when} sessions"),
@@ -198,7 +199,7 @@ def _brief_number(value: float) -> str:
 def _summaries(caption: str, rows: Sequence[SubjectiveRow], simulated: bool) -> Markup:
     heads = ("Item", "Policy", "Task", "Robot", "n", "Median", "Quartiles", "Mean", "Range")
     body = [(row.item, row.policy, row.task, row.robot, *_quartiles(row)) for row in rows]
-    return table(_about(caption, simulated), heads, body, numbers=(4, 5, 6, 7, 8))
+    return table(captioned(caption, simulated), heads, body, numbers=(4, 5, 6, 7, 8))
 
 
 # Biomechanics
@@ -235,7 +236,7 @@ def _ranges(rows: Sequence[RangeRow], simulated: bool) -> Markup:
         "What would have covered the participants, and what share of them the ranges of the training's people do: "
         "of participants for torso heights, of trials for waists"
     )
-    return table(_about(caption, simulated), heads, body, numbers=range(1, 7))
+    return table(captioned(caption, simulated), heads, body, numbers=range(1, 7))
 
 
 def _ends(low: float, high: float) -> str:
@@ -253,7 +254,7 @@ def _distributions(analysis: Analysis, simulated: bool) -> Markup:
         if row.people != "participants" or row.simulated is simulated
     ]  # fmt: skip
     return table(
-        _about("Distributions; the training's people are simulated", simulated),
+        captioned("Distributions; the training's people are simulated", simulated),
         heads,
         body,
         numbers=range(3, 9),
@@ -293,7 +294,7 @@ def table_of_tests(caption: str, rows: Sequence[TestedRow], simulated: bool) -> 
         for row in rows
     ]  # fmt: skip
     heads = (*heads, "By plan") if planned else heads
-    return table(_about(caption, simulated), heads, body, numbers=(3, 4, 5, 6, 8))
+    return table(captioned(caption, simulated), heads, body, numbers=(3, 4, 5, 6, 8))
 
 
 def probability(p: float | None) -> str:
@@ -320,5 +321,6 @@ def _nothing(title: str, text: str) -> Markup:
     return tag("section", tag("h3", title), tag("p", text))
 
 
-def _about(caption: str, simulated: bool) -> str:
+def captioned(caption: str, simulated: bool) -> str:
+    """A caption that says where it is about simulated participants."""
     return f"{caption} (simulated participants)" if simulated else caption

@@ -20,8 +20,16 @@ from avrgym.analysis.page import (
 )
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
 from avrgym.analysis.report.plan import NOTHING, confirmatory, plan_section
-from avrgym.analysis.report.results import answers, biomechanics, objective, other_tests, tables_of_tests
+from avrgym.analysis.report.results import (
+    answers,
+    biomechanics,
+    captioned,
+    objective,
+    other_tests,
+    tables_of_tests,
+)
 from avrgym.analysis.report.scores import scores
+from avrgym.analysis.report.sites import by_site
 from avrgym.analysis.report.trials import trials
 from avrgym.analysis.rows import ParticipantRow
 from avrgym.analysis.statistics.tests import EXACT_SIGNED_RANK
@@ -101,6 +109,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         scores(analysis, simulated, tests),
         biomechanics(analysis, simulated, own, tests),
         other_tests(tests),
+        by_site(analysis, simulated),
         trials(analysis, simulated, study_link),
         id=_id(simulated),
     )
@@ -125,29 +134,31 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
     }
     rows = [
         (
-            row.participant, row.state, row.sex, "" if row.age_years is None else row.age_years,
+            row.participant, *_place(people, row), row.state, row.sex, "" if row.age_years is None else row.age_years,
             "" if row.torso_height_m is None else f"{row.torso_height_m:.3f}", row.sessions,
             row.trials_completed, row.trials_missing, row.attempts, row.attempts_broken_off,
         )
         for row in people
     ]  # fmt: skip
+    places = ("Site", "there") if any(row.site for row in people) else ()
     heads = (
-        "Participant", "State", "Body", "Age", "Torso / m", "Sessions", "Trials completed", "missing", "Attempts",
-        "broken off",
+        "Participant", *places, "State", "Body", "Age", "Torso / m", "Sessions", "Trials completed", "missing",
+        "Attempts", "broken off",
     )  # fmt: skip
     caption = "Participants; who withdrew is counted here and in no analysis"
     left_out = [f"{row.participant}, trial {row.position}: {row.left_out}." for row in trials if row.left_out]
     listed = [tag("p", "Left out of the analyses:"), listing(left_out)] if left_out else []
-    shown = table(_marked(caption, simulated), heads, rows, numbers=range(3, 10))
+    shown = table(captioned(caption, simulated), heads, rows, numbers=range(len(heads) - 7, len(heads)))
     return join([definitions(metrics), *listed, shown])
+
+
+def _place(people: Sequence[ParticipantRow], row: ParticipantRow) -> tuple[str, ...]:
+    """Where someone took part and what they go by there, in a study with sites."""
+    return (row.site or "", row.site_participant or "") if any(each.site for each in people) else ()
 
 
 def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
     return sum(row.state == state for row in people)
-
-
-def _marked(caption: str, simulated: bool) -> str:
-    return f"{caption} (simulated participants)" if simulated else caption
 
 
 def _facts(analysis: Analysis) -> Markup:

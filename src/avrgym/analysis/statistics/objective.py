@@ -5,7 +5,7 @@ from dataclasses import asdict
 from itertools import product
 from statistics import fmean, stdev
 
-from avrgym.analysis.rows import ObjectiveRow, Simulated, TrialRow
+from avrgym.analysis.rows import ObjectiveRow, Outcome, Simulated, TrialRow
 from avrgym.analysis.statistics.tests import t_interval
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.policies.trained import FILE_SUFFIX, Policy, PolicyError, find_policy, packaged_policies
@@ -41,12 +41,17 @@ def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRo
 def _condition(
     trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str, beside: Simulated
 ) -> ObjectiveRow:
+    return ObjectiveRow(**asdict(outcome(trials, simulated, task, robot, policy)), **asdict(beside))
+
+
+def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str) -> Outcome:
+    """What a condition's trials gave; ``ALL`` tasks are taken together."""
     own = [row for row in trials if task in (row.task, ALL) and (row.robot, row.policy) == (robot, policy)]
     rewards = [row.reward for row in own if row.reward is not None] if task != ALL else []
     successes = sum(bool(row.success) for row in own)
     mean, low, high = mean_with_interval(rewards)
     success_low, success_high = wilson_interval(successes, len(own)) if own else (None, None)
-    return ObjectiveRow(
+    return Outcome(
         simulated=simulated,
         task=task,
         robot=robot,
@@ -59,7 +64,6 @@ def _condition(
         success_rate=successes / len(own) if own else None,
         success_low=success_low,
         success_high=success_high,
-        **asdict(beside),
     )
 
 

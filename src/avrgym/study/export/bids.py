@@ -64,6 +64,7 @@ def _write_participants(store: Store, attempts: Sequence[ExportedAttempt], folde
             "participant_id": participant.pseudonym,
             "age": participant.age_years,
             "sex": {"man": "male", "woman": "female"}[participant.sex],
+            "site": participant.site,
             "simulated": participant.simulated,
         }
         for participant in store.participants()
@@ -75,6 +76,7 @@ def _write_participants(store: Store, attempts: Sequence[ExportedAttempt], folde
         {
             "age": {"Description": "Age when enrolled.", "Units": "year"},
             "sex": {"Description": "Which body model stood for the participant."},
+            "site": {"Description": "Where the participant took part."},
             "simulated": {"Description": CONDITION["simulated"]},
         },
     )

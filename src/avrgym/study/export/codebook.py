@@ -37,6 +37,9 @@ _NEVER_ENDED = "the attempt did not end with metrics"
 _RECORDING = Column("File of the recording in the study's folder.", TEXT)
 
 PARTICIPANT_COLUMN = Column("Pseudonym of the participant.", TEXT, allowed="sub-001, sub-002 and so on")
+SITE = Column(
+    "Where the participant took part.", TEXT, allowed="letters, digits, - and _", empty="no site was said"
+)
 SIMULATED = Column("Whether a simulated participant took the place of a person.", TRUTH, allowed=_TRUTH)
 SESSION = Column("Number of the participant's session.", WHOLE, allowed=_FROM_1)
 POSITION = Column("Place of the trial in the participant's order, practice included.", WHOLE, allowed=_FROM_1)
@@ -49,6 +52,7 @@ REWARD = Column("Sum of the rewards of all control steps.", NUMBER, "1", empty=_
 SUCCESS = Column("Whether the robot had succeeded.", TRUTH, allowed=_TRUTH)
 LABELS = {
     "participant": PARTICIPANT_COLUMN,
+    "site": SITE,
     "simulated": SIMULATED,
     "session": SESSION,
     "position": POSITION,
@@ -70,6 +74,8 @@ WHY = {"why": Column("Why the recording was left out.", TEXT)}
 TABLES: Mapping[str, Mapping[str, Column]] = {
     "participants": {
         "participant": PARTICIPANT_COLUMN,
+        "site": SITE,
+        "site_participant": Column("Pseudonym of the participant at the site.", TEXT, empty="not merged from sites"),
         "simulated": SIMULATED,
         "state": Column("How far the participant has come.", TEXT, allowed=_one_of(*PARTICIPANT)),
         "sex": Column("Which body model stood for the participant.", TEXT, allowed=_one_of(*SEXES)),
@@ -84,6 +90,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
     },
     "trials": {
         "participant": PARTICIPANT_COLUMN,
+        "site": SITE,
         "simulated": SIMULATED,
         "position": POSITION,
         "practice": PRACTICE,
@@ -111,6 +118,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
     },
     "answers": {
         "participant": PARTICIPANT_COLUMN,
+        "site": SITE,
         "simulated": SIMULATED,
         "session": SESSION,
         **_OF_TRIAL,
@@ -134,6 +142,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
     },
     "scores": {
         "participant": PARTICIPANT_COLUMN,
+        "site": SITE,
         "simulated": SIMULATED,
         "session": SESSION,
         **_OF_TRIAL,

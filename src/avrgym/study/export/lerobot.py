@@ -84,7 +84,7 @@ def _episode(
         for feature, values in columns.items()
         for name, value in _statistics(values).items()
     }
-    labels = {f"study/{name}": value for name, value in exported.labels().items()}
+    labels = {f"study/{name}": "" if value is None else value for name, value in exported.labels().items()}
     return {
         "episode_index": number,
         "tasks": [_task(exported)],

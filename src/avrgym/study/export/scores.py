@@ -35,7 +35,10 @@ class Score:
         least, most = self.instrument.range_of(self.scale)
         items = self.instrument.items_of(self.scale)
         return {
-            **{name: labels[name] for name in ("participant", "simulated", "session", *of_trial, "moment")},
+            **{
+                name: labels[name]
+                for name in ("participant", "site", "simulated", "session", *of_trial, "moment")
+            },
             "questionnaire": self.questionnaire.name,
             "instrument": self.instrument.name,
             "scale": self.scale,

@@ -89,6 +89,8 @@ def _participants(store: Store, heights: Mapping[str, float]) -> Iterator[dict[s
     for participant in store.participants():
         yield {
             "participant": participant.pseudonym,
+            "site": participant.site,
+            "site_participant": participant.site_pseudonym,
             "simulated": participant.simulated,
             "state": participant.state,
             "sex": participant.sex,
@@ -110,6 +112,7 @@ def _trials(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str,
             completed = [exported.attempt for exported in own if exported.attempt.state == "completed"]
             yield {
                 "participant": participant.pseudonym,
+                "site": participant.site,
                 "simulated": participant.simulated,
                 "position": trial.position,
                 "practice": trial.practice,

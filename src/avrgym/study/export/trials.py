@@ -80,7 +80,7 @@ class ExportedAttempt:
 
     @property
     def _absence(self) -> str:
-        here = self.session.station == self.store.station
+        here = self.participant.site_number is not None or self.session.station == self.store.station
         return "is missing" if here else f"is not here; it was recorded at {self.session.station}"
 
     def control_steps(self) -> list[tuple[float, Control]]:
@@ -91,6 +91,7 @@ class ExportedAttempt:
         """What tells this attempt from all others, for the rows of tables."""
         return {
             "participant": self.participant.pseudonym,
+            "site": self.participant.site,
             "simulated": self.participant.simulated,
             "session": self.session.number,
             "position": self.trial.position,
@@ -144,6 +145,7 @@ class ExportedAnswer:
         of_trial = ("position", "practice", "task", "robot", "policy", "attempt")
         return {
             "participant": self.participant.pseudonym,
+            "site": self.participant.site,
             "simulated": self.participant.simulated,
             "session": self.session.number,
             **{name: labels.get(name) for name in of_trial},

@@ -1,0 +1,96 @@
+"""Where people took part at several sites, tables say where, and results stand by site too."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from scipy import stats
+
+from analysed import run_trials, take_part
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.study import Analysis, analyse
+from avrgym.study.export import export_study
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
+from html_page import Page
+from studies import small_study
+
+SITES = {"atlanta": 4, "berlin": 3}
+WITH_SITE = ("participants", "trials", "attempts", "answers", "reward_terms", "control_steps")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Analysis, Path]:
+    """A study whose participants of two sites have finished, its analysis and the folder with that."""
+    folder = small_study(tmp_path_factory.mktemp("study"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(database.URL_VARIABLE, raising=False)
+        with Store(folder) as store:
+            for site, people in SITES.items():
+                for _ in range(people):
+                    run_trials(store, take_part(store, simulated=False, site=site))
+            analysis = analyse(store)
+            export_study(store, "csv", folder / "export")
+    out = tmp_path_factory.mktemp("out")
+    write_analysis(analysis, folder, out)
+    return folder, analysis, out
+
+
+def test_every_table_of_participants_says_where(made: tuple[Path, Analysis, Path]) -> None:
+    folder, _, out = made
+    for table in WITH_SITE:
+        rows = pd.read_csv(out / "tables" / f"{table}.csv")
+        assert rows.groupby("site")["participant"].nunique().to_dict() == SITES, table
+    for table in ("participants", "trials", "attempts", "answers", "control_steps"):
+        rows = pd.read_csv(folder / "export" / f"{table}.csv")
+        assert rows.groupby("site")["participant"].nunique().to_dict() == SITES, table
+
+
+def test_effects_by_site_follow_from_the_answers_of_each(made: tuple[Path, Analysis, Path]) -> None:
+    _, _, out = made
+    answers, effects = (pd.read_csv(out / "tables" / f"{name}.csv") for name in ("answers", "site_effects"))
+    chosen = effects[effects["family"] == "policies, by participant"]
+    assert len(chosen) == len(SITES) * 4
+    for row in chosen.itertuples():
+        own = answers[answers["counted"] & (answers["site"] == row.site) & (answers["item"] == row.quantity)]
+        means = own.pivot_table(index="participant", columns="policy", values="value")
+        differences = (means[row.group_a] - means[row.group_b]).round(9)
+        used = differences[differences != 0]
+        ranks = stats.rankdata(used.abs())
+        expected = ranks[used > 0].sum() - ranks[used < 0].sum()
+        assert (row.n, row.zeros) == (len(used), len(differences) - len(used))
+        assert row.effect == pytest.approx(expected / ranks.sum())
+        assert row.median_a == pytest.approx(means[row.group_a].median())
+
+
+def test_outcomes_by_site_add_up_to_those_of_all(made: tuple[Path, Analysis, Path]) -> None:
+    _, analysis, _ = made
+    for whole in analysis.objective:
+        key = (whole.task, whole.robot, whole.policy)
+        parts = [row for row in analysis.site_outcomes if (row.task, row.robot, row.policy) == key]
+        assert [row.site for row in parts] == list(SITES)
+        assert sum(row.trials for row in parts) == whole.trials
+        assert sum(row.successes for row in parts) == whole.successes
+
+
+def test_the_report_describes_the_sites(made: tuple[Path, Analysis, Path]) -> None:
+    _, _, out = made
+    page = Page(out / "report" / "index.html")
+    for words in (
+        "By site",
+        "Participants of each site",
+        "Success over all tasks at each site",
+        "Effects at each site",
+    ):
+        assert words in page.text
+
+
+def test_a_study_without_sites_or_of_one_has_nothing_by_site(tmp_path: Path) -> None:
+    with Store(small_study(tmp_path / "study")) as store:
+        for site in ("", ""):
+            run_trials(store, take_part(store, simulated=False, site=site))
+        assert analyse(store).site_effects == []
+        run_trials(store, take_part(store, site="atlanta"))
+        found = analyse(store)
+    assert found.site_outcomes == found.site_effects == []
+    assert "site_effects" not in {table.name for table in found.tables()}
