@@ -47,15 +47,16 @@ lint: $(DONE)/test $(DONE)/node ## ruff, pyright and the layers of packages
 	.venv/bin/pyright
 	.venv/bin/lint-imports --no-logo --no-cache
 
-docs: setup ## check the pages: links, commands and blocks of code
-	.venv/bin/python -m pytest tests/cli/test_docs.py
+docs: setup ## build the site into build/site; check its links, and run its commands and blocks of code
+	.venv/bin/python -m pytest tests/cli/test_site.py tests/cli/test_docs.py tests/cli/test_pages.py tests/cli/test_examples.py
+	@echo 'To read it: .venv/bin/python -m http.server --directory build/site 8080, then http://localhost:8080'
 
 bench: setup ## steps per second of the simulation, and the live server's ticks
 	.venv/bin/avrgym bench sim
 	.venv/bin/avrgym bench vr
 
 clean: ## remove everything that was installed, built or tested here
-	rm -rf .venv client/node_modules src/avrgym/vr/static build dist .hypothesis .pytest_cache .ruff_cache
+	rm -rf .venv client/node_modules src/avrgym/vr/static build dist .cache .hypothesis .pytest_cache .ruff_cache
 	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(DONE)/python:
@@ -72,7 +73,7 @@ $(DONE)/demo: pyproject.toml $(DONE)/python
 $(DONE)/test: pyproject.toml $(DONE)/python
 	@echo 'Installing AVR Gym with what training and the checks need'
 	@$(PIP_INSTALL) '$(TORCH)'
-	@$(PIP_INSTALL) -e '.[browser,train,postgresql,export,video,onnx,pettingzoo,dev]'
+	@$(PIP_INSTALL) -e '.[browser,train,postgresql,export,video,onnx,pettingzoo,dev,docs]'
 	@touch $(DONE)/demo $@
 
 $(DONE)/node: $(DONE)/python

@@ -11,14 +11,14 @@ from typer.main import get_command
 from avrgym.cli.main import app
 from avrgym.models.body_regions import BODY_REGIONS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, environment_id
+from pages import DOCUMENTS, name_of
 from places import ROOT
 
 README = (ROOT / "README.md").read_text()
-DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))]
 ENVIRONMENT_PAGE = (ROOT / "docs" / "environments.md").read_text()
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+@pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
 def test_links_and_pictures_lead_somewhere(document):
     targets = re.findall(r"\]\(([^)#]+)", document.read_text())
     local = [target for target in targets if "://" not in target]
@@ -33,7 +33,7 @@ EXAMPLES = {
 """Those of the pages on how to add a task and a robot."""
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+@pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
 def test_every_environment_that_is_named_exists(document):
     named = set(re.findall(r"avrgym/[A-Za-z0-9]+-v\d+", document.read_text()))
     assert named <= {*ENVIRONMENTS, *EXAMPLES}

@@ -1,0 +1,35 @@
+"""Chance, a script that knows everything, and a trained policy: ``python 02_random_oracle_trained.py [EPISODES]``
+
+The first part lets AVR Gym count, the second shows what it does: load a policy and let it act.
+"""
+
+import sys
+
+import gymnasium as gym
+import numpy as np
+
+import avrgym  # noqa: F401  registers the environments
+from avrgym.learning.evaluation import evaluate
+from avrgym.policies.trained import Policy, find_policy
+
+ENVIRONMENT = "avrgym/FeedingJaco-v1"
+EPISODES = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+
+for name in ("random", "oracle", "revised"):
+    row = evaluate(ENVIRONMENT, name, people="revised", episodes=EPISODES, seed=0)
+    low, high = row.success_ci95
+    print(
+        f"{name:8} success {row.success_rate:4.0%} [{low:.0%}, {high:.0%}]"
+        f"  reward {row.reward_mean:7.1f}  force {row.force_mean_newton:.1f} N"
+    )
+
+policy = Policy.load(find_policy("revised", ENVIRONMENT))
+chance = [np.random.default_rng(0)]  # one generator for each row of observations
+env = gym.make(ENVIRONMENT, people="revised")
+observation, info = env.reset(seed=0)
+ended = False
+while not ended:
+    action = policy.act(observation[None], chance)[0]
+    observation, reward, _, ended, info = env.step(action)
+print(f"one episode of {policy.metadata.steps:,} steps of training: success {info['success']}")
+env.close()

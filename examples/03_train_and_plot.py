@@ -1,0 +1,30 @@
+"""Train a policy and plot how it learned: ``python 03_train_and_plot.py [STEPS]``
+
+Needs ``pip install 'avrgym[train]'``. Writes the folder ``trained`` and ``learning.png``. 300 000 steps take some
+minutes; begin with fewer to see that it works.
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+from avrgym.learning.training import configuration_for, train
+
+STEPS = int(sys.argv[1]) if len(sys.argv) > 1 else 300_000
+
+configuration = configuration_for("avrgym/FeedingJaco-v1", people="revised", steps=STEPS, seed=0)
+policy = train(
+    configuration,
+    Path("trained"),
+    tell=lambda now: print(f"{now.steps:9,} steps  reward {now.reward_mean:7.1f}  {now.success_rate:4.0%}"),
+)
+print(f"measured on people it never met: {policy.metadata.measured}")
+
+steps, rewards, successes = zip(*policy.metadata.curve, strict=True)
+figure, (above, below) = plt.subplots(2, sharex=True, figsize=(6, 5), layout="constrained")
+above.plot(steps, rewards)
+above.set_ylabel("reward of an episode")
+below.plot(steps, [100.0 * success for success in successes])
+below.set(xlabel="environment steps", ylabel="success, %", ylim=(0, 100))
+figure.savefig("learning.png", dpi=150)

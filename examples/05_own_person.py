@@ -1,0 +1,41 @@
+"""Let the robot meet people of your own: ``python 05_own_person.py``
+
+One fixed person, an impairment, and a file of people such as ``avrgym fit-people`` writes. Writes ``people.png``.
+"""
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+from PIL import Image
+
+import avrgym  # noqa: F401  registers the environments
+from avrgym.models.human import Person, joint_angles
+
+ENVIRONMENT = "avrgym/FeedingJaco-v1"
+PEOPLE = """
+cooperating = false
+
+[torso_height_m]
+man = [0.62, 0.66]
+woman = [0.58, 0.60]
+
+[poses.Feeding]  # degrees
+waist_x = [5.0, 15.0]
+"""
+
+leaning = Person("man", 0.58, joint_angles(waist_x=12.0, head_z=-15.0), skin_tone="brown")
+Path("tall.toml").write_text(PEOPLE)
+
+pictures = []
+for who, meets in {
+    "a short woman": {"person": Person("woman", 0.50)},
+    "a man who leans and trembles": {"person": leaning, "impairment": "tremor"},
+    "somebody of the file": {"people": "tall.toml"},
+}.items():
+    env = gym.make(ENVIRONMENT, render_mode="rgb_array", **meets)
+    observation, info = env.reset(seed=1)
+    pictures.append(env.render())
+    print(f"{who}: the spoon begins {info['reward_terms']['distance_m']:.2f} m away")
+    env.close()
+Image.fromarray(np.concatenate(pictures, axis=1)).save("people.png")

@@ -1,0 +1,156 @@
+"""Writes the parts of the reference that follow from the program: ``python scripts/write_reference.py``
+
+The command line, the messages, the recording, the study file and the policy file, into ``build/reference``, from where
+the pages in ``docs/reference`` take them in.
+"""
+
+import inspect
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+import msgspec
+from msgspec import inspect as types
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from avrgym.cli.main import app
+from avrgym.models.furniture.real import RealFurniture
+from avrgym.policies.trained import PolicyMetadata
+from avrgym.recording import records
+from avrgym.recording.questionnaire import Item, Questionnaire
+from avrgym.recording.stop_rules import StopRule
+from avrgym.study.design import design
+from avrgym.vr.protocol import messages
+
+OUT = Path(__file__).parents[1] / "build" / "reference"
+STUDY_TABLES = {
+    "The study itself": design.Design,
+    "`[consent]`": design.Consent,
+    "`[[inclusion]]`": design.InclusionQuestion,
+    "`[[questionnaires]]`": Questionnaire,
+    "`items` of a questionnaire": Item,
+    "`[[stop_rules]]`": StopRule,
+    "`[furniture]`": RealFurniture,
+    "`[reporting]`": design.Reporting,
+    "`[database]`": design.DatabaseChoice,
+}
+NAMES: dict[type, str] = {kind: name for name, kind in STUDY_TABLES.items()} | {
+    messages.XRPose: "a pose",
+    records.Pose: "a pose",
+}
+"""What structs are called where they are fields."""
+WORDS: dict[type[types.Type], str] = {
+    types.IntType: "whole number",
+    types.FloatType: "number",
+    types.StrType: "text",
+    types.BoolType: "true or false",
+    types.BytesType: "bytes",
+    types.AnyType: "anything",
+    types.NoneType: "nothing",
+}
+BOUNDS = {"ge": "≥ {}", "le": "≤ {}", "min_length": "at least {} long", "max_length": "at most {} long"}
+
+
+def main() -> None:
+    """Write every part."""
+    OUT.mkdir(parents=True, exist_ok=True)
+    pages = {
+        "commands": commands(get_command(app)),
+        "messages": _messages(),
+        "recording": structs(
+            [*((f"`{topic}`", kind) for topic, kind in records.TOPICS.items()), ("A pose", records.Pose)]
+        ),
+        "study_file": structs(STUDY_TABLES.items()),
+        "policy_file": structs([("The header", PolicyMetadata)]),
+    }
+    for name, lines in pages.items():
+        (OUT / f"{name}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def commands(group: Any, *path: str) -> Iterator[str]:
+    """What each command below a group says of itself, in the order of their names."""
+    for name, command in sorted(group.commands.items()):
+        if hasattr(command, "commands"):
+            yield from commands(command, *path, name)
+        else:
+            shown = CliRunner().invoke(app, [*path, name, "--help"], prog_name="avrgym").stdout.strip()
+            yield from (f"## avrgym {' '.join([*path, name])}", "", "```text", shown, "```", "")
+
+
+def _messages() -> Iterator[str]:
+    unions = {
+        "From the participant's page": messages.ClientMessage,
+        "From whoever watches and commands": messages.ExperimenterMessage,
+        "From the server": messages.ServerMessage,
+    }
+    for title, union in unions.items():
+        yield from (f"## {title}", "")
+        yield from structs(((f"`{_tag(kind)}`", kind) for kind in get_args(union)), level=3)
+    yield from structs([("A pose", messages.XRPose)])
+
+
+def _tag(kind: type[messages.Message]) -> str:
+    return str(types.type_info(kind).tag)  # type: ignore[attr-defined]
+
+
+def structs(named: Iterable[tuple[str, type[msgspec.Struct]]], level: int = 2) -> Iterator[str]:
+    """A section for each struct: what it is, and its fields."""
+    for title, kind in named:
+        yield from (f"{'#' * level} {title}", "", words(kind), "")
+        fields = types.type_info(kind).fields  # type: ignore[attr-defined]
+        rows = [(f"`{each.encode_name}`", type_words(each.type), _default(each)) for each in fields]
+        yield from table(("field", "holds", "unless given"), rows)
+
+
+def words(thing: Any) -> str:
+    """A docstring as Markdown."""
+    return (inspect.getdoc(thing) or "").replace("``", "`")
+
+
+def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[str]:
+    """A table; nothing where it has no rows. A column that is empty throughout is left out."""
+    kept = [place for place in range(len(head)) if any(row[place] for row in rows)]
+    for row in (head, ("---",) * len(head), *rows) if rows else ():
+        yield f"| {' | '.join(_cell(row[place]) for place in kept)} |"
+    yield ""
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.replace("|", "\\|").split())
+
+
+def _default(field: types.Field) -> str:
+    if field.default in (msgspec.UNSET, msgspec.NODEFAULT) or isinstance(field.default, msgspec.Struct):
+        return ""
+    return f"`{msgspec.json.encode(field.default).decode()}`"
+
+
+def type_words(info: types.Type) -> str:
+    """A type as people say it, with what is allowed."""
+    allowed = [
+        text.format(value)
+        for name, text in BOUNDS.items()
+        if (value := getattr(info, name, None)) is not None
+    ]
+    return ", ".join([_type_name(info), *allowed])
+
+
+def _type_name(info: types.Type) -> str:
+    if isinstance(info, types.StructType):
+        return NAMES.get(info.cls, f"a {info.cls.__name__}")
+    if isinstance(info, types.LiteralType):
+        return " or ".join(f"`{value}`" for value in info.values)
+    if isinstance(info, types.UnionType):
+        return " or ".join(type_words(each) for each in info.types)
+    if isinstance(info, types.TupleType):
+        return f"[{', '.join(type_words(each) for each in info.item_types)}]"
+    if isinstance(info, types.ListType | types.VarTupleType):
+        return f"list of {type_words(info.item_type)}"
+    if isinstance(info, types.DictType):
+        return f"table of {type_words(info.value_type)}"
+    return WORDS.get(type(info), type(info).__name__)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,36 @@
+"""The documentation's pages: their blocks of code and the commands in them."""
+
+import re
+import shlex
+import textwrap
+from pathlib import Path
+from typing import NamedTuple
+
+from places import ROOT
+
+DOCS = ROOT / "docs"
+DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted(DOCS.rglob("*.md")), ROOT / "examples" / "README.md"]
+_BLOCK = re.compile(r"^( *)```(\w+)[^\n]*\n(.*?)^\1```", re.M | re.S)
+
+
+class Block(NamedTuple):
+    """A fenced block of code and its language."""
+
+    language: str
+    text: str
+
+
+def blocks(page: Path) -> list[Block]:
+    """The blocks of a page, in their order; what is indented with a list is moved out of it."""
+    found = _BLOCK.findall(page.read_text())
+    return [Block(language, textwrap.dedent(text)) for _, language, text in found]
+
+
+def commands(text: str) -> list[list[str]]:
+    """The words of each line of a block of shell commands, comments left out."""
+    return [words for line in text.splitlines() if (words := shlex.split(line, comments=True))]
+
+
+def name_of(page: Path) -> str:
+    """A page as people name it, such as ``docs/vr.md``."""
+    return page.relative_to(ROOT).as_posix()
