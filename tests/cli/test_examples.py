@@ -1,0 +1,57 @@
+"""Every example runs as it stands, in an empty folder, and leaves what it says; only numbers are smaller here."""
+
+import os
+import runpy
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib
+import pytest
+
+from little_training import train_little
+from places import DATA, ROOT
+
+EXAMPLES = ROOT / "examples"
+RECORDING = DATA / "recordings-of-0.1.0" / "ScratchItchJaco.mcap"
+RUNS: dict[str, tuple[list[str], list[str]]] = {
+    "01_step_and_render": ([], ["feeding.png"]),
+    "02_random_oracle_trained": (["1"], []),
+    "03_train_and_plot": (["1"], ["trained/policy.safetensors", "learning.png"]),
+    "04_many_worlds": (["2"], []),
+    "05_own_person": ([], ["people.png", "tall.toml"]),
+    "06_study": (["1", "3"], ["my-study/analysis/report/index.html"]),
+    "07_recording_to_data_frame": ([str(RECORDING)], ["trial.png"]),
+    "08_ppo_loop": (["1", "2"], []),
+    "09_stable_baselines3": (["1", "2"], ["sb3.zip", "sb3.pkl"]),
+}
+"""What each is given, and what it writes."""
+MOST_LINES = 60
+
+
+@pytest.fixture(autouse=True)
+def _as_in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.chdir(tmp_path)
+    train_little(monkeypatch)
+    matplotlib.use("agg")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the libraries that examples choose
+        yield
+
+
+def test_all_are_run_here_shown_on_the_site_and_short() -> None:
+    files = sorted(EXAMPLES.glob("[0-9]*.py"))
+    assert [file.stem for file in files] == list(RUNS)
+    assert [file.name for file in files if len(file.read_text().splitlines()) >= MOST_LINES] == []
+    for shown_on in ("docs/examples.md", "examples/README.md"):
+        page = (ROOT / shown_on).read_text()
+        assert [file.name for file in files if file.name not in page] == []
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_it_runs_and_leaves_what_it_says(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments, written = RUNS[name]
+    monkeypatch.setattr(sys, "argv", [f"{name}.py", *arguments])
+    runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    assert [file for file in written if not os.path.getsize(file)] == []

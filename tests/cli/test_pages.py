@@ -1,0 +1,237 @@
+"""What the pages tell people to type: every command is one, and tutorials and how-to pages run from first to last.
+
+They run in empty folders with smaller numbers. What never ends by itself (servers and pages that are shown) is run by
+the tests in ``tests/vr`` and ``tests/replay``; here its command line is read.
+"""
+
+import ast
+import re
+import shutil
+import tomllib
+import warnings
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import pytest
+import torch
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from avrgym.cli.main import app
+from avrgym.study.design.design import default_text, parse_design
+from little_training import train_little
+from pages import DOCS, DOCUMENTS, blocks, commands, name_of
+from places import DATA, ROOT
+
+SMALLER = {"--episodes": "1", "--steps": "1", "--participants": "2", "--simulations": "4"}
+ENDLESS = ("serve", "view")
+SET_UP = {"make", ".", "mkdir", "cd", "pip"}
+ANSWERS = "y\ny\ny\nn\ny\nn\n"
+"""To the consent of the paper's protocol and its inclusion questions."""
+RECORDING = DATA / "recordings-of-0.1.0" / "ScratchItchJaco.mcap"
+
+
+@pytest.fixture(autouse=True)
+def _small_and_quiet(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    train_little(monkeypatch)
+    matplotlib.use("agg")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+# Every page
+
+
+def _without_effect(group: Any) -> Any:
+    """The program, whose commands read what they are given and do nothing."""
+    for command in group.commands.values():
+        if hasattr(command, "commands"):
+            _without_effect(command)
+        else:
+            command.callback = lambda **_: None
+    return group
+
+
+def _typed() -> list[tuple[str, list[str]]]:
+    """Every command of ours in the blocks of every page."""
+    found = [
+        (name_of(page), words)
+        for page in DOCUMENTS
+        for block in blocks(page)
+        if block.language in ("sh", "text")
+        for line in block.text.splitlines()
+        if line.startswith(("avrgym ", ".venv/bin/avrgym "))
+        for words in commands(line)
+    ]
+    assert len(found) > 80
+    return found
+
+
+def test_every_command_on_every_page_is_one() -> None:
+    program = _without_effect(get_command(app))
+    for page, words in _typed():
+        try:
+            program.main([str(word) for word in words[1:]], prog_name="avrgym", standalone_mode=False)
+        except Exception as error:
+            pytest.fail(f"{page}: {' '.join(words)}: {error}")
+
+
+@pytest.mark.parametrize("page", DOCUMENTS, ids=name_of)
+def test_its_toml_is_toml_and_its_python_is_python(page: Path) -> None:
+    for language, text in blocks(page):
+        if language == "toml":
+            tomllib.loads(text)
+        if language == "python" and "--8<--" not in text:
+            compile(text, name_of(page), "exec")
+
+
+@pytest.mark.parametrize("page", ["study.md", "how_to/questionnaire.md", "how_to/stations.md"])
+def test_what_it_adds_to_a_study_is_a_design(page: str) -> None:
+    text = default_text().partition("[database]")[0]
+    for language, added in blocks(DOCS / page):
+        if language == "toml" and any(
+            word in added for word in ("use =", "items =", "[[stop_rules]]", "url =")
+        ):
+            text += added
+    assert parse_design(text).questionnaires
+
+
+def test_errors_are_those_that_the_program_tells() -> None:
+    """Every part of a quoted message between names and numbers stands in a text of the source."""
+    texts = " ".join(_texts(ROOT / "src")).replace("`", "")
+    quoted = re.findall(r"^\| `([^|]+)` \|", (DOCS / "reference" / "errors.md").read_text(), re.M)
+    assert len(quoted) > 20
+    parts = [part.strip() for message in quoted for part in re.split(r"…|\[…\]", message)]
+    assert [part for part in parts if len(part) > 3 and part not in texts] == []
+
+
+def _texts(folder: Path) -> Iterator[str]:
+    """Every text constant of the source, and the constant parts of those with names and numbers."""
+    for file in folder.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield node.value
+
+
+# Pages that are run
+
+
+def run_page(page: str, folder: Path, only: str = "") -> None:
+    """Do what a page says, in a folder: its commands, its Python, and its changes to a study or a file of people."""
+    known: dict[str, Any] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for language, text in blocks(ROOT / page):
+            if only not in ("", language):
+                continue
+            if language == "sh":
+                for words in commands(text):
+                    _run(words)
+            elif language == "python":
+                exec(compile(text, page, "exec"), known)
+            elif language == "toml":
+                _write(text)
+
+
+def _run(words: list[str]) -> None:
+    if words[0] in SET_UP:
+        return
+    if words[0] == "cp":
+        shutil.copytree(words[2], words[3])
+        return
+    assert words[0] == "avrgym", words
+    if words[1] in ENDLESS or words[1:] == ["doctor"]:
+        return
+    smaller = [SMALLER.get(before, word) for before, word in pairwise(words)]
+    if words[1] == "study" and words[2] in ("simulate", "power"):
+        smaller += ["--jobs", "1"]
+    done = CliRunner().invoke(app, smaller, input=ANSWERS)
+    assert done.exit_code == 0, (words, done.output)
+
+
+def _write(text: str) -> None:
+    """Change the study's design, or write the file of people."""
+    design = Path("my-study/study.toml")
+    if "torso_height_m" in text:
+        Path("tall.toml").write_text(text)
+    elif design.is_file():
+        lines = design.read_text().splitlines()
+        for changed in [*text.splitlines(), "trial_steps = 3", "free_movement_s = 0.0"]:
+            name = changed.split(" = ")[0]
+            lines = [changed if line.startswith(f"{name} = ") else line for line in lines]
+        design.write_text("\n".join(lines) + "\n")
+
+
+@pytest.fixture(scope="module")
+def studied(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder in which somebody has followed the tutorial on studies."""
+    folder = tmp_path_factory.mktemp("lab")
+    run_page("docs/tutorials/first_study.md", folder)
+    return folder
+
+
+def test_the_tutorial_on_studies_ends_with_a_report(studied: Path) -> None:
+    assert (studied / "my-study" / "analysis" / "report" / "index.html").stat().st_size > 5_000
+    assert (studied / "my-data" / "codebook.csv").is_file()
+    assert "simulated" in (studied / "rehearsal" / "analysis" / "report" / "index.html").read_text()
+
+
+@pytest.fixture
+def lab(studied: Path, tmp_path: Path) -> Path:
+    """A folder with a study that simulated participants have completed, and what the tutorials leave besides."""
+    shutil.copytree(studied / "rehearsal", tmp_path / "my-study")
+    for session in ("study", "met"):
+        (tmp_path / session / "recordings").mkdir(parents=True)
+        shutil.copy(RECORDING, tmp_path / session / "recordings" / "trial-02_attempt-1.mcap")
+    return tmp_path
+
+
+def test_the_first_trial_is_replayed_and_shown(lab: Path) -> None:
+    run_page("docs/tutorials/first_trial.md", lab)
+    assert (lab / "my-first-trial.html").stat().st_size > 100_000
+    assert (lab / "my-first-trial.png").is_file()
+
+
+def test_a_policy_is_trained_and_measured(lab: Path) -> None:
+    run_page("docs/tutorials/train_and_meet.md", lab)
+    assert (lab / "mine.json").is_file()
+    assert (lab / "learning.png").is_file()
+
+
+@pytest.mark.parametrize(
+    "page",
+    ["how_to/people.md", "how_to/own_analysis.md", "reference/recording.md", "reference/policy_file.md"],
+)
+def test_the_page_runs(page: str, lab: Path) -> None:
+    run_page(f"docs/{page}", lab)
+
+
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/analysis.md", "docs/replay.md", "docs/closing_the_loop.md", "docs/study.md"]
+)
+def test_its_python_runs(page: str, lab: Path) -> None:
+    """Of pages whose commands are long work, which other tests do."""
+    shutil.copy(RECORDING, lab / "trial-03_attempt-1.mcap")
+    (lab / "people.toml").write_text(
+        "cooperating = false\n[torso_height_m]\nman = [0.5, 0.6]\nwoman = [0.5, 0.6]\n"
+    )
+    if page == "docs/study.md":
+        shutil.rmtree(lab / "my-study")  # which it makes
+    if page == "docs/analysis.md":  # which looks at people
+        answers = lab / "my-study" / "analysis" / "tables" / "answers.csv"
+        answers.write_text(answers.read_text().replace(",true,true,", ",false,true,"))
+    run_page(page, lab, only="python")
+
+
+def test_the_controller_s_python_runs_and_drives(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(lab)
+    mine, export = (text for language, text in blocks(DOCS / "add_a_controller.md") if language == "python")
+    Path("mine.py").write_text(mine)
+    _run(["avrgym", "evaluate", "avrgym/FeedingJaco-v1", "--policy", "mine:Reach", "--episodes", "20"])
+    network = torch.nn.Linear(25, 7)
+    exec(export, {"torch": torch, "network": network, "mean": torch.zeros(25), "variance": torch.ones(25)})
+    _run(["avrgym", "evaluate", "avrgym/FeedingJaco-v1", "--policy", "mine.onnx", "--episodes", "20"])
