@@ -1,6 +1,7 @@
 """The report of a study with a frozen plan: planned tests stand apart, and every deviation is listed."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,32 @@ def test_what_was_planned_is_confirmatory_and_nothing_deviates(folder: Path, tmp
     assert results["plan"]["deviations"] == []
     assert results["plan"]["plan"]["participants"] == 2
     assert "deviates" not in CliRunner().invoke(app, ["study", "check", str(folder)]).stdout
+
+
+def test_a_model_is_confirmatory_where_the_plan_names_it_and_no_deviation_where_it_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in plans that were frozen before there were models."""
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', participants="2")
+    assert CliRunner().invoke(app, ["study", "freeze", str(folder)]).exit_code == 0
+    plan = folder / "plan.toml"
+    kept = [line for line in plan.read_text().splitlines() if not re.match(r'    ".*, models of .*",$', line)]
+    family = "policies, models of answers"
+    kept += ["[[hypotheses]]", 'id = "H3"', 'text = "Odds."', 'measures = ["L1"]', f'tests = ["{family}"]']
+    plan.write_text("\n".join(kept) + "\n")
+    assert CliRunner().invoke(app, ["study", "freeze", str(folder)]).exit_code == 0
+    with Store(folder) as store:
+        for sex in ("man", "woman"):
+            run_trials(store, take_part(store, sex, simulated=False))
+    analysis, page = analysed(folder, tmp_path / "out")
+    assert analysis.plan is not None
+    assert analysis.plan.deviations == []
+    labels = {(row.family, row.quantity): row.planned for row in analysis.models}
+    assert {each for each, label in labels.items() if label == "confirmatory"} == {(family, "L1")}
+    assert set(labels.values()) == {"confirmatory", "exploratory"}
+    assert f"H3: {family}" in page
+    assert {row.note for row in analysis.models if row.quantity == "L1"} == {"fewer than 4 participants"}
 
 
 def test_the_report_lists_the_deviations_that_the_check_lists(folder: Path, tmp_path: Path) -> None:

@@ -7,6 +7,8 @@ from typing import Any
 import msgspec
 
 from avrgym.analysis import rows
+from avrgym.analysis.model_rows import ModelRow
+from avrgym.analysis.reading.flow import Flow, flows
 from avrgym.analysis.reading.observations import Observations, observe
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED, draw_people
 from avrgym.analysis.score_rows import ScoreRow, ScoreSummaryRow
@@ -14,6 +16,8 @@ from avrgym.analysis.site_rows import SiteEffectRow, SiteOutcomeRow
 from avrgym.analysis.statistics.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
 from avrgym.analysis.statistics.biomechanics_tests import biomechanics_families
 from avrgym.analysis.statistics.families import Family
+from avrgym.analysis.statistics.models.models import model_rows
+from avrgym.analysis.statistics.models.quantities import offered_models
 from avrgym.analysis.statistics.objective import objective_rows
 from avrgym.analysis.statistics.offered import offered_tests
 from avrgym.analysis.statistics.paper_tables import as_tables, paper_tables
@@ -60,6 +64,7 @@ class Analysis:
     design: Design
     plan: FrozenPlan | None
     observed: Observations
+    flows: list[Flow]
     groups: list[Measures]
     people: list[rows.PersonRow]
     objective: list[rows.ObjectiveRow]
@@ -68,6 +73,7 @@ class Analysis:
     likert: list[rows.LikertRow]
     score_summaries: list[ScoreSummaryRow]
     families: list[Family]
+    models: list[ModelRow]
     biomechanics: list[rows.BiomechanicsRow]
     ranges: list[rows.RangeRow]
     site_outcomes: list[SiteOutcomeRow]
@@ -96,6 +102,7 @@ class Analysis:
             yield Table.of("scores", ScoreRow, seen.scores)
             yield Table.of("score_summaries", ScoreSummaryRow, self.score_summaries)
         yield Table.of("tests", rows.TestedRow, self.tests)
+        yield Table.of("models", ModelRow, self.models)
         yield Table.of("biomechanics", rows.BiomechanicsRow, self.biomechanics)
         yield Table.of("ranges", rows.RangeRow, self.ranges)
         yield Table.of("people", rows.PersonRow, self.people)
@@ -145,6 +152,7 @@ def analyse(
         design=store.design,
         plan=plan,
         observed=observed,
+        flows=flows(store, observed.trials),
         groups=groups,
         people=people,
         objective=objective_rows(store, observed.trials),
@@ -152,6 +160,7 @@ def analyse(
         session_answers=session_answer_rows(*given),
         likert=likert_rows(*given) + session_likert_rows(*given),
         families=_labelled(families, plan.plan) if plan and plan.plan else families,
+        models=model_rows(store.design, observed, plan.plan if plan else None),
         score_summaries=score_summary_rows(store.design, observed.scores),
         biomechanics=biomechanics_rows(groups, people),
         ranges=range_rows(groups),
@@ -167,7 +176,8 @@ def _frozen_plan(store: Store, observed: Observations) -> FrozenPlan | None:
     exclusions = [
         left_out(row.participant, row.position, row.left_out) for row in observed.trials if row.left_out
     ]
-    found = deviations(store, frozen, offered_tests(store.design), exclusions)
+    design = store.design
+    found = deviations(store, frozen, offered_tests(design), exclusions, offered_models(design))
     if frozen.record is None:
         return FrozenPlan(frozen.at, None, None, found)
     return FrozenPlan(frozen.at, frozen.record.parsed(), frozen.record.sha256[PLAN_FILE], found)

@@ -41,7 +41,7 @@ def freeze(
 
     Without a plan, write one to fill in.
     """
-    from avrgym.analysis.statistics.offered import offered_tests
+    from avrgym.analysis.statistics.offered import nameable
     from avrgym.study.plan.freezing import FROZEN
     from avrgym.study.plan.freezing import freeze as freeze_plan
     from avrgym.study.plan.plan import FILE
@@ -50,22 +50,22 @@ def freeze(
 
     with plain_errors(), Store(folder) as store:
         if form is not None:
-            say(f"fields    {write_preregistration(store, offered_tests(store.design), form)}")
+            say(f"fields    {write_preregistration(store, nameable(store.design), form)}")
         elif template or not (store.folder / FILE).exists():
             say(f"plan      {_write_template(store)}: change what you like, then freeze it")
         else:
-            record = freeze_plan(store, offered_tests(store.design))
+            record = freeze_plan(store, nameable(store.design))
             say(f"frozen    {store.folder / FROZEN} at {record.frozen_at}")
 
 
 def _write_template(store: "Store") -> Path:
-    from avrgym.analysis.statistics.offered import offered_tests, suggested_hypotheses
+    from avrgym.analysis.statistics.offered import nameable, suggested_hypotheses
     from avrgym.study.plan.freezing import check_untouched
     from avrgym.study.plan.template import write_template
 
     check_untouched(store)
     return write_template(
-        store.folder, store.design, offered_tests(store.design), suggested_hypotheses(store.design)
+        store.folder, store.design, nameable(store.design), suggested_hypotheses(store.design)
     )
 
 
@@ -130,10 +130,12 @@ def plan_of(store: "Store", left_out: "Sequence[Finding]" = ()) -> "tuple[str | 
     frozen = read_frozen(store)
     if frozen is None:
         return None, []
+    from avrgym.analysis.statistics.models.quantities import offered_models
     from avrgym.analysis.statistics.offered import offered_tests
     from avrgym.study.plan.deviations import deviations
 
-    return frozen.at, deviations(store, frozen, offered_tests(store.design), left_out)
+    design = store.design
+    return frozen.at, deviations(store, frozen, offered_tests(design), left_out, offered_models(design))
 
 
 def plan_findings(store: "Store") -> "list[Finding]":

@@ -1,7 +1,10 @@
 """What a study's page says of its plan: what was planned, what came of it, and in what the study deviates."""
 
+from avrgym.analysis.model_rows import ModelRow
 from avrgym.analysis.page import Markup, join, listing, tag
+from avrgym.analysis.report.models import table_of_effects
 from avrgym.analysis.report.results import table_of_tests
+from avrgym.analysis.rows import TestedRow
 from avrgym.analysis.study import Analysis, FrozenPlan
 from avrgym.study.plan.plan import Hypothesis, Plan
 
@@ -57,12 +60,16 @@ def confirmatory(analysis: Analysis, simulated: bool) -> Markup:
 
 
 def _hypothesis(analysis: Analysis, plan: Plan, hypothesis: Hypothesis, simulated: bool) -> Markup:
-    rows = [
-        row
-        for row in analysis.tests
-        if row.simulated is simulated and hypothesis in plan.hypotheses_of(row.family, row.quantity)
-    ]
-    words = tag("p", f"{hypothesis.id}: {hypothesis.text}")
-    if not rows:
-        return join([words, tag("p", "There is nothing to test yet.")])
-    return join([words, table_of_tests(f"{hypothesis.id}: {', '.join(hypothesis.tests)}", rows, simulated)])
+    def judged(row: TestedRow | ModelRow) -> bool:
+        return row.simulated is simulated and hypothesis in plan.hypotheses_of(row.family, row.quantity)
+
+    tests, effects = list(filter(judged, analysis.tests)), list(filter(judged, analysis.models))
+    caption = f"{hypothesis.id}: {', '.join(hypothesis.tests)}"
+    parts = [table_of_tests(caption, tests, simulated)] if tests else []
+    parts += [table_of_effects(caption, effects, simulated)] if effects else []
+    return join(
+        [
+            tag("p", f"{hypothesis.id}: {hypothesis.text}"),
+            *(parts or [tag("p", "There is nothing to test yet.")]),
+        ]
+    )

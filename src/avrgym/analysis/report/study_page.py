@@ -19,6 +19,8 @@ from avrgym.analysis.page import (
     write_page,
 )
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
+from avrgym.analysis.report.models import METHODS as OF_MODELS
+from avrgym.analysis.report.models import models
 from avrgym.analysis.report.plan import NOTHING, confirmatory, plan_section
 from avrgym.analysis.report.results import (
     answers,
@@ -107,6 +109,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         objective(analysis, simulated, own),
         answers(analysis, simulated, own, tests),
         scores(analysis, simulated, tests),
+        models(analysis, simulated),
         biomechanics(analysis, simulated, own, tests),
         other_tests(tests),
         by_site(analysis, simulated),
@@ -215,6 +218,7 @@ METHODS = (
 
 def _methods() -> Markup:
     more = (
-        "docs/analysis.md in AVR Gym's repository says more, and how to recompute every number from tables/."
+        "docs/analysis.md in AVR Gym's repository says more, and how to recompute every number from tables/. What a "
+        "publication needs besides stands in reporting/index.html."
     )
-    return tag("section", tag("h2", "Methods"), listing(METHODS), tag("p", more), id="methods")
+    return tag("section", tag("h2", "Methods"), listing(METHODS + OF_MODELS), tag("p", more), id="methods")

@@ -6,6 +6,7 @@ from itertools import product
 from avrgym.analysis.reading.trained_people import AXES, posture_of
 from avrgym.analysis.statistics.biomechanics_tests import HEADS, HEIGHTS, WHOLE_HEADS
 from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, Question
+from avrgym.analysis.statistics.models.quantities import offered_models
 from avrgym.analysis.statistics.scores import scores_change_question, scores_policies_question
 from avrgym.analysis.statistics.session_answers import about_sessions, change_question
 from avrgym.analysis.statistics.subjective import (
@@ -31,6 +32,11 @@ def offered_tests(design: Design) -> dict[str, tuple[str, ...]]:
         for question, units, quantities in _questions(design)
         for unit in units
     }
+
+
+def nameable(design: Design) -> dict[str, tuple[str, ...]]:
+    """All that a plan may name: the tests, which it is to name, and the effects in models, which it need not."""
+    return offered_tests(design) | offered_models(design)
 
 
 def _questions(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequence[str]]]:

@@ -1,6 +1,7 @@
 """In what a study deviates from its frozen plan, in words."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import tomlkit
@@ -20,7 +21,11 @@ from avrgym.study.storage.store import Store
 
 
 def deviations(
-    store: Store, frozen: Frozen, offered: Offered, left_out: Sequence[Finding] = ()
+    store: Store,
+    frozen: Frozen,
+    offered: Offered,
+    left_out: Sequence[Finding] = (),
+    besides: Offered = MappingProxyType({}),
 ) -> list[Finding]:
     """Each difference between a study and its frozen plan.
 
@@ -29,6 +34,7 @@ def deviations(
         frozen: its plan.
         offered: the tests that its analysis does now.
         left_out: the trials that the exclusion rule keeps out of it, as far as they are known.
+        besides: what a plan may name too, and what is exploratory where it does not.
     """
     found = [Finding(FROZEN, frozen.fault, wrong=frozen.record is None)] if frozen.fault else []
     if frozen.record is None:
@@ -41,7 +47,7 @@ def deviations(
         *_policies(store, frozen.record),
         *_people(store, frozen.record),
         *left_out,
-        *_tests(frozen.record, offered),
+        *_tests(frozen.record, offered, besides),
     ]
 
 
@@ -150,7 +156,7 @@ def _people(store: Store, record: Record) -> Iterator[Finding]:
         yield _deviation("participants", f"{completed} {have} completed the study, {planned} were planned")
 
 
-def _tests(record: Record, offered: Offered) -> Iterator[Finding]:
+def _tests(record: Record, offered: Offered, besides: Offered) -> Iterator[Finding]:
     """Tests that the report has and the plan does not name, and the other way round."""
     plan = record.parsed()
     for test, measures in offered.items():
@@ -160,7 +166,8 @@ def _tests(record: Record, offered: Offered) -> Iterator[Finding]:
             yield _deviation("the report", what)
     for hypothesis in plan.hypotheses:
         for test in hypothesis.tests:
-            if not set(offered.get(test, ())) & set(hypothesis.measures):
+            done = {*offered.get(test, ()), *besides.get(test, ())}
+            if not done & set(hypothesis.measures):
                 yield _deviation("the report", f"has no test any more for {hypothesis.id}: {test}")
 
 

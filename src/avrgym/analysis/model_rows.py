@@ -1,0 +1,44 @@
+"""The row of the table of models; like those of ``rows`` it says whether it is about simulated participants."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelRow:
+    """An effect in a model of a ``quantity``: how ``group_a`` differs from ``group_b``, all else being equal.
+
+    Effects of one ``family`` are corrected together. ``estimate`` with its 95 % interval is in log odds for an
+    ``ordinal`` or ``logistic`` model, where ``odds_ratio`` stands beside it, and in the quantity's own unit for a
+    ``mixed`` one. ``df`` are the degrees of freedom of Student's t. ``without_one`` counts the models that could be
+    fitted without one participant, with the least and greatest of their estimates and p. ``planned`` is
+    ``confirmatory`` where the study's frozen plan names the effect, else ``exploratory``. ``note`` says what was left
+    out, or why there is no estimate.
+    """
+
+    simulated: bool
+    family: str
+    quantity: str
+    model: str
+    effect: str
+    group_a: str
+    group_b: str
+    participants: int
+    values: int
+    estimate: float | None = None
+    error: float | None = None
+    df: float | None = None
+    low: float | None = None
+    high: float | None = None
+    odds_ratio: float | None = None
+    odds_ratio_low: float | None = None
+    odds_ratio_high: float | None = None
+    p: float | None = None
+    p_holm: float | None = None
+    mark: str = ""
+    without_one: int = 0
+    without_one_least: float | None = None
+    without_one_most: float | None = None
+    without_one_p_least: float | None = None
+    without_one_p_most: float | None = None
+    planned: str = ""
+    note: str = ""

@@ -1,0 +1,45 @@
+"""What fitting a model gives: estimates with a covariance that allows for few participants, or why there are none."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+Array = NDArray[np.float64]
+LEVEL = 0.95
+
+
+class NoFit(Exception):
+    """A model that these data do not determine; the message says why."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An effect, its standard error, Student's degrees of freedom, the ends of its 95 % interval, and p."""
+
+    value: float
+    error: float
+    df: float
+    low: float
+    high: float
+    p: float
+
+    @classmethod
+    def of(cls, value: float, variance: float, df: float) -> "Estimate":
+        """By Student's t; raises ``NoFit`` where there is no variance to judge by."""
+        if not variance > 1e-16 * max(1.0, value**2):
+            raise NoFit("all participants give the same difference: there is no variance to judge it by")
+        error = float(np.sqrt(variance))
+        half = float(stats.t.ppf(0.5 + LEVEL / 2, df)) * error
+        p = 2.0 * float(stats.t.sf(abs(value) / error, df))
+        return cls(value, error, df, value - half, value + half, p)
+
+
+class Fitted(Protocol):
+    """A model that was fitted."""
+
+    def estimate(self, contrast: Array) -> Estimate:
+        """The effect ``contrast @ coefficients``, of the columns of the model's design matrix."""
+        ...

@@ -1,0 +1,107 @@
+"""Fitting the model that suits a quantity to its values, and reading every effect from it."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from avrgym.analysis.statistics.models.effects import Columns, Effect, Observed, columns
+from avrgym.analysis.statistics.models.fitted import Array, Estimate, Fitted, NoFit
+from avrgym.analysis.statistics.models.mixed import fit_mixed
+from avrgym.analysis.statistics.models.ordinal import fit_ordinal
+from avrgym.study.design.design import Design
+
+ORDINAL, LOGISTIC, MIXED = "ordinal", "logistic", "mixed"
+LEAST_PARTICIPANTS = 4
+"""Of fewer one cannot tell how participants differ."""
+Found = Mapping[Effect, Estimate | NoFit]
+
+
+def informative(model: str, observed: Sequence[Observed]) -> tuple[list[Observed], str]:
+    """The values that tell how others differ within a task and with a robot, and in words which do not.
+
+    Where all answers to a task are at the same end of the scale, its own effect has no bound, and nothing else follows
+    from it: the others are estimated as if it were not there.
+    """
+    kept, left_out = list(observed), list[str]()
+    if model == MIXED or len({each.value for each in observed}) < 2:
+        return kept, ""
+    for of in (_task, _robot):
+        ends = {value(each.value for each in kept) for value in (min, max)} if kept else set[float]()
+        for group in dict.fromkeys(map(of, kept)):
+            values = {each.value for each in kept if of(each) == group}
+            if len(values) == 1 and values <= ends:
+                kept = [each for each in kept if of(each) != group]
+                left_out.append(group)
+    words = f"left out, as all their values are at the same end: {', '.join(left_out)}" if left_out else ""
+    return kept, words
+
+
+def _task(observed: Observed) -> str:
+    return observed.task
+
+
+def _robot(observed: Observed) -> str:
+    return observed.robot
+
+
+def estimates(design: Design, model: str, observed: Sequence[Observed], wanted: Sequence[Effect]) -> Found:
+    """Each effect in a model of these values, or why there is none."""
+    if len({each.value for each in observed}) < 2:
+        return dict.fromkeys(wanted, NoFit("all values are equal" if observed else "there are no values"))
+    observed, _ = informative(model, observed)
+    if not observed:
+        return dict.fromkeys(wanted, NoFit("each task, or each robot, has all its values at one end"))
+    try:
+        names = columns(design, observed)
+        fitted = fit(model, observed, names)
+    except NoFit as error:
+        return dict.fromkeys(wanted, error)
+    return {effect: _estimate(fitted, names, effect) for effect in wanted}
+
+
+def _estimate(fitted: Fitted, names: Columns, effect: Effect) -> Estimate | NoFit:
+    try:
+        return fitted.estimate(names.contrast(effect))
+    except NoFit as error:
+        return error
+
+
+def fit(model: str, observed: Sequence[Observed], names: Columns) -> Fitted:
+    """Fit a model to values, each participant a cluster; raises ``NoFit`` where they do not determine it."""
+    participants = [each.participant for each in observed]
+    if len(set(participants)) < LEAST_PARTICIPANTS:
+        raise NoFit(f"fewer than {LEAST_PARTICIPANTS} participants")
+    values = [each.value for each in observed]
+    if model != MIXED:
+        return fit_ordinal(values, names.matrix, participants)
+    design = np.hstack([np.ones((len(values), 1)), names.matrix])
+    fitted = fit_mixed(values, design, participants, _groupings(observed))
+    return _WithConstant(fitted)
+
+
+class _WithConstant:
+    """A model whose first coefficient is a constant, which no effect is about."""
+
+    def __init__(self, fitted: Fitted) -> None:
+        self._fitted = fitted
+
+    def estimate(self, contrast: Array) -> Estimate:
+        return self._fitted.estimate(np.concatenate([[0.0], contrast]))
+
+
+def _groupings(observed: Sequence[Observed]) -> list[list[str]]:
+    """How values of a participant are alike: all of them, those with a policy, with a robot, and of a task.
+
+    Left out is what all of a participant's values have in common, but for the first, and what no two have.
+    """
+    whole = [each.participant for each in observed]
+    finer = [
+        [f"{each.participant} {group}" for each, group in zip(observed, groups, strict=True)]
+        for groups in (
+            [each.policy for each in observed],
+            [each.robot for each in observed],
+            [each.task for each in observed],
+        )
+    ]
+    people = len(set(whole))
+    return [whole] * (people < len(whole)) + [each for each in finer if people < len(set(each)) < len(whole)]

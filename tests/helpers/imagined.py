@@ -1,0 +1,67 @@
+"""Imagined studies for tests of models: values of participants who differ, in the orders of a design."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.analysis.power.answers import Assumptions, ImaginedStudies
+from avrgym.analysis.statistics.models.effects import Observed
+from avrgym.study.design.allocation import cell_orders
+from avrgym.study.design.design import Design
+from avrgym.study.design.orders import Order
+
+
+def with_values(design: Design, values: NDArray[np.float64]) -> list[Observed]:
+    """A study's trials with values (participants, tasks, robots, policies), each participant in the next order."""
+    orders = cell_orders(design)
+    return [
+        observed
+        for number, own in enumerate(values)
+        for observed in _course(design, orders[number % len(orders)], f"sub-{number + 1:03}", own)
+    ]
+
+
+def _course(design: Design, order: Order, who: str, own: NDArray[np.float64]) -> Iterator[Observed]:
+    blocks, places = max(len(design.tasks) - 1, 1), max(len(design.conditions) - 1, 1)
+    for block, part in enumerate(order):
+        before = design.practice_policy or None
+        for place, index in enumerate(part.conditions):
+            robot, policy = design.conditions[index]
+            value = own[part.task].reshape(-1)[index]
+            task = design.tasks[part.task]
+            yield Observed(who, task, robot, policy, block / blocks, place / places, before, float(value))
+            before = policy
+
+
+def answered(
+    design: Design, participants: int, number: int, effect: float = 0.0, **spread: float
+) -> list[Observed]:
+    """Answers to a design's first item as ``avrgym study power`` imagines them, nobody withdrawing."""
+    studies = ImaginedStudies(design, Assumptions(dropout=0.0, **spread), 0)
+    return with_values(design, studies.answers(effect, participants, number)[..., 0])
+
+
+def latent(design: Design, participants: int, number: int, tendency: float = 0.0) -> NDArray[np.float64]:
+    """What nobody sees, (participants, tasks, robots, policies): all that participants differ in, tasks, and chance.
+
+    Participants differ in general, in policies, in robots and in tasks.
+    """
+    rng = np.random.default_rng([7, number])
+    shape = (participants, len(design.tasks), len(design.robots), len(design.policies))
+    apart = [(0, 1.0), (3, 0.5), (2, 0.3), (1, 0.5)]
+    values = tendency + rng.standard_normal(shape)
+    for axis, deviation in apart:
+        drawn = [size if along in (0, axis) else 1 for along, size in enumerate(shape)]
+        values = values + deviation * rng.standard_normal(drawn)
+    return values + rng.standard_normal((1, shape[1], 1, 1))
+
+
+def rewarded(design: Design, participants: int, number: int) -> list[Observed]:
+    """Rewards without an effect of policies."""
+    return with_values(design, latent(design, participants, number))
+
+
+def succeeded(design: Design, participants: int, number: int) -> list[Observed]:
+    """Successes without an effect of policies: somewhat more than half."""
+    return with_values(design, (latent(design, participants, number, 0.4) > 0.0).astype(float))

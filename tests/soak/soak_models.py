@@ -1,0 +1,66 @@
+"""How often models find what is not there, in 1,000 imagined studies of each kind: `make soak`."""
+
+from collections.abc import Callable
+
+import pytest
+
+from avrgym.analysis.power.answers import Assumptions
+from avrgym.analysis.power.power import count
+from avrgym.analysis.statistics.models.effects import EFFECTS, Observed, columns, effects
+from avrgym.analysis.statistics.models.fitted import NoFit
+from avrgym.analysis.statistics.models.fitting import LOGISTIC, MIXED, ORDINAL, estimates, informative
+from avrgym.analysis.statistics.models.ordinal import MANCL_DEROUEN, UNCORRECTED, fit_ordinal
+from avrgym.study.design.design import Design, default_text, parse_design
+from imagined import answered, rewarded, succeeded
+
+DESIGN = parse_design(default_text())
+STUDIES = 1000
+PARTICIPANTS = (4, 8, 16)
+Imagine = Callable[[Design, int, int], list[Observed]]
+
+
+def no_drift(design: Design, participants: int, number: int) -> list[Observed]:
+    return answered(design, participants, number, drift=0.0)
+
+
+KINDS = {ORDINAL: no_drift, LOGISTIC: succeeded, MIXED: rewarded}
+
+
+@pytest.mark.parametrize("participants", PARTICIPANTS)
+@pytest.mark.parametrize("model", KINDS)
+def test_false_positives_are_about_five_percent(model: str, participants: int) -> None:
+    """Participants differ in general, by policy, by robot and by task, and nothing else does."""
+    wanted, imagine = effects(DESIGN), KINDS[model]
+    hits, fitted = dict.fromkeys(EFFECTS, 0), dict.fromkeys(EFFECTS, 0)
+    for number in range(STUDIES):
+        for effect, found in estimates(DESIGN, model, imagine(DESIGN, participants, number), wanted).items():
+            if not isinstance(found, NoFit):
+                fitted[effect.kind] += 1
+                hits[effect.kind] += found.p < 0.05
+    shares = {kind: 100 * hits[kind] / fitted[kind] for kind in EFFECTS}
+    told = ", ".join(f"{kind} {share:.1f} %" for kind, share in shares.items())
+    print(f"\n{model}, {participants} participants, {fitted['policies']} of {STUDIES} fitted: {told}")
+    assert fitted["policies"] > 0.8 * STUDIES
+    assert all(share < 7.5 for share in shares.values())
+    if participants == 8:
+        assert 3.0 < shares["policies"] < 7.0
+
+
+@pytest.mark.parametrize("participants", PARTICIPANTS)
+def test_what_other_tests_of_the_same_answers_find(participants: int) -> None:
+    """The paper's tests by trial, and the covariance without correction, find too much, others too little."""
+    counted = count(DESIGN, Assumptions(dropout=0.0, drift=0.0), 0.0, participants, 0, range(STUDIES))
+    for (test, _), (hits, _) in counted.items():
+        print(f"\n{test}, {participants} participants: {100 * hits / STUDIES:.1f} %")
+    policies = effects(DESIGN)[0]
+    for name, correction in (("uncorrected", UNCORRECTED), ("Mancl and DeRouen", MANCL_DEROUEN)):
+        hits = 0
+        for number in range(STUDIES):
+            observed, _ = informative(ORDINAL, no_drift(DESIGN, participants, number))
+            given = columns(DESIGN, observed)
+            people = [each.participant for each in observed]
+            fitted = fit_ordinal([each.value for each in observed], given.matrix, people, correction)
+            hits += fitted.estimate(given.contrast(policies)).p < 0.05
+        print(f"ordinal, {name}, {participants} participants: {100 * hits / STUDIES:.1f} %")
+    by_trial = next(hits for (test, _), (hits, _) in counted.items() if test == "policies, by trial")
+    assert by_trial > 0.1 * STUDIES
