@@ -20,6 +20,7 @@ body { margin: 0 auto; max-width: 68rem; padding: 1rem; background: var(--ground
 h1, h2, h3, h4 { line-height: 1.2; }
 article { border-top: 1px solid var(--rule); margin-top: 2.5rem; }
 a { color: var(--accent); }
+.missing { color: var(--line-6); }
 .faint, figcaption, caption { color: var(--faint); }
 .notice, .badge { background: var(--warning-ground); color: var(--warning); border-radius: .3rem; }
 .notice { padding: .75rem 1rem; }

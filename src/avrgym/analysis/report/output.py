@@ -6,6 +6,8 @@ import tempfile
 from pathlib import Path
 
 from avrgym.analysis.figures.study_figures import draw_study
+from avrgym.analysis.report.pack.writing import FOLDER as PACK
+from avrgym.analysis.report.pack.writing import write_pack
 from avrgym.analysis.report.study_page import write_study_page
 from avrgym.analysis.study import Analysis
 from avrgym.study.storage.manifest import RESULTS, UNFINISHED, made_before, remove_files
@@ -13,7 +15,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.system.files import make_private, make_private_folder
 
 REPORT = "report/index.html"
-FOLDERS = ("report", "tables", "figures")
+FOLDERS = ("report", "tables", "figures", PACK)
 
 
 def check_out(out: Path) -> None:
@@ -48,7 +50,7 @@ def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
 
 def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
     """Write all but the results' file into a new folder."""
-    for folder in FOLDERS:
+    for folder in ("report", "tables", "figures"):
         (made / folder).mkdir()
     for table in analysis.tables():
         table.write(made / "tables")
@@ -56,6 +58,7 @@ def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
     for drawing in drawings:
         (made / "figures" / f"{drawing.name}.svg").write_bytes(drawing.file())
     write_study_page(made / REPORT, analysis, drawings, study_link)
+    write_pack(analysis, made / PACK, made / "tables")
 
 
 def _replace(made: Path, out: Path, files: list[str]) -> None:

@@ -60,6 +60,11 @@ class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ethics_approval: str = ""
     recruitment: str = ""
     compensation: str = ""
+    gender: str = ""
+    experience: str = ""
+    location: str = ""
+    headset: str = ""
+    data_availability: str = ""
 
 
 class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -7,14 +7,13 @@ The fields are those of OSF's standard form (Bowman et al. 2016, doi 10.31222/os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from avrgym.study.design.allocation import cell_orders
 from avrgym.study.design.design import Design
+from avrgym.study.design.words import blinding, conditions, description, randomization
 from avrgym.study.plan.freezing import FROZEN, check_untouched, read_frozen
 from avrgym.study.plan.plan import Offered, Plan, read_plan
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_new
-from avrgym.tasks.registry import TASKS
 
 Fields = Mapping[str, Mapping[str, str]]
 """By section and heading what to fill in."""
@@ -70,14 +69,14 @@ def _osf(design: Design, plan: Plan, offered: Offered) -> Fields:
     return {
         "Study information": {
             "Title": design.title,
-            "Description": _description(design),
+            "Description": description(design),
             "Hypotheses": _hypotheses(plan),
         },
         "Design plan": {
             "Study type": "Experiment",
-            "Blinding": _blinding(design),
-            "Study design": _conditions(design),
-            "Randomization": _randomization(design),
+            "Blinding": blinding(design),
+            "Study design": conditions(design),
+            "Randomization": randomization(design),
         },
         "Sampling plan": {
             "Existing data": "Registration prior to creation of data",
@@ -109,7 +108,7 @@ def _aspredicted(design: Design, plan: Plan, offered: Offered) -> Fields:
         "Data collected already": BEFOREHAND,
         "Question or hypothesis": _hypotheses(plan),
         "Dependent variables": _measures(design, plan),
-        "Conditions": f"{_conditions(design)} {_randomization(design)}",
+        "Conditions": f"{conditions(design)} {randomization(design)}",
         "Analyses": f"{_tests(plan, offered)}\n\n{_inference()}",
         "Outliers and exclusions": _exclusion(design, plan),
         "Number of observations": _paragraphs(
@@ -130,41 +129,8 @@ FORMS: Mapping[str, tuple[str, Callable[[Design, Plan, Offered], Fields]]] = {
 # What a study says of itself
 
 
-def _description(design: Design) -> str:
-    told = " ".join(design.goals.get(task) or TASKS[task].goal for task in design.tasks)
-    return (
-        f"In virtual reality simulated robots help participants with everyday tasks. They are told: {told} "
-        f"Each trial lasts {design.trial_steps / 10:g} s."
-    )
-
-
 def _hypotheses(plan: Plan) -> str:
     return _list(f"{each.id}: {each.text}" for each in plan.hypotheses)
-
-
-def _blinding(design: Design) -> str:
-    led = (
-        "Neither does the experimenter, who sees a letter for each policy."
-        if design.blind_experimenter
-        else "The experimenter knows."
-    )
-    return f"Participants do not know which policy they meet. {led}"
-
-
-def _conditions(design: Design) -> str:
-    practice = f" Before each task: one practice trial with the policy {design.practice_policy}."
-    return (
-        f"Within participants: {len(design.tasks)} × {len(design.robots)} × {len(design.policies)} conditions "
-        f"(tasks {', '.join(design.tasks)}; robots {', '.join(design.robots)}; policies {', '.join(design.policies)}), "
-        f"one trial of each.{practice if design.practice_policy else ''}"
-    )
-
-
-def _randomization(design: Design) -> str:
-    return (
-        "Tasks, and conditions within each task, follow Williams squares, randomised by the design's seed: "
-        f"{len(cell_orders(design))} orders, of which each participant gets the one that fewest have."
-    )
 
 
 def _procedures(design: Design) -> str:

@@ -1,0 +1,100 @@
+"""What reporting recommendations ask of a publication about people and robots: given, or missing.
+
+The list is ours, after Cordero et al. (What and How Are We Reporting in HRI?, arXiv:2201.09114, 2022), Bagchi et al.
+(Towards Improved Replicability of Human Studies in HRI, HRI 2023 Companion, doi 10.1145/3568294.3580162) and the flow
+of participants of CONSORT (Schulz et al., BMJ 340, 2010, c332).
+"""
+
+from dataclasses import dataclass
+
+from avrgym.analysis.reading.flow import Flow
+from avrgym.analysis.study import Analysis
+from avrgym.study.design.words import blinding, conditions, randomization
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A field that is asked for: what is known of it, nothing where it is missing, and where to fill it in."""
+
+    field: str
+    known: str
+    fill_in: str = ""
+
+
+def checklist(analysis: Analysis, flow: Flow) -> list[Asked]:
+    """Every field, in the order of a publication."""
+    return [*_about_people(analysis, flow), *_about_the_study(analysis), *_about_the_analysis(analysis, flow)]
+
+
+def _reporting(field: str, text: str, name: str) -> Asked:
+    return Asked(field, text, f"{name} in [reporting] of study.toml")
+
+
+def _about_people(analysis: Analysis, flow: Flow) -> list[Asked]:
+    about = analysis.design.reporting
+    people = [row for row in analysis.observed.participants if row.simulated is flow.simulated]
+    ages = sum(row.age_years is not None for row in people)
+    left = (
+        f"{flow.excluded} excluded, {flow.withdrew_before + flow.withdrew} withdrew, {flow.deleted} deleted"
+    )
+    inclusion = " ".join(each.text for each in analysis.design.inclusion)
+    consent = ", ".join(f"version {version}: {number}" for version, number in flow.consents.items())
+    return [
+        Asked(
+            "Number of participants",
+            f"{flow.enrolled} enrolled, {flow.analysed} analysed" if flow.enrolled else "",
+        ),
+        Asked("Age", f"known of {ages} of {len(people)}" if ages else "", "--age of `avrgym study enrol`"),
+        _reporting("Gender, as participants described it", about.gender, "gender"),
+        _reporting("Experience with robots and VR", about.experience, "experience"),
+        _reporting("Recruitment", about.recruitment, "recruitment"),
+        _reporting("Compensation", about.compensation, "compensation"),
+        _reporting("Ethics approval", about.ethics_approval, "ethics_approval"),
+        Asked("Informed consent", consent, "`avrgym study consent`"),
+        Asked("Inclusion criteria", inclusion, "[[inclusion]] in study.toml"),
+        Asked("Exclusions and dropouts", left),
+    ]
+
+
+def _about_the_study(analysis: Analysis) -> list[Asked]:
+    design, about = analysis.design, analysis.design.reporting
+    measures = ", ".join(each.name for each in design.questionnaires)
+    flow = next(iter(analysis.flows), None)
+    days = f"{flow.first_day} to {flow.last_day}" if flow and flow.first_day else ""
+    return [
+        Asked("Design and conditions", conditions(design)),
+        Asked("Order and randomisation", randomization(design)),
+        Asked("Blinding", blinding(design)),
+        Asked("Robots", ", ".join(design.robots)),
+        Asked(
+            "Who controls the robots",
+            f"the policies {', '.join(design.policies)}, on their own but for `operator`",
+        ),
+        _reporting("Headset and controllers", about.headset, "headset"),
+        _reporting("Place", about.location, "location"),
+        Asked("Dates", days, "the first session"),
+        Asked("Measures", f"reward, success, {measures}" if measures else "reward, success"),
+    ]
+
+
+def _about_the_analysis(analysis: Analysis, flow: Flow) -> list[Asked]:
+    plan = analysis.plan.plan if analysis.plan else None
+    rationale = plan.sample_size_rationale if plan else ""
+    deviations = len(analysis.plan.deviations) if analysis.plan else 0
+    own = [row for row in analysis.observed.participants if row.simulated is flow.simulated]
+    missing = sum(row.trials_missing for row in own)
+    frozen = f"frozen at {analysis.plan.at} (UTC)" if analysis.plan and plan else ""
+    return [
+        Asked("Sample size and why", rationale, "sample_size_rationale in plan.toml, before it is frozen"),
+        Asked("Preregistration", frozen, "`avrgym study freeze`, before the first participant"),
+        Asked("Deviations from the plan", f"{deviations} listed" if plan else "", "`avrgym study freeze`"),
+        Asked(
+            "Statistical tests, effect sizes and corrections",
+            "methods.md, tables/tests.csv, tables/models.csv",
+        ),
+        Asked(
+            "Missing data",
+            f"{missing} planned trials not completed",
+        ),
+        _reporting("Data availability", analysis.design.reporting.data_availability, "data_availability"),
+    ]

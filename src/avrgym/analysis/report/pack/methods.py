@@ -1,0 +1,161 @@
+"""The methods section of a publication, in words, from what a study knows of itself."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from statistics import fmean, stdev
+
+from avrgym.analysis.page import count
+from avrgym.analysis.reading.flow import Flow
+from avrgym.analysis.report.models import METHODS as OF_MODELS
+from avrgym.analysis.rows import ParticipantRow
+from avrgym.analysis.study import Analysis
+from avrgym.recording.questionnaire import Questionnaire
+from avrgym.study.design.words import blinding, conditions, description, randomization
+from avrgym.vr.session.attempt import versions
+
+SIMULATED = "SIMULATED PARTICIPANTS: all that follows was made up by a program and says nothing about people."
+Sections = Mapping[str, list[str]]
+"""Paragraphs by heading."""
+
+
+def missing(what: str) -> str:
+    """Stands where somebody has to write something."""
+    return f"[MISSING: {what}]"
+
+
+def methods(analysis: Analysis, flow: Flow) -> Sections:
+    """The sections about people, or, of a study that no person takes part in, about simulated participants."""
+    sections = {
+        "Participants": list(_participants(analysis, flow)),
+        "Design": [
+            conditions(analysis.design),
+            randomization(analysis.design),
+            *_orders(flow),
+            blinding(analysis.design),
+        ],
+        "Apparatus": list(_apparatus(analysis)),
+        "Procedure": [description(analysis.design), *_inclusion(analysis)],
+        "Measures": list(_measures(analysis)),
+        "Analysis": list(_analysis(analysis)),
+        "Deviations from the plan": _deviations(analysis),
+    }
+    return {"": [SIMULATED]} | sections if flow.simulated else sections
+
+
+def markdown(title: str, sections: Sections) -> str:
+    """The sections as Markdown."""
+    lines = [f"# {title}: methods"]
+    for heading, paragraphs in sections.items():
+        lines += ([f"## {heading}"] if heading else []) + paragraphs
+    return "\n\n".join(lines) + "\n"
+
+
+def _participants(analysis: Analysis, flow: Flow) -> Iterator[str]:
+    about = analysis.design.reporting
+    people = [row for row in analysis.observed.participants if row.simulated is flow.simulated]
+    who = "simulated participant" if flow.simulated else "participant"
+    yield (
+        f"{count(flow.enrolled, who)} enrolled, {flow.allocated} were given an order of trials, {flow.completed} "
+        f"completed the study and {flow.analysed} entered the analysis. {_ages(people)} {_bodies(people)}"
+    )
+    if flow.simulated:
+        return
+    yield f"Gender: {about.gender or missing('gender, as participants described it')}"
+    yield f"Experience with robots and VR: {about.experience or missing('experience with robots and with VR')}"
+    yield f"Recruitment: {about.recruitment or missing('how participants were recruited')}"
+    yield f"Compensation: {about.compensation or missing('what participants were given')}"
+    yield f"Ethics approval: {about.ethics_approval or missing('board and number of the approval')}"
+    agreed = ", ".join(f"version {version} by {number}" for version, number in flow.consents.items())
+    yield f"Participants gave informed consent before anything else (text: {agreed or 'by nobody yet'})."
+
+
+def _ages(people: Sequence[ParticipantRow]) -> str:
+    ages = [row.age_years for row in people if row.age_years is not None]
+    if not ages:
+        return f"Age: {missing('ages')}."
+    spread = f", standard deviation {stdev(ages):.1f}" if len(ages) > 1 else ""
+    unknown = f", of {len(people) - len(ages)} not given" if len(ages) < len(people) else ""
+    return f"Age: {min(ages)} to {max(ages)} years, mean {fmean(ages):.1f}{spread}{unknown}."
+
+
+def _bodies(people: Sequence[ParticipantRow]) -> str:
+    men = sum(row.sex == "man" for row in people)
+    return f"{len(people) - men} were represented by a woman's body model, {men} by a man's."
+
+
+def _orders(flow: Flow) -> Iterator[str]:
+    given = ", ".join(f"order {number} to {times}" for number, times in flow.orders.items())
+    yield f"Orders given: {given}." if given else "No order has been given yet."
+
+
+def _apparatus(analysis: Analysis) -> Iterator[str]:
+    design, seat = analysis.design, analysis.design.furniture
+    software = versions()
+    yield (
+        f"AVR Gym {software['avrgym']} simulated the robots ({', '.join(design.robots)}) and the person's body with "
+        f"MuJoCo {software['mujoco']} (as of this analysis; the report lists recordings of other versions). "
+        f"Headset and controllers: {design.reporting.headset or missing('headset and controllers')}"
+    )
+    yield (
+        f"Participants sat on a seat {seat.seat_height_m:g} m high and lay on a mattress {seat.mattress_height_m:g} m "
+        f"high with its back at {seat.mattress_back_deg:g}°. "
+        f"A force guard drew back arms that pressed too hard: {'yes' if design.force_guard else 'no'}."
+    )
+
+
+def _inclusion(analysis: Analysis) -> Iterator[str]:
+    asked = [f"{each.text} {'Yes' if each.required else 'No'}." for each in analysis.design.inclusion]
+    if asked:
+        yield f"Whoever took part answered as follows: {' '.join(asked)}"
+    about = analysis.design.reporting
+    flow = main_flow(analysis)
+    days = f"{flow.first_day} to {flow.last_day}" if flow and flow.first_day else "no session yet"
+    yield f"Sessions took place from {days}. Place: {about.location or missing('where sessions took place')}"
+
+
+def _measures(analysis: Analysis) -> Iterator[str]:
+    yield "Objective: the reward summed over a trial, and whether the robot succeeded."
+    for each in analysis.design.questionnaires:
+        yield _questionnaire(each)
+
+
+def _questionnaire(asked: Questionnaire) -> str:
+    when = " and ".join(moment.replace("_", " ") for moment in asked.moments)
+    points = sorted({item.points for item in asked.items})
+    scale = f"from 1 to {' or '.join(str(each) for each in points)}"
+    if asked.instrument is not None:
+        source = f"{asked.instrument.title} ({asked.instrument.source})"
+        return f"{asked.name}, asked {when}: {source}, {count(len(asked.items), 'item')} {scale}."
+    items = " ".join(f"{item.id}: “{item.text}”" for item in asked.items)
+    return f"{asked.name}, asked {when}, {scale}: {items}"
+
+
+def _analysis(analysis: Analysis) -> Iterator[str]:
+    plan = analysis.plan
+    if plan is None:
+        yield "Nothing was preregistered: all tests are exploratory."
+    elif plan.plan is None:
+        yield f"A plan was frozen, but its record is damaged: {missing('the frozen plan')}"
+    else:
+        rationale = plan.plan.sample_size_rationale or missing("why so many participants")
+        yield (
+            f"A plan was frozen at {plan.at} (UTC), before the first participant (SHA-256 {plan.sha256}). "
+            f"{plan.plan.participants} participants were planned: {rationale}"
+        )
+        yield " ".join(f"{each.id}: {each.text}" for each in plan.plan.hypotheses)
+    yield (
+        "Answers were compared by Wilcoxon's signed-rank test, two-sided, by trial and by participant, with p "
+        "corrected by Holm within each family and rank-biserial correlations as effect sizes."
+    )
+    yield from OF_MODELS
+
+
+def _deviations(analysis: Analysis) -> list[str]:
+    if analysis.plan is None:
+        return ["There was no plan to deviate from."]
+    found = [f"{each.where}: {each.what}." for each in analysis.plan.deviations]
+    return found or ["None."]
+
+
+def main_flow(analysis: Analysis) -> Flow | None:
+    """That of people, or of simulated participants where no person takes part; ``None`` where nobody does."""
+    return next(iter(analysis.flows), None)

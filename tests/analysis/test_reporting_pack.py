@@ -1,0 +1,234 @@
+"""The reporting pack: it says what the study knows, names what is missing, and marks what was simulated."""
+
+import csv
+import json
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pandas as pd
+import pytest
+
+from analysed import run_trials, take_part
+from avrgym.analysis.reading.flow import Flow
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.report.pack.checklist import checklist
+from avrgym.analysis.report.pack.codebook import UNDESCRIBED, meaning
+from avrgym.analysis.report.pack.flow_chart import flow_chart, steps
+from avrgym.analysis.report.pack.latex import latex_table
+from avrgym.analysis.report.pack.methods import main_flow, methods
+from avrgym.analysis.study import Analysis, analyse
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
+from avrgym.study.storage.store import Store
+from studies import fitting_answers, small_study
+
+PEOPLE = 5
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+    """Five people who finished; one who withdrew, one excluded, one without consent, one deleted; a simulated one."""
+    with Store(small_study(tmp_path_factory.mktemp("reported"))) as opened:
+        for number in range(PEOPLE):
+            run_trials(opened, take_part(opened, "man" if number % 2 else "woman", simulated=False))
+        gone = take_part(opened, simulated=False)
+        run_trials(opened, gone, 2)
+        withdraw(opened, gone)
+        excluded = enrol(opened, "man", age_years=30)
+        record_consent(opened, excluded)
+        record_inclusion(opened, excluded, {name: not fits for name, fits in fitting_answers(opened).items()})
+        enrol(opened, "man", age_years=None)
+        deleted = take_part(opened, simulated=False)
+        delete_participant(opened, deleted)
+        run_trials(opened, take_part(opened, simulated=True))
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def analysis(store: Store) -> Analysis:
+    return analyse(store)
+
+
+@pytest.fixture(scope="module")
+def out(store: Store, analysis: Analysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("out")
+    write_analysis(analysis, store.folder, folder)
+    return folder
+
+
+# The flow
+
+
+def test_everybody_is_somewhere_in_the_flow(analysis: Analysis) -> None:
+    people, simulated = analysis.flows
+    assert (people.simulated, simulated.simulated) == (False, True)
+    for flow in analysis.flows:
+        left = flow.deleted + flow.no_consent + flow.excluded + flow.withdrew_before + flow.waiting
+        assert flow.enrolled == left + flow.allocated
+        assert flow.allocated == flow.withdrew + flow.unfinished + flow.completed
+        assert sum(flow.orders.values()) == flow.allocated
+    seen = (
+        people.enrolled,
+        people.deleted,
+        people.no_consent,
+        people.excluded,
+        people.withdrew,
+        people.analysed,
+    )
+    assert seen == (9, 1, 1, 1, 1, PEOPLE)
+    assert people.consents == {"1": PEOPLE + 2}
+    assert simulated.enrolled == simulated.completed == 1
+
+
+def test_the_chart_shows_each_step_and_who_left(analysis: Analysis, out: Path) -> None:
+    for name in ("people", "simulated"):
+        ET.fromstring((out / "reporting" / f"flow-{name}.svg").read_text())
+    shown = " ".join(ET.fromstring(flow_chart(analysis.flows[0])).itertext())
+    for words, left in steps(analysis.flows[0]):
+        assert words in shown
+        assert all(each in shown for each in left)
+    assert "1 excluded by the inclusion questions" in shown
+    assert "SIMULATED" not in shown
+    assert "SIMULATED PARTICIPANTS" in flow_chart(analysis.flows[1])
+
+
+# Words
+
+
+def test_the_methods_say_what_is_known_and_what_is_missing(analysis: Analysis, out: Path) -> None:
+    text = (out / "reporting" / "methods.md").read_text()
+    assert (
+        "9 participants enrolled, 6 were given an order of trials, 5 completed the study and 5 entered"
+        in text
+    )
+    assert "Age: 22 to 30 years" in text
+    missing = re.findall(r"\[MISSING: ([^\]]*)\]", text)
+    assert len(missing) == 7
+    assert "board and number of the approval" in missing
+    assert "L1: “The robot successfully assisted me with the task.”" in text
+    assert "Nothing was preregistered" in text
+    assert "SIMULATED" not in text
+    page = (out / "reporting" / "index.html").read_text()
+    assert page.count('class="missing">[MISSING:') == len(missing)
+
+
+def test_what_is_given_is_no_longer_missing(analysis: Analysis) -> None:
+    given = msgspec.structs.replace(analysis.design.reporting, ethics_approval="Board 7, H19212")
+    told = replace(analysis, design=msgspec.structs.replace(analysis.design, reporting=given))
+    flow = main_flow(told)
+    assert flow is not None
+    assert "Ethics approval: Board 7, H19212" in methods(told, flow)["Participants"]
+    (ethics,) = (each for each in checklist(told, flow) if each.field == "Ethics approval")
+    assert ethics.known == "Board 7, H19212"
+
+
+def test_the_list_of_fields_shows_in_red_what_is_missing(analysis: Analysis, out: Path) -> None:
+    with open(out / "reporting" / "checklist.csv", encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    lacking = {row["field"] for row in rows if row["missing"] == "true"}
+    assert {
+        "Recruitment",
+        "Compensation",
+        "Ethics approval",
+        "Preregistration",
+        "Headset and controllers",
+    } <= lacking
+    assert {"Number of participants", "Age", "Informed consent", "Dates", "Blinding"}.isdisjoint(lacking)
+    assert all(bool(row["known"]) != (row["missing"] == "true") for row in rows)
+    page = (out / "reporting" / "index.html").read_text()
+    assert f"{len(lacking)} of {len(rows)} fields are missing." in page
+    assert page.count('class="missing">missing<') == len(lacking)
+    assert ".missing { color:" in page
+
+
+def test_a_dry_run_is_called_simulated_everywhere(tmp_path: Path) -> None:
+    with Store(small_study(tmp_path / "dry")) as store:
+        run_trials(store, take_part(store, simulated=True))
+        write_analysis(analyse(store), store.folder, tmp_path / "out")
+    folder = tmp_path / "out" / "reporting"
+    text = (folder / "methods.md").read_text()
+    assert text.index("SIMULATED PARTICIPANTS") < text.index("## Participants")
+    assert "1 simulated participant enrolled" in text
+    assert "informed consent" not in text
+    for path in (*folder.glob("*.tex"), *folder.glob("*.svg"), folder / "index.html"):
+        assert "SIMULATED PARTICIPANTS" in path.read_text(), path.name
+    assert not list(folder.glob("*-people.*"))
+
+
+def test_a_study_with_nobody_in_it_has_a_codebook_and_says_so(tmp_path: Path) -> None:
+    with Store(small_study(tmp_path / "empty")) as store:
+        write_analysis(analyse(store), store.folder, tmp_path / "out")
+    folder = tmp_path / "out" / "reporting"
+    assert {path.name for path in folder.iterdir()} == {"index.html", "codebook.csv", "schema.json"}
+    assert "Nobody has taken part yet" in (folder / "index.html").read_text()
+
+
+# Tables and codebook
+
+
+def test_latex_escapes_what_it_would_run() -> None:
+    text = latex_table("50 % & more", ("a_b", "n"), [(r"\input{x}", "−1 × 2"), ("#", "<3>")], numbers=(1,))
+    assert r"\caption{50 \% \& more}" in text
+    assert r"a\_b & n \\" in text
+    assert r"\textbackslash{}input\{x\} & $-$1 $\times$ 2 \\" in text
+    assert r"\# & $<$3$>$ \\" in text
+    assert r"\begin{tabular}{lr}" in text
+
+
+def test_every_column_of_every_table_is_in_the_codebook(analysis: Analysis, out: Path) -> None:
+    book = pd.read_csv(out / "reporting" / "codebook.csv", keep_default_na=False)
+    assert not book["meaning"].isin(["", UNDESCRIBED.meaning]).any()
+    listed = {(row.table, row.column) for row in book.itertuples()}
+    files = {path.stem: pd.read_csv(path, nrows=1) for path in (out / "tables").glob("*.csv")}
+    assert listed == {(name, column) for name, frame in files.items() for column in frame.columns}
+
+
+def test_results_are_as_the_schema_says(out: Path) -> None:
+    """Types, required and unknown columns, and empty cells, of every row in the results."""
+    schema = json.loads((out / "reporting" / "schema.json").read_text())["properties"]
+    results = json.loads((out / "results.json").read_text())
+    kinds = {"string": str, "integer": int, "number": (int, float), "boolean": bool, "null": type(None)}
+    checked = 0
+    for name in set(schema) & set(results):
+        row_schema = schema[name]["items"]
+        for row in results[name]:
+            assert list(row) == row_schema["required"], name
+            for column, value in row.items():
+                types = row_schema["properties"][column]["type"]
+                allowed = [types] if isinstance(types, str) else types
+                fits = [isinstance(value, kinds[kind]) for kind in allowed]
+                assert any(fits), (name, column, value)
+                assert value is None or isinstance(value, bool) == (allowed[0] == "boolean"), (name, column)
+            checked += 1
+    assert checked > 500
+
+
+def test_the_data_package_describes_the_files_beside_it(out: Path) -> None:
+    package = json.loads((out / "tables" / "datapackage.json").read_text())
+    assert {each["path"] for each in package["resources"]} == {
+        path.name for path in (out / "tables").glob("*.csv")
+    }
+    for resource in package["resources"]:
+        frame = pd.read_csv(out / "tables" / resource["path"], keep_default_na=False, dtype=str)
+        fields = resource["schema"]["fields"]
+        assert [field["name"] for field in fields] == list(frame.columns)
+        for field in fields:
+            if field.get("constraints", {}).get("required"):
+                assert (frame[field["name"]] != "").all(), (resource["name"], field["name"])
+
+
+def test_an_unknown_column_is_told_as_such(analysis: Analysis) -> None:
+    assert meaning("trials", "mood", analysis.design) is UNDESCRIBED
+
+
+def test_a_flow_without_anybody_leaving_tells_of_nobody() -> None:
+    flow = Flow(
+        simulated=False, enrolled=2, deleted=0, no_consent=0, excluded=0, withdrew_before=0, waiting=0, allocated=2,
+        withdrew=0, unfinished=0, completed=2, analysed=2, orders={1: 2}, consents={"1": 2},
+        first_day=None, last_day=None,
+    )  # fmt: skip
+    assert [left for _, left in steps(flow)] == [[], [], [], []]
