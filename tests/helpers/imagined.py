@@ -39,7 +39,7 @@ def answered(
 ) -> list[Observed]:
     """Answers to a design's first item as ``avrgym study power`` imagines them, nobody withdrawing."""
     studies = ImaginedStudies(design, Assumptions(dropout=0.0, **spread), 0)
-    return with_values(design, studies.answers(effect, participants, number)[..., 0])
+    return with_values(design, studies.answers(effect, participants, number)[..., 0].astype(float))
 
 
 def latent(design: Design, participants: int, number: int, tendency: float = 0.0) -> NDArray[np.float64]:

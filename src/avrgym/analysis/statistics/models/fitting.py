@@ -26,7 +26,8 @@ def informative(model: str, observed: Sequence[Observed]) -> tuple[list[Observed
     if model == MIXED or len({each.value for each in observed}) < 2:
         return kept, ""
     for of in (_task, _robot):
-        ends = {value(each.value for each in kept) for value in (min, max)} if kept else set[float]()
+        given = [each.value for each in kept]
+        ends = {min(given), max(given)} if given else set[float]()
         for group in dict.fromkeys(map(of, kept)):
             values = {each.value for each in kept if of(each) == group}
             if len(values) == 1 and values <= ends:

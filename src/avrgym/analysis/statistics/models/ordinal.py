@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, logit
 
 from avrgym.analysis.statistics.models.fitted import Array, Estimate, NoFit
 
 ITERATIONS = 60
 CONVERGED = 1e-12
+NOT_APART = "effects cannot be told apart"
 FARTHEST = 12.0
 """Effects of more log odds than this grow without bound: groups are separated."""
 UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
@@ -53,8 +53,8 @@ def fit_ordinal(
     thresholds = len(levels) - 1
     parameters = _most_likely(answered, design, thresholds)
     _, scores, information = _derivatives(parameters, answered, design, thresholds)
-    members = np.unique(np.asarray(clusters), return_inverse=True)[1]
-    of_cluster = (np.arange(members.max() + 1)[:, None] == members).astype(float)
+    names, members = np.unique(np.asarray(clusters), return_inverse=True)
+    of_cluster: Array = np.eye(len(names))[:, members]
     covariance = clustered_covariance(
         of_cluster @ scores, np.einsum("cn,nij->cij", of_cluster, information), correction
     )[thresholds:, thresholds:]
@@ -66,31 +66,34 @@ def clustered_covariance(scores: Array, information: Array, correction: float) -
 
     With the root L of the inverse of all information, Lᵀ information L is a cluster's leverage.
     """
-    root = np.linalg.cholesky(np.linalg.inv(information.sum(axis=0)))
-    shares, axes = np.linalg.eigh(root.T @ information @ root)
+    try:
+        root: Array = np.linalg.cholesky(np.linalg.inv(information.sum(axis=0)))
+    except np.linalg.LinAlgError as error:
+        raise NoFit(NOT_APART) from error
+    leverage: Array = root.T @ information @ root
+    shares, axes = np.linalg.eigh(leverage)
     left = 1.0 - shares
     if correction and left.min() < 1e-9:
         raise NoFit("one participant alone determines an effect")
-    along = np.einsum("cij,ci->cj", axes, scores @ root) * left**-correction
-    corrected = np.einsum("cij,cj->ci", axes, along) @ root.T
+    along: Array = np.einsum("cij,ci->cj", axes, scores @ root) * left**-correction
+    corrected: Array = np.einsum("cij,cj->ci", axes, along) @ root.T
     return corrected.T @ corrected
 
 
 def _most_likely(answered: NDArray[np.intp], design: Array, thresholds: int) -> Array:
     """The parameters (thresholds, then coefficients) of the greatest likelihood, by Fisher's scoring."""
     below = np.array([np.mean(answered <= k) for k in range(thresholds)])
-    parameters = np.concatenate([logit(below), np.zeros(design.shape[1])])
+    parameters: Array = np.concatenate([np.log(below / (1.0 - below)), np.zeros(design.shape[1])])
     likelihood, scores, information = _derivatives(parameters, answered, design, thresholds)
     for _ in range(ITERATIONS):
         score = scores.sum(axis=0)
         step = _solved(information.sum(axis=0), score)
         if score @ step < CONVERGED:
             return parameters
-        for _ in range(ITERATIONS):
-            tried = _derivatives(parameters + step, answered, design, thresholds)
-            if tried[0] >= likelihood:
-                break
+        tried = _derivatives(parameters + step, answered, design, thresholds)
+        while tried[0] < likelihood and np.abs(step).max() > 1e-12:
             step = step / 2.0
+            tried = _derivatives(parameters + step, answered, design, thresholds)
         parameters, (likelihood, scores, information) = parameters + step, tried
         if np.abs(parameters[thresholds:]).max(initial=0.0) > FARTHEST:
             break
@@ -101,7 +104,7 @@ def _solved(information: Array, score: Array) -> Array:
     try:
         return np.linalg.solve(information, score)
     except np.linalg.LinAlgError as error:
-        raise NoFit("effects cannot be told apart") from error
+        raise NoFit(NOT_APART) from error
 
 
 def _derivatives(
@@ -109,7 +112,7 @@ def _derivatives(
 ) -> tuple[float, Array, Array]:
     """Log-likelihood, each answer's score (n, q) and expected information (n, q, q); −∞ for disordered thresholds."""
     count, width = design.shape
-    below = expit(parameters[:thresholds] - (design @ parameters[thresholds:])[:, None])
+    below = 0.5 + 0.5 * np.tanh(0.5 * (parameters[:thresholds] - (design @ parameters[thresholds:])[:, None]))
     edges = np.hstack([np.zeros((count, 1)), below, np.ones((count, 1))])
     shares = np.diff(edges, axis=1)
     slopes = np.zeros((count, thresholds + 2, thresholds + width))
@@ -120,6 +123,6 @@ def _derivatives(
     if not shares.min() > 0.0:
         return -np.inf, slopes[:, 0], np.zeros((count, *slopes.shape[2:], slopes.shape[2]))
     weighted = slopes / shares[:, :, None]
-    rows = np.arange(count)
+    rows: NDArray[np.intp] = np.arange(count)
     likelihood = float(np.log(shares[rows, answered]).sum())
     return likelihood, weighted[rows, answered], np.einsum("nki,nkj->nij", weighted, slopes)
