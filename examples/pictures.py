@@ -117,7 +117,7 @@ class Moment:
     def tick(self, now_s: float) -> None:
         """Send the same state again."""
         self._ticks += 1
-        self._send(messages.State(self._ticks, self._ticks * TICK_S, -1, self._poses))
+        self._send(messages.State(self._ticks, self._ticks * TICK_S, -1, b"", [], self._poses))
 
     def close(self, now_s: float) -> None:
         """Nothing is kept."""

@@ -11,6 +11,7 @@ import { Questionnaire } from "./questionnaire";
 import { createRoom } from "./room";
 import { Senses } from "./senses";
 import { ImmersiveSession, reasonAgainstVR } from "./session";
+import type { Poses } from "./tracking";
 import { View, type Detail } from "./view";
 import { Watching } from "./watching";
 import { World } from "./world";
@@ -30,7 +31,7 @@ export class App {
   statesReceived = 0;
 
   private readonly page: Page;
-  private readonly world = new World();
+  readonly world = new World();
   private readonly session: ImmersiveSession;
   private readonly connection: Connection;
   private readonly flat: FlatPlay;
@@ -307,17 +308,25 @@ export class App {
 
   private frame(timeMs: number, frame?: XRFrame): void {
     this.countDown();
-    this.world.update(timeMs);
     const space = this.view.renderer.xr.getReferenceSpace();
     if (frame && space && this.presenting) {
+      this.updateWorld(timeMs, this.immersive.read(frame, space, timeMs));
       this.session.watchButtons(frame.session.inputSources);
-      this.immersive.frame(frame, space, timeMs);
-    } else if (this.watching?.fromInside) this.watching.follow(this.lastState, this.world.root);
+      this.immersive.frame(frame, space);
+    } else this.updateWorld(timeMs, this.flat.playing ? this.flat.poses : null);
+    if (this.watching?.fromInside && !this.presenting) this.watching.follow(this.lastState, this.world.root);
     this.view.render();
   }
 
+  private updateWorld(timeMs: number, poses: Poses | null): void {
+    const lagMs = this.immersive.numbering.ageMs(this.lastState?.tracking_sequence ?? -1, timeMs);
+    this.world.update(timeMs, poses, lagMs);
+  }
+
   private playFrame(): void {
-    if (this.flat.playing) this.send(this.flat.frame(performance.now()));
+    if (!this.flat.playing) return;
+    const nowMs = performance.now();
+    this.immersive.track(this.flat.frame(nowMs), nowMs);
   }
 
   private countDown(): void {

@@ -1,6 +1,7 @@
 import { Matrix4, Quaternion, Vector3 } from "three";
 import { P_SPACE, XRDevice, metaQuest3 } from "iwer";
 import type { App } from "./app";
+import type { BodyPose } from "./body";
 import type { Phase, Question, XRPose } from "./messages";
 import { poseOf, type Poses } from "./tracking";
 import tickerUrl from "./ticker?worker&url";
@@ -44,6 +45,8 @@ export interface EmulatorControls {
     tracking_sequence: number;
     poses: number[];
   } | null;
+  /** In the frame drawn last: where the participant is, and the poses of all bodies as drawn and as simulated. */
+  ownBody(): { tracked: BodyPose | null; drawn: number[]; simulated: number[] };
   presenting(): boolean;
   trackingSent(): number;
   framesDrawn(): number;
@@ -89,8 +92,9 @@ export function exposeEmulator(app: App, device: XRDevice): void {
     standing: () => [app.phase, app.questionnaire.question],
     statesReceived: () => app.statesReceived,
     lastState: () => plainState(app),
+    ownBody: () => plainBody(app),
     presenting: () => app.presenting,
-    trackingSent: () => app.immersive.tracker.count,
+    trackingSent: () => app.immersive.numbering.count,
     framesDrawn: () => app.immersive.frames,
   };
   trackByTimer(app, device);
@@ -191,6 +195,10 @@ function plainState({ lastState }: App): ReturnType<EmulatorControls["lastState"
   const { sequence, simulation_time_s, tracking_sequence } = lastState;
   const poses = Array.from(new Float32Array(lastState.poses.slice().buffer));
   return { sequence, simulation_time_s, tracking_sequence, poses };
+}
+
+function plainBody({ world }: App): ReturnType<EmulatorControls["ownBody"]> {
+  return { tracked: world.tracked, drawn: [...world.drawn], simulated: [...world.simulated] };
 }
 
 /** The emulator asks for the clear values in every frame, which stalls a software renderer: answer from a copy. */

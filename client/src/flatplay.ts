@@ -1,6 +1,5 @@
 import { Euler, PerspectiveCamera, Quaternion, Vector3 } from "three";
-import type { Tracking } from "./messages";
-import { poseOf } from "./tracking";
+import { poseOf, type Poses } from "./tracking";
 
 /** Eyes of somebody who sits in the virtual wheelchair, metres over the floor. */
 const EYE_HEIGHT_M = 1.2;
@@ -32,7 +31,6 @@ export class FlatPlay {
   playing = false;
   private yaw = 0;
   private pitch = -0.2;
-  private sequence = -1;
   private lastMs = 0;
   private readonly hand = RIGHT_HAND.clone();
   private readonly pressed = new Set<string>();
@@ -51,15 +49,17 @@ export class FlatPlay {
     return this.playing && code in MOVES;
   }
 
-  /** The tracking frame of now. */
-  frame(timeMs: number): Tracking {
+  /** Moves the hand, and gives the poses of now. */
+  frame(timeMs: number): Poses {
     this.moveHand(Math.min(0.1, (timeMs - this.lastMs) / 1000));
     this.lastMs = timeMs;
     this.camera.quaternion.setFromEuler(new Euler(this.pitch, this.yaw, 0, "YXZ"));
+    return this.poses;
+  }
+
+  /** Where head and hands are since the latest frame. */
+  get poses(): Poses {
     return {
-      type: "tracking",
-      sequence: ++this.sequence,
-      client_time_ms: timeMs,
       head: poseOf(this.camera.position, this.camera.quaternion),
       left: poseOf(LEFT_HAND, UPRIGHT_GRIP),
       right: poseOf(this.hand, UPRIGHT_GRIP),

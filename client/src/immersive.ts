@@ -1,20 +1,20 @@
 import { Quaternion, Vector3 } from "three";
 import type { Connection } from "./connection";
-import type { Tracking } from "./messages";
 import type { Panel } from "./panel";
 import { Pointer } from "./pointer";
-import { BACKLOG_LIMIT_BYTES, Throttle, Tracker, findSource, type Poses } from "./tracking";
+import { BACKLOG_LIMIT_BYTES, Numbering, Reader, Throttle, findSource, type Poses } from "./tracking";
 
 type Hand = "left" | "right";
 
 /** What happens in every frame of VR: poses go out, the panel is placed, the hands point at it. */
 export class Immersive {
-  readonly tracker = new Tracker();
+  readonly numbering = new Numbering();
   readonly pointers = { left: new Pointer(), right: new Pointer() };
   /** How many frames have been drawn. */
   frames = 0;
   /** Whether poses come from `track` alone, and not with the frames. */
   trackedElsewhere = false;
+  private readonly reader = new Reader();
   private readonly throttle = new Throttle();
   private readonly head = new Vector3();
   private readonly forward = new Vector3();
@@ -26,10 +26,15 @@ export class Immersive {
     private readonly around: (eyes: Vector3) => Float32Array,
   ) {}
 
-  frame(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
+  /** Reads the frame's poses and sends them. */
+  read(frame: XRFrame, space: XRReferenceSpace, timeMs: number): Poses {
+    const poses = this.reader.read(frame, space);
+    if (!this.trackedElsewhere && frame.session.visibilityState !== "hidden") this.track(poses, timeMs);
+    return poses;
+  }
+
+  frame(frame: XRFrame, space: XRReferenceSpace): void {
     this.frames++;
-    if (!this.trackedElsewhere && frame.session.visibilityState !== "hidden")
-      this.send(timeMs, () => this.tracker.read(frame, space, timeMs));
     if (this.panel.visible) this.placePanel(frame.getViewerPose(space));
     if (this.panel.buttons.length > 0) this.point(frame, space);
     else this.stopPointing();
@@ -47,14 +52,10 @@ export class Immersive {
     return this.pointers[source.handedness].aim(pose.transform, this.panel);
   }
 
-  /** Sends poses that were read elsewhere. */
+  /** Sends poses, unless earlier ones still wait. */
   track(poses: Poses, timeMs: number): void {
-    this.send(timeMs, () => this.tracker.take(poses, timeMs));
-  }
-
-  private send(timeMs: number, read: () => Tracking): void {
     if (!this.connection.connected || this.connection.backlog > BACKLOG_LIMIT_BYTES) return;
-    if (this.throttle.pass(timeMs)) this.connection.send(read());
+    if (this.throttle.pass(timeMs)) this.connection.send(this.numbering.next(poses, timeMs));
   }
 
   private placePanel(viewer: XRViewerPose | undefined): void {

@@ -1,6 +1,6 @@
 // Written by `python -m avrgym.vr.typescript` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 6;
+export const PROTOCOL = 7;
 
 export const STALE_S = 0.2;
 
@@ -15,6 +15,8 @@ export type Quaternion = [number, number, number, number];
 export type Shares = [number, number, number];
 
 export type Modality = "controller" | "hand" | "mouse" | "none";
+
+export type Part = "head" | "left" | "right";
 
 export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 
@@ -31,6 +33,22 @@ export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | 
 
 /** A pose in WebXR's `local-floor` space: position in metres (y up), orientation x, y, z, w. */
 export type XRPose = [position: Vector3, orientation: Quaternion];
+
+/** A person's measures, metres: what joint angles and the poses of head and hands are computed from.
+ *
+ * `hips_pos_w` and `hips_q_w` (w, x, y, z) are where the hips rest in the world; the waist is given in their
+ * frame, neck (the head's joints) and right shoulder in the torso's. The head's centre lies so far above the neck. */
+export interface Skeleton {
+  hips_pos_w: Vector3;
+  hips_q_w: Quaternion;
+  waist: Vector3;
+  neck: Vector3;
+  head_centre_m: number;
+  right_shoulder: Vector3;
+  upper_arm_m: number;
+  forearm_m: number;
+  hand_m: number;
+}
 
 /** The first message of a connection. The token is the one in the fragment of the page's address. */
 export interface Hello {
@@ -170,7 +188,8 @@ export interface Body {
  * to the root node as it is. `bodies` is the order of the poses in every following `State`; those of
  * `marks` spots on the person follow, of one radius and one colour (red, green, blue in 0..1).
  * `head_bodies` are hidden from the participant's own eyes, which lie at `eyes` in the frame of the first
- * of them (x left, -y ahead, z up). */
+ * of them (x left, -y ahead, z up). `skeleton` is that of the participant's body, whose bodies' names begin with
+ * `person/`. */
 export interface Scene {
   type: "scene";
   url: string;
@@ -180,6 +199,7 @@ export interface Scene {
   mark_radius_m: number;
   mark_rgb: Vector3;
   eyes: Vector3;
+  skeleton: Skeleton;
   xr_from_world: XRPose;
 }
 
@@ -192,12 +212,17 @@ export interface Upcoming {
 /** The world at one instant.
  *
  * `poses`: little-endian float32 (bodies + marks, 7): x, y, z, then w, x, y, z; world frame.
- * `tracking_sequence` is the newest tracking frame that this state already follows, -1 before the first. */
+ * `tracking_sequence` is the newest tracking frame that this state already follows, -1 before the first.
+ * `joint_targets`: little-endian float32, the angles (radians) that the person's joints are driven to for it.
+ * `held` are the parts of the body that are not, and will not come, where they are tracked: something is in their
+ * way, or they are not tracked. Their owner sees them where they are simulated. */
 export interface State {
   type: "state";
   sequence: number;
   simulation_time_s: number;
   tracking_sequence: number;
+  joint_targets: Uint8Array;
+  held: Part[];
   poses: Uint8Array;
 }
 

@@ -22,50 +22,54 @@ export class Throttle {
 /** Where head and hands are, and what the hands are tracked with. */
 export type Poses = Omit<Tracking, "type" | "sequence" | "client_time_ms">;
 
-/** Reads headset and controllers into one message that is filled anew for every frame. */
-export class Tracker {
+const UNTRACKED: Poses = { head: null, left: null, right: null, left_modality: "none", right_modality: "none" };
+
+/** Reads headset and controllers into poses that are filled anew for every frame. */
+export class Reader {
   private readonly head = emptyPose();
   private readonly left = emptyPose();
   private readonly right = emptyPose();
-  private readonly message: Tracking = {
-    type: "tracking",
-    sequence: -1,
-    client_time_ms: 0,
-    head: null,
-    left: null,
-    right: null,
-    left_modality: "none",
-    right_modality: "none",
-  };
+  private readonly poses: Poses = { ...UNTRACKED };
 
-  /** How many frames have been read; the next one has this sequence number. */
+  read(frame: XRFrame, space: XRReferenceSpace): Poses {
+    const { poses } = this;
+    const sources = frame.session.inputSources;
+    const left = findSource(sources, "left");
+    const right = findSource(sources, "right");
+    poses.head = fill(this.head, frame.getViewerPose(space));
+    poses.left = left && fill(this.left, sourcePose(frame, space, left));
+    poses.right = right && fill(this.right, sourcePose(frame, space, right));
+    poses.left_modality = modality(left);
+    poses.right_modality = modality(right);
+    return poses;
+  }
+}
+
+const REMEMBERED = 1024;
+
+/** Numbers the frames that are sent, in one message that is filled anew for each, and remembers when they were read. */
+export class Numbering {
+  private readonly message: Tracking = { type: "tracking", sequence: -1, client_time_ms: 0, ...UNTRACKED };
+  private readonly readMs = new Float64Array(REMEMBERED).fill(NaN);
+
+  /** How many frames have been numbered; the next one has this sequence number. */
   get count(): number {
     return this.message.sequence + 1;
   }
 
-  read(frame: XRFrame, space: XRReferenceSpace, timeMs: number): Tracking {
+  next(poses: Poses, timeMs: number): Tracking {
     const { message } = this;
-    const sources = frame.session.inputSources;
-    const left = findSource(sources, "left");
-    const right = findSource(sources, "right");
-    message.head = fill(this.head, frame.getViewerPose(space));
-    message.left = left && fill(this.left, sourcePose(frame, space, left));
-    message.right = right && fill(this.right, sourcePose(frame, space, right));
-    message.left_modality = modality(left);
-    message.right_modality = modality(right);
-    return this.next(timeMs);
+    Object.assign(message, poses);
+    message.sequence++;
+    message.client_time_ms = timeMs;
+    this.readMs[message.sequence % REMEMBERED] = timeMs;
+    return message;
   }
 
-  /** A message of poses that were read elsewhere. */
-  take(poses: Poses, timeMs: number): Tracking {
-    Object.assign(this.message, poses);
-    return this.next(timeMs);
-  }
-
-  private next(timeMs: number): Tracking {
-    this.message.sequence++;
-    this.message.client_time_ms = timeMs;
-    return this.message;
+  /** How old the poses of one of the latest frames are; 0 for frames that nobody remembers. */
+  ageMs(sequence: number, nowMs: number): number {
+    const known = sequence > this.message.sequence - REMEMBERED && sequence <= this.message.sequence;
+    return known && sequence >= 0 ? nowMs - this.readMs[sequence % REMEMBERED]! : 0;
   }
 }
 

@@ -2,7 +2,11 @@ import { Group, type Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { Content } from "./content";
 import { POSE, StateBuffer } from "./interpolation";
+import { bodyPose } from "./devices";
+import type { BodyPose } from "./body";
 import type { Scene, State, XRPose } from "./messages";
+import { OwnBody } from "./ownbody";
+import type { Poses } from "./tracking";
 
 const loader = new GLTFLoader();
 
@@ -12,7 +16,11 @@ export class World {
   readonly root = uprightRoot();
   private content: Content | null = null;
   private states: StateBuffer | null = null;
-  private poses = new Float32Array();
+  private own: OwnBody | null = null;
+  /** The bodies' poses as they are simulated and as they are drawn, and where the participant is, in the latest frame. */
+  simulated = new Float32Array();
+  drawn = new Float32Array();
+  tracked: BodyPose | null = null;
   private newest: Scene | null = null;
   private shown: Scene | null = null;
   private seenFromInside = false;
@@ -21,7 +29,9 @@ export class World {
   async load(scene: Scene, glb: Promise<ArrayBuffer>): Promise<void> {
     this.newest = scene;
     this.states = new StateBuffer(posesIn(scene));
-    this.poses = new Float32Array(posesIn(scene) * POSE);
+    this.simulated = new Float32Array(posesIn(scene) * POSE);
+    this.drawn = new Float32Array(posesIn(scene) * POSE);
+    this.own = new OwnBody(scene);
     placeRoot(this.root, scene.xr_from_world);
     const content = new Content((await loader.parseAsync(await glb, "")).scene, scene);
     if (scene === this.newest) this.replace(content, scene);
@@ -30,7 +40,9 @@ export class World {
 
   /** False when the state is old or of another scene. */
   push(state: State, nowMs: number): boolean {
-    return this.states?.push(state, nowMs / 1000) ?? false;
+    const taken = this.states?.push(state, nowMs / 1000) ?? false;
+    if (taken) this.own?.take(state);
+    return taken;
   }
 
   /** A restarted server counts its states from the beginning. */
@@ -38,9 +50,18 @@ export class World {
     if (this.newest) this.states = new StateBuffer(posesIn(this.newest));
   }
 
-  update(nowMs: number): void {
-    if (this.shown !== this.newest || !this.states?.drawn(nowMs / 1000, this.poses)) return;
-    this.content?.place(this.poses);
+  /**
+   * Draws what is simulated, and over it the body of who takes part, where they are tracked in this frame.
+   *
+   * `lagMs` is the age of the pose that the newest state follows.
+   */
+  update(nowMs: number, poses: Poses | null, lagMs: number): void {
+    if (this.shown !== this.newest || !this.states?.drawn(nowMs / 1000, this.simulated)) return;
+    this.drawn.set(this.simulated);
+    this.tracked = poses && bodyPose(poses, this.shown!.xr_from_world);
+    if (this.tracked) this.own?.draw(this.drawn, this.tracked, nowMs, lagMs);
+    else this.own?.rest();
+    this.content?.place(this.drawn);
   }
 
   /** Draws these poses at once. */

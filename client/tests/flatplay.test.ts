@@ -27,9 +27,8 @@ describe("playing without a headset", () => {
   });
   afterEach(() => vi.unstubAllGlobals());
 
-  it("sends frames that count up and say that a mouse made them", () => {
+  it("gives sound poses that say that a mouse made them", () => {
     const frames = [0, 14, 28].map((ms) => play.frame(ms));
-    expect(frames.map(({ sequence }) => sequence)).toEqual([0, 1, 2]);
     expect(frames.every(({ right_modality }) => right_modality === "mouse")).toBe(true);
     for (const pose of [frames[0]!.head!, frames[0]!.left!, frames[0]!.right!])
       expect(Math.hypot(...pose[1])).toBeCloseTo(1);

@@ -8,7 +8,7 @@ const UPRIGHT = [1, 0, 0, 0] as const;
 
 function state(sequence: number, timeS: number, ...poses: Pose[]): State {
   const bytes = new Uint8Array(new Float32Array(poses.flat()).buffer);
-  return { type: "state", sequence, simulation_time_s: timeS, tracking_sequence: -1, poses: bytes };
+  return { type: "state", sequence, simulation_time_s: timeS, tracking_sequence: -1, joint_targets: bytes, held: [], poses: bytes };
 }
 
 function at(x: number): Pose {

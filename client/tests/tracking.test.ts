@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { HIGHEST_RATE_HZ, Throttle, Tracker, findSource } from "../src/tracking";
+import { HIGHEST_RATE_HZ, Numbering, Reader, Throttle, findSource } from "../src/tracking";
 
 function passedPerSecond(rateHz: number, jitterMs = 0): number {
   const throttle = new Throttle();
@@ -60,59 +60,72 @@ function frame(head: Seen, ...inputSources: XRInputSource[]): XRFrame {
 const SPACE = {} as XRReferenceSpace;
 const Q = [0.5, -0.5, 0.5, 0.5];
 
-describe("the tracker", () => {
-  it("reads head and controllers and counts up by one", () => {
-    const tracker = new Tracker();
+describe("the reader", () => {
+  it("reads head and controllers", () => {
     const seen = frame(
       { x: 0 },
       source("right", "controller", { x: 2 }),
       source("left", "controller", { x: 1 }),
     );
-    expect(tracker.read(seen, SPACE, 16.5)).toEqual({
-      type: "tracking",
-      sequence: 0,
-      client_time_ms: 16.5,
+    expect(new Reader().read(seen, SPACE)).toEqual({
       head: [[0, 1.25, -0.5], Q],
       left: [[1, 1.25, -0.5], Q],
       right: [[2, 1.25, -0.5], Q],
       left_modality: "controller",
       right_modality: "controller",
     });
-    expect(tracker.read(seen, SPACE, 27).sequence).toBe(1);
-    expect(tracker.count).toBe(2);
   });
 
   it("gives null for what is not tracked or only guessed", () => {
     const guessed = source("left", "controller", { x: 1, emulatedPosition: true });
-    const read = new Tracker().read(frame(null, guessed), SPACE, 0);
+    const read = new Reader().read(frame(null, guessed), SPACE);
     expect(read).toMatchObject({ head: null, left: null, right: null });
     expect(read).toMatchObject({ left_modality: "controller", right_modality: "none" });
   });
 
   it("takes the wrist of a hand that holds no controller", () => {
     const hands = [source("left", "hand", { x: 1 }), source("right", "hand", { x: 2 })];
-    const read = new Tracker().read(frame({ x: 0 }, ...hands), SPACE, 0);
+    const read = new Reader().read(frame({ x: 0 }, ...hands), SPACE);
     expect(read.left?.[0][0]).toBe(1);
     expect(read).toMatchObject({ left_modality: "hand", right_modality: "hand" });
   });
 
   it("tells a controller in one hand from the other, bare hand", () => {
     const mixed = [source("left", "hand", { x: 1 }), source("right", "controller", { x: 2 })];
-    const read = new Tracker().read(frame({ x: 0 }, ...mixed), SPACE, 0);
+    const read = new Reader().read(frame({ x: 0 }, ...mixed), SPACE);
     expect(read).toMatchObject({ left_modality: "hand", right_modality: "controller" });
   });
 
   it("notices a controller that is lost, and its return", () => {
-    const tracker = new Tracker();
+    const reader = new Reader();
     const held = source("right", "controller", { x: 2 });
-    expect(tracker.read(frame({ x: 0 }, held), SPACE, 0).right).not.toBeNull();
-    expect(tracker.read(frame({ x: 0 }), SPACE, 11)).toMatchObject({ right: null, right_modality: "none" });
-    expect(tracker.read(frame({ x: 0 }, held), SPACE, 22)).toMatchObject({ right_modality: "controller" });
+    expect(reader.read(frame({ x: 0 }, held), SPACE).right).not.toBeNull();
+    expect(reader.read(frame({ x: 0 }), SPACE)).toMatchObject({ right: null, right_modality: "none" });
+    expect(reader.read(frame({ x: 0 }, held), SPACE)).toMatchObject({ right_modality: "controller" });
   });
 
   it("says none without any input", () => {
-    const read = new Tracker().read(frame({ x: 0 }), SPACE, 0);
+    const read = new Reader().read(frame({ x: 0 }), SPACE);
     expect(read).toMatchObject({ left_modality: "none", right_modality: "none" });
+  });
+});
+
+describe("the numbers of frames", () => {
+  const poses = () => new Reader().read(frame({ x: 0 }), SPACE);
+
+  it("count up by one", () => {
+    const numbering = new Numbering();
+    expect(numbering.next(poses(), 16.5)).toMatchObject({ type: "tracking", sequence: 0, client_time_ms: 16.5, ...poses() });
+    expect(numbering.next(poses(), 27).sequence).toBe(1);
+    expect(numbering.count).toBe(2);
+  });
+
+  it("tell how old a frame's poses are", () => {
+    const numbering = new Numbering();
+    for (let n = 0; n < 5000; n++) numbering.next(poses(), 10 * n);
+    expect(numbering.ageMs(4999, 50_000)).toBe(10);
+    expect(numbering.ageMs(4000, 50_000)).toBe(10_000);
+    for (const unknown of [-1, 5000, 0]) expect(numbering.ageMs(unknown, 50_000)).toBe(0);
   });
 });
 

@@ -98,7 +98,7 @@ def arm_after_watching(cooperation: float, environment: str) -> Array:
     poses = np.frombuffer(world.body_poses(), "<f4").reshape(-1, 7).copy()
     poses[world.bodies.index(TOOL)] = poses[world.bodies.index("person/right_forearm")]
     for i in range(20):
-        someone.watch(State(i, 0.1 * i, -1, poses.tobytes()))
+        someone.watch(State(i, 0.1 * i, -1, b"", [], poses.tobytes()))
     hand = someone.frame(2.0, moving=True).right
     assert hand is not None
     return np.array(hand.position)

@@ -491,12 +491,25 @@ def test_a_client_that_does_not_listen_is_not_remembered_for_ever() -> None:
     async def push() -> tuple[list[Message], int]:
         outbox = broadcast.Outbox()
         outbox.push(Problem(message="before the welcome"))
-        outbox.push(State(sequence=0, simulation_time_s=0.0, tracking_sequence=-1, poses=b""))
+        outbox.push(
+            State(
+                sequence=0, simulation_time_s=0.0, tracking_sequence=-1, joint_targets=b"", held=[], poses=b""
+            )
+        )
         outbox.push(Welcome(protocol=1, session="x", role="participant", haptics=True, sounds=True))
         first = await outbox.next()
         for i in range(10_000):
             outbox.push(Problem(message=str(i)))
-            outbox.push(State(sequence=i, simulation_time_s=0.0, tracking_sequence=-1, poses=b""))
+            outbox.push(
+                State(
+                    sequence=i,
+                    simulation_time_s=0.0,
+                    tracking_sequence=-1,
+                    joint_targets=b"",
+                    held=[],
+                    poses=b"",
+                )
+            )
         rest = [await outbox.next() for _ in range(broadcast.OUTBOX_MESSAGES + 1)]
         return [first, *rest[-2:]], len(rest)
 

@@ -1,7 +1,9 @@
-"""Writes the TypeScript side of the wire protocol from ``messages.py``, ``phases`` and the loop's constants.
+"""Writes the TypeScript side of what server and client share: the wire protocol, and how a body follows poses.
 
-``python -m avrgym.vr.typescript`` writes ``client/src/messages.ts`` and one example of every message as
-Python encodes it, ``client/tests/messages.json``; ``--check`` writes nothing and fails when either is stale.
+``python -m avrgym.vr.typescript`` writes ``client/src/messages.ts`` from ``messages.py``, ``phases`` and the loop's
+constants, one example of every message as Python encodes it, ``client/tests/messages.json``, and
+``client/src/anatomy.ts`` from what ``vr.tracking`` solves bodies with; ``--check`` writes nothing and fails when one is
+stale.
 """
 
 import argparse
@@ -12,10 +14,13 @@ from types import UnionType
 from typing import Any, get_args
 
 import msgspec
+import numpy as np
 from msgspec import inspect
 
-from avrgym.vr.protocol import messages
+from avrgym.models import human
+from avrgym.vr.protocol import messages, webxr
 from avrgym.vr.session.phases import where
+from avrgym.vr.tracking import arm, body
 from avrgym.vr.tracking.frames import STALE_S
 from avrgym.vr.tracking.world import TICK_S
 
@@ -46,6 +51,8 @@ UNIONS = {
     "ExperimenterMessage": messages.ExperimenterMessage,
     "ServerMessage": messages.ServerMessage,
 }
+
+PARTS_OF_MESSAGES = (messages.XRPose, messages.Skeleton)
 
 CONSTANTS = {"PROTOCOL": messages.PROTOCOL, "STALE_S": STALE_S, "TICK_S": TICK_S}
 PHASE_FLAGS = ("moves", "can_be_stopped", "awaits_ready", "can_choose_body")
@@ -90,12 +97,13 @@ def comment(cls: type) -> str:
 
 
 def struct_text(info: inspect.StructType) -> str:
-    """One struct: a tuple type where it is array-like, else an interface with its tag."""
+    """One struct: a tuple type where it is array-like, else an interface, with its tag if it has one."""
     fields = [(field.encode_name, type_name(field.type)) for field in info.fields]
     if info.array_like:
         items = ", ".join(f"{name}: {text}" for name, text in fields)
         return f"{comment(info.cls)}export type {info.cls.__name__} = [{items}];\n"
-    lines = [f"type: {json.dumps(info.tag)}", *(f"{name}: {text}" for name, text in fields)]
+    tagged = [f"type: {json.dumps(info.tag)}"] if info.tag else []
+    lines = [*tagged, *(f"{name}: {text}" for name, text in fields)]
     body = "".join(f"  {line};\n" for line in lines)
     return f"{comment(info.cls)}export interface {info.cls.__name__} {{\n{body}}}\n"
 
@@ -110,7 +118,7 @@ def generate() -> str:
     """The whole of ``messages.ts``."""
     parts = [HEADER, *(f"export const {name} = {value};\n" for name, value in CONSTANTS.items())]
     parts += [f"export type {name} = {type_text(info)};\n" for name, info in aliases()]
-    parts += [phases_text(), struct_text(struct_info(messages.XRPose))]
+    parts += [phases_text(), *(struct_text(struct_info(cls)) for cls in PARTS_OF_MESSAGES)]
     written: set[type] = set()
     for name, union in UNIONS.items():
         parts += [struct_text(struct_info(cls)) for cls in get_args(union) if cls not in written]
@@ -126,12 +134,64 @@ def phases_text() -> str:
     return f"export const PHASES_WHERE: Record<{flags}, readonly PhaseName[]> = {{\n{sets}}};\n"
 
 
+ANATOMY: dict[str, dict[str, object]] = {
+    "ARM": {
+        "lower_rad": arm.LOWER,
+        "upper_rad": arm.UPPER,
+        "most_turn_rad": arm.MAX_TURN_RAD,
+        "detour_rad": arm.DETOUR_RAD,
+        "stretched": arm.STRETCHED,
+        "pole_rad": arm.POLE_RAD,
+        "swivel_step_rad": arm.SWIVEL_STEP_RAD,
+        "outside": arm.OUTSIDE,
+        "stay": arm.STAY,
+        "ease": arm.EASE,
+        "at_ease_rad": arm.AT_EASE_RAD,
+        "lift": arm.LIFT,
+        "elbow_rests": arm.ELBOW_RESTS,
+        "least_squares_steps": arm.LEAST_SQUARES_STEPS,
+        "metres_per_radian": arm.METRES_PER_RADIAN,
+        "exact_rad": arm.EXACT_RAD,
+        "damping_m": arm.DAMPING_M,
+    },
+    "TRUNK": {
+        "waist_yaw_share": body.WAIST_YAW_SHARE,
+        "waist_ranges_rad": body.WAIST_RANGES_RAD,
+        "head_ranges_rad": body.HEAD_RANGES_RAD,
+    },
+    "DEVICES": {
+        "body_from_device_q": human.BODY_FROM_DEVICE_AXES,
+        "head_centre_from_headset": webxr.HEAD_CENTRE_FROM_HEADSET,
+        "hand_centre_from_wrist": webxr.HAND_CENTRE_FROM_WRIST,
+        "hand_from_wrist_q": webxr.HAND_FROM_WRIST_AXES,
+    },
+    "PERSON": {
+        "prefix": human.PREFIX,
+        "joints": {"waist": body.WAIST, "head": body.HEAD, **body.ARMS},
+    },
+}
+"""What the client solves the participant's own body with, as the server does; quaternions are w, x, y, z."""
+
+
+def anatomy() -> str:
+    """The whole of ``anatomy.ts``."""
+    return "\n".join([HEADER, *(facts_text(name, facts) for name, facts in ANATOMY.items())])
+
+
+def facts_text(name: str, facts: dict[str, object]) -> str:
+    """Facts as one constant, a line each."""
+    lines = "".join(
+        f"  {fact}: {json.dumps(value, default=np.ndarray.tolist)},\n" for fact, value in facts.items()
+    )
+    return f"export const {name} = {{\n{lines}}} as const;\n"
+
+
 def example(info: inspect.Type) -> Any:
     """A value of a type in plain data: numbers that are not whole, text that is not ASCII."""
     if isinstance(info, inspect.StructType):
         values = [example(field.type) for field in info.fields]
         named = {field.encode_name: value for field, value in zip(info.fields, values, strict=True)}
-        return values if info.array_like else {"type": info.tag, **named}
+        return values if info.array_like else {"type": info.tag, **named} if info.tag else named
     if isinstance(info, inspect.LiteralType):
         return info.values[0]
     if isinstance(info, inspect.TupleType):
@@ -165,6 +225,7 @@ def stale() -> dict[Path, str]:
     """The files that do not hold what they should, with what they should hold."""
     wanted = {
         CLIENT / "src/messages.ts": generate(),
+        CLIENT / "src/anatomy.ts": anatomy(),
         CLIENT / "tests/messages.json": generate_examples(),
     }
     return {

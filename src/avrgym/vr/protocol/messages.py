@@ -13,7 +13,7 @@ import msgspec
 from avrgym.models.human import Sex
 from avrgym.recording import records
 
-PROTOCOL = 6
+PROTOCOL = 7
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -21,6 +21,8 @@ Share = Annotated[float, msgspec.Meta(ge=-1, le=1)]
 Shares = tuple[Share, Share, Share]
 Modality = Literal["controller", "hand", "mouse", "none"]
 """What one hand is tracked with."""
+Part = Literal["head", "left", "right"]
+"""What of the body follows a tracked pose: head with trunk, or an arm."""
 
 
 class XRPose(msgspec.Struct, frozen=True, array_like=True):
@@ -28,6 +30,24 @@ class XRPose(msgspec.Struct, frozen=True, array_like=True):
 
     position: Vector3
     orientation: Quaternion
+
+
+class Skeleton(msgspec.Struct, frozen=True):
+    """A person's measures, metres: what joint angles and the poses of head and hands are computed from.
+
+    ``hips_pos_w`` and ``hips_q_w`` (w, x, y, z) are where the hips rest in the world; the waist is given in their
+    frame, neck (the head's joints) and right shoulder in the torso's. The head's centre lies so far above the neck.
+    """
+
+    hips_pos_w: Vector3
+    hips_q_w: Quaternion
+    waist: Vector3
+    neck: Vector3
+    head_centre_m: float
+    right_shoulder: Vector3
+    upper_arm_m: float
+    forearm_m: float
+    hand_m: float
 
 
 class Message(msgspec.Struct, frozen=True, tag_field="type", forbid_unknown_fields=True):
@@ -205,7 +225,8 @@ class Scene(Message, frozen=True, tag="scene"):
     to the root node as it is. ``bodies`` is the order of the poses in every following ``State``; those of
     ``marks`` spots on the person follow, of one radius and one colour (red, green, blue in 0..1).
     ``head_bodies`` are hidden from the participant's own eyes, which lie at ``eyes`` in the frame of the first
-    of them (x left, -y ahead, z up).
+    of them (x left, -y ahead, z up). ``skeleton`` is that of the participant's body, whose bodies' names begin with
+    ``person/``.
     """
 
     url: str
@@ -215,6 +236,7 @@ class Scene(Message, frozen=True, tag="scene"):
     mark_radius_m: float
     mark_rgb: Vector3
     eyes: Vector3
+    skeleton: Skeleton
     xr_from_world: XRPose
 
 
@@ -229,11 +251,16 @@ class State(Message, frozen=True, tag="state"):
 
     ``poses``: little-endian float32 (bodies + marks, 7): x, y, z, then w, x, y, z; world frame.
     ``tracking_sequence`` is the newest tracking frame that this state already follows, -1 before the first.
+    ``joint_targets``: little-endian float32, the angles (radians) that the person's joints are driven to for it.
+    ``held`` are the parts of the body that are not, and will not come, where they are tracked: something is in their
+    way, or they are not tracked. Their owner sees them where they are simulated.
     """
 
     sequence: int
     simulation_time_s: float
     tracking_sequence: int
+    joint_targets: bytes
+    held: list[Part]
     poses: bytes
 
 

@@ -1,4 +1,4 @@
-"""WebXR poses to the simulation's world and back: the only place where conventions change.
+"""WebXR poses to the simulation's world and back: the only place where conventions change on the server.
 
 WebXR's ``local-floor`` space is y up, x right, −z ahead, quaternions x, y, z, w. The world is z up,
 quaternions w, x, y, z; the person sits at its origin and faces −y.
@@ -82,10 +82,10 @@ def register(head: XRPose, head_centre_w: Array) -> Registration:
 
 def head_pose(registration: Registration, head: XRPose) -> Pose:
     """The centre of the head and the head's axes from the headset's pose."""
-    return _compose(registration.to_world(head), _HEAD_CENTRE_FROM_HEADSET, BODY_FROM_DEVICE_AXES)
+    return _compose(registration.to_world(head), HEAD_CENTRE_FROM_HEADSET, BODY_FROM_DEVICE_AXES)
 
 
-_HEAD_CENTRE_FROM_HEADSET = transforms.rotate(BODY_FROM_DEVICE_AXES, [0.0, HEADSET_AHEAD_M, 0.0])
+HEAD_CENTRE_FROM_HEADSET = transforms.rotate(BODY_FROM_DEVICE_AXES, [0.0, HEADSET_AHEAD_M, 0.0])
 
 
 def hand_pose(registration: Registration, grip: XRPose) -> Pose:
@@ -103,12 +103,12 @@ def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Litera
     Of a wrist −z points to the fingers and y out of the hand's back (WebXR Hand Input); our hand's −z points to the
     fingers too, and its x to the person's left, which is out of a hanging left hand's back.
     """
-    return _compose(registration.to_world(wrist), _HAND_CENTRE_FROM_WRIST, _HAND_FROM_WRIST_AXES[side])
+    return _compose(registration.to_world(wrist), HAND_CENTRE_FROM_WRIST, HAND_FROM_WRIST_AXES[side])
 
 
-_HAND_CENTRE_FROM_WRIST = np.array([0.0, 0.0, -WRIST_TO_HAND_M])
+HAND_CENTRE_FROM_WRIST = np.array([0.0, 0.0, -WRIST_TO_HAND_M])
 
-_HAND_FROM_WRIST_AXES = {
+HAND_FROM_WRIST_AXES = {
     side: transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(turn))
     for side, turn in (("left", 0.5 * np.pi), ("right", -0.5 * np.pi))
 }

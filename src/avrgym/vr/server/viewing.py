@@ -144,6 +144,8 @@ class Viewing:
                 sequence=self._ticks,
                 simulation_time_s=self._ticks * TICK_S,
                 tracking_sequence=-1,
+                joint_targets=b"",
+                held=[],
                 poses=poses(self._episodes),
             )
         )

@@ -6,6 +6,8 @@ from avrgym.vr.protocol.messages import Send
 from avrgym.vr.session.attempt import Attempt
 from avrgym.vr.session.feedback import ArmTouch
 from avrgym.vr.tracking.driving import Driver, Operator
+from avrgym.vr.tracking.held_back import HeldBack
+from avrgym.vr.tracking.jumps import PARTS
 from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import TICK_S, ControlStep, LiveWorld
 
@@ -31,8 +33,8 @@ class Reporter:
         """Whether those who watch should hear how things stand."""
         return self._ticks % STATUS_EVERY_TICKS == 0
 
-    def tick(self, world: LiveWorld, followed: int, step: ControlStep | None) -> None:
-        """Tell of the world after a tick, in which the body followed a tracking frame of this number.
+    def tick(self, world: LiveWorld, tracking: TrackingState, step: ControlStep | None) -> None:
+        """Tell of the world after a tick, in which the body followed the tracking.
 
         A tick that ends a control step has evaluated it, which takes long enough: a state that is due then goes out
         with the next tick, and from there on they take turns.
@@ -40,12 +42,24 @@ class Reporter:
         self._ticks += 1
         if world is not self._world:
             self._world, self._touch = world, ArmTouch(world.simulation)
+            self._held_back = HeldBack(world.simulation, world.skeleton)
         if self._ticks % SUBSTEPS == 0:
             self._touched = self._touch.sides()
         self._tell_feedback(step)
         if step is None and self._ticks >= self._state_due:
             self._state_due = self._ticks + STATE_EVERY_TICKS
-            self._send(messages.State(self._ticks, self._ticks * TICK_S, followed, world.body_poses()))
+            self._send(self._state(world, tracking))
+
+    def _state(self, world: LiveWorld, tracking: TrackingState) -> messages.State:
+        held = {*tracking.held, *self._held_back.now()}
+        return messages.State(
+            sequence=self._ticks,
+            simulation_time_s=self._ticks * TICK_S,
+            tracking_sequence=tracking.followed,
+            joint_targets=world.joint_targets_rad.astype("<f4").tobytes(),
+            held=[part for part in PARTS if part in held],
+            poses=world.body_poses(),
+        )
 
     def _tell_feedback(self, step: ControlStep | None) -> None:
         """Touches that begin or end, and what chimes."""

@@ -278,7 +278,7 @@ class Session:
 
     def _report(self, step: ControlStep | None) -> None:
         state = self._state
-        self._reporter.tick(self.world, state.tracking.followed, step)
+        self._reporter.tick(self.world, state.tracking, step)
         if self._reporter.status_is_due:
             standing = self._message, self.attempt, self.world, state.tracking, state.now_s
             steps, paused = state.plan.trial_steps, state.on_hold

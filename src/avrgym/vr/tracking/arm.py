@@ -28,14 +28,16 @@ Array = NDArray[np.float64]
 
 ARM_PARTS = ("shoulder_y", "shoulder_x", "shoulder_z", "elbow_x", "forearm_z", "wrist_x", "wrist_y")
 _RIGHT = [JOINT_INDEX[f"right_{part}"] for part in ARM_PARTS]
-_LOWER, _UPPER = LOWER_RAD[_RIGHT], UPPER_RAD[_RIGHT]
-_FIRST, _LAST = (extreme(_LOWER + np.pi, _UPPER - np.pi) for extreme in (np.minimum, np.maximum))
+LOWER, UPPER = LOWER_RAD[_RIGHT], UPPER_RAD[_RIGHT]
+_FIRST, _LAST = (extreme(LOWER + np.pi, UPPER - np.pi) for extreme in (np.minimum, np.maximum))
 """Around angles between these, half a turn either way lies in the joint's range or covers it."""
 
 MAX_TURN_RAD = 0.0999
-"""How far a joint turns at most in one solution."""
+"""How far a joint turns at most in one tick."""
 DETOUR_RAD = 1.2
 """From an aim farther than this the hand may stray on the way: none of the joints' ways there keeps it in place."""
+STRETCHED = 1.0 - 1e-9
+"""How far arms reach, as a share of their lengths: wholly straight, rounding alone would bend the elbow or not."""
 POLE_RAD = 0.006
 """How near straight ahead an upper arm's direction need not be followed exactly: 3 mm for an arm of half a metre."""
 SWIVEL_STEP_RAD = np.radians(5.0)
@@ -79,22 +81,25 @@ class ArmSolver:
         self._hand = self._model.site(f"{human.PREFIX}right_hand_centre").id
         self._jacobian = np.zeros((6, self._model.nv))
 
-    def solve(self, hand_pos: Array, hand_axes: Array, start_rad: Array) -> Array:
+    def solve(
+        self, hand_pos: Array, hand_axes: Array, start_rad: Array, turn_rad: float = MAX_TURN_RAD
+    ) -> Array:
         """Angles (A, 7) of the joints ``ARM_PARTS`` that bring the hands of A arms to their poses.
 
         Args:
             hand_pos: the hands' centres (A, 3), metres; what is out of reach is reached for.
             hand_axes: the hands' axes (A, 3, 3) as columns.
-            start_rad: the present angles (A, 7); no joint turns by 0.1 rad from them.
+            start_rad: the present angles (A, 7).
+            turn_rad: how far a joint turns from them at most.
         """
         hand_pos = _within_reach(self._lengths, hand_pos, hand_axes)
         aim = comfortable_angles(self._lengths, hand_pos, hand_axes, start_rad)
         lower, upper = (
-            np.maximum(_LOWER, start_rad - MAX_TURN_RAD),
-            np.minimum(_UPPER, start_rad + MAX_TURN_RAD),
+            np.maximum(LOWER, start_rad - turn_rad),
+            np.minimum(UPPER, start_rad + turn_rad),
         )
         angles = _clipped(aim, lower, upper)
-        way = np.abs(_clipped(aim, _LOWER, _UPPER) - start_rad).max(axis=1)
+        way = np.abs(_clipped(aim, LOWER, UPPER) - start_rad).max(axis=1)
         short = (way < DETOUR_RAD) & (np.abs(angles - aim).max(axis=1) > EXACT_RAD)
         for arm in np.flatnonzero(short):
             for _ in range(LEAST_SQUARES_STEPS):
@@ -123,7 +128,8 @@ class ArmSolver:
 LEAST_SQUARES_STEPS = 2
 METRES_PER_RADIAN = 0.15
 EXACT_RAD = 1e-6
-_DAMPING = 0.02**2 * np.eye(6)
+DAMPING_M = 0.02
+_DAMPING = DAMPING_M**2 * np.eye(6)
 
 
 def _turn(from_axes: Array, target_axes: Array) -> Array:
@@ -142,10 +148,11 @@ def _within_reach(lengths: ArmLengths, hand_pos: Array, hand_axes: Array) -> Arr
     distance_m = np.maximum(transforms.norm(wrist), 1e-6)
     upper, fore = lengths.upper_m, lengths.fore_m
     nearest_m = sqrt(upper**2 + fore**2 + 2.0 * upper * fore * _COS_MOST_BENT)
-    return wrist * (_clipped(distance_m, nearest_m, upper + fore) / distance_m)[:, None] - to_wrist
+    farthest_m = STRETCHED * (upper + fore)
+    return wrist * (_clipped(distance_m, nearest_m, farthest_m) / distance_m)[:, None] - to_wrist
 
 
-_COS_MOST_BENT = cos(_LOWER[ARM_PARTS.index("elbow_x")])
+_COS_MOST_BENT = cos(LOWER[ARM_PARTS.index("elbow_x")])
 
 
 def comfortable_angles(lengths: ArmLengths, hand_pos: Array, hand_axes: Array, start_rad: Array) -> Array:
@@ -294,13 +301,13 @@ def _costs(angles: Array, rests: Array, start_rad: Array) -> Array:
     That it moves and that it is not at ease are both squares about a place for each joint. Together they are, but
     for a constant, one square about the mean of the two places.
     """
-    outside = angles - _clipped(angles, _per_arm(_LOWER[None]), _per_arm(_UPPER[None]))
-    away = angles - _per_arm((STAY * start_rad + _EASE * AT_EASE_RAD) / (STAY + _EASE))
-    squares = OUTSIDE * (outside * outside) + _per_arm((STAY + _EASE)[None]) * (away * away)
+    outside = angles - _clipped(angles, _per_arm(LOWER[None]), _per_arm(UPPER[None]))
+    away = angles - _per_arm((STAY * start_rad + EASE * AT_EASE_RAD) / (STAY + EASE))
+    squares = OUTSIDE * (outside * outside) + _per_arm((STAY + EASE)[None]) * (away * away)
     return squares.sum(axis=0).transpose(1, 0, 2) + LIFT * rests[:, None]
 
 
-_EASE = np.array([SHOULDER_Y, 0.0, SHOULDER_Z, 0.0, FOREARM, WRIST, WRIST])
+EASE = np.array([SHOULDER_Y, 0.0, SHOULDER_Z, 0.0, FOREARM, WRIST, WRIST])
 
 
 def _vertex(costs: Array, lowest: int) -> float:

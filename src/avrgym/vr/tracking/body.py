@@ -2,29 +2,28 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import atan2, cos, radians
+from math import atan2, cos, radians, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, SEATED, UPPER_RAD, Person, Posture, Sex
-from avrgym.vr.protocol import axes
+from avrgym.vr.protocol import axes, messages
 from avrgym.vr.protocol.webxr import Pose
-from avrgym.vr.tracking.arm import ARM_PARTS, ArmSolver
+from avrgym.vr.tracking.arm import ARM_PARTS, MAX_TURN_RAD, ArmLengths, ArmSolver
 
 Array = NDArray[np.float64]
 
 WAIST_YAW_SHARE = 0.3
 """The share of the head's yaw that the waist takes over (paper, section III)."""
 
-_WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
-_HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
-_WAIST_RANGES_RAD, _HEAD_RANGES_RAD = (
-    list(zip(LOWER_RAD[joints].tolist(), UPPER_RAD[joints].tolist(), strict=True))
-    for joints in (_WAIST, _HEAD)
+WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
+HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
+WAIST_RANGES_RAD, HEAD_RANGES_RAD = (
+    list(zip(LOWER_RAD[joints].tolist(), UPPER_RAD[joints].tolist(), strict=True)) for joints in (WAIST, HEAD)
 )
-_ARMS = {side: [JOINT_INDEX[f"{side}_{part}"] for part in ARM_PARTS] for side in ("right", "left")}
+ARMS = {side: [JOINT_INDEX[f"{side}_{part}"] for part in ARM_PARTS] for side in ("right", "left")}
 
 
 @dataclass(frozen=True)
@@ -45,6 +44,28 @@ def resting_head_centre(person: Person, posture: Posture) -> Array:
 def hips_frame(person: Person, posture: Posture) -> tuple[Array, Array]:
     """Where the hips are in the world: their origin (3,) and their axes (3, 3) as columns."""
     return _hips_frame(person.sex, posture)
+
+
+def skeleton(person: Person, posture: Posture) -> messages.Skeleton:
+    """What a client needs to know of a person to solve their body as ``BodySolver`` does."""
+    frames = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]), posture)
+    lengths = ArmLengths.of(person)
+    hips, waist, neck, shoulder = (
+        (float(x), float(y), float(z))
+        for x, y, z in (frames.body_pos[name][0] for name in ("hips", "torso", "head", "right_upper_arm"))
+    )
+    half_turn = 0.5 * radians(posture.hips_deg)
+    return messages.Skeleton(
+        hips_pos_w=hips,
+        hips_q_w=(cos(half_turn), sin(half_turn), 0.0, 0.0),
+        waist=waist,
+        neck=neck,
+        head_centre_m=float(frames.site_pos["head_centre"][0, 2]),
+        right_shoulder=shoulder,
+        upper_arm_m=lengths.upper_m,
+        forearm_m=lengths.fore_m,
+        hand_m=lengths.hand_m,
+    )
 
 
 @lru_cache
@@ -73,10 +94,10 @@ def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> Array
     z -= p.waist_rise * scale
     a = -atan2(y, z)
     b = atan2(x * cos(a), z)
-    a, b, _ = _limited(_WAIST_RANGES_RAD, (a, b, 0.0))
+    a, b, _ = _limited(WAIST_RANGES_RAD, (a, b, 0.0))
     yaw = WAIST_YAW_SHARE * axes.xyz_of(axes.of_xyz(a, b, 0.0).T @ head_axes)[2]
-    waist = _limited(_WAIST_RANGES_RAD, (a, b, yaw))
-    return np.array([*waist, *_limited(_HEAD_RANGES_RAD, axes.xyz_of(axes.of_xyz(*waist).T @ head_axes))])
+    waist = _limited(WAIST_RANGES_RAD, (a, b, yaw))
+    return np.array([*waist, *_limited(HEAD_RANGES_RAD, axes.xyz_of(axes.of_xyz(*waist).T @ head_axes))])
 
 
 def _limited(
@@ -114,10 +135,10 @@ class BodySolver:
         self._arm = ArmSolver(person)
         self._known: tuple[BodyPose, _Aim] | None = None
 
-    def solve(self, pose: BodyPose, start_rad: Array) -> Array:
+    def solve(self, pose: BodyPose, start_rad: Array, turn_rad: float = MAX_TURN_RAD) -> Array:
         """Joint angles (20,) within their ranges that bring head and hands to ``pose``.
 
-        Waist and head follow at once; arms turn by less than 0.1 rad per joint, from ``start_rad`` (20,), so
+        Waist and head follow at once; joints of arms turn from ``start_rad`` (20,) by ``turn_rad`` at most, so
         that no single frame makes them jump. A hand that is not tracked keeps its arm's angles. To go on towards
         the same pose takes less time.
         """
@@ -125,10 +146,10 @@ class BodySolver:
             self._known = pose, self._aim(pose)
         aim = self._known[1]
         angles = np.array(start_rad, float)
-        angles[_WAIST + _HEAD] = aim.torso_rad
+        angles[WAIST + HEAD] = aim.torso_rad
         if aim.arms:
             start = aim.reflect * angles[aim.arms]
-            angles[aim.arms] = aim.reflect * self._arm.solve(aim.hand_pos, aim.hand_axes, start)
+            angles[aim.arms] = aim.reflect * self._arm.solve(aim.hand_pos, aim.hand_axes, start, turn_rad)
         return angles
 
     def _aim(self, pose: BodyPose) -> _Aim:
@@ -143,7 +164,7 @@ class BodySolver:
         reflect = np.array([_REFLECT[side] for side in hands]).reshape(-1, 3)
         return _Aim(
             torso_rad,
-            [_ARMS[side] for side in hands],
+            [ARMS[side] for side in hands],
             reflect * pos_t - self._shoulder_t,
             reflect[:, :, None] * reflect[:, None] * (torso_axes_w.T @ axes_w),
             np.where(_ABOUT_X, 1.0, reflect[:, :1]),

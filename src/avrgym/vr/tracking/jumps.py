@@ -5,11 +5,11 @@ does a limb that was not tracked and is found elsewhere.
 """
 
 from math import acos, dist, hypot
-from typing import Literal, get_args
+from typing import get_args
 
 import msgspec
 
-from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.protocol.messages import Part, Tracking, XRPose
 from avrgym.vr.tracking.world import TICK_S
 
 FASTEST_M_S, FASTEST_RAD_S = 10.0, 30.0
@@ -21,7 +21,6 @@ ABSENT_S = 0.2
 RETURN_SHARE = 0.025
 """The share of the fastest speeds at which the body returns to a pose that it did not follow: 0.25 m/s, 0.75 rad/s."""
 
-Part = Literal["head", "left", "right"]
 PARTS: tuple[Part, ...] = get_args(Part)
 
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from avrgym.models.human import SEATED, Person, Posture
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import XRPose
+from avrgym.vr.protocol.messages import Part, XRPose
 from avrgym.vr.protocol.webxr import Registration, register
 from avrgym.vr.tracking.body import BodyPose, resting_head_centre
 from avrgym.vr.tracking.frames import Frame, TrackingFeed, body_pose
-from avrgym.vr.tracking.jumps import Limbs, Part
+from avrgym.vr.tracking.jumps import PARTS, Limbs
 from avrgym.vr.tracking.world import LiveWorld
 
 
@@ -62,6 +62,12 @@ class TrackingState:
     def followed(self) -> int:
         """The number of the newest tracking frame that moved the body, -1 before the first."""
         return -1 if self._followed is None else self._followed.tracking.sequence
+
+    @property
+    def held(self) -> tuple[Part, ...]:
+        """The parts of the body that do not follow what is tracked."""
+        follows = self._followed is not None and self.registration is not None and not self.lost
+        return self._limbs.held if follows else PARTS
 
     @property
     def modalities(self) -> tuple[messages.Modality, messages.Modality]:

@@ -18,7 +18,7 @@ from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.task import Task
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.tracking.body import BodyPose, BodySolver
+from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 from avrgym.vr.tracking.driving import Driver
 
 Array = NDArray[np.float64]
@@ -237,6 +237,11 @@ class LiveWorld:
         """The simulator's integration state."""
         return self._episodes.simulation.integration_state()
 
+    @property
+    def skeleton(self) -> messages.Skeleton:
+        """The person's measures."""
+        return skeleton(self.person, self._episodes.scene.posture)
+
     def body_poses(self) -> bytes:
         """Poses of ``bodies`` and marks as the protocol's ``State`` wants them."""
         return poses(self._episodes)
@@ -259,6 +264,7 @@ def scene_message(number: int, episodes: Episodes, registration: Registration) -
         mark_radius_m=marks.radius_m if marks else 0.0,
         mark_rgb=marks.rgb if marks else (0.0, 0.0, 0.0),
         eyes=(float(head_centre[0]), float(head_centre[1]) - human.HEADSET_AHEAD_M, float(head_centre[2])),
+        skeleton=skeleton(people.person(0), episodes.scene.posture),
         xr_from_world=registration.xr_from_world(),
     )
 
