@@ -62,7 +62,7 @@ function withinReach({ upper, fore, hand }: ArmLengths, { position, axes }: Hand
   const wrist = plus(position, axis(axes, 2), hand);
   const distance = Math.max(Math.hypot(...wrist), 1e-6);
   const nearest = Math.sqrt(upper ** 2 + fore ** 2 + 2 * upper * fore * Math.cos(ARM.lower_rad[ELBOW]!));
-  const share = clip(distance, nearest, ARM.stretched * (upper + fore)) / distance;
+  const share = clip(distance, nearest / ARM.reached, ARM.reached * (upper + fore)) / distance;
   return plus([share * wrist[0], share * wrist[1], share * wrist[2]], axis(axes, 2), -hand);
 }
 

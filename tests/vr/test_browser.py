@@ -5,23 +5,26 @@ The emulated headset proves logic and protocol; frame rates are never asserted.
 
 import io
 import operator
+import threading
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from PIL import Image
 
 from avrgym.geometry import transforms
-from avrgym.models import human
+from avrgym.models import human, robot
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.recording.files import read_recording
 from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.vr.emulation.headset import EmulatedHeadset
 from avrgym.vr.protocol.messages import Tracking
-from avrgym.vr.protocol.webxr import Registration, hand_pose, head_pose
+from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
+from avrgym.vr.session.session import Session
 from journey import Journey, await_that
 
 pytestmark = pytest.mark.usefixtures("unhurried")
@@ -102,6 +105,97 @@ def test_the_same_person_is_as_tall_on_any_chair(tmp_path: Path, seat_height_m: 
     kept = read_recording(tmp_path / "trial-01_attempt-1.mcap").metadata
     assert kept["furniture"]["seat_height_m"] == seat_height_m
     assert kept["goal"] == "Eat the food from the spoon."
+
+
+NEAR_M, NEAR_DEG = 0.01, 3.0
+STEP_M = 0.03
+
+
+def test_own_hands_are_drawn_in_the_frame_of_their_pose_and_held_by_the_robot(tmp_path: Path) -> None:
+    """Even while the server stands still; but where the robot is in the way, a hand is drawn where it touches."""
+    trial = TrialPlan("avrgym/FeedingJaco-v1", "revised", seed=3, practice=False)
+    plan = SessionPlan([trial], "woman", 600.0, simulated=True, trial_steps=1)
+    with ExitStack() as opened:
+        journey = Journey(tmp_path, plan, load_policies(plan), opened)
+        journey.enter()
+        journey.be_seated()
+        journey.await_phase("free_before")
+        await_that(lambda: OwnHand(journey).drawn_off_m < NEAR_M)
+
+        with standing_still(journey.session):
+            for share in np.linspace(0.2, 1.0, 5):
+                angles = human.SEATED_RAD + share * (REACHING_RAD - human.SEATED_RAD)
+                journey.headset.set_poses(journey.participant.frame_of(angles, 0.0))
+                journey.headset.await_frames(1)
+                hand = OwnHand(journey)
+                assert hand.drawn_off_m < NEAR_M
+                assert hand.drawn_off_deg < NEAR_DEG
+            assert hand.simulated_off_m > 10.0 * NEAR_M
+
+        frame = journey.participant.frame_of(REACHING_RAD, 0.0)
+        assert frame.right is not None
+        registration = journey.session.registration
+        assert registration is not None
+        start_w = hand_pose(registration, frame.right).pos_w
+        goal_w = nearest_of_robot(journey, start_w)
+        way = np.linspace(start_w, goal_w, 2 + int(np.linalg.norm(goal_w - start_w) / STEP_M))
+        for place_w in way:
+            grip = grip_from_hand(registration, Pose(place_w, hand_pose(registration, frame.right).q_w))
+            journey.headset.set_poses(msgspec.structs.replace(frame, right=grip))
+            journey.headset.await_frames(2)
+        await_that(lambda: OwnHand(journey).held)
+        journey.headset.set_poses(frame)
+        await_that(lambda: OwnHand(journey).drawn_off_m < NEAR_M)
+
+
+@contextmanager
+def standing_still(session: Session) -> Iterator[None]:
+    """The session does not tick meanwhile."""
+    going_on, tick = threading.Event(), session.tick
+
+    def wait_and_tick(now_s: float) -> None:
+        going_on.wait()
+        tick(now_s)
+
+    session.tick = wait_and_tick
+    try:
+        yield
+    finally:
+        going_on.set()
+        session.tick = tick
+
+
+class OwnHand:
+    """The right hand in the frame that the page drew last: how far it is drawn, and simulated, from its controller."""
+
+    def __init__(self, journey: Journey) -> None:
+        own, self._session = journey.headset.call("ownBody"), journey.session
+        tracked = own["tracked"]["right"]
+        drawn_w, drawn_q = self._hand(own["drawn"])
+        simulated_w, _ = self._hand(own["simulated"])
+        self.drawn_off_m = float(np.linalg.norm(drawn_w - tracked["position"]))
+        self.drawn_off_deg = float(np.degrees(transforms.angle_between(drawn_q, np.array(tracked["q"]))))
+        self.simulated_off_m = float(np.linalg.norm(simulated_w - tracked["position"]))
+        self.drawn_from_simulated_m = float(np.linalg.norm(drawn_w - simulated_w))
+
+    @property
+    def held(self) -> bool:
+        """Whether it is drawn where it is simulated, farther from its controller than hands are in free movement."""
+        return self.drawn_from_simulated_m < NEAR_M < self.drawn_off_m - NEAR_M
+
+    def _hand(self, poses: list[float]) -> tuple[np.ndarray, np.ndarray]:
+        name = human.PREFIX + "right_hand"
+        pose = np.reshape(poses, (-1, 7))[self._session.bodies.index(name)]
+        centre = [0.0, 0.0, -self._session.world.skeleton.hand_m]
+        return pose[:3] + transforms.rotate(pose[3:], centre), pose[3:]
+
+
+def nearest_of_robot(journey: Journey, place_w: np.ndarray) -> np.ndarray:
+    """Where the body of the robot is that is nearest to a place."""
+    poses = np.reshape(journey.headset.call("lastState")["poses"], (-1, 7))
+    bodies = journey.session.bodies
+    places = [pose[:3] for name, pose in zip(bodies, poses, strict=False) if name.startswith(robot.PREFIX)]
+    return min(places, key=lambda pos_w: float(np.linalg.norm(pos_w - place_w)))
 
 
 def errors(journey: Journey, registration: Registration, frame: Tracking) -> tuple[float, float, float]:

@@ -140,7 +140,7 @@ ANATOMY: dict[str, dict[str, object]] = {
         "upper_rad": arm.UPPER,
         "most_turn_rad": arm.MAX_TURN_RAD,
         "detour_rad": arm.DETOUR_RAD,
-        "stretched": arm.STRETCHED,
+        "reached": arm.REACHED,
         "pole_rad": arm.POLE_RAD,
         "swivel_step_rad": arm.SWIVEL_STEP_RAD,
         "outside": arm.OUTSIDE,

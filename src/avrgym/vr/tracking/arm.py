@@ -36,8 +36,8 @@ MAX_TURN_RAD = 0.0999
 """How far a joint turns at most in one tick."""
 DETOUR_RAD = 1.2
 """From an aim farther than this the hand may stray on the way: none of the joints' ways there keeps it in place."""
-STRETCHED = 1.0 - 1e-9
-"""How far arms reach, as a share of their lengths: wholly straight, rounding alone would bend the elbow or not."""
+REACHED = 1.0 - 1e-9
+"""How nearly a wrist comes as far, or as near, as its elbow lets it: just there, rounding alone bends the elbow."""
 POLE_RAD = 0.006
 """How near straight ahead an upper arm's direction need not be followed exactly: 3 mm for an arm of half a metre."""
 SWIVEL_STEP_RAD = np.radians(5.0)
@@ -148,8 +148,8 @@ def _within_reach(lengths: ArmLengths, hand_pos: Array, hand_axes: Array) -> Arr
     distance_m = np.maximum(transforms.norm(wrist), 1e-6)
     upper, fore = lengths.upper_m, lengths.fore_m
     nearest_m = sqrt(upper**2 + fore**2 + 2.0 * upper * fore * _COS_MOST_BENT)
-    farthest_m = STRETCHED * (upper + fore)
-    return wrist * (_clipped(distance_m, nearest_m, farthest_m) / distance_m)[:, None] - to_wrist
+    within_m = _clipped(distance_m, nearest_m / REACHED, REACHED * (upper + fore))
+    return wrist * (within_m / distance_m)[:, None] - to_wrist
 
 
 _COS_MOST_BENT = cos(LOWER[ARM_PARTS.index("elbow_x")])
