@@ -4,6 +4,7 @@ import { fetchBytes } from "./fetching";
 import { FlatPlay } from "./flatplay";
 import { Immersive } from "./immersive";
 import type { Outgoing } from "./codec";
+import { LatencyMeter } from "./latency";
 import type { Body, Phase, Scene, ServerMessage, State, Welcome } from "./messages";
 import { Page, isStopKey } from "./page";
 import { Panel } from "./panel";
@@ -35,6 +36,7 @@ export class App {
   private readonly session: ImmersiveSession;
   private readonly connection: Connection;
   private readonly flat: FlatPlay;
+  private readonly latency: LatencyMeter;
   private readonly senses: Senses;
   private readonly watching: Watching | null;
   private welcome: Welcome | null = null;
@@ -69,6 +71,7 @@ export class App {
       link: (link, reason) => this.linked(link, reason),
     });
     this.immersive = new Immersive(this.panel, this.connection, (eyes) => this.world.around(eyes));
+    this.latency = new LatencyMeter((sequence) => this.immersive.numbering.timesOf(sequence));
     this.session = new ImmersiveSession(this.view.renderer, {
       entered: () => this.entered(),
       left: () => this.left(),
@@ -139,6 +142,7 @@ export class App {
 
   private receive(message: ServerMessage): void {
     if (message.type === "state") return this.stateCame(message);
+    if (message.type === "passed") return this.latency.announce(message);
     if (message.type === "feedback") return this.senses.take(message);
     if (message.type === "status") return this.watching?.statusCame(message);
     if (message.type === "timing") return this.watching?.timingCame(message);
@@ -166,8 +170,10 @@ export class App {
   }
 
   private stateCame(state: State): void {
+    const nowMs = performance.now();
     this.statesReceived++;
-    if (this.world.push(state, performance.now())) this.lastState = state;
+    if (this.world.push(state, nowMs)) this.lastState = state;
+    this.latency.stateCame(state, nowMs);
   }
 
   private async sceneCame(scene: Scene): Promise<void> {
@@ -316,6 +322,14 @@ export class App {
     } else this.updateWorld(timeMs, this.flat.playing ? this.flat.poses : null);
     if (this.watching?.fromInside && !this.presenting) this.watching.follow(this.lastState, this.world.root);
     this.view.render();
+    this.tellLatency(timeMs);
+  }
+
+  private tellLatency(timeMs: number): void {
+    const nowMs = performance.now();
+    this.latency.pictureDrawn(this.world.drawnTimeS(timeMs), nowMs);
+    const latency = this.takesPart ? this.latency.take(nowMs) : null;
+    if (latency) this.send(latency);
   }
 
   private updateWorld(timeMs: number, poses: Poses | null): void {

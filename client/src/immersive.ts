@@ -55,7 +55,7 @@ export class Immersive {
   /** Sends poses, unless earlier ones still wait. */
   track(poses: Poses, timeMs: number): void {
     if (!this.connection.connected || this.connection.backlog > BACKLOG_LIMIT_BYTES) return;
-    if (this.throttle.pass(timeMs)) this.connection.send(this.numbering.next(poses, timeMs));
+    if (this.throttle.pass(timeMs)) this.connection.send(this.numbering.next(poses, timeMs, performance.now()));
   }
 
   private placePanel(viewer: XRViewerPose | undefined): void {

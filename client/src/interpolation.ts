@@ -47,9 +47,14 @@ export class StateBuffer {
     return true;
   }
 
+  /** The simulation time that is drawn at local time `nowS`. */
+  drawnTimeS(nowS: number): number {
+    return nowS + this.clockS - DELAY_S;
+  }
+
   /** The world to draw at local time `nowS`, into `out` (bodies × 7); false before the first state. */
   drawn(nowS: number, out: Float32Array): boolean {
-    return this.sample(nowS + this.clockS - DELAY_S, out);
+    return this.sample(this.drawnTimeS(nowS), out);
   }
 
   /** The world at a simulation time; outside the buffer, its nearest state. */

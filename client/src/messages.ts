@@ -1,10 +1,12 @@
 // Written by `python -m avrgym.vr.typescript` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 7;
+export const PROTOCOL = 8;
 
 export const STALE_S = 0.2;
 
 export const TICK_S = 0.01;
+
+export const STAGE_WORDS = {"sample_ms": "pose", "up_ms": "up", "simulate_ms": "simulation", "send_ms": "sending", "down_ms": "down", "draw_ms": "drawing"};
 
 export type Sex = "man" | "woman";
 
@@ -48,6 +50,14 @@ export interface Skeleton {
   upper_arm_m: number;
   forearm_m: number;
   hand_m: number;
+}
+
+/** How long a stage on the way from poses to pictures takes, percentiles in milliseconds. */
+export interface StageLatency {
+  stage: string;
+  p50: number;
+  p95: number;
+  p99: number;
 }
 
 /** The first message of a connection. The token is the one in the fragment of the page's address. */
@@ -125,7 +135,19 @@ export interface ChooseBody {
   skin_tone: string;
 }
 
-export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer | ChooseBody;
+/** How long the frames of the last second took from pose to picture. */
+export interface Latency {
+  type: "latency";
+  sequence: number[];
+  sample_ms: number[];
+  up_ms: number[];
+  simulate_ms: number[];
+  send_ms: number[];
+  down_ms: number[];
+  draw_ms: number[];
+}
+
+export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer | ChooseBody | Latency;
 
 /** What the experimenter wants of the session.
  *
@@ -209,6 +231,17 @@ export interface Upcoming {
   url: string;
 }
 
+/** When a tracking frame passed the server, in seconds of its clock; the state that follows it comes next.
+ *
+ * When it was received, when that state was handed out, and when it is sent. */
+export interface Passed {
+  type: "passed";
+  tracking_sequence: number;
+  received_s: number;
+  simulated_s: number;
+  sent_s: number;
+}
+
 /** The world at one instant.
  *
  * `poses`: little-endian float32 (bodies + marks, 7): x, y, z, then w, x, y, z; world frame.
@@ -280,7 +313,8 @@ export interface Feedback {
  * `force_share` how much of that; empty and 0 where none bears anything. `draws_back`: the force guard moves the
  * robot. `tracking_age_s` is the time since the newest usable frame. `operated`: in this trial the experimenter
  * drives; `idle`: the robot holds still for want of an action. `held_because`: the answer for which a stop rule
- * paused the session, empty where none did. */
+ * paused the session, empty where none did. `latency`: how late pictures were in the last seconds of
+ * which the client told, from pose to picture as `total_ms` and by stage. */
 export interface Status {
   type: "status";
   phase: PhaseName;
@@ -305,6 +339,7 @@ export interface Status {
   right_modality: Modality;
   operated: boolean;
   idle: boolean;
+  latency: StageLatency[];
 }
 
 /** What the last second's ticks of 10 ms took, for those who watch; ticks given up since the beginning. */
@@ -315,4 +350,4 @@ export interface Timing {
   missed_ticks: number;
 }
 
-export type ServerMessage = Welcome | Body | Scene | Upcoming | State | Phase | Question | Problem | Feedback | Status | Timing;
+export type ServerMessage = Welcome | Body | Scene | Upcoming | Passed | State | Phase | Question | Problem | Feedback | Status | Timing;

@@ -33,7 +33,7 @@ export class OwnBody {
 
   /** What the newest state says of the participant's body. */
   take({ joint_targets: targets, held }: State): void {
-    this.targets = Float64Array.from(new Float32Array(targets.slice().buffer));
+    this.targets = targets.length ? Float64Array.from(new Float32Array(targets.slice().buffer)) : null;
     this.held = new Set(held);
   }
 

@@ -1,4 +1,4 @@
-import { STALE_S, TICK_S, type Status, type Timing } from "./messages";
+import { STAGE_WORDS, STALE_S, TICK_S, type Status, type Timing } from "./messages";
 
 /** What each line about a session says, by the id of its element. */
 export function statusWords(status: Status): Record<string, string> {
@@ -12,6 +12,7 @@ export function statusWords(status: Status): Record<string, string> {
     "watch-force": `${status.force_on_person_n.toFixed(1)} N`,
     "watch-limit": limitWords(status),
     "watch-tracking": trackingWords(status),
+    "watch-latency": latencyWords(status),
     "watch-height": `${(100 * status.torso_height_m).toFixed(1)} cm`,
   };
 }
@@ -30,6 +31,16 @@ function trackingWords({ tracking_age_s, left_modality, right_modality }: Status
   if (tracking_age_s > STALE_S) return `lost for ${tracking_age_s.toFixed(1)} s, the person is held`;
   const hands = left_modality === right_modality ? left_modality : `left ${left_modality}, right ${right_modality}`;
   return `${(1000 * tracking_age_s).toFixed(0)} ms old, ${hands}`;
+}
+
+/** From pose to picture, the half and all but one in twenty; then the halves of its stages. */
+function latencyWords({ latency }: Status): string {
+  const total = latency.find(({ stage }) => stage === "total_ms");
+  if (!total) return "–";
+  const words: Readonly<Record<string, string>> = STAGE_WORDS;
+  const parts = latency.filter(({ stage }) => stage in words);
+  const stages = parts.map(({ stage, p50 }) => `${words[stage]} ${p50.toFixed(0)}`).join(", ");
+  return `${total.p50.toFixed(0)} ms, 95 % within ${total.p95.toFixed(0)}: ${stages}`;
 }
 
 export function timingWords({ tick_ms_median, tick_ms_max, missed_ticks }: Timing): string {

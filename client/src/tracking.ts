@@ -45,31 +45,46 @@ export class Reader {
   }
 }
 
+export interface FrameTimes {
+  readMs: number;
+  sentMs: number;
+}
+
 const REMEMBERED = 1024;
 
-/** Numbers the frames that are sent, in one message that is filled anew for each, and remembers when they were read. */
+/** Numbers the frames that are sent, in one message that is filled anew for each, and remembers when that was. */
 export class Numbering {
   private readonly message: Tracking = { type: "tracking", sequence: -1, client_time_ms: 0, ...UNTRACKED };
-  private readonly readMs = new Float64Array(REMEMBERED).fill(NaN);
+  private readonly readMs = new Float64Array(REMEMBERED);
+  private readonly sentMs = new Float64Array(REMEMBERED);
 
   /** How many frames have been numbered; the next one has this sequence number. */
   get count(): number {
     return this.message.sequence + 1;
   }
 
-  next(poses: Poses, timeMs: number): Tracking {
+  /** A message of poses that were read at a time and are sent at another. */
+  next(poses: Poses, timeMs: number, sentMs = timeMs): Tracking {
     const { message } = this;
     Object.assign(message, poses);
     message.sequence++;
     message.client_time_ms = timeMs;
     this.readMs[message.sequence % REMEMBERED] = timeMs;
+    this.sentMs[message.sequence % REMEMBERED] = sentMs;
     return message;
+  }
+
+  /** When one of the latest frames was read and sent; null for frames that nobody remembers. */
+  timesOf(sequence: number): FrameTimes | null {
+    const newest = this.message.sequence;
+    if (sequence < 0 || sequence > newest || sequence <= newest - REMEMBERED) return null;
+    const at = sequence % REMEMBERED;
+    return { readMs: this.readMs[at]!, sentMs: this.sentMs[at]! };
   }
 
   /** How old the poses of one of the latest frames are; 0 for frames that nobody remembers. */
   ageMs(sequence: number, nowMs: number): number {
-    const known = sequence > this.message.sequence - REMEMBERED && sequence <= this.message.sequence;
-    return known && sequence >= 0 ? nowMs - this.readMs[sequence % REMEMBERED]! : 0;
+    return nowMs - (this.timesOf(sequence)?.readMs ?? nowMs);
   }
 }
 

@@ -69,6 +69,11 @@ export class World {
     this.content?.place(poses);
   }
 
+  /** The simulation time that is drawn now. */
+  drawnTimeS(nowMs: number): number {
+    return this.states?.drawnTimeS(nowMs / 1000) ?? -Infinity;
+  }
+
   /** From inside, the participant's own head is not drawn. */
   seeFromInside(inside: boolean): void {
     this.seenFromInside = inside;

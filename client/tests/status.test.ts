@@ -26,6 +26,7 @@ const STATUS: Status = {
   right_modality: "hand",
   operated: false,
   idle: false,
+  latency: [],
 };
 
 describe("how a session stands", () => {
@@ -40,8 +41,18 @@ describe("how a session stands", () => {
       "watch-force": "1.5 N",
       "watch-limit": "0 %",
       "watch-tracking": "11 ms old, hand",
+      "watch-latency": "–",
       "watch-height": "54.5 cm",
     });
+  });
+
+  it("tells how late pictures are, and where the time goes", () => {
+    const latency = [
+      { stage: "total_ms", p50: 81.6, p95: 97.2, p99: 120 },
+      { stage: "up_ms", p50: 3.4, p95: 5, p99: 9 },
+      { stage: "draw_ms", p50: 44.7, p95: 50, p99: 60 },
+    ];
+    expect(statusWords({ ...STATUS, latency })["watch-latency"]).toBe("82 ms, 95 % within 97: up 3, drawing 45");
   });
 
   it("says when there is nothing to say", () => {

@@ -7,7 +7,7 @@ from msgspec.structs import asdict
 from avrgym.demo.report import summarise, write_report
 from avrgym.recording.files import RecordingWriter, read_recording
 from avrgym.recording.questionnaire import LIKERT_ITEMS
-from avrgym.recording.records import Answer, Control, Event, TrackingFrame
+from avrgym.recording.records import Answer, Control, Event, Latency, TrackingFrame
 from html_page import Page
 
 METADATA = {
@@ -40,6 +40,8 @@ def record(
         writer.write("/control", step * 100_000_000, control(step, success=step == steps - 1))
     for value, item in enumerate(LIKERT_ITEMS, start=3):
         writer.write("/answers", 20_000_000_000, Answer(item.id, value, value / 4))
+    stages = [[1.0, 1.0], [3.0, 5.0], [9.0, 9.0], [0.0, 0.0], [3.0, 5.0], [44.0, 40.0]]
+    writer.write("/latency", 1_000_000_000, Latency([0, 1], *stages))
     writer.write("/events", 1_500_000_000, Event("reconnected", text))
     writer.close({"success": True} if complete else None)
     return path
@@ -59,6 +61,7 @@ def test_a_trial_in_figures(tmp_path):
     assert (summary.closest_m, summary.peak_force_n) == (pytest.approx(0.2), 6.0)
     assert (summary.frames, summary.frames_held, summary.frames_missing) == (4, 1, 1)
     assert summary.frame_rate_hz == pytest.approx(37.5)
+    assert summary.latency_ms["total_ms"]["p50"] == pytest.approx(60.0)
 
 
 def test_the_report_says_what_happened(tmp_path, picture):
@@ -72,6 +75,7 @@ def test_the_report_says_what_happened(tmp_path, picture):
         "0.20 m",
         "6.00 N",
         "1 frame of 4",
+        "60 ms, 95 % within 60: pose 1, up 4, simulation 9, sending 0, down 4, drawing 42",
         "distance −2.00 2.00 −4.00",
         "spilled 0.00",
         "3 of 7 0.75 s",

@@ -23,6 +23,7 @@ from avrgym.recording.records import (
     Command,
     Control,
     Event,
+    Latency,
     Physics,
     Pose,
     TrackingFrame,
@@ -49,6 +50,7 @@ RECORDS = {
     "/control": Control(3, [1.0], [0.5], -1.5, {"distance": -0.3, "action": 0.1}, False, 0.3, 2.5),
     "/events": Event("disconnected", 'a null and a "quote" and an é'),
     "/answers": Answer("L1", 7, 1.25),
+    "/latency": Latency([7, 9], [0.5, 0.25], [3.0, 4.0], [9.0, 8.0], [0.1, 0.2], [3.5, 2.5], [45.0, 47.0]),
 }
 
 

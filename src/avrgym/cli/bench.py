@@ -59,7 +59,8 @@ def bench_vr(
             return asdict(measure_vr(environment, seconds, policy))
 
     with plain_errors():
-        _tabulate(env, not env, row, json_file, shown=_brief)
+        rows = _tabulate(env, not env, row, json_file, shown=_brief)
+        print_table([stage for each in rows for stage in _stages(each)])
 
 
 def _brief(row: Row) -> Row:
@@ -78,15 +79,24 @@ def _brief(row: Row) -> Row:
     return {"env": row["env"], **p99s, **missed, "stolen, s": row["stolen_s"]}
 
 
+def _stages(row: Row) -> list[Row]:
+    """The parts of the round trip, a line each."""
+    return [
+        {"env": row["env"], "stage": name.replace("_", " "), **{f"{p}, ms": ms for p, ms in spread.items()}}
+        for name, spread in {**row["stages_ms"], "round_trip": row["round_trip_ms"]}.items()
+    ]
+
+
 def _tabulate(
     environments: list[str] | None,
     every: bool,
     row: Callable[[str], Row],
     json_file: Path | None,
     shown: Callable[[Row], Row] = lambda row: row,
-) -> None:
+) -> list[Row]:
     """Measure a row for each environment that was named, or all; print what is ``shown`` of them, write them whole."""
     check_json(json_file)
     rows = [row(environment) for environment in chosen_environments(environments, every)]
     print_table([shown(each) for each in rows])
     write_json(json_file, rows)
+    return rows

@@ -24,6 +24,7 @@ from avrgym.analysis.page import (
 )
 from avrgym.demo.events import folded
 from avrgym.recording.files import Recording, RecordingError, read_recording
+from avrgym.recording.latency import STAGE_WORDS, STAGES, percentiles_ms
 from avrgym.recording.records import Answer, TrackingFrame
 
 PICTURE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
@@ -42,6 +43,7 @@ class TrialSummary:
     frames_held: int
     frames_missing: int
     frame_rate_hz: float | None
+    latency_ms: dict[str, dict[str, float]]
 
 
 def summarise(recording: Recording) -> TrialSummary:
@@ -58,6 +60,7 @@ def summarise(recording: Recording) -> TrialSummary:
         frames_held=sum(frame.held or bool(frame.held_parts) for frame in frames),
         frames_missing=_missing(frames),
         frame_rate_hz=_rate_hz(frames),
+        latency_ms=percentiles_ms([record for _, record in recording.topics["/latency"]]),
     )
 
 
@@ -197,8 +200,18 @@ def _metrics(recording: Recording, summary: TrialSummary) -> Markup:
         "Tracking rate": quantity(summary.frame_rate_hz, "Hz", digits=0),
         "Tracking held": held if summary.frames else "no frames",
         "Tracking lost": count(summary.frames_missing, "frame"),
+        "From pose to picture": _latency(summary.latency_ms),
     }
     return definitions(metrics)
+
+
+def _latency(percentiles_ms: dict[str, dict[str, float]]) -> str:
+    """The half and all but one in twenty, then the halves of the stages."""
+    if not percentiles_ms:
+        return "not recorded"
+    total = percentiles_ms["total_ms"]
+    stages = ", ".join(f"{STAGE_WORDS[stage]} {percentiles_ms[stage]['p50']:.0f}" for stage in STAGES)
+    return f"{total['p50']:.0f} ms, 95 % within {total['p95']:.0f}: {stages}"
 
 
 def _plots(recording: Recording) -> Markup:

@@ -12,6 +12,9 @@ import msgspec
 from avrgym.recording.questionnaire import MOST_POINTS
 from avrgym.system.plain_values import is_array, is_table
 
+MOST_FRAMES, LONGEST_MS = 256, 60_000
+"""What one record of latencies holds at most."""
+
 
 class Record(msgspec.Struct, frozen=True, omit_defaults=True):
     """Base of all records. Their times count from the start of the trial unless they say otherwise."""
@@ -115,6 +118,30 @@ class Answer(Record, frozen=True):
     response_time_s: Annotated[float, msgspec.Meta(ge=0)]
 
 
+_Numbers = Annotated[list[int], msgspec.Meta(max_length=MOST_FRAMES)]
+_Milliseconds = Annotated[
+    list[Annotated[float, msgspec.Meta(ge=0, le=LONGEST_MS)]], msgspec.Meta(max_length=MOST_FRAMES)
+]
+
+
+class Latency(Record, frozen=True):
+    """How long tracking frames took from pose to picture, stage after stage, milliseconds: an entry for each frame.
+
+    ``sequence`` are the frames that a state was the first to follow. ``sample_ms``: from the pose to its sending;
+    ``up_ms``: until the server had it; ``simulate_ms``: until a tick had simulated it and handed its state out;
+    ``send_ms``: until that was sent; ``down_ms``: until the client had it; ``draw_ms``: until a picture showed it. The
+    clocks of both sides are aligned so that the fastest messages take as long either way.
+    """
+
+    sequence: _Numbers
+    sample_ms: _Milliseconds
+    up_ms: _Milliseconds
+    simulate_ms: _Milliseconds
+    send_ms: _Milliseconds
+    down_ms: _Milliseconds
+    draw_ms: _Milliseconds
+
+
 TOPICS: dict[str, type[Record]] = {
     "/physics": Physics,
     "/tracking": TrackingFrame,
@@ -123,6 +150,7 @@ TOPICS: dict[str, type[Record]] = {
     "/control": Control,
     "/events": Event,
     "/answers": Answer,
+    "/latency": Latency,
 }
 
 _encoder = msgspec.json.Encoder()

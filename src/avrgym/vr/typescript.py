@@ -18,6 +18,7 @@ import numpy as np
 from msgspec import inspect
 
 from avrgym.models import human
+from avrgym.recording.latency import STAGE_WORDS
 from avrgym.vr.protocol import messages, webxr
 from avrgym.vr.session.phases import where
 from avrgym.vr.tracking import arm, body
@@ -52,9 +53,14 @@ UNIONS = {
     "ServerMessage": messages.ServerMessage,
 }
 
-PARTS_OF_MESSAGES = (messages.XRPose, messages.Skeleton)
+PARTS_OF_MESSAGES = (messages.XRPose, messages.Skeleton, messages.StageLatency)
 
-CONSTANTS = {"PROTOCOL": messages.PROTOCOL, "STALE_S": STALE_S, "TICK_S": TICK_S}
+CONSTANTS = {
+    "PROTOCOL": messages.PROTOCOL,
+    "STALE_S": STALE_S,
+    "TICK_S": TICK_S,
+    "STAGE_WORDS": json.dumps(STAGE_WORDS),
+}
 PHASE_FLAGS = ("moves", "can_be_stopped", "awaits_ready", "can_choose_body")
 """What the client needs to know of each phase: attributes of the classes in ``session.phases``."""
 

@@ -13,7 +13,7 @@ import msgspec
 from avrgym.models.human import Sex
 from avrgym.recording import records
 
-PROTOCOL = 7
+PROTOCOL = 8
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -48,6 +48,15 @@ class Skeleton(msgspec.Struct, frozen=True):
     upper_arm_m: float
     forearm_m: float
     hand_m: float
+
+
+class StageLatency(msgspec.Struct, frozen=True):
+    """How long a stage on the way from poses to pictures takes, percentiles in milliseconds."""
+
+    stage: str
+    p50: float
+    p95: float
+    p99: float
 
 
 class Message(msgspec.Struct, frozen=True, tag_field="type", forbid_unknown_fields=True):
@@ -123,6 +132,10 @@ class ChooseBody(Message, frozen=True, tag="choose_body"):
     skin_tone: Annotated[str, msgspec.Meta(max_length=32)]
 
 
+class Latency(Message, records.Latency, frozen=True, tag="latency"):
+    """How long the frames of the last second took from pose to picture."""
+
+
 ClientMessage = (
     Hello
     | Tracking
@@ -135,6 +148,7 @@ ClientMessage = (
     | OriginReset
     | Answer
     | ChooseBody
+    | Latency
 )
 
 # From the experimenter ---------------------------------------------------------------------------------------
@@ -264,6 +278,18 @@ class State(Message, frozen=True, tag="state"):
     poses: bytes
 
 
+class Passed(Message, frozen=True, tag="passed"):
+    """When a tracking frame passed the server, in seconds of its clock; the state that follows it comes next.
+
+    When it was received, when that state was handed out, and when it is sent.
+    """
+
+    tracking_sequence: int
+    received_s: float
+    simulated_s: float
+    sent_s: float
+
+
 class Phase(Message, frozen=True, tag="phase"):
     """Where the session stands, with the words to show to the participant."""
 
@@ -322,7 +348,8 @@ class Status(Message, frozen=True, tag="status"):
     ``force_share`` how much of that; empty and 0 where none bears anything. ``draws_back``: the force guard moves the
     robot. ``tracking_age_s`` is the time since the newest usable frame. ``operated``: in this trial the experimenter
     drives; ``idle``: the robot holds still for want of an action. ``held_because``: the answer for which a stop rule
-    paused the session, empty where none did.
+    paused the session, empty where none did. ``latency``: how late pictures were in the last seconds of
+    which the client told, from pose to picture as ``total_ms`` and by stage.
     """
 
     phase: PhaseName
@@ -347,6 +374,7 @@ class Status(Message, frozen=True, tag="status"):
     right_modality: Modality
     operated: bool
     idle: bool
+    latency: list[StageLatency]
 
 
 class Timing(Message, frozen=True, tag="timing"):
@@ -358,7 +386,18 @@ class Timing(Message, frozen=True, tag="timing"):
 
 
 ServerMessage = (
-    Welcome | Body | Scene | Upcoming | State | Phase | Question | Problem | Feedback | Status | Timing
+    Welcome
+    | Body
+    | Scene
+    | Upcoming
+    | Passed
+    | State
+    | Phase
+    | Question
+    | Problem
+    | Feedback
+    | Status
+    | Timing
 )
 
 Send = Callable[[ServerMessage], None]

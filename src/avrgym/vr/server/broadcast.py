@@ -34,23 +34,25 @@ class Farewell(Exception):
 class Outbox:
     """What one connection still has to send: every message in order, but of states only the newest.
 
-    It begins with the welcome; what was on its way to others before is not for this one.
+    It begins with the welcome; what was on its way to others before is not for this one. ``made_s`` is when the state
+    that was taken last was handed out.
     """
 
     def __init__(self) -> None:
         self._messages: deque[Message] = deque(maxlen=OUTBOX_MESSAGES)
-        self._state: State | None = None
+        self._state: tuple[State, float] | None = None
+        self.made_s = 0.0
         self._welcomed = False
         self._farewell = ""
         self._filled = asyncio.Event()
 
-    def push(self, message: Message) -> None:
-        """Have a message sent."""
+    def push(self, message: Message, made_s: float = 0.0) -> None:
+        """Have a message sent that was handed out at a time."""
         self._welcomed = self._welcomed or isinstance(message, Welcome)
         if not self._welcomed:
             return
         if isinstance(message, State):
-            self._state = message
+            self._state = message, made_s
         else:
             self._messages.append(message)
         self._filled.set()
@@ -66,7 +68,7 @@ class Outbox:
             if self._messages:
                 return self._messages.popleft()
             if self._state is not None:
-                state, self._state = self._state, None
+                (state, self.made_s), self._state = self._state, None
                 return state
             if self._farewell:
                 raise Farewell(self._farewell)
@@ -90,7 +92,7 @@ class Broadcast:
     def send(self, message: Message) -> None:
         """Send a message to all whom it concerns; called from the simulation's thread."""
         if self._participant is not None or self._watchers:
-            self._call(self._deliver, message)
+            self._call(lambda made_s: self._deliver(message, made_s), time.monotonic())
 
     def sender(self, outbox: Outbox) -> Callable[[Message], None]:
         """Sends to one connection, from the simulation's thread."""
@@ -128,9 +130,9 @@ class Broadcast:
             self._participant = None
         self._watchers = [each for each in self._watchers if each[1] is not outbox]
 
-    def _deliver(self, message: Message) -> None:
+    def _deliver(self, message: Message, made_s: float) -> None:
         if self._participant is not None and concerns(message, "participant"):
-            self._participant.push(message)
+            self._participant.push(message, made_s)
         for role, watcher in self._watchers:
             if concerns(message, role):
                 watcher.push(message)

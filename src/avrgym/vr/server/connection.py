@@ -11,7 +11,7 @@ import msgspec
 from fastapi import WebSocket, WebSocketDisconnect
 
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Hello, Message, Problem, Role
+from avrgym.vr.protocol.messages import Hello, Message, Passed, Problem, Role, State, Tracking
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.server.access import Tokens
 from avrgym.vr.server.broadcast import Broadcast, Farewell, Outbox
@@ -55,6 +55,29 @@ class Pace:
         return f"{BURST} may come at once and {MESSAGES_PER_S} a second"
 
 
+class Passage:
+    """When tracking frames pass, from their arrival to the sending of the first state that follows them."""
+
+    def __init__(self) -> None:
+        self._received_s: dict[int, float] = {}
+
+    def arrive(self, sequence: int) -> None:
+        """A frame of this number has come."""
+        self._received_s[sequence] = time.monotonic()
+        if len(self._received_s) > FRAMES_REMEMBERED:
+            del self._received_s[next(iter(self._received_s))]
+
+    def leave(self, state: State, made_s: float) -> Passed | None:
+        """What to tell of the frame that a state follows which is sent now; nothing where one before followed it."""
+        received_s = self._received_s.pop(state.tracking_sequence, None)
+        if received_s is None:
+            return None
+        return Passed(state.tracking_sequence, received_s, made_s, time.monotonic())
+
+
+FRAMES_REMEMBERED = 1000
+
+
 PARTICIPANT = Channel(("participant",), messages.decode_client, messages.ClientMessage)
 WATCHING = Channel(("experimenter", "spectator"), messages.decode_experimenter, messages.ExperimenterMessage)
 
@@ -75,7 +98,10 @@ async def serve_connection(
     gate.recognise(socket.scope, role)
     with broadcast.connection(role) as outbox:
         loop.greet(broadcast.sender(outbox), role)
-        await _until_either(_receive(socket, channel, role, loop, outbox), _send(socket, outbox))
+        passage = Passage()
+        await _until_either(
+            _receive(socket, channel, role, loop, outbox, passage), _send(socket, outbox, passage)
+        )
     if role == "participant":
         loop.post(Disconnected())
 
@@ -111,7 +137,7 @@ async def _until_either(*directions: Coroutine[Any, Any, None]) -> None:
 
 
 async def _receive(
-    socket: WebSocket, channel: Channel, role: Role, loop: RealTimeLoop[S], outbox: Outbox
+    socket: WebSocket, channel: Channel, role: Role, loop: RealTimeLoop[S], outbox: Outbox, passage: Passage
 ) -> None:
     pace = Pace()
     with contextlib.suppress(WebSocketDisconnect):
@@ -128,6 +154,8 @@ async def _receive(
             elif message is not None and role == "spectator":
                 outbox.push(Problem(message="spectators only watch; the experimenter's address commands"))
             elif message is not None:
+                if isinstance(message, Tracking):
+                    passage.arrive(message.sequence)
                 if not is_stop(message):
                     await _until(lambda: not loop.full)
                 loop.post(message)
@@ -149,10 +177,14 @@ def _understand(data: bytes | None, channel: Channel, complain: Callable[[Messag
         return None
 
 
-async def _send(socket: WebSocket, outbox: Outbox) -> None:
+async def _send(socket: WebSocket, outbox: Outbox, passage: Passage) -> None:
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         try:
             while True:
-                await socket.send_bytes(messages.encode(await outbox.next()))
+                message = await outbox.next()
+                passed = passage.leave(message, outbox.made_s) if isinstance(message, State) else None
+                if passed is not None:
+                    await socket.send_bytes(messages.encode(passed))
+                await socket.send_bytes(messages.encode(message))
         except Farewell as farewell:
             await socket.close(1001, str(farewell))

@@ -11,6 +11,8 @@ def take_message(phase: Phase, message: Received) -> Phase:
     match message:
         case messages.Tracking():
             phase.take_tracking(message)
+        case messages.Latency():
+            phase.state.take_latency(message)
         case messages.SceneLoaded():
             phase.state.worlds.show(message.url)
         case messages.Entered():

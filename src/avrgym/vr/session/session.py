@@ -281,9 +281,10 @@ class Session:
         self._reporter.tick(self.world, state.tracking, step)
         if self._reporter.status_is_due:
             standing = self._message, self.attempt, self.world, state.tracking, state.now_s
-            steps, paused = state.plan.trial_steps, state.on_hold
-            why = state.held_because
-            state.send(status(*standing, steps=steps, paused=paused, why=why, driver=state.driver))
+            steps, paused, why = state.plan.trial_steps, state.on_hold, state.held_because
+            driver, latency = state.driver, state.latency
+            how = status(*standing, steps=steps, paused=paused, why=why, driver=driver, latency=latency)
+            state.send(how)
 
 
 _TRACKING_LOST = "tracking_lost", f"no frame for {STALE_S} s: the person holds still"

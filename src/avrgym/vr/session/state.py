@@ -1,5 +1,6 @@
 """What all phases of a session share."""
 
+from collections import deque
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -7,7 +8,9 @@ import numpy as np
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.policies.force_guard import ACTS, RESTS
+from avrgym.recording import records
 from avrgym.recording.files import RecordingError
+from avrgym.recording.latency import is_whole, percentiles_ms
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.recording.stop_rules import Verdict
 from avrgym.vr.protocol import messages
@@ -26,6 +29,10 @@ from avrgym.vr.tracking.world import LiveWorld
 
 UNTRACKED_S = 1.0
 """So long without a usable frame, nobody is tracked any more."""
+
+
+LATENCIES_KEPT = 5
+"""Of how many seconds those who watch see the latency."""
 
 
 @dataclass
@@ -58,6 +65,8 @@ class SessionState:
     def __post_init__(self) -> None:
         self._told_scene = self.scene_message()
         self._guard_acts = False
+        self._latencies: deque[records.Latency] = deque(maxlen=LATENCIES_KEPT)
+        self.latency: list[messages.StageLatency] = []
 
     @property
     def current(self) -> TrialPlan:
@@ -160,6 +169,22 @@ class SessionState:
         self.sink.tell(events.BodyChosen(self.now_s, chosen.sex, chosen.skin_tone))
         self.send(self.body_message())
         return True
+
+    # How late pictures are ---------------------------------------------------------------------------------------
+
+    def take_latency(self, told: messages.Latency) -> None:
+        """Record what the client tells of the last second; those who watch see the percentiles of some."""
+        latency = records.Latency(*(getattr(told, name) for name in records.Latency.__struct_fields__))
+        if not is_whole(latency):
+            self.problem("a latency needs an entry of each stage for each frame")
+            return
+        self._latencies.append(latency)
+        self.latency = [
+            messages.StageLatency(stage, **shares)
+            for stage, shares in percentiles_ms(self._latencies).items()
+        ]
+        if self.storage.attempt is not None:
+            self.storage.attempt.record("/latency", latency, self.now_s)
 
     # Attempts ----------------------------------------------------------------------------------------------------
 

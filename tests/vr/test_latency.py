@@ -1,0 +1,97 @@
+"""Laws of the latency from pose to picture: what the server notes of a frame, is told, shows and records."""
+
+import math
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from avrgym.recording.files import read_recording
+from avrgym.recording.latency import STAGES, percentiles_ms
+from avrgym.recording.records import LONGEST_MS, MOST_FRAMES, Latency
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import State, Status
+from avrgym.vr.server.connection import FRAMES_REMEMBERED, Passage
+from visit import Visit, plan
+
+OLD = Path(__file__).parents[1] / "data/recordings-of-0.1.0/BedBathingJaco.mcap"
+
+
+def told(frames: int, **stages: float) -> messages.Latency:
+    """Of frames that all take as long."""
+    columns = [[stages.get(stage, 1.0)] * frames for stage in STAGES]
+    return messages.Latency(list(range(frames)), *columns)
+
+
+def state(followed: int) -> State:
+    return State(0, 0.0, followed, b"", [], b"")
+
+
+def test_a_frame_passes_once_from_its_arrival_to_the_first_state_that_follows_it() -> None:
+    passage = Passage()
+    passage.arrive(3)
+    passage.arrive(4)
+    assert passage.leave(state(-1), 0.0) is None
+    passed = passage.leave(state(4), 7.5)
+    assert passed is not None
+    assert (passed.tracking_sequence, passed.simulated_s) == (4, 7.5)
+    assert passed.received_s <= passed.sent_s
+    assert passage.leave(state(4), 7.5) is None
+
+
+def test_frames_that_no_state_follows_are_forgotten() -> None:
+    passage = Passage()
+    for sequence in range(3 * FRAMES_REMEMBERED):
+        passage.arrive(sequence)
+    assert passage.leave(state(0), 0.0) is None
+    assert passage.leave(state(3 * FRAMES_REMEMBERED - 1), 0.0) is not None
+    assert len(passage._received_s) < FRAMES_REMEMBERED
+
+
+def test_the_total_is_the_sum_of_the_stages() -> None:
+    percentiles = percentiles_ms([told(9, draw_ms=45.0), told(1, draw_ms=95.0)])
+    assert percentiles["total_ms"]["p50"] == pytest.approx(50.0)
+    assert percentiles["draw_ms"]["p50"] == 45.0
+    assert percentiles["draw_ms"]["p99"] > 90.0
+    assert percentiles_ms([]) == percentiles_ms([told(0)]) == {}
+
+
+def test_latency_is_shown_to_those_who_watch_and_recorded(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, plan(trial_steps=5))
+    visit.go_to("trial")
+    visit.tell(told(10, draw_ms=45.0))
+    visit.tick(25)
+    shown = {each.stage: each for each in visit.said(Status)[-1].latency}
+    assert shown["total_ms"].p50 == pytest.approx(50.0)
+    assert shown["draw_ms"].p99 == pytest.approx(45.0)
+    visit.leave()
+    (recording,) = visit.recordings()
+    assert [record for _, record in recording.topics["/latency"]] == [
+        Latency(*(getattr(told(10, draw_ms=45.0), name) for name in Latency.__struct_fields__))
+    ]
+
+
+def test_latency_with_gaps_is_refused_in_words_and_nothing_else_happens(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, plan(trial_steps=5))
+    visit.go_to("trial")
+    visit.tell(msgspec.structs.replace(told(10), up_ms=[1.0]))
+    visit.tick(25)
+    assert visit.phase == "trial"
+    assert visit.problems == ["a latency needs an entry of each stage for each frame"]
+    assert visit.said(Status)[-1].latency == []
+
+
+@pytest.mark.parametrize("wrong", [-1.0, math.nan, math.inf, LONGEST_MS + 1.0])
+def test_no_stage_takes_less_than_nothing_or_for_ever(wrong: float) -> None:
+    with pytest.raises(msgspec.DecodeError):
+        messages.decode_client(messages.encode(told(1, up_ms=wrong)))
+
+
+def test_nobody_sends_more_than_a_message_holds() -> None:
+    messages.decode_client(messages.encode(told(MOST_FRAMES)))
+    with pytest.raises(msgspec.DecodeError):
+        messages.decode_client(messages.encode(told(MOST_FRAMES + 1)))
+
+
+def test_recordings_of_before_have_no_latency() -> None:
+    assert read_recording(OLD).topics["/latency"] == []
