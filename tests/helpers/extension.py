@@ -82,6 +82,8 @@ def train_and_study(folder: Path, task: str, robot: str, term: str, steps: int) 
         robots=[robot],
         policies=["mine", "hold-still"],
         practice_policy="mine",
+        trial_steps=20,
+        free_movement_s=0.5,
     )
     (folder / "study" / "mine").mkdir()
     (folder / policy).rename(folder / "study" / "mine" / f"{task}{robot}.safetensors")

@@ -124,6 +124,7 @@ LiveWorld("{environment}", Person()).begin(seed=1)
 path = create_study(Path("study"))
 design = path.read_text()
 changes = {{"tasks": '["TouchElbow"]', "robots": '["Jaco"]', "policies": '["mine"]', "practice_policy": '"mine"'}}
+changes |= {{"trial_steps": "20", "free_movement_s": "0.5"}}
 for name, value in changes.items():
     design = re.sub(f"^{{name}} = .*$", f"{{name}} = {{value}}", design, flags=re.M)
 path.write_text(design)
