@@ -35,7 +35,8 @@ FEEDING = "avrgym/FeedingJaco-v1"
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 TINY = TrainingConfiguration(
     environment=FEEDING,
-    people="revised",
+    people="zoo/train",
+    impairment="weakness",
     steps=3200,
     seed=4,
     worlds=8,
@@ -43,7 +44,9 @@ TINY = TrainingConfiguration(
     threads=1,
     imitation_rounds=0,
 )
-LONG = replace(TINY, steps=5 * 8 * 200, imitation_rounds=3, imitation_share=0.7)
+LONG = replace(
+    TINY, people="revised", impairment="none", steps=5 * 8 * 200, imitation_rounds=3, imitation_share=0.7
+)
 HARD = replace(TINY, steps=3 * 8 * 200, hard_share=0.5)
 
 
@@ -169,7 +172,7 @@ def test_a_training_leaves_a_policy_that_loads(trained):
     found = Policy.load(out / "policy.safetensors")
     assert found.metadata == policy.metadata
     assert found.metadata.environment == FEEDING
-    assert found.metadata.people == "revised"
+    assert (found.metadata.people, found.metadata.impairment) == ("zoo/train", "weakness")
     assert found.metadata.seed == 4
     assert 0 < found.metadata.steps <= 3200
     assert set(found.metadata.measured) >= {"success_rate", "reward_mean", "force_mean_newton"}
