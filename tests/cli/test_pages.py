@@ -62,10 +62,9 @@ def _typed() -> list[tuple[str, list[str]]]:
         (name_of(page), words)
         for page in DOCUMENTS
         for block in blocks(page)
-        if block.language in ("sh", "text")
-        for line in block.text.splitlines()
-        if line.startswith(("avrgym ", ".venv/bin/avrgym "))
-        for words in commands(line)
+        if block.language == "sh"
+        for words in commands(block.text)
+        if Path(words[0]).name == "avrgym"
     ]
     assert len(found) > 80
     return found

@@ -28,7 +28,8 @@ def blocks(page: Path) -> list[Block]:
 
 def commands(text: str) -> list[list[str]]:
     """The words of each line of a block of shell commands, comments left out."""
-    return [words for line in text.splitlines() if (words := shlex.split(line, comments=True))]
+    lines = text.replace("\\\n", " ").splitlines()
+    return [words for line in lines if (words := shlex.split(line, comments=True))]
 
 
 def name_of(page: Path) -> str:
