@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import tomlkit
 
@@ -35,7 +36,7 @@ def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
 
 def _without_local(design: str) -> str:
     """The text of a design without what a site says for itself alone; all else stays as it is, byte by byte."""
-    document = tomlkit.parse(design)
+    document: Any = tomlkit.parse(design)
     if not any(document.get(name) for name in LOCAL):
         return design
     for name in LOCAL:
