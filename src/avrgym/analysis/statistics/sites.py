@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from itertools import product
 
-from avrgym.analysis.rows import AnswerRow, TestedRow, TrialRow
+from avrgym.analysis.rows import AnswerRow, ParticipantRow, TestedRow, TrialRow
 from avrgym.analysis.score_rows import ScoreRow
 from avrgym.analysis.site_rows import SiteEffectRow, SiteOutcomeRow
 from avrgym.analysis.statistics.families import PARTICIPANT
@@ -46,7 +46,7 @@ def site_effect_rows(
     return rows
 
 
-def site_of(row: TrialRow | AnswerRow | ScoreRow) -> str:
+def site_of(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
     """A row's site."""
     return row.site or NO_SITE
 
