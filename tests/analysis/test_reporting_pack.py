@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pandas as pd
@@ -180,7 +181,7 @@ def test_latex_escapes_what_it_would_run() -> None:
 
 
 def test_every_column_of_every_table_is_in_the_codebook(analysis: Analysis, out: Path) -> None:
-    book = pd.read_csv(out / "reporting" / "codebook.csv", keep_default_na=False)
+    book: Any = pd.read_csv(out / "reporting" / "codebook.csv", keep_default_na=False)
     assert not book["meaning"].isin(["", UNDESCRIBED.meaning]).any()
     listed = {(row.table, row.column) for row in book.itertuples()}
     files = {path.stem: pd.read_csv(path, nrows=1) for path in (out / "tables").glob("*.csv")}
@@ -213,7 +214,7 @@ def test_the_data_package_describes_the_files_beside_it(out: Path) -> None:
         path.name for path in (out / "tables").glob("*.csv")
     }
     for resource in package["resources"]:
-        frame = pd.read_csv(out / "tables" / resource["path"], keep_default_na=False, dtype=str)
+        frame: Any = pd.read_csv(out / "tables" / resource["path"], keep_default_na=False, dtype=str)
         fields = resource["schema"]["fields"]
         assert [field["name"] for field in fields] == list(frame.columns)
         for field in fields:

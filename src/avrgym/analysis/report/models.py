@@ -9,12 +9,13 @@ from avrgym.analysis.report.results import probability
 from avrgym.analysis.statistics.models.effects import EFFECTS, POLICIES
 from avrgym.analysis.statistics.models.fitting import LEAST_PARTICIPANTS
 from avrgym.analysis.study import Analysis
+from avrgym.study.plan.plan import EXPLORATORY
 
 TITLES = {
     "policies": "Policies",
     "robots": "Robots",
-    "learning": "Learning: the last task against the first",
-    "order": "Order: the last trial of a task against the first",
+    "learning": "Learning: by when a task came in the session",
+    "order": "Order: by when a trial came within its task",
     "carry-over": "Carry-over: by the policy of the trial before",
 }
 NOTE = (
@@ -48,21 +49,26 @@ def _kind(kind: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
 
 
 def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
-    """Effects as a table; those that could not be estimated say why."""
+    """Effects as a table; those that could not be estimated say why. Columns that say the same everywhere go."""
+    planned, noted = any(row.planned != EXPLORATORY for row in rows), any(row.note for row in rows)
     heads = (
-        "What", "Groups", "Model", "People", "Trials", "Effect [95 %]", "p", "p, Holm", "", "Without one", "p then",
-        "By plan", "Remark",
+        "What", "Groups", "People", "Effect [95 %]", "p", "p, Holm", "", "Without one", "p then",
+        *(["By plan"] if planned else []), *(["Remark"] if noted else []),
     )  # fmt: skip
     body = [
         (
-            row.quantity, f"{row.group_a} / {row.group_b}", row.model, row.participants, row.values, effect(row),
-            probability(row.p), probability(row.p_holm), row.mark, _without_one(row), _probabilities(row),
-            row.planned, row.note,
+            row.quantity, f"{row.group_a} / {row.group_b}", row.participants, effect(row), probability(row.p),
+            probability(row.p_holm), row.mark, _without_one(row), _probabilities(row),
+            *([row.planned] if planned else []), *([row.note] if noted else []),
         )
         for row in rows
     ]  # fmt: skip
-    marked = f"{caption} (simulated participants)" if simulated else caption
-    return table(marked, heads, body, numbers=(3, 4, 5, 6, 7, 9, 10))
+    marked = (
+        caption
+        + ("" if planned else "; all exploratory")
+        + (" (simulated participants)" if simulated else "")
+    )
+    return table(marked, heads, body, numbers=(2, 3, 4, 5, 7, 8))
 
 
 def effect(row: ModelRow) -> str:

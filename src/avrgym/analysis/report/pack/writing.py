@@ -111,7 +111,7 @@ def _missing(text: str) -> Markup:
 
 
 def _flow(flow: Flow) -> Markup:
-    return tag("div", flow_chart(flow), class_="scroll", tabindex=0)
+    return tag("figure", flow_chart(flow))
 
 
 def _asked(asked: Sequence[Asked]) -> Markup:

@@ -66,10 +66,7 @@ def clustered_covariance(scores: Array, information: Array, correction: float) -
 
     With the root L of the inverse of all information, Lᵀ information L is a cluster's leverage.
     """
-    try:
-        root: Array = np.linalg.cholesky(np.linalg.inv(information.sum(axis=0)))
-    except np.linalg.LinAlgError as error:
-        raise NoFit(NOT_APART) from error
+    root = _root_of_inverse(information.sum(axis=0))
     leverage: Array = root.T @ information @ root
     shares, axes = np.linalg.eigh(leverage)
     left = 1.0 - shares
@@ -78,6 +75,13 @@ def clustered_covariance(scores: Array, information: Array, correction: float) -
     along: Array = np.einsum("cij,ci->cj", axes, scores @ root) * left**-correction
     corrected: Array = np.einsum("cij,cj->ci", axes, along) @ root.T
     return corrected.T @ corrected
+
+
+def _root_of_inverse(matrix: Array) -> Array:
+    try:
+        return np.linalg.cholesky(np.linalg.inv(matrix))
+    except np.linalg.LinAlgError as error:
+        raise NoFit(NOT_APART) from error
 
 
 def _most_likely(answered: NDArray[np.intp], design: Array, thresholds: int) -> Array:
@@ -123,6 +127,6 @@ def _derivatives(
     if not shares.min() > 0.0:
         return -np.inf, slopes[:, 0], np.zeros((count, *slopes.shape[2:], slopes.shape[2]))
     weighted = slopes / shares[:, :, None]
-    rows: NDArray[np.intp] = np.arange(count)
+    rows = np.arange(len(design))
     likelihood = float(np.log(shares[rows, answered]).sum())
     return likelihood, weighted[rows, answered], np.einsum("nki,nkj->nij", weighted, slopes)
