@@ -9,7 +9,6 @@ The policies lie in `examples/like_for_like/`, what trainings under way need in 
 
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
 from pathlib import Path
 from statistics import mean
 from typing import NamedTuple
@@ -27,6 +26,8 @@ STEPS = {"Feeding": 256_000, "Drinking": 64_000, "ScratchItch": 256_000, "BedBat
 """By task: a step of drinking takes ten times as long."""
 EPISODES, SHOWN_SEED = 100, 0
 FOLDER, UNDER_WAY = Path(__file__).with_suffix(""), Path("runs/like_for_like")
+FIGURES = ("episodes", "success_rate", "success_ci95", "reward_mean", "reward_std", "force_mean_newton")
+"""Of each policy with `participants`, as ``evaluate`` has them."""
 MET_FILE = FOLDER / "participants.json"
 
 
@@ -86,7 +87,7 @@ def meet_all() -> None:
     for run in RUNS:
         if run.policy.exists() and run.name not in met:
             found = evaluate(run.environment, str(run.policy), "participants", EPISODES, SHOWN_SEED)
-            met[run.name] = asdict(found) | {"policy": run.policy.name}
+            met[run.name] = {figure: getattr(found, figure) for figure in FIGURES}
             write_whole(MET_FILE, msgspec.json.format(msgspec.json.encode(met)))
             print(run.name, found.success_rate, flush=True)
 
@@ -99,6 +100,7 @@ def print_table() -> None:
     )
     print("| Revised on participants |\n|---|---|---|---|---|---|")
     print(*_rows(), sep="\n")
+    print(_all_rows())
 
 
 def short(environment: str) -> str:
@@ -124,12 +126,33 @@ def _rows() -> Iterator[str]:
             yield f"| {short(environment)} | {len(seeds)} | {cells} |"
 
 
+def _all_rows() -> str:
+    """Of each seed the mean over all environments."""
+    met = _met()
+    cells: list[str] = []
+    for figures in (lambda run: Policy.load(run.policy).metadata.measured, lambda run: met[run.name]):
+        for people in PEOPLE:
+            means = [
+                mean(
+                    float(str(figures(Run(environment, people, seed))["success_rate"]))
+                    for environment in ENVIRONMENTS
+                )
+                for seed in SEEDS
+            ]
+            cells.append(_percents(means))
+    return f"| all | {len(SEEDS)} | {' | '.join(cells)} |"
+
+
 def _spread(measured: list[dict[str, object]]) -> str:
     success, reward = (
         [float(str(each[figure])) for each in measured] for figure in ("success_rate", "reward_mean")
     )
-    percents = [100.0 * share for share in success]
-    return f"{mean(percents):.0f} % [{min(percents):.0f}, {max(percents):.0f}]; {mean(reward):.0f}"
+    return f"{_percents(success)}; {mean(reward):.0f}"
+
+
+def _percents(shares: list[float]) -> str:
+    """Their mean, the least and the largest."""
+    return f"{100.0 * mean(shares):.0f} % [{100.0 * min(shares):.0f}, {100.0 * max(shares):.0f}]"
 
 
 if __name__ == "__main__":

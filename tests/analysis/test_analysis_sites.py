@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
@@ -51,16 +52,18 @@ def test_effects_by_site_follow_from_the_answers_of_each(made: tuple[Path, Analy
     answers, effects = (pd.read_csv(out / "tables" / f"{name}.csv") for name in ("answers", "site_effects"))
     chosen = effects[effects["family"] == "policies, by participant"]
     assert len(chosen) == len(SITES) * 4
-    for row in chosen.itertuples():
-        own = answers[answers["counted"] & (answers["site"] == row.site) & (answers["item"] == row.quantity)]
+    for _, row in chosen.iterrows():
+        own = answers[
+            answers["counted"] & (answers["site"] == row["site"]) & (answers["item"] == row["quantity"])
+        ]
         means = own.pivot_table(index="participant", columns="policy", values="value")
-        differences = (means[row.group_a] - means[row.group_b]).round(9)
+        differences = (means[row["group_a"]] - means[row["group_b"]]).round(9)
         used = differences[differences != 0]
-        ranks = stats.rankdata(used.abs())
+        ranks = stats.rankdata(np.abs(used))
         expected = ranks[used > 0].sum() - ranks[used < 0].sum()
-        assert (row.n, row.zeros) == (len(used), len(differences) - len(used))
-        assert row.effect == pytest.approx(expected / ranks.sum())
-        assert row.median_a == pytest.approx(means[row.group_a].median())
+        assert (row["n"], row["zeros"]) == (len(used), len(differences) - len(used))
+        assert row["effect"] == pytest.approx(expected / ranks.sum())
+        assert row["median_a"] == pytest.approx(means[row["group_a"]].median())
 
 
 def test_outcomes_by_site_add_up_to_those_of_all(made: tuple[Path, Analysis, Path]) -> None:

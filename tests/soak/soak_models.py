@@ -1,5 +1,6 @@
 """How often models find what is not there, in 1,000 imagined studies of each kind: `make soak`."""
 
+from collections import Counter
 from collections.abc import Callable
 
 import pytest
@@ -31,7 +32,8 @@ KINDS = {ORDINAL: no_drift, LOGISTIC: succeeded, MIXED: rewarded}
 def test_false_positives_are_about_five_percent(model: str, participants: int) -> None:
     """Participants differ in general, by policy, by robot and by task, and nothing else does."""
     wanted, imagine = effects(DESIGN), KINDS[model]
-    hits, fitted = dict.fromkeys(EFFECTS, 0), dict.fromkeys(EFFECTS, 0)
+    hits: Counter[str] = Counter()
+    fitted: Counter[str] = Counter()
     for number in range(STUDIES):
         for effect, found in estimates(DESIGN, model, imagine(DESIGN, participants, number), wanted).items():
             if not isinstance(found, NoFit):

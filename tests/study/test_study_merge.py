@@ -87,6 +87,7 @@ def test_everybody_is_there_once_and_can_be_traced(sites: list[Path], out: Path)
         ]
         for pseudonym, site, there in people:
             source = atlanta if site == "atlanta" else berlin
+            assert there is not None
             assert without_keys(store, pseudonym) == without_keys(source, there)
     assert wrong(out) == []
     assert [tree(site) for site in sites] == before
