@@ -8,7 +8,7 @@ The policies lie in `examples/like_for_like/`, what trainings under way need in 
 """
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import mean
 from typing import NamedTuple
@@ -143,7 +143,7 @@ def _all_rows() -> str:
     return f"| all | {len(SEEDS)} | {' | '.join(cells)} |"
 
 
-def _spread(measured: list[dict[str, object]]) -> str:
+def _spread(measured: Sequence[Mapping[str, object]]) -> str:
     success, reward = (
         [float(str(each[figure])) for each in measured] for figure in ("success_rate", "reward_mean")
     )

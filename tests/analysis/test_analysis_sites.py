@@ -52,7 +52,7 @@ def test_effects_by_site_follow_from_the_answers_of_each(made: tuple[Path, Analy
     answers, effects = (pd.read_csv(out / "tables" / f"{name}.csv") for name in ("answers", "site_effects"))
     chosen = effects[effects["family"] == "policies, by participant"]
     assert len(chosen) == len(SITES) * 4
-    for _, row in chosen.iterrows():
+    for row in (each.to_dict() for _, each in chosen.iterrows()):
         own = answers[
             answers["counted"] & (answers["site"] == row["site"]) & (answers["item"] == row["quantity"])
         ]
