@@ -48,7 +48,7 @@ lint: $(DONE)/test $(DONE)/node ## ruff, pyright and the layers of packages
 	.venv/bin/lint-imports --no-logo --no-cache
 
 docs: setup ## build the site into build/site; check its links, and run its commands and blocks of code
-	.venv/bin/python -m pytest tests/cli/test_site.py tests/cli/test_docs.py tests/cli/test_pages.py tests/cli/test_examples.py
+	.venv/bin/python -m pytest tests/cli/test_site.py tests/cli/test_docs.py tests/cli/test_commands_in_pages.py tests/cli/test_examples.py
 	@echo 'To read it: .venv/bin/python -m http.server --directory build/site 8080, then http://localhost:8080'
 
 bench: setup ## steps per second of the simulation, and the live server's ticks

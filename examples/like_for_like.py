@@ -31,6 +31,28 @@ FIGURES = ("episodes", "success_rate", "success_ci95", "reward_mean", "reward_st
 MET_FILE = FOLDER / "participants.json"
 
 
+PAPER = {
+    "avrgym/FeedingJaco-v1": (63, 45),
+    "avrgym/FeedingPR2-v1": (100, 100),
+    "avrgym/DrinkingJaco-v1": (0, 42),
+    "avrgym/DrinkingPR2-v1": (75, 75),
+    "avrgym/ScratchItchJaco-v1": (0, 62),
+    "avrgym/ScratchItchPR2-v1": (25, 45),
+    "avrgym/BedBathingJaco-v1": (0, 0),
+    "avrgym/BedBathingPR2-v1": (0, 0),
+}
+"""Success in percent of the paper's Original and Revised policies with eight people in VR (tables I and II)."""
+HEAD = (
+    "environment",
+    "Original on Original",
+    "Revised on Revised",
+    "Original on participants",
+    "Revised on participants",
+    "paper, Original on people",
+    "paper, Revised on people",
+)
+
+
 class Run(NamedTuple):
     """One training."""
 
@@ -49,6 +71,7 @@ class Run(NamedTuple):
         return FOLDER / f"{self.name}.safetensors"
 
 
+Figures = Mapping[Run, Mapping[str, object]]
 RUNS = [Run(environment, people, seed) for seed in SEEDS for environment in ENVIRONMENTS for people in PEOPLE]
 """The first seed's first."""
 
@@ -93,14 +116,25 @@ def meet_all() -> None:
 
 
 def print_table() -> None:
-    """Means over the seeds, and the seeds' least and most."""
-    print(
-        "| environment | seeds | Original on Original | Revised on Revised | Original on participants ",
-        end="",
-    )
-    print("| Revised on participants |\n|---|---|---|---|---|---|")
-    print(*_rows(), sep="\n")
-    print(_all_rows())
+    """Print the table."""
+    print(*table(), sep="\n")
+
+
+def table() -> Iterator[str]:
+    """Of the seeds the mean, in brackets the least and the most of them, and the mean reward."""
+    own: Figures = {run: Policy.load(run.policy).metadata.measured for run in RUNS}
+    met: Figures = {run: _met()[run.name] for run in RUNS}
+    columns = [(figures, people) for figures in (own, met) for people in PEOPLE]
+    yield _row(*HEAD)
+    yield _row(*["---"] * len(HEAD))
+    for environment in ENVIRONMENTS:
+        cells = [
+            _spread([figures[Run(environment, people, seed)] for seed in SEEDS])
+            for figures, people in columns
+        ]
+        yield _row(short(environment), *cells, *(f"{success} %" for success in PAPER[environment]))
+    cells = [_percents([_overall(figures, people, seed) for seed in SEEDS]) for figures, people in columns]
+    yield _row("all", *cells, *(f"{mean(each):.0f} %" for each in zip(*PAPER.values(), strict=True)))
 
 
 def short(environment: str) -> str:
@@ -112,46 +146,25 @@ def _met() -> dict[str, dict[str, object]]:
     return msgspec.json.decode(MET_FILE.read_bytes()) if MET_FILE.exists() else {}
 
 
-def _rows() -> Iterator[str]:
-    met = _met()
-    for environment in ENVIRONMENTS:
-        seeds = [
-            seed for seed in SEEDS if all(Run(environment, people, seed).name in met for people in PEOPLE)
-        ]
-        if seeds:
-            runs = [[Run(environment, people, seed) for seed in seeds] for people in PEOPLE]
-            own = [[Policy.load(run.policy).metadata.measured for run in of_people] for of_people in runs]
-            others = [[met[run.name] for run in of_people] for of_people in runs]
-            cells = " | ".join(_spread(measured) for measured in (*own, *others))
-            yield f"| {short(environment)} | {len(seeds)} | {cells} |"
-
-
-def _all_rows() -> str:
-    """Of each seed the mean over all environments."""
-    met = _met()
-    cells: list[str] = []
-    for figures in (lambda run: Policy.load(run.policy).metadata.measured, lambda run: met[run.name]):
-        for people in PEOPLE:
-            means = [
-                mean(
-                    float(str(figures(Run(environment, people, seed))["success_rate"]))
-                    for environment in ENVIRONMENTS
-                )
-                for seed in SEEDS
-            ]
-            cells.append(_percents(means))
-    return f"| all | {len(SEEDS)} | {' | '.join(cells)} |"
+def _row(*cells: str) -> str:
+    return f"| {' | '.join(cells)} |"
 
 
 def _spread(measured: Sequence[Mapping[str, object]]) -> str:
-    success, reward = (
-        [float(str(each[figure])) for each in measured] for figure in ("success_rate", "reward_mean")
-    )
-    return f"{_percents(success)}; {mean(reward):.0f}"
+    reward = mean(float(str(each["reward_mean"])) for each in measured)
+    return f"{_percents([_success(each) for each in measured])}; {reward:.0f}"
 
 
-def _percents(shares: list[float]) -> str:
-    """Their mean, the least and the largest."""
+def _overall(figures: Figures, people: str, seed: int) -> float:
+    """The success of a seed's policies over all environments."""
+    return mean(_success(figures[Run(environment, people, seed)]) for environment in ENVIRONMENTS)
+
+
+def _success(measured: Mapping[str, object]) -> float:
+    return float(str(measured["success_rate"]))
+
+
+def _percents(shares: Sequence[float]) -> str:
     return f"{100.0 * mean(shares):.0f} % [{100.0 * min(shares):.0f}, {100.0 * max(shares):.0f}]"
 
 

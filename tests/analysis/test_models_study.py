@@ -125,7 +125,7 @@ def test_better_answers_and_successes_have_odds_ratios_above_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "imagine"), [(ORDINAL, answered), (LOGISTIC, succeeded), (MIXED, rewarded)], ids=str
+    ("model", "imagine"), [(ORDINAL, answered), (LOGISTIC, succeeded), (MIXED, rewarded)]
 )
 def test_where_policies_do_not_differ_models_seldom_say_so(model: str, imagine: Imagine) -> None:
     """At 5 % more than 9 of 60 happen once in 2,000 times; uncorrected tests by trial find 30 %. `make soak` counts
