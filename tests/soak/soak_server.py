@@ -47,6 +47,8 @@ from processes import die_with_parent
 from visit import driving, plan
 
 CONNECTIONS, HANDSHAKES, MESSAGES = 2_000, 300, 200_000
+OWN_MESSAGES = 2_000
+"""What a participant may send within a trial beside their frames."""
 FILE_HANDLES = 1_024
 TRIAL_STEPS = 400
 FLOOD = """
@@ -348,14 +350,14 @@ def test_200_000_messages_beside_a_seated_participant(tmp_path: Path) -> None:
         attendant = Attendant(server, opened)
         await_that(lambda: attendant.phase == "trial")
         before = memory_bytes()
-        own = threading.Thread(target=send_by, args=(attendant, MESSAGES // 10, sent), daemon=True)
+        own = threading.Thread(target=send_by, args=(attendant, OWN_MESSAGES, sent), daemon=True)
         others = [
             threading.Thread(target=send_all, args=(server, path, token, count, seed, sent), daemon=True)
             for seed, (path, token, count) in enumerate(
                 (
                     ("/watch", server.tokens.experimenter, 4 * MESSAGES // 10),
                     ("/watch", server.tokens.spectator, 4 * MESSAGES // 10),
-                    ("/ws", "", MESSAGES // 10),
+                    ("/ws", "", 2 * MESSAGES // 10 - OWN_MESSAGES),
                 )
             )
         ]
