@@ -4,6 +4,7 @@ import csv
 import os
 import random
 import struct
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import datetime
@@ -26,8 +27,8 @@ from avrgym.vr.session.plan import SessionPlan
 
 SEED = 5
 HEADER_BYTES = 8192
-WRITTEN = struct.Struct("<q")
-"""What is noted of each record as it is queued: its time in the trial in nanoseconds."""
+WRITTEN = struct.Struct("<qq")
+"""What is noted of each record as it is queued: its time in the trial and the machine's, nanoseconds."""
 
 
 def make_quick() -> None:
@@ -52,7 +53,7 @@ def _note_records(journal: Path) -> None:
     def noted(self: RecordingWriter, topic: str, log_time_ns: int, record) -> None:
         write(self, topic, log_time_ns, record)
         with open(journal / f"{self.path.parent.name}-{self.path.name}", "ab", buffering=0) as file:
-            file.write(WRITTEN.pack(log_time_ns))
+            file.write(WRITTEN.pack(log_time_ns, time.monotonic_ns()))
 
     RecordingWriter.write = noted
 
@@ -78,18 +79,24 @@ def run_and_kill(folder: Path, pseudonym: str, seed: int, after_s: float, journa
 
 
 def _lost_s(path: Path, journal: Path) -> float:
-    """How much of a recording is lost, compared with what was handed to its writer since the last kill."""
+    """How much of a recording is lost, compared with what was handed to its writer since the last kill.
+
+    By the trial's time or the machine's, whichever is less: where a person takes part both are the same, and here
+    the one runs ahead of the other on a quick machine, and stays behind on a busy one.
+    """
     noted = journal / f"{path.parent.name}-{path.name}"
     if not noted.exists():
         return 0.0
     data = noted.read_bytes()
     noted.unlink()
-    queued_ns = [each for (each,) in WRITTEN.iter_unpack(data[: len(data) // WRITTEN.size * WRITTEN.size])]
+    queued = list(WRITTEN.iter_unpack(data[: len(data) // WRITTEN.size * WRITTEN.size]))
     try:
         kept = sum(len(records) for records in read_recording(path).topics.values())
     except RecordingError:  # killed before the header was whole
         kept = 0
-    return (queued_ns[-1] - queued_ns[kept]) / 1e9 if kept < len(queued_ns) else 0.0
+    if kept >= len(queued):
+        return 0.0
+    return min(last - first for first, last in zip(queued[kept], queued[-1], strict=True)) / 1e9
 
 
 def outcome_of(store: Store, pseudonym: str) -> list[tuple[Trial, Metrics, list[tuple[str, int, float]]]]:
