@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from avrgym.envs.human_view import HumanView
-from avrgym.envs.rendering import Camera
+from avrgym.envs.rendering import Drawn
 from avrgym.envs.single import METADATA, check_render_mode, info_of, spaces_of
 from avrgym.envs.vector_conventions import plain_seed
 from avrgym.models.human import Person
@@ -29,7 +29,7 @@ EFFORT = "action_squared"
 """The reward term of an agent's own effort."""
 
 
-class AssistiveParallelEnv(ParallelEnv[str, Array, Action]):
+class AssistiveParallelEnv(Drawn, ParallelEnv[str, Array, Action]):
     """One world in which both act. Observations, rewards and infos are those of ``gym.make`` for the robot.
 
     The human's action (K,) says how fast each joint goes that the task has people offer, -1 to 1 of the speeds of
@@ -78,7 +78,6 @@ class AssistiveParallelEnv(ParallelEnv[str, Array, Action]):
         self.action_spaces = {ROBOT: acted, HUMAN: human_acts}
         self._random: np.random.Generator | None = None
         self._steps_left = 0
-        self._camera: Camera | None = None
 
     def observation_space(self, agent: str) -> gym.Space[Array]:
         """The space of an agent's observations."""
@@ -131,24 +130,6 @@ class AssistiveParallelEnv(ParallelEnv[str, Array, Action]):
             dict.fromkeys(agents, ended),
             {agent: info_of(step) for agent in agents},
         )
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """A picture (480, 640, 3) with the render mode ``rgb_array``, else nothing.
-
-        Raises:
-            RuntimeError: where no picture can be drawn, naming what to set.
-        """
-        if self.render_mode is None:
-            return None
-        if self._camera is None:
-            self._camera = Camera(self.episodes, 0)
-        return self._camera.picture()
-
-    def close(self) -> None:
-        """Put the camera away; the next picture takes a new one."""
-        if self._camera is not None:
-            self._camera.close()
-            self._camera = None
 
     def _observations(self, step: Step) -> dict[str, Array]:
         return {ROBOT: step.observation[0], HUMAN: self._view.of()}

@@ -89,6 +89,32 @@ class Camera:
         self._renderer.close()
 
 
+class Drawn:
+    """An environment of one world that draws pictures of it, with a camera for each episode."""
+
+    episodes: Episodes
+    render_mode: str | None
+    _camera: Camera | None = None
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture (480, 640, 3) with the render mode ``rgb_array``, else nothing.
+
+        Raises:
+            RuntimeError: where no picture can be drawn, naming what to set.
+        """
+        if self.render_mode is None:
+            return None
+        if self._camera is None:
+            self._camera = Camera(self.episodes, 0)
+        return self._camera.picture()
+
+    def close(self) -> None:
+        """Put the camera away; the next picture takes a new one."""
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+
 def _add_surroundings(spec: mujoco.MjSpec) -> None:
     """A floor and a sky that can be seen, and light from above and before the person."""
     spec.worldbody.add_geom(

@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from avrgym.envs.rendering import Camera
+from avrgym.envs.rendering import Drawn
 from avrgym.envs.vector_conventions import plain_seed
 from avrgym.models.human import Person
 from avrgym.models.scene import CONTROL_STEP_S
@@ -26,7 +26,7 @@ def spaces_of(episodes: Episodes) -> tuple[gym.Space[Array], gym.Space[NDArray[n
     return observation, gym.spaces.Box(-1.0, 1.0, (episodes.action_size,), np.float32)
 
 
-class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
+class AssistiveEnv(Drawn, gym.Env[Array, NDArray[np.float32]]):
     """One world. ``info``: ``success`` (so far), ``reward_terms`` (unweighted), ``force_on_person`` (N)."""
 
     metadata = METADATA
@@ -52,7 +52,6 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
         )
         self.observation_space, self.action_space = spaces_of(self.episodes)
         self._steps_left = 0
-        self._camera: Camera | None = None
 
     def reset(
         self, *, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
@@ -77,24 +76,6 @@ class AssistiveEnv(gym.Env[Array, NDArray[np.float32]]):
         step = self.episodes.step(checked_actions(action, (self.episodes.action_size,))[None])
         self._steps_left -= 1
         return step.observation[0], float(step.reward[0]), False, self._steps_left == 0, info_of(step)
-
-    def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """A picture (480, 640, 3) with the render mode ``rgb_array``, else nothing.
-
-        Raises:
-            RuntimeError: where no picture can be drawn, naming what to set.
-        """
-        if self.render_mode is None:
-            return None
-        if self._camera is None:
-            self._camera = Camera(self.episodes, 0)
-        return self._camera.picture()
-
-    def close(self) -> None:
-        """Put the camera away; the next picture takes a new one."""
-        if self._camera is not None:
-            self._camera.close()
-            self._camera = None
 
 
 class _SingleEntry:
