@@ -123,7 +123,8 @@ def print_table() -> None:
 def table() -> Iterator[str]:
     """Of the seeds the mean, in brackets the least and the most of them, and the mean reward."""
     own: Figures = {run: Policy.load(run.policy).metadata.measured for run in RUNS}
-    met: Figures = {run: _met()[run.name] for run in RUNS}
+    by_name = _met()
+    met: Figures = {run: by_name[run.name] for run in RUNS}
     columns = [(figures, people) for figures in (own, met) for people in PEOPLE]
     yield _row(*HEAD)
     yield _row(*["---"] * len(HEAD))
