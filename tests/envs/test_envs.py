@@ -21,19 +21,19 @@ FEEDING = "avrgym/FeedingJaco-v1"
 EPISODE_STEPS = 200
 
 
-def can_draw() -> bool:
-    """Whether there is a graphics library that draws without a screen."""
+@pytest.fixture(scope="module")
+def graphics() -> None:
+    """Skips what needs a graphics library that draws without a screen where there is none."""
     env = AssistiveEnv(FEEDING, render_mode="rgb_array")
     env.reset(seed=0)
     try:
         env.render()
     except RuntimeError:
-        return False
+        pytest.skip("no graphics library draws here")
     env.close()
-    return True
 
 
-needs_graphics = pytest.mark.skipif(not can_draw(), reason="no graphics library draws here")
+needs_graphics = pytest.mark.usefixtures("graphics")
 
 
 # The public surface

@@ -18,6 +18,14 @@ SEATING = ("calibration", "loading", "check")
 """The phases in which a participant takes their place."""
 TRIAL = ("free_before", "countdown", "trial", "retreat", "free_after", "questionnaire")
 """The phases of a trial in their order; all but the last end by themselves."""
+_DRAW_WHEN_ASKED = """() => {
+    for (const name of ["drawElements", "drawArrays", "drawElementsInstanced", "drawArraysInstanced"]) {
+        const draw = WebGL2RenderingContext.prototype[name];
+        WebGL2RenderingContext.prototype[name] = function (...given) {
+            if (window.drawsTriangles) draw.apply(this, given);
+        };
+    }
+}"""
 
 
 def await_that(condition: Callable[[], bool]) -> None:
@@ -65,6 +73,21 @@ def await_buttons(headset: EmulatedHeadset, item: str) -> None:
     )
 
 
+def leave_out_triangles(headset: EmulatedHeadset) -> None:
+    """Let the page do all that it does but fill triangles, which takes software ten times as long as all the rest.
+
+    Tests that look at pictures ask for them with ``draw_triangles``.
+    """
+    headset.page.add_init_script(f"({_DRAW_WHEN_ASKED})()")
+    headset.page.evaluate(_DRAW_WHEN_ASKED)
+
+
+def draw_triangles(headset: EmulatedHeadset) -> None:
+    """Fill triangles from the next frame on, and wait until it is drawn."""
+    headset.page.evaluate("() => { window.drawsTriangles = true; }")
+    headset.await_frames(2)
+
+
 class Journey:
     """A session on its server, a browser with an emulated headset, and who wears it.
 
@@ -84,6 +107,7 @@ class Journey:
 
         self.server = opened.enter_context(LiveServer(make, "127.0.0.1", 0))
         self.headset = opened.enter_context(EmulatedHeadset(self.server.url, width=320, height=180))
+        leave_out_triangles(self.headset)
         self.participant = SimulatedParticipant(draw_traits(plan.sex, 5), 5, plan.furniture)
 
     @property

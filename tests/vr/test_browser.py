@@ -25,7 +25,7 @@ from avrgym.vr.protocol.messages import Tracking
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
-from journey import Journey, await_that
+from journey import Journey, await_that, draw_triangles
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 
@@ -225,6 +225,8 @@ def errors(journey: Journey, registration: Registration, frame: Tracking) -> tup
 
 
 def eyes(headset: EmulatedHeadset) -> tuple[np.ndarray, np.ndarray]:
+    """What each eye sees, (H, W, 3)."""
+    draw_triangles(headset)
     picture = np.asarray(Image.open(io.BytesIO(headset.page.screenshot())).convert("RGB")).astype(int)
     middle = picture.shape[1] // 2
     return picture[:, :middle], picture[:, middle : 2 * middle]
