@@ -27,9 +27,9 @@ from avrgym.learning.training import (
     train,
 )
 from avrgym.policies.trained import Policy
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.scratch_itch.detour import around_arm_m
-from avrgym.tasks.task import EPISODE_STEPS
 
 FEEDING = "avrgym/FeedingJaco-v1"
 SCRATCHING = "avrgym/ScratchItchJaco-v1"

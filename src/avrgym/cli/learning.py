@@ -18,15 +18,15 @@ from avrgym.cli.terminal import (
     say,
     write_json,
 )
-from avrgym.people.distributions import DISTRIBUTIONS, NAMED
+from avrgym.people.names import NAMES
 from avrgym.policies.names import CHOICES
-from avrgym.tasks.registry import ENVIRONMENTS, find_environment, sizes
 
 
 def envs(json_file: JsonFile = None) -> None:
     """List the environments."""
     from avrgym.doctor.installation import skipped_plugins
     from avrgym.policies.trained import packaged_policies
+    from avrgym.tasks.registry import ENVIRONMENTS, sizes
 
     rows = [
         {
@@ -57,6 +57,8 @@ def train(
     seed: Seed = 0,
 ) -> None:
     """Train a policy with PPO. Needs the extra `train`."""
+    from avrgym.tasks.registry import find_environment
+
     with plain_errors():
         find_environment(env)
         try:
@@ -86,6 +88,8 @@ def train(
 
 
 def _run_name(env: str, people: str, impairment: str, seed: int) -> str:
+    from avrgym.people.distributions import NAMED
+
     whom = people.replace("/", "-") if people in NAMED else Path(people).stem
     limited = [] if impairment == "none" else [impairment]
     return "-".join([env.removeprefix("avrgym/"), whom, *limited, str(seed)])
@@ -128,7 +132,7 @@ def evaluate(
         typer.Option(
             "--cross-play",
             help="Show success as a matrix of policies and people; unless named, original and revised policies with "
-            f"{', '.join(DISTRIBUTIONS)}.",
+            f"{', '.join(NAMES)}.",
         ),
     ] = False,
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
@@ -154,13 +158,13 @@ def evaluate(
     """
     from avrgym.learning.cross_play import cross_play as evaluate_each
     from avrgym.learning.cross_play import matrix
-    from avrgym.tasks.task import EPISODE_STEPS
+    from avrgym.tasks.known import EPISODE_STEPS
 
     with plain_errors():
         check_json(json_file)
         chosen = chosen_environments(env, all_environments)
         policies = policy or (["original", "revised"] if cross_play else ["revised"])
-        groups = people or ([*DISTRIBUTIONS] if cross_play else ["revised"])
+        groups = people or ([*NAMES] if cross_play else ["revised"])
         steps = len(chosen) * len(policies) * len(groups) * episodes * EPISODE_STEPS
         with progress_bar(", ".join(policies), steps) as bar:
             metrics = evaluate_each(

@@ -6,7 +6,6 @@ import sys
 from types import FrameType
 from typing import Any
 
-import click
 import typer
 
 STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
@@ -61,6 +60,6 @@ def _is_broken_off(end: BaseException) -> bool:
     """Whether a command ended by an interrupt that it did not take for an ordinary end."""
     return (
         isinstance(end, KeyboardInterrupt)
-        or isinstance(end.__context__, click.Abort)
+        or isinstance(end.__context__, typer.Abort)
         or (isinstance(end, SystemExit) and end.code == _INTERRUPTED)
     )

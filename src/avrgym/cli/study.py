@@ -20,7 +20,7 @@ from avrgym.cli.terminal import (
     say,
     write_json,
 )
-from avrgym.models.human import SEXES
+from avrgym.models.sexes import SEXES
 
 if TYPE_CHECKING:
     from avrgym.study.storage.store import Store

@@ -39,8 +39,8 @@ from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_environment
-from avrgym.tasks.task import EPISODE_STEPS
 from avrgym.tasks.training_settings import TrainingSettings
 
 POLICY_FILE, CONFIGURATION_FILE, CHECKPOINT_FILE = "policy.safetensors", "configuration.json", "checkpoint.pt"
