@@ -52,12 +52,11 @@ class Bar:
     def _line(self) -> str:
         """Such as ``avrgym/FeedingJaco-v1: 38400 of 300000 steps (13 %), 1250 a second, 4 min left``."""
         task = self._progress.tasks[self._task]
-        done = f"{task.completed:.0f}"
+        done = f"{task.completed:.0f} {self._unit}"
         if task.total:
-            done += f" of {task.total:.0f} {self._unit} ({task.completed / task.total:.0%})".replace(
-                "%", " %"
-            )
-        rate = [f"{task.speed:.{0 if task.speed >= 10 else 1}f} a second"] if task.speed else []
+            share = 100 * task.completed / task.total
+            done = f"{task.completed:.0f} of {task.total:.0f} {self._unit} ({share:.0f} %)"
+        rate = [f"{task.speed:{'.0f' if task.speed >= 10 else '.2g'}} a second"] if task.speed else []
         left = [] if task.time_remaining is None else [f"{duration(task.time_remaining)} left"]
         return f"{task.description}: {', '.join([done, *rate, *left])}"
 
