@@ -16,8 +16,8 @@ from avrgym.policies.registry import acting, find
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.world_version import WORLD_VERSIONS
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_task
-from avrgym.tasks.task import EPISODE_STEPS
 
 Array = NDArray[np.float64]
 POLICIES: Mapping[str, str] = {"oracle": "revised", "original": "original", "revised": "revised"}

@@ -1,7 +1,7 @@
 """The tables of docs/zoo.md: python examples/zoo_tables.py"""
 
-from avrgym.people.zoo import STYLES, ZOOS, Style
-from avrgym.people.zoo.partners import OF_ONE_STYLE
+from avrgym.people.zoo.partners import OF_ONE_STYLE, ZOOS
+from avrgym.people.zoo.styles import STYLES, Style
 
 AXES = ("delay", "amplitude", "tempo")
 

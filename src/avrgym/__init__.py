@@ -1,10 +1,11 @@
 """AVR Gym: real people meet simulated assistive robots in virtual reality.
 
 Importing the package registers the Gymnasium environments. On Linux without a screen it also has MuJoCo draw with a
-library that needs none, by ``MUJOCO_GL``, unless that is set or MuJoCo was imported before. MuJoCo's warnings go to
-the logger ``avrgym.mujoco``.
+library that needs none, by ``MUJOCO_GL``, unless that is set or MuJoCo was imported before. MuJoCo is imported with the
+first environment; from then on its warnings go to the logger ``avrgym.mujoco``.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from avrgym.system.headless import choose_renderer
@@ -12,13 +13,11 @@ from avrgym.system.headless import choose_renderer
 choose_renderer()
 
 from avrgym.envs.registration import register  # noqa: E402
-from avrgym.system.mujoco_warnings import log_warnings  # noqa: E402
 
 if TYPE_CHECKING:
     from avrgym.envs.parallel import AssistiveParallelEnv
 
 register()
-log_warnings()
 
 
 def parallel_env(environment_id: str, **how: Any) -> "AssistiveParallelEnv":
@@ -35,3 +34,11 @@ def parallel_env(environment_id: str, **how: Any) -> "AssistiveParallelEnv":
             f"{error.name} is missing; `pip install avrgym[pettingzoo]` brings what two agents need"
         ) from error
     return AssistiveParallelEnv(environment_id, **how)
+
+
+def __getattr__(name: str) -> Any:
+    """Import what describes people when it is first asked for, as in ``avrgym.models.human.Person``."""
+    if name == "models":
+        import_module("avrgym.models.human")
+        return import_module("avrgym.models")
+    raise AttributeError(f"module 'avrgym' has no attribute {name!r}")

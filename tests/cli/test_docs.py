@@ -10,7 +10,8 @@ from typer.main import get_command
 
 from avrgym.cli.main import app
 from avrgym.models.body_regions import BODY_REGIONS
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS, environment_id
+from avrgym.tasks.known import environment_id
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from pages import DOCUMENTS, name_of
 from places import ROOT
 

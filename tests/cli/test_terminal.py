@@ -11,7 +11,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.cli.terminal import print_table, printable, progress_bar, say
+from avrgym.cli.progress import progress_bar
+from avrgym.cli.terminal import print_table, printable, say
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from studies import make_study, run_participant, take_in

@@ -13,8 +13,8 @@ import avrgym
 from avrgym.envs.parallel import HUMAN, ROBOT, AssistiveParallelEnv
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD
 from avrgym.people.zoo.movement import SPEED_RAD_S
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-from avrgym.tasks.task import EPISODE_STEPS
 
 FEEDING, SCRATCHING = "avrgym/FeedingJaco-v1", "avrgym/ScratchItchJaco-v1"
 

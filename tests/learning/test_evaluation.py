@@ -10,7 +10,7 @@ from avrgym.learning import evaluation
 from avrgym.learning.evaluation import Evaluation, evaluate, evaluate_all, wilson_interval
 from avrgym.models.body_regions import BODY_REGIONS
 from avrgym.policies.trained import packaged_policies
-from avrgym.tasks.task import EPISODE_STEPS
+from avrgym.tasks.known import EPISODE_STEPS
 from visit import ENVIRONMENT, drive
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"

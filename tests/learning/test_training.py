@@ -1,5 +1,6 @@
 import json
 import runpy
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,19 +18,22 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.learning import training
+from avrgym.learning.settings_file import read_settings, settings_of, settings_text
 from avrgym.learning.stable_baselines import SB3VectorEnv
 from avrgym.learning.training import (
     Progress,
     TrainingConfiguration,
     configuration_for,
     export_policy,
+    lengthened,
     resume,
+    stored_configuration,
     train,
 )
 from avrgym.policies.trained import Policy
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.scratch_itch.detour import around_arm_m
-from avrgym.tasks.task import EPISODE_STEPS
 
 FEEDING = "avrgym/FeedingJaco-v1"
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
@@ -225,11 +229,15 @@ def train_whole(configuration: TrainingConfiguration, out: Path) -> Whole:
 def whole(tmp_path_factory) -> Whole:
     """Three rounds of imitation and two updates."""
     out, heard = train_whole(LONG, tmp_path_factory.mktemp("runs") / "whole")
-    assert [progress.steps for progress in heard] == [3200, 4800, 6400, 8000]
+    assert [(progress.stage, progress.steps) for progress in heard] == [
+        *((f"imitation, round {number} of 3", 1600 * number) for number in (1, 2, 3)),
+        ("PPO", 6400), ("PPO", 8000), ("measuring, 2 episodes", 8000),
+    ]  # fmt: skip
+    assert heard[0].reward_mean is None
     return out, heard
 
 
-@pytest.mark.parametrize("told", [2, 3], ids=["in its imitation", "in PPO"])
+@pytest.mark.parametrize("told", [2, 4], ids=["in its imitation", "in PPO"])
 def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(told, whole, tmp_path, monkeypatch):
     assert_goes_on(LONG, told, whole, tmp_path, monkeypatch)
 
@@ -276,13 +284,74 @@ def test_a_training_may_be_imitation_alone(tmp_path, monkeypatch):
     assert policy.metadata.steps == 2 * 8 * 200
     assert policy.metadata.measured["episodes"] == 2
     assert policy.action_deviation == pytest.approx(np.exp(TINY.log_std[0]))
-    with pytest.raises(ValueError, match="is complete"):
+    with pytest.raises(ValueError, match="is complete, after 3200 steps; more --steps go on"):
         resume(tmp_path)
+
+
+def test_a_training_goes_on_beyond_its_end(trained, tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
+    first, out = trained
+    longer = Path(shutil.copytree(out, tmp_path / "longer"))
+    with pytest.raises(ValueError, match="has made 3200 steps; to go on, --steps must be more"):
+        resume(longer, steps=3200 - 1)
+    policy = resume(longer, steps=3200 + 1)
+    assert policy.metadata.steps == 4800
+    assert policy.metadata.curve[:2] == first.metadata.curve
+    assert stored_configuration(longer) == replace(TINY, steps=3201, imitation_share=1.0)
+    with pytest.raises(ValueError, match="is complete, after 4800 steps"):
+        resume(longer)
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_a_longer_training_imitates_no_longer(environment):
+    how = configuration_for(environment, "revised", 300_000, 0)
+    assert lengthened(how, 900_000).imitation_steps == how.imitation_steps
+
+
+# Files of settings
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_the_printed_settings_are_those_of_the_environment(environment, tmp_path):
+    file = tmp_path / "settings.toml"
+    file.write_text(settings_text(environment))
+    assert read_settings(file, environment) == settings_of(environment)
+    file.write_text("")
+    assert read_settings(file, environment) == settings_of(environment)
+
+
+def test_settings_of_a_file_stand_for_the_task_s_own(tmp_path):
+    file = tmp_path / "settings.toml"
+    file.write_text("worlds = 4\nhidden = [16]\n")
+    how = configuration_for(FEEDING, "revised", 1000, 0, settings=read_settings(file, FEEDING))
+    assert (how.worlds, how.hidden, how.log_std) == (4, (16,), settings_of(FEEDING).log_std)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("worlds = 0", "worlds: expected `int` >= 1"),
+        ("hidden = []", "hidden: expected `array` of length >= 1"),
+        ("hidden = [8, 0.5]", r"hidden\[1\]: expected `int`"),
+        ("discount = 1.5", "discount: expected `float` <= 1.0"),
+        ("learning_rate = nan", "learning_rate: expected a finite number"),
+        ("log_std = [1.0]", "log_std: expected `array` of length 2"),
+        ("wrolds = 8", "no training setting is called wrolds; allowed: worlds, minibatch"),
+        ("steps = 8", "no training setting is called steps"),
+        ("worlds", "no TOML: "),
+    ],
+)
+def test_a_wrong_file_of_settings_is_refused(text, said, tmp_path):
+    file = tmp_path / "settings.toml"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=rf"settings\.toml: {said}"):
+        read_settings(file, FEEDING)
 
 
 def test_a_training_whose_expert_s_files_are_damaged_says_so(tmp_path):
     def kill(progress: Progress) -> None:
-        raise Killed
+        if progress.steps > 1600:
+            raise Killed
 
     with pytest.raises(Killed):
         train(LONG, tmp_path, kill)

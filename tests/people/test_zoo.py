@@ -10,9 +10,10 @@ from avrgym.models.human import JOINT_INDEX, LOWER_RAD, SEATED, UPPER_RAD, Peopl
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import arm_limits, distributions, impairments
 from avrgym.people.behaviour import Offered
-from avrgym.people.zoo import STYLES, ZOOS, movement
+from avrgym.people.zoo import movement
 from avrgym.people.zoo.movement import ACCELERATION_RAD_S2, SPEED_RAD_S, Mind
-from avrgym.people.zoo.partners import MANNERS, PARTNERS, TRAITS, endow
+from avrgym.people.zoo.partners import MANNERS, PARTNERS, TRAITS, ZOOS, endow
+from avrgym.people.zoo.styles import STYLES
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS

@@ -8,7 +8,7 @@ import pytest
 
 from avrgym.models.human import LOWER_RAD, SEATED_RAD, TORSO_HEIGHT_RANGE_M, UPPER_RAD, Person
 from avrgym.people.distributions import DISTRIBUTIONS
-from avrgym.people.impairments import IMPAIRMENTS
+from avrgym.people.names import IMPAIRMENTS
 from avrgym.simulation.room import NoRoomError
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS

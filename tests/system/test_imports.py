@@ -5,17 +5,28 @@ import sys
 
 import pytest
 
+import avrgym
+from avrgym.people import names
+from avrgym.people.distributions import DISTRIBUTIONS
+from avrgym.robots.registry import ROBOTS
+from avrgym.tasks import known
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+
 LIBRARIES = {
-    "PIL", "alembic", "av", "cryptography", "fastapi", "h5py", "matplotlib", "mcap", "msgspec", "onnxruntime", "pandas",
-    "playwright", "pyarrow", "pydantic", "rich", "safetensors", "scipy", "segno", "sqlalchemy", "stable_baselines3",
-    "tensorboard", "tomlkit", "torch", "trimesh", "uvicorn", "websockets",
+    "PIL", "alembic", "av", "cryptography", "fastapi", "h5py", "matplotlib", "mcap", "msgspec", "mujoco",
+    "onnxruntime", "pandas", "playwright", "pyarrow", "pydantic", "rich", "rtb_data", "safetensors", "scipy", "segno",
+    "sqlalchemy", "stable_baselines3", "tensorboard", "tomlkit", "torch", "trimesh", "uvicorn", "websockets",
 }  # fmt: skip
 OURS = {
-    "avrgym.analysis", "avrgym.demo", "avrgym.doctor", "avrgym.envs.rendering", "avrgym.envs.single",
-    "avrgym.envs.vector", "avrgym.learning", "avrgym.models.human_shape", "avrgym.people.files",
-    "avrgym.policies.registry", "avrgym.recording", "avrgym.replay", "avrgym.skeletons", "avrgym.study.storage.store",
-    "avrgym.tasks.episodes", "avrgym.vr.server.server",
+    "avrgym.analysis", "avrgym.demo", "avrgym.doctor", "avrgym.learning", "avrgym.models.human", "avrgym.people.files",
+    "avrgym.policies.registry", "avrgym.recording", "avrgym.replay", "avrgym.robots", "avrgym.simulation",
+    "avrgym.skeletons", "avrgym.study.storage.store", "avrgym.tasks.registry", "avrgym.vr.server.server",
 }  # fmt: skip
+SERVING = {
+    "alembic", "cryptography", "fastapi", "matplotlib", "mcap", "segno", "sqlalchemy", "starlette", "uvicorn",
+    "websockets", "avrgym.analysis", "avrgym.recording", "avrgym.study", "avrgym.vr",
+}  # fmt: skip
+"""What only sessions, studies and their results need."""
 HELP = """
 import sys
 from avrgym.cli import app
@@ -28,12 +39,50 @@ except SystemExit:
 """
 
 
-@pytest.mark.parametrize("program", ["import sys, avrgym", HELP], ids=["import avrgym", "avrgym --help"])
-def test_nothing_heavy_is_imported(program: str) -> None:
+TRAINING = """
+import sys, avrgym, avrgym.learning.training
+from avrgym.learning.evaluation import evaluate
+
+evaluate("avrgym/FeedingJaco-v1", "revised", "revised", 1, 0)
+"""
+
+
+def imported(program: str) -> set[str]:
+    """The modules that a program has imported when it ends."""
     ran = subprocess.run(
         [sys.executable, "-c", f"{program}\nprint('modules', *sys.modules)"],
         capture_output=True, text=True, check=True,
     )  # fmt: skip
-    imported = set(ran.stdout.split("modules", 1)[1].split())
-    assert {"avrgym.tasks.registry", "mujoco", "gymnasium"} <= imported
-    assert sorted(imported & (LIBRARIES | OURS)) == []
+    return set(ran.stdout.split("modules", 1)[1].split())
+
+
+@pytest.mark.parametrize("program", ["import sys, avrgym", HELP], ids=["import avrgym", "avrgym --help"])
+def test_nothing_heavy_is_imported(program: str) -> None:
+    modules = imported(program)
+    assert {"avrgym.tasks.known", "gymnasium"} <= modules
+    assert sorted(modules & (LIBRARIES | OURS)) == []
+
+
+def test_who_trains_imports_nothing_of_what_serves() -> None:
+    modules = imported(TRAINING)
+    assert {"torch", "mujoco", "avrgym.tasks.episodes"} <= modules
+    assert sorted(modules & SERVING) == []
+
+
+def test_what_is_known_before_tasks_are_imported_is_what_they_say() -> None:
+    ours = {task: TASKS[task].name for task in known.TASKS} | {
+        robot: ROBOTS[robot].name for robot in known.ROBOTS
+    }
+    assert all(name == of_record for name, of_record in ours.items())
+    packaged = [
+        each for each, (task, robot) in ENVIRONMENTS.items() if task in known.TASKS and robot in known.ROBOTS
+    ]
+    assert packaged == [*known.ENVIRONMENTS]
+    assert (*DISTRIBUTIONS,) == names.NAMES
+
+
+def test_people_are_at_hand_without_an_import_of_their_own() -> None:
+    program = "import sys, avrgym; avrgym.models.human.Person('man', 0.62)"
+    assert "avrgym.models.human" in imported(program)
+    with pytest.raises(AttributeError, match="no attribute 'modles'"):
+        avrgym.modles  # noqa: B018

@@ -15,7 +15,7 @@ from avrgym.policies.trained import PolicyError
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage import database
 from avrgym.system.jobs import cores, report, run_all
-from avrgym.tasks.task import EPISODE_STEPS
+from avrgym.tasks.known import EPISODE_STEPS
 from killing import SEED, assert_same
 from studies import make_study
 

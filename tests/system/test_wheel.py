@@ -1,6 +1,7 @@
 """What is built for others to install: whole, or not at all."""
 
 import os
+import runpy
 import shutil
 import subprocess
 import sys
@@ -75,15 +76,31 @@ def test_a_source_distribution_holds_the_client(source: Path, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("kind", ["wheel", "sdist"])
-def test_without_the_client_nothing_is_built(source: Path, tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize(
+    "lost", ["vr/static", "assets/policies/DrinkingPR2-revised.safetensors", "assets/human/woman.npz"]
+)
+def test_without_pages_policies_or_bodies_nothing_is_built(
+    source: Path, tmp_path: Path, kind: str, lost: str
+) -> None:
     clone = Path(shutil.copytree(source, tmp_path / "clone"))
-    shutil.rmtree(clone / "src" / "avrgym" / "vr" / "static")
+    place = clone / "src" / "avrgym" / lost
+    shutil.rmtree(place) if place.is_dir() else place.unlink()
     built = build(clone, kind, tmp_path / "out")
     assert built.returncode != 0
-    assert "the browser client is not built" in built.stderr
-    assert "run `make client` first" in built.stderr
+    assert f"missing in {clone / 'src' / 'avrgym'}: {lost}" in built.stderr
+    assert "`make client` builds the pages" in built.stderr
     assert "Traceback" not in built.stderr
     assert not list(tmp_path.glob("out/*"))
+
+
+def test_what_a_build_needs_is_all_that_environments_and_bodies_need() -> None:
+    needed = runpy.run_path(str(ROOT / "hatch_build.py"))["ASSETS"]
+    folder = PACKAGE / "assets"
+    assert sorted(needed) == sorted(
+        path.relative_to(PACKAGE).as_posix()
+        for path in folder.rglob("*")
+        if path.is_file() and path.suffix != ".md"
+    )
 
 
 def test_an_installation_without_the_client_says_what_helps(wheel: Path, tmp_path: Path) -> None:

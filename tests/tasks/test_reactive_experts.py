@@ -7,10 +7,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm, normalize
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.scratch_itch import reactive
 from avrgym.tasks.scratch_itch.reward import ScratchItchState
-from avrgym.tasks.task import EPISODE_STEPS
 
 OUTSIDE_RAD = np.radians(120.0)
 

@@ -15,10 +15,11 @@ from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.person import LIMBS
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.scratch_itch.reward import ALONG, AROUND_RAD, ScratchItchState
-from avrgym.tasks.task import EPISODE_STEPS, StepResult
+from avrgym.tasks.task import StepResult
 from worlds import still_world
 
 SCRATCHING = TASKS["ScratchItch"]

@@ -13,7 +13,7 @@ from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Sex
 from avrgym.models.scene import TOOL
 from avrgym.people.distributions import find_distribution
-from avrgym.people.impairments import IMPAIRMENTS, Impairment
+from avrgym.people.names import IMPAIRMENTS, Impairment
 from avrgym.recording.files import read_recording
 from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.tasks.registry import TASKS

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from avrgym.models.scene import SUBSTEPS
-from avrgym.tasks.task import EPISODE_STEPS
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Message, Phase, Scene, SceneLoaded, State, Stop, Welcome
 from avrgym.vr.server.viewing import LOADING_S, LOOK_AT_END_S, Viewing

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.terminal import JsonFile, check_json, plain_errors, progress_bar, say, write_json
+from avrgym.cli.progress import progress_bar
+from avrgym.cli.terminal import JsonFile, check_json, plain_errors, say, write_json
 from avrgym.study.storage.manifest import FOLDER
 
 
@@ -32,9 +33,10 @@ def analyze(
     with plain_errors(), Store(folder) as store:
         check_json(json_file)
         check_out(place)
-        with progress_bar("recordings") as bar:
+        with progress_bar("reading recordings", unit="recordings") as bar:
             analysis = analyse(store, bar.show, skip_damaged=skip_damaged)
-        report = write_analysis(analysis, folder, place)
+        with progress_bar("writing tables, figures and report"):
+            report = write_analysis(analysis, folder, place)
         write_json(json_file, analysis.results())
     say(f"report    {report}")
     if analysis.observed.problems:

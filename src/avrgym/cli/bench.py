@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from avrgym.cli.options import chosen_environments
-from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, progress_bar, write_json
+from avrgym.cli.progress import duration, progress_bar
+from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, say, write_json
 from avrgym.policies.names import CHOICES
 
 Row = dict[str, Any]
@@ -30,7 +31,7 @@ def bench_sim(
     from avrgym.envs.benchmark import RUNS, measure_simulation
 
     def row(environment: str) -> Row:
-        with progress_bar(environment, RUNS) as bar:
+        with progress_bar(f"measuring {environment}", RUNS, "runs") as bar:
             return asdict(measure_simulation(environment, num_envs, bar.advance))
 
     with plain_errors():
@@ -55,6 +56,7 @@ def bench_vr(
     from avrgym.vr.benchmark.measuring import measure_vr
 
     def row(environment: str) -> Row:
+        say(f"measuring {environment} for {duration(seconds)}")
         with progress_bar(environment):
             return asdict(measure_vr(environment, seconds, policy))
 

@@ -1,12 +1,17 @@
 """The commands about environments, people and policies: ``envs``, ``train``, ``fit-people`` and ``evaluate``."""
 
-from dataclasses import asdict
+import shlex
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from avrgym.cli.options import PEOPLE, Impairment, Seed, chosen_environments
+from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
@@ -14,19 +19,24 @@ from avrgym.cli.terminal import (
     plain_errors,
     print_regions,
     print_table,
-    progress_bar,
     say,
     write_json,
 )
-from avrgym.people.distributions import DISTRIBUTIONS, NAMED
+from avrgym.people.names import NAMES
 from avrgym.policies.names import CHOICES
-from avrgym.tasks.registry import ENVIRONMENTS, find_environment, sizes
+
+if TYPE_CHECKING:
+    from avrgym.learning import training
+
+STEPS = 1_000_000
+"""Of a training, unless another number is asked for."""
 
 
 def envs(json_file: JsonFile = None) -> None:
     """List the environments."""
     from avrgym.doctor.installation import skipped_plugins
     from avrgym.policies.trained import packaged_policies
+    from avrgym.tasks.registry import ENVIRONMENTS, sizes
 
     rows = [
         {
@@ -49,43 +59,96 @@ def train(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
     people: Annotated[str, typer.Option(help=f"Whom to train with: {PEOPLE}.")] = "original",
     impairment: Impairment = "none",
-    steps: Annotated[int, typer.Option(help="Environment steps.", min=1)] = 1_000_000,
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            help=f"Environment steps in all, {STEPS} unless said. With --resume, more than before go on beyond.",
+            min=1,
+        ),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="A folder for policy, checkpoint and log.")] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the training in the folder, as it was configured.")
     ] = False,
+    config: Annotated[
+        Path | None,
+        typer.Option(help="A TOML file of training settings, as --help-config prints.", metavar="FILE"),
+    ] = None,
+    help_config: Annotated[
+        bool,
+        typer.Option("--help-config", help="Print the environment's training settings, and train nothing."),
+    ] = False,
     seed: Seed = 0,
 ) -> None:
     """Train a policy with PPO. Needs the extra `train`."""
+    from avrgym.learning.settings_file import read_settings, settings_text
+    from avrgym.tasks.registry import find_environment
+
     with plain_errors():
         find_environment(env)
-        try:
-            from avrgym.learning import training
-        except ModuleNotFoundError as error:
-            raise RuntimeError(
-                f"{error.name} is missing; `pip install avrgym[train]` brings what training needs"
-            ) from error
+        if help_config:
+            say(settings_text(env))
+            return
+        if resume and config is not None:
+            raise ValueError(
+                "a training goes on with the settings it began with; --resume goes without --config"
+            )
+        settings = None if config is None else read_settings(config, env)
+        training = _training()
         folder = out or Path("runs") / _run_name(env, people, impairment, seed)
         if resume:
             stored = training.stored_configuration(folder)
             if stored.environment != env:
                 raise ValueError(f"{folder} holds a training of {stored.environment}, not of {env}")
-            steps = stored.steps
-        with progress_bar(env, steps) as bar:
-
-            def tell(now: "training.Progress") -> None:
-                words = f"{env}  reward {now.reward_mean:.1f}  success {now.success_rate:.1%}"
-                bar.show(now.steps, words=words)
-
-            if resume:
-                training.resume(folder, tell)
-            else:
-                configuration = training.configuration_for(env, people, steps, seed, impairment)
+            wanted = replace(stored, steps=steps or stored.steps)
+            with _shown(env, wanted.whole_steps, folder) as tell:
+                training.resume(folder, tell, steps)
+        else:
+            configuration = training.configuration_for(
+                env, people, steps or STEPS, seed, impairment, settings
+            )
+            with _shown(env, configuration.whole_steps, folder) as tell:
                 training.train(configuration, folder, tell)
-    say(f"policy    {folder / 'policy.safetensors'}")
+    say(f"policy    {folder / training.POLICY_FILE}")
+
+
+def _training() -> ModuleType:
+    try:
+        from avrgym.learning import training
+    except ModuleNotFoundError as error:
+        raise RuntimeError(
+            f"{error.name} is missing; `pip install avrgym[train]` brings what training needs"
+        ) from error
+    return training
+
+
+@contextmanager
+def _shown(env: str, steps: int, folder: Path) -> "Generator[training.Tell]":
+    """Gives what shows how a training in a folder stands."""
+    from avrgym.learning.training import LOG_FOLDER
+
+    log, again = folder / LOG_FOLDER, f"avrgym train {env} --resume --out {shlex.quote(str(folder))}"
+    told = False
+    with progress_bar(env, steps, "steps", stopped=f"`{again}` goes on") as bar:
+
+        def tell(now: "training.Progress") -> None:
+            nonlocal told
+            if not told:
+                say(
+                    f"log       {log}; `tensorboard --logdir {shlex.quote(str(log))}` shows it while it grows"
+                )
+            told = True
+            words = f"{env}  {now.stage}"
+            if now.reward_mean is not None:
+                words += f"  reward {now.reward_mean:.1f}  success {now.success_rate:.1%}".replace("%", " %")
+            bar.show(now.steps, words=words)
+
+        yield tell
 
 
 def _run_name(env: str, people: str, impairment: str, seed: int) -> str:
+    from avrgym.people.distributions import NAMED
+
     whom = people.replace("/", "-") if people in NAMED else Path(people).stem
     limited = [] if impairment == "none" else [impairment]
     return "-".join([env.removeprefix("avrgym/"), whom, *limited, str(seed)])
@@ -102,7 +165,7 @@ def fit_people(
     from avrgym.analysis.fitting import fit_people, write_people
 
     with plain_errors():
-        with progress_bar("recordings") as bar:
+        with progress_bar("reading recordings", unit="recordings") as bar:
             fit = fit_people(study, bar.show)
         write_people(fit, out)
     for recording in fit.left_out:
@@ -128,7 +191,7 @@ def evaluate(
         typer.Option(
             "--cross-play",
             help="Show success as a matrix of policies and people; unless named, original and revised policies with "
-            f"{', '.join(DISTRIBUTIONS)}.",
+            f"{', '.join(NAMES)}.",
         ),
     ] = False,
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
@@ -154,15 +217,15 @@ def evaluate(
     """
     from avrgym.learning.cross_play import cross_play as evaluate_each
     from avrgym.learning.cross_play import matrix
-    from avrgym.tasks.task import EPISODE_STEPS
+    from avrgym.tasks.known import EPISODE_STEPS
 
     with plain_errors():
         check_json(json_file)
         chosen = chosen_environments(env, all_environments)
         policies = policy or (["original", "revised"] if cross_play else ["revised"])
-        groups = people or ([*DISTRIBUTIONS] if cross_play else ["revised"])
+        groups = people or ([*NAMES] if cross_play else ["revised"])
         steps = len(chosen) * len(policies) * len(groups) * episodes * EPISODE_STEPS
-        with progress_bar(", ".join(policies), steps) as bar:
+        with progress_bar(f"evaluating {', '.join(policies)}", steps, "steps") as bar:
             metrics = evaluate_each(
                 chosen,
                 policies,

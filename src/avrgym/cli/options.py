@@ -4,15 +4,13 @@ from typing import Annotated
 
 import typer
 
-from avrgym.people import distributions
-from avrgym.people.impairments import IMPAIRMENTS
+from avrgym.people import names
 from avrgym.policies.names import CHOICES
-from avrgym.tasks.registry import ENVIRONMENTS, find_environment
 
-PEOPLE = distributions.CHOICES
+PEOPLE = names.CHOICES
 Policy = Annotated[str, typer.Option(help=f"Who drives: {CHOICES}.")]
 Impairment = Annotated[
-    str, typer.Option(help=f"What keeps people from moving as they want: {', '.join(IMPAIRMENTS)}.")
+    str, typer.Option(help=f"What keeps people from moving as they want: {', '.join(names.IMPAIRMENTS)}.")
 ]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
 
@@ -23,6 +21,8 @@ def chosen_environments(environments: list[str] | None, every: bool) -> list[str
     Raises:
         ValueError: when none was named or one does not exist, naming those that do.
     """
+    from avrgym.tasks.registry import ENVIRONMENTS, find_environment
+
     if every:
         return list(ENVIRONMENTS)
     if not environments:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
     check_json,
     plain_errors,
     print_table,
-    progress_bar,
     say,
     write_json,
 )
@@ -105,7 +105,7 @@ def power(
         design = read_design(study / FILE if study.is_dir() else study)
         assumptions = Assumptions(participant_sd, policy_sd, task_sd, noise_sd, drift, dropout)
         wanted = tuple(sorted({*sizes, design.participants})) if sizes else default_sizes(design)
-        with progress_bar("studies") as bar:
+        with progress_bar("simulating studies", unit="studies") as bar:
             rows = simulate_power(
                 design,
                 assumptions,

@@ -6,7 +6,6 @@ import sys
 from types import FrameType
 from typing import Any
 
-import click
 import typer
 
 STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
@@ -53,7 +52,8 @@ class Program(typer.Typer):
         except (KeyboardInterrupt, SystemExit) as end:
             if not signals.received or not _is_broken_off(end):
                 raise
-        typer.echo("avrgym: stopped", err=True)
+            kept = _notes(end)
+        typer.echo("; ".join(["avrgym: stopped", *kept]), err=True)
         sys.exit(signals.exit_code)
 
 
@@ -61,6 +61,16 @@ def _is_broken_off(end: BaseException) -> bool:
     """Whether a command ended by an interrupt that it did not take for an ordinary end."""
     return (
         isinstance(end, KeyboardInterrupt)
-        or isinstance(end.__context__, click.Abort)
+        or isinstance(end.__context__, typer.Abort)
         or (isinstance(end, SystemExit) and end.code == _INTERRUPTED)
     )
+
+
+def _notes(end: BaseException) -> list[str]:
+    """What was noted on the interrupt that led to an end: what is kept, and how to go on."""
+    error: BaseException | None = end
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return list(dict.fromkeys(getattr(error, "__notes__", [])))
+        error = error.__cause__ or error.__context__
+    return []

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
     JsonFile,
     check_json,
     plain_errors,
     print_regions,
     print_table,
-    progress_bar,
     say,
     write_json,
 )
@@ -124,7 +124,7 @@ def _read(file: Path) -> "Recording":
 @contextmanager
 def _progress(recording: "Recording", words: str) -> Generator[Callable[[], None]]:
     """A bar that each recorded state moves on."""
-    with progress_bar(words, len(recording.topics["/physics"])) as bar:
+    with progress_bar(words, len(recording.topics["/physics"]), "states") as bar:
         yield bar.advance
 
 

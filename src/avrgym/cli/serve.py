@@ -10,7 +10,7 @@ import typer
 
 from avrgym.cli.options import PEOPLE, Impairment, Policy, Seed
 from avrgym.cli.terminal import plain_errors, say
-from avrgym.models.human import SEXES, Sex
+from avrgym.models.sexes import SEXES, Sex
 from avrgym.policies.names import CHOICES, OPERATOR
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
 

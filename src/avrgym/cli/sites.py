@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from avrgym.cli.progress import GOES_ON, progress_bar
 from avrgym.cli.terminal import (
     JsonFile,
     check_json,
     plain_errors,
     print_table,
-    progress_bar,
     say,
     write_json,
 )
@@ -48,7 +48,7 @@ def merge(
     told: list[str] = []
     with plain_errors():
         check_json(json_file)
-        with progress_bar("comparing recordings") as bar:
+        with progress_bar("comparing recordings", unit="recordings", stopped=GOES_ON) as bar:
             sites = merge_studies(
                 folders,
                 out,

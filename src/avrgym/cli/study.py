@@ -8,6 +8,7 @@ import typer
 
 from avrgym.cli.options import PEOPLE, Impairment
 from avrgym.cli.plan import Folder, freeze, plan_findings, plan_of, power
+from avrgym.cli.progress import GOES_ON, progress_bar
 from avrgym.cli.sites import merge, say_sites
 from avrgym.cli.terminal import (
     Jobs,
@@ -16,11 +17,10 @@ from avrgym.cli.terminal import (
     confirm,
     plain_errors,
     print_table,
-    progress_bar,
     say,
     write_json,
 )
-from avrgym.models.human import SEXES
+from avrgym.models.sexes import SEXES
 
 if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
@@ -169,7 +169,7 @@ def simulate(
 
     with plain_errors():
         check_json(json_file)
-        with progress_bar("trials") as bar:
+        with progress_bar("simulating", unit="trials", stopped=GOES_ON) as bar:
             simulate_study(folder, participants, seed, bar.show, jobs, people, impairment)
         with Store(folder) as store:
             summary = summarise_study(store)
@@ -248,7 +248,11 @@ def export(
     from avrgym.study.storage.store import Store
 
     left_out: list[str] = []
-    with plain_errors(), Store(folder) as store, progress_bar("verifying recordings") as bar:
+    with (
+        plain_errors(),
+        Store(folder) as store,
+        progress_bar("verifying recordings", unit="recordings") as bar,
+    ):
         files = export_study(
             store, data_format, out, skip_damaged=skip_damaged, progress=bar.show, tell=left_out.append
         )

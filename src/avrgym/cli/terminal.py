@@ -1,4 +1,4 @@
-"""What all commands share: errors, metrics, tables and progress on the terminal.
+"""What all commands share: errors, metrics and tables on the terminal.
 
 Whatever is printed is text: a title, a path or a consent may hold brackets, which rich would take for markup, and
 characters that would command the terminal.
@@ -19,13 +19,12 @@ from avrgym.system.files import write_whole
 from avrgym.system.plain_values import is_array
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
+    from rich.console import Console
 
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
 _AS_WIDE_AS_NEEDED = 100_000
 UNKNOWN = "–"
 """What a table shows where there is no value."""
-_TEXT_ONLY: dict[str, Any] = {"markup": False, "emoji": False, "highlight": False}
 
 JsonFile = Annotated[
     Path | None, typer.Option("--json", help="Write the metrics to this file.", metavar="FILE")
@@ -92,6 +91,14 @@ def say(text: str) -> None:
     typer.echo(printable(text))
 
 
+def console(width: int | None = None) -> "Console":
+    """What text is drawn on; in a file it has no control characters, whatever variables ask for colour."""
+    from rich.console import Console
+
+    is_terminal = sys.stdout.isatty()
+    return Console(width=width, force_terminal=is_terminal, markup=False, emoji=False, highlight=False)
+
+
 def confirm(question: str) -> bool:
     """Ask a question that is answered with yes or no."""
     return typer.confirm(printable(question))
@@ -100,13 +107,12 @@ def confirm(question: str) -> bool:
 def print_table(rows: list[dict[str, Any]]) -> None:
     """Print rows of equal keys as a table that is never cut at the terminal's edge."""
     from rich.box import SIMPLE
-    from rich.console import Console
     from rich.table import Column, Table
 
     table = Table(*(Column(_cell(name), no_wrap=True) for name in rows[0]), box=SIMPLE)
     for row in rows:
         table.add_row(*(_cell(value) for value in row.values()))
-    Console(width=_AS_WIDE_AS_NEEDED, **_TEXT_ONLY).print(table, soft_wrap=True)
+    console(width=_AS_WIDE_AS_NEEDED).print(table, soft_wrap=True)
 
 
 def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None:
@@ -121,35 +127,6 @@ def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None
         print_table(rows)
     else:
         say("Nobody was touched.")
-
-
-class Bar:
-    """How far long work is."""
-
-    def __init__(self, progress: "Progress", words: str, total: float | None) -> None:
-        self._progress = progress
-        self._task = progress.add_task(printable(words), total=total)
-
-    def advance(self, by: float = 1) -> None:
-        """So many more are done."""
-        self._progress.advance(self._task, by)
-
-    def show(self, done: float, total: float | None = None, words: str | None = None) -> None:
-        """So many are done, of so many where that was not known, in other words where they changed."""
-        description = None if words is None else printable(words)
-        self._progress.update(self._task, completed=done, total=total, description=description)
-
-
-@contextmanager
-def progress_bar(words: str, total: float | None = None) -> Generator[Bar]:
-    """A bar that is there while long work goes on; it sways where nobody knows the ``total``."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    left = TimeRemainingColumn(elapsed_when_finished=True)
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), left)
-    with Progress(*columns, console=Console(**_TEXT_ONLY), transient=True) as progress:
-        yield Bar(progress, words, total)
 
 
 def _cell(value: Any) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from avrgym.models.scene import SUBSTEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.task import EPISODE_STEPS
+from avrgym.tasks.known import EPISODE_STEPS
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from avrgym.envs.single import METADATA, check_render_mode, info_of, spaces_of
 from avrgym.envs.vector_conventions import plain_seed
 from avrgym.models.human import Person
 from avrgym.tasks.episodes import Episodes, Step, checked_actions
-from avrgym.tasks.task import EPISODE_STEPS
+from avrgym.tasks.known import EPISODE_STEPS
 
 Array = NDArray[np.float64]
 Action = NDArray[np.float32]

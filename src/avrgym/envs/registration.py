@@ -6,15 +6,17 @@ Whatever makes them is imported when the first one is made.
 # Gymnasium's functions: their types are known only in part.
 # pyright: reportUnknownMemberType=false
 
+from collections.abc import Iterable
+
 import gymnasium as gym
 
-from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.tasks.task import EPISODE_STEPS
+from avrgym.system import plugins
+from avrgym.tasks.known import ENVIRONMENTS, EPISODE_STEPS
 
 
 def register() -> None:
     """Register every task with every robot."""
-    for environment_id in ENVIRONMENTS:
+    for environment_id in _environment_ids():
         gym.register(
             environment_id,
             entry_point="avrgym.envs.single:single_entry",
@@ -22,3 +24,12 @@ def register() -> None:
             max_episode_steps=EPISODE_STEPS,
             kwargs={"environment_id": environment_id},
         )
+
+
+def _environment_ids() -> Iterable[str]:
+    """Tasks and robots of other packages have to be imported for their ids; ours are known."""
+    if not (plugins.entries(plugins.TASKS) or plugins.entries(plugins.ROBOTS)):
+        return ENVIRONMENTS
+    from avrgym.tasks import registry
+
+    return registry.ENVIRONMENTS

@@ -12,7 +12,7 @@ from avrgym.envs.vector_conventions import plain_seed
 from avrgym.models.human import Person
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.tasks.episodes import Episodes, Step, checked_actions
-from avrgym.tasks.task import EPISODE_STEPS
+from avrgym.tasks.known import EPISODE_STEPS
 
 Array = NDArray[np.float64]
 

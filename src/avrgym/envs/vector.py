@@ -25,7 +25,7 @@ from avrgym.envs.vector_conventions import (
 from avrgym.models.human import Person
 from avrgym.system.plain_values import is_array
 from avrgym.tasks.episodes import Episodes, Step, checked_actions
-from avrgym.tasks.task import EPISODE_STEPS
+from avrgym.tasks.known import EPISODE_STEPS
 
 Array = NDArray[np.float64]
 

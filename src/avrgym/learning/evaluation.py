@@ -13,8 +13,8 @@ from avrgym.policies.force_guard import ForceGuard
 from avrgym.simulation.region_forces import RegionFigures, RegionLoads, RegionWatch, summed_up
 from avrgym.system.jobs import cores, report, run_all
 from avrgym.tasks.episodes import Episodes, Step
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import find_environment
-from avrgym.tasks.task import EPISODE_STEPS
 
 Array = NDArray[np.float64]
 Progress = Callable[[int], None]

@@ -22,7 +22,7 @@ from torch import Tensor
 
 from avrgym.learning.stable_baselines import finished_episodes, go_on_from, normaliser_of
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.task import EPISODE_STEPS
+from avrgym.tasks.known import EPISODE_STEPS
 
 Array = NDArray[np.float64]
 

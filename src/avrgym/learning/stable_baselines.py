@@ -13,8 +13,8 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from avrgym.envs.vector import AssistiveVectorEnv
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.observation import Observation
-from avrgym.tasks.task import EPISODE_STEPS
 
 Array = NDArray[Any]
 

@@ -27,6 +27,7 @@ from avrgym.learning import checkpoint
 from avrgym.learning.evaluation import evaluate
 from avrgym.learning.hard_episodes import HardEpisodes
 from avrgym.learning.imitation import imitate
+from avrgym.learning.settings_file import settings_of
 from avrgym.learning.stable_baselines import (
     ObservationScale,
     SB3VectorEnv,
@@ -39,11 +40,11 @@ from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import TASKS, find_environment
-from avrgym.tasks.task import EPISODE_STEPS
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.training_settings import TrainingSettings
 
 POLICY_FILE, CONFIGURATION_FILE, CHECKPOINT_FILE = "policy.safetensors", "configuration.json", "checkpoint.pt"
+LOG_FOLDER = "tensorboard"
 SHOWN_FOLDER = "shown"
 """What the expert showed, while the policy imitates it."""
 PEOPLE_FILE = "people.toml"
@@ -67,6 +68,11 @@ class TrainingConfiguration(TrainingSettings):
     def update_steps(self) -> int:
         """Environment steps of one update: an episode in every world."""
         return self.worlds * EPISODE_STEPS
+
+    @property
+    def whole_steps(self) -> int:
+        """Environment steps in all, whole updates."""
+        return -(-self.steps // self.update_steps) * self.update_steps
 
     @property
     def imitation_steps(self) -> int:
@@ -93,33 +99,43 @@ class TrainingConfiguration(TrainingSettings):
 
 
 def configuration_for(
-    environment: str, people: str, steps: int, seed: int, impairment: str = "none"
+    environment: str,
+    people: str,
+    steps: int,
+    seed: int,
+    impairment: str = "none",
+    settings: TrainingSettings | None = None,
 ) -> TrainingConfiguration:
-    """How we train in an environment.
+    """How we train in an environment; ``settings`` stand for the task's own.
 
     Raises:
         ValueError: for an unknown environment, naming what there is.
     """
-    task, _ = find_environment(environment)
     return TrainingConfiguration(
         environment=environment,
         people=people,
         impairment=impairment,
         steps=steps,
         seed=seed,
-        **vars(TASKS[task].training),
+        **vars(settings or settings_of(environment)),
     )
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How a training stands: environment steps so far, and mean reward and success of the latest episodes."""
+    """How a training stands: its stage in words, environment steps so far, and how the latest episodes went.
 
+    Mean reward and success are those of the policy's own episodes; None before there are any.
+    """
+
+    stage: str
     steps: int
-    reward_mean: float
-    success_rate: float
+    reward_mean: float | None
+    success_rate: float | None
 
 
+CurvePoint = tuple[int, float, float]
+"""Environment steps so far, and mean reward and success of the latest episodes."""
 Tell = Callable[[Progress], None]
 
 
@@ -135,7 +151,7 @@ class _Watch(BaseCallback):
         super().__init__()
         self._configuration, self._out, self._env, self._tell = configuration, out, env, tell
         self._finished: list[tuple[float, bool]] = []
-        self._curve: list[Progress] = []
+        self._curve: list[CurvePoint] = []
         self._hard = HardEpisodes(configuration.worlds, configuration.hard_share, configuration.seed)
         self._seconds_before, self._began = 0.0, time.monotonic()
 
@@ -147,23 +163,32 @@ class _Watch(BaseCallback):
     def resume(self, notes: dict[str, Any]) -> None:
         """Go on from the notes of a checkpoint."""
         self._finished = [(reward, success) for reward, success in notes["finished"]]
-        self._curve = [Progress(*point) for point in notes["curve"]]
+        self._curve = [(steps, reward, success) for steps, reward, success in notes["curve"]]
         self._hard.kept = notes.get("hard", [])  # checkpoints of earlier versions know of none
         self._seconds_before = notes["seconds"]
 
-    def hear(self, steps: int, finished: list[tuple[float, bool]]) -> Progress:
-        """Take return and success of episodes that ended after ``steps`` in all, and tell how training stands."""
+    def hear(self, stage: str, finished: list[tuple[float, bool]]) -> None:
+        """Take return and success of episodes that have ended in a stage, and tell how training stands."""
+        steps = self.model.num_timesteps
         self._finished = (self._finished + finished)[-2 * self._configuration.worlds :]
-        reward, success = (sum(column) / len(column) for column in zip(*self._finished, strict=True))
-        now = Progress(steps, reward, success)
-        self._curve.append(now)
-        self._tell(now)
-        return now
+        if finished:
+            reward, success = (sum(column) / len(column) for column in zip(*self._finished, strict=True))
+            self._curve.append((steps, reward, success))
+        self.tell(stage)
+
+    def tell(self, stage: str) -> None:
+        """Tell how training stands in a stage."""
+        reward, success = self._curve[-1][1:] if self._curve else (None, None)
+        self._tell(Progress(stage, self.model.num_timesteps, reward, success))
 
     def imitated(self, finished: list[tuple[float, bool]]) -> None:
         """Save a round of imitation, and tell of what the policy did meanwhile."""
-        if finished:
-            self.hear(self.model.num_timesteps, finished)
+        configuration = self._configuration
+        done, rounds = (
+            steps // configuration.update_steps
+            for steps in (self.model.num_timesteps, configuration.imitation_steps)
+        )
+        self.hear(f"imitation, round {done} of {rounds}", finished)
         self.save_checkpoint()
 
     def _on_rollout_start(self) -> None:
@@ -186,7 +211,7 @@ class _Watch(BaseCallback):
         assert isinstance(self.model, PPO)
         notes = {
             "finished": self._finished,
-            "curve": [(now.steps, now.reward_mean, now.success_rate) for now in self._curve],
+            "curve": self._curve,
             "hard": self._hard.kept,
             "seconds": self._seconds,
         }
@@ -206,9 +231,10 @@ class _Watch(BaseCallback):
         infos = self.locals["infos"]
         if self._configuration.hard_share > 0.0:
             self._hard.judge(*([info[name] for info in infos] for name in ("success", "episode_force_n")))
-        now = self.hear(self.num_timesteps, finished_episodes(infos[self._hard.again :]))
-        self.logger.record("rollout/reward_mean", now.reward_mean)
-        self.logger.record("rollout/success_rate", now.success_rate)
+        self.hear("PPO", finished_episodes(infos[self._hard.again :]))
+        _, reward, success = self._curve[-1]
+        self.logger.record("rollout/reward_mean", reward)
+        self.logger.record("rollout/success_rate", success)
         self._free_actor(self.model)
 
     def _free_actor(self, model: PPO) -> None:
@@ -243,19 +269,28 @@ def train(configuration: TrainingConfiguration, out: Path, tell: Tell = lambda p
         _refuse_used(out)
         if configuration.people not in NAMED:
             write_whole(out / PEOPLE_FILE, Path(configuration.people).read_bytes())
-        write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
+        _store(configuration, out)
         return _begin(configuration, env, out, tell)
 
 
 def _refuse_used(out: Path) -> None:
     if (out / CONFIGURATION_FILE).exists():
-        raise FileExistsError(f"{out} already holds a training; choose another folder, or resume it")
+        raise FileExistsError(
+            f"{out} already holds a training; choose another folder, or go on with --resume"
+        )
 
 
-def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
+def resume(out: Path, tell: Tell = lambda progress: None, steps: int | None = None) -> Policy:
     """Go on with the training in ``out`` from its latest checkpoint, to the same weights as if never cut off.
 
     One that was cut off before its first checkpoint begins again, with the same seed.
+
+    Args:
+        out: the folder of the training.
+        tell: told of the progress after every update.
+        steps: how many it shall have made in the end, more than so far; without it as many as it was begun with.
+            Imitation gets no longer; PPO goes on, its learning rate and chance where a training of so many steps has
+            them.
 
     Raises:
         ValueError: when there is none, when it is complete, when it goes on in another process, or when its files are
@@ -263,7 +298,29 @@ def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
     """
     configuration = stored_configuration(out)
     with locked(out):
+        if steps is not None and steps != configuration.steps:
+            configuration = _extended(configuration, steps, out)
         return _resume(configuration, out, tell)
+
+
+def _extended(configuration: TrainingConfiguration, steps: int, out: Path) -> TrainingConfiguration:
+    """The configuration for so many steps in all, stored."""
+    done = Policy.load(out / POLICY_FILE).metadata.steps if (out / POLICY_FILE).exists() else 0
+    if steps <= done:
+        raise ValueError(f"the training in {out} has made {done} steps; to go on, --steps must be more")
+    longer = lengthened(configuration, steps)
+    _store(longer, out)
+    return longer
+
+
+def lengthened(configuration: TrainingConfiguration, steps: int) -> TrainingConfiguration:
+    """The configuration for more steps, with as much imitation as before."""
+    rounds = configuration.imitation_steps // configuration.update_steps
+    return replace(configuration, steps=steps, imitation_rounds=rounds, imitation_share=1.0)
+
+
+def _store(configuration: TrainingConfiguration, out: Path) -> None:
+    write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
 
 
 def _resume(configuration: TrainingConfiguration, out: Path, tell: Tell) -> Policy:
@@ -274,7 +331,9 @@ def _resume(configuration: TrainingConfiguration, out: Path, tell: Tell) -> Poli
     model = _ppo(configuration, env, out)
     watch.resume(checkpoint.restore(out / CHECKPOINT_FILE, model, env.env))
     if model.num_timesteps >= configuration.steps and Policy.load(out / POLICY_FILE).metadata.measured:
-        raise ValueError(f"the training in {out} is complete, after {model.num_timesteps} steps")
+        raise ValueError(
+            f"the training in {out} is complete, after {model.num_timesteps} steps; more --steps go on"
+        )
     return _go_on(model, configuration, watch, out)
 
 
@@ -298,14 +357,15 @@ def _begin(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path, t
 
 
 def _go_on(model: PPO, configuration: TrainingConfiguration, watch: _Watch, out: Path) -> Policy:
+    watch.init_callback(model)
     if model.num_timesteps < configuration.imitation_steps:
-        watch.init_callback(model)
         _imitate(model, configuration, watch, out)
     shutil.rmtree(out / SHOWN_FOLDER, ignore_errors=True)
     remaining = configuration.steps - model.num_timesteps
     if remaining > 0:
         model.learn(remaining, callback=watch, reset_num_timesteps=False)
         watch.save_checkpoint()
+    watch.tell(f"measuring, {MEASURED_EPISODES} episodes")
     return _measure(configuration, out)
 
 
@@ -373,7 +433,7 @@ def _ppo(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path) -> 
             "net_arch": list(configuration.hidden),
             "activation_fn": torch.nn.Tanh,
         },
-        tensorboard_log=str(out / "tensorboard"),
+        tensorboard_log=str(out / LOG_FOLDER),
         seed=configuration.seed,
         device="cpu",
     )
@@ -382,7 +442,7 @@ def _ppo(configuration: TrainingConfiguration, env: SB3VectorEnv, out: Path) -> 
 
 
 def export_policy(
-    model: PPO, configuration: TrainingConfiguration, seconds: float, curve: list[Progress]
+    model: PPO, configuration: TrainingConfiguration, seconds: float, curve: list[CurvePoint]
 ) -> Policy:
     """The actor of a PPO model with its observation normaliser and the chance of this stage of training.
 
@@ -409,7 +469,7 @@ def export_policy(
             seed=configuration.seed,
             git_commit=_git_commit(),
             seconds=round(seconds, 1),
-            curve=[(now.steps, now.reward_mean, now.success_rate) for now in curve[::-stride][::-1]],
+            curve=curve[::-stride][::-1],
         ),
     )
 

@@ -15,9 +15,9 @@ from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Person, Posture
 from avrgym.people import arm_limits
 from avrgym.people.arm_clearance import Boxes, clearance, person_capsules
+from avrgym.people.names import CHOICES, ORIGINAL, PARTICIPANTS, REVISED
 from avrgym.people.uniform import between
 from avrgym.people.zoo.partners import OF_ONE_STYLE, ZOOS, Partners
-from avrgym.people.zoo.styles import STYLES
 
 if TYPE_CHECKING:
     from avrgym.people.files import PeopleFile
@@ -65,9 +65,9 @@ class Distribution:
 
 _REVISED = Distribution((0.50, 0.70), (0.44, 0.64), waist_deg=10.0)
 DISTRIBUTIONS: Mapping[str, Distribution] = {
-    "original": Distribution((0.60, 0.60), (0.54, 0.54), waist_deg=0.0),
-    "revised": _REVISED,
-    "participants": Distribution((0.51, 0.58), (0.51, 0.58), waist_deg=5.0, cooperating=True),
+    ORIGINAL: Distribution((0.60, 0.60), (0.54, 0.54), waist_deg=0.0),
+    REVISED: _REVISED,
+    PARTICIPANTS: Distribution((0.51, 0.58), (0.51, 0.58), waist_deg=5.0, cooperating=True),
     **{name: replace(_REVISED, partners=partners) for name, partners in ZOOS.items()},
 }
 NAMED: Mapping[str, Distribution] = DISTRIBUTIONS | {
@@ -96,13 +96,6 @@ class Pose:
     def spreads_arm(self) -> bool:
         """Whether the right arm's pose is random."""
         return bool(self.spread_rad[RIGHT_ARM].any())
-
-
-CHOICES = (
-    f"{', '.join(DISTRIBUTIONS)}, a style of the zoo such as zoo/train/startled "
-    f"({', '.join(STYLES)}), or a file of people"
-)
-"""All that may be named, in words."""
 
 
 def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution:

@@ -1,18 +1,16 @@
 """What keeps simulated people from moving as they want, as the 2020 reference offers it."""
 
 from dataclasses import replace
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models.human import JOINTS, LOWER_RAD, UPPER_RAD, People
+from avrgym.people.names import IMPAIRMENTS, Impairment
 from avrgym.people.uniform import between
 
 Array = NDArray[np.float64]
 
-Impairment = Literal["none", "limits", "weakness", "tremor"]
-IMPAIRMENTS: tuple[Impairment, ...] = get_args(Impairment)
 MOVING: tuple[Impairment, ...] = ("weakness", "tremor")
 """Those that show only in people whose joints move."""
 

@@ -21,8 +21,6 @@ Array = NDArray[np.float64]
 
 MOST_WORDS = 160
 """How many characters of an exception are told."""
-GROUP = "avrgym.controllers"
-"""The group of entry points under which other packages register controllers by name."""
 
 
 class Controller(Protocol):
@@ -127,7 +125,7 @@ def _search_here() -> None:
 
 def registered() -> dict[str, EntryPoint]:
     """The controllers that other packages register, by name; none of them is imported yet."""
-    return {entry.name: entry for entry in plugins.entries(GROUP)}
+    return {entry.name: entry for entry in plugins.entries(plugins.CONTROLLERS)}
 
 
 def find_registered(name: str) -> Foreign:

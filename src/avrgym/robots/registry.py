@@ -8,7 +8,6 @@ from avrgym.robots.pr2.robot import PR2
 from avrgym.robots.records import check_robot
 from avrgym.system import plugins
 
-GROUP = "avrgym.robots"
 _robots: dict[str, Robot] = {robot.name: robot for robot in (JACO, PR2)}
 ROBOTS: Mapping[str, Robot] = _robots
 
@@ -25,7 +24,7 @@ def register(robot: Robot) -> None:
     _robots[robot.name] = robot
 
 
-BROKEN = plugins.load(GROUP, Robot, register)
+BROKEN = plugins.load(plugins.ROBOTS, Robot, register)
 """The robots of other packages that were skipped."""
 
 

@@ -13,6 +13,8 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import TypeVar
 
 T = TypeVar("T")
+TASKS, ROBOTS, CONTROLLERS = "avrgym.tasks", "avrgym.robots", "avrgym.controllers"
+"""The groups of entry points."""
 _LOG = logging.getLogger("avrgym.plugins")
 
 

@@ -15,7 +15,7 @@ from avrgym.models import robot
 from avrgym.models.human import People, Person
 from avrgym.people import arm_limits, behaviour, distributions, impairments
 from avrgym.people.arm_clearance import furniture_boxes
-from avrgym.people.impairments import Impairment
+from avrgym.people.names import Impairment
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room

@@ -13,10 +13,9 @@ from avrgym.tasks import of_world_1
 from avrgym.tasks.bed_bathing.task import BED_BATHING
 from avrgym.tasks.drinking.task import DRINKING
 from avrgym.tasks.feeding.task import FEEDING
+from avrgym.tasks.known import environment_id
 from avrgym.tasks.scratch_itch.task import SCRATCH_ITCH
 from avrgym.tasks.task import Task
-
-GROUP = "avrgym.tasks"
 
 
 class Registry:
@@ -58,16 +57,11 @@ class Registry:
         return True
 
 
-def environment_id(task: str, robot: str) -> str:
-    """The id of a task's environment with a robot, both by name."""
-    return f"avrgym/{task}{robot}-v1"
-
-
 def _filled() -> Registry:
     registry = Registry(ROBOTS)
     for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING):
         registry.add(task)
-    registry.broken += plugins.load(GROUP, Task, registry.add)
+    registry.broken += plugins.load(plugins.TASKS, Task, registry.add)
     return registry
 
 

@@ -20,7 +20,6 @@ from avrgym.tasks.training_settings import TrainingSettings
 Array = NDArray[np.float64]
 TaskState = Any
 """What a task keeps of an episode from step to step: a dataclass of arrays, world axis first."""
-EPISODE_STEPS = 200
 
 
 @dataclass(frozen=True)

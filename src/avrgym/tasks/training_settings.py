@@ -1,36 +1,66 @@
 """How policies are trained in a task."""
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from msgspec import Meta
+
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingSettings:
-    """What a training run is made of. Network and algorithm are the paper's (section V); the rest is ours.
+    """What a training run is made of: what each field means, in which limits, and what it is unless a task differs.
 
-    The policy first imitates its task's reactive expert for ``imitation_rounds`` episodes in every world, though for no
-    more than ``imitation_share`` of all steps. Then only the critic learns for ``critic_updates``.
-    ``log_std`` is how random actions are at the beginning and at the end of PPO. The ``learning_rate`` is that of its
-    beginning and falls to a hundredth, so that in the end the policy is a mean of many updates. The policy keeps the
-    chance of its last update.
-    ``force_weight_per_n`` is what each newton on the person takes off a step's reward at the end of PPO, beyond what
-    the task's own reward does; it grows over the second third: first the policy learns to help, then to be gentle.
-    ``detour_weight_per_m`` is what each metre takes off that the way of tool and hand is longer than straight on.
-    ``hard_share`` of the worlds, at most, begin an update of PPO with episodes that went badly before; of how training
-    stands they tell nothing.
+    Network and algorithm are the paper's (section V); the rest is ours. The policy first imitates its task's reactive
+    expert; then PPO goes on. The learning rate falls to a hundredth, so that in the end the policy is a mean of many
+    updates. The policy keeps the chance of its last update.
     """
 
-    worlds: int = 32
-    minibatch: int = 320
-    epochs: int = 10
-    learning_rate: float = 3e-4
-    discount: float = 0.99
-    gae_lambda: float = 0.95
-    clip_range: float = 0.2
-    log_std: tuple[float, float] = (-1.5, -3.0)
-    hidden: tuple[int, ...] = (64, 64)
-    imitation_rounds: int = 8
-    imitation_share: float = 0.5
-    critic_updates: int = 5
-    force_weight_per_n: float = 0.03
-    detour_weight_per_m: float = 0.0
-    hard_share: float = 0.0
+    worlds: Annotated[
+        int, Meta(ge=1, description="worlds stepped together; each makes an episode an update")
+    ] = 32
+    minibatch: Annotated[int, Meta(ge=2, description="control steps of one step of PPO's optimizer")] = 320
+    epochs: Annotated[int, Meta(ge=1, description="how often PPO goes through an update's steps")] = 10
+    learning_rate: Annotated[
+        float, Meta(gt=0.0, description="of PPO at its beginning; falls to a hundredth")
+    ] = 3e-4
+    discount: Annotated[Share, Meta(description="of rewards, for each control step")] = 0.99
+    gae_lambda: Annotated[Share, Meta(description="of generalised advantage estimation")] = 0.95
+    clip_range: Annotated[
+        float, Meta(gt=0.0, description="how far PPO changes an action's chance, as a share")
+    ] = 0.2
+    log_std: Annotated[
+        tuple[float, float],
+        Meta(description="logarithm of how random actions are, at the beginning and the end of PPO"),
+    ] = (-1.5, -3.0)
+    hidden: Annotated[
+        tuple[Annotated[int, Meta(ge=1)], ...],
+        Meta(min_length=1, description="units of the network's hidden layers"),
+    ] = (64, 64)
+    imitation_rounds: Annotated[
+        int, Meta(ge=0, description="episodes in every world that imitate the expert, first of all")
+    ] = 8
+    imitation_share: Annotated[Share, Meta(description="of all steps that imitation takes at most")] = 0.5
+    critic_updates: Annotated[
+        int, Meta(ge=0, description="updates after imitation in which only the critic learns")
+    ] = 5
+    force_weight_per_n: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            description="what each newton on the person takes off a step's reward at the end of PPO, beyond the "
+            "task's own; it grows over the second third: first the policy learns to help, then to be gentle",
+        ),
+    ] = 0.03
+    detour_weight_per_m: Annotated[
+        float,
+        Meta(ge=0.0, description="what each metre takes off that tool and hand go farther than straight on"),
+    ] = 0.0
+    hard_share: Annotated[
+        Share,
+        Meta(
+            description="of the worlds, at most, that begin an update of PPO with episodes that went badly before; "
+            "what training tells of itself leaves them out"
+        ),
+    ] = 0.0

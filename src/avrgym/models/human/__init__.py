@@ -34,9 +34,10 @@ from avrgym.models.human.joints import (
     Z,
     joint_angles,
 )
-from avrgym.models.human.measures import MAN, PROPORTIONS, SEXES, TORSO_HEIGHT_RANGE_M, WOMAN, Sex
+from avrgym.models.human.measures import MAN, PROPORTIONS, TORSO_HEIGHT_RANGE_M, WOMAN
 from avrgym.models.human.model import PREFIX, add_person, let_targets_glide, person_model
 from avrgym.models.human.person import SKIN_TONES, People, Person
+from avrgym.models.sexes import SEXES, Sex
 
 __all__ = [
     "BODIES",

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
 from avrgym.models.human.joints import JOINTS, X, Y, Z, joint_angles
-from avrgym.models.human.measures import Array, Proportions, Sex, proportions_of
+from avrgym.models.human.measures import Array, Proportions, proportions_of
 from avrgym.models.human.person import People, Person
+from avrgym.models.sexes import Sex
 
 BODY_FROM_DEVICE_AXES = transforms.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 """Axes of a device (x right, y up, −z ahead) and of the body part it sits on (x left, −y ahead, z up).

@@ -5,14 +5,14 @@ The 50th percentile man and woman of the 2020 reference (after Tilley, *The Meas
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.models.sexes import Sex
+
 Array = NDArray[np.float64]
-Sex = Literal["man", "woman"]
-SEXES: tuple[Sex, ...] = ("man", "woman")
 TORSO_HEIGHT_RANGE_M = (0.40, 0.75)
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models.human.joints import JOINTS, SEATED_RAD
-from avrgym.models.human.measures import SEXES, TORSO_HEIGHT_RANGE_M, Array, Sex
+from avrgym.models.human.measures import TORSO_HEIGHT_RANGE_M, Array
+from avrgym.models.sexes import SEXES, Sex
 
 SKIN_TONES: Mapping[str, tuple[float, float, float]] = {
     "light": (0.90, 0.74, 0.65),

@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 from avrgym.models.human import JOINTS, People
 from avrgym.people import impairments
 from avrgym.people.impairments import TREMOR_RAD
+from avrgym.people.names import TRAIN_ZOO, UNSEEN_ZOO
 from avrgym.people.zoo.styles import STYLES, Style
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 LEVELS: Mapping[str, tuple[float, ...]] = {
-    "zoo/train": (0.0, 0.5, 1.0),
-    "zoo/unseen": (0.13, 0.37, 0.63, 0.87),
+    TRAIN_ZOO: (0.0, 0.5, 1.0),
+    UNSEEN_ZOO: (0.13, 0.37, 0.63, 0.87),
 }
 """Where on each axis of a style the partners are, from its traits' first values, 0, to their last, 1."""
 

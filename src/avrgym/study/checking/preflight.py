@@ -6,7 +6,7 @@ from itertools import product
 from avrgym.policies.registry import AnyPolicy, find_for_session
 from avrgym.policies.trained import PolicyError
 from avrgym.study.storage.store import Store
-from avrgym.tasks.registry import environment_id
+from avrgym.tasks.known import environment_id
 
 
 def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:

@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.study.design.design import Design
 from avrgym.study.design.orders import Block, Order, balanced_orders
-from avrgym.tasks.registry import environment_id
+from avrgym.tasks.known import environment_id
 
 
 @dataclass(frozen=True)

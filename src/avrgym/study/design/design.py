@@ -20,7 +20,8 @@ from avrgym.study.design.toml import DesignError as DesignError
 from avrgym.study.design.toml import Tables, parse, read_text
 from avrgym.study.design.wrong import Wrong, check_id, check_known, check_pattern, check_unique
 from avrgym.system.toml_places import Place
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS, environment_id
+from avrgym.tasks.known import environment_id
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
 FILE = "study.toml"
 PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps")

@@ -13,7 +13,7 @@ import numpy as np
 from avrgym.models.human import SEXES
 from avrgym.people import distributions, impairments
 from avrgym.people.distributions import Distribution
-from avrgym.people.impairments import Impairment
+from avrgym.people.names import Impairment
 from avrgym.policies.registry import Operated
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.records import Answer

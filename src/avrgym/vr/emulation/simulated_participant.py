@@ -18,7 +18,7 @@ from avrgym.models.human import JOINTS, SEATED, SEATED_RAD, Person, Sex
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.people import behaviour, distributions, impairments
 from avrgym.people.distributions import DISTRIBUTIONS, Distribution
-from avrgym.people.impairments import Impairment
+from avrgym.people.names import Impairment
 from avrgym.people.zoo import movement, partners
 from avrgym.robots.registry import find_robot
 from avrgym.tasks.registry import TASKS, find_environment

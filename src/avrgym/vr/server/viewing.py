@@ -7,7 +7,7 @@ import numpy as np
 from avrgym.models.human import Person
 from avrgym.policies.registry import find
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.task import EPISODE_STEPS
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.protocol.received import Received

@@ -8,8 +8,8 @@ from avrgym.models.human import Sex
 from avrgym.policies.registry import AnyPolicy, find_for_session
 from avrgym.recording.questionnaire import LIKERT_ITEMS, Item
 from avrgym.recording.stop_rules import StopRules
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_environment
-from avrgym.tasks.task import EPISODE_STEPS
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,57 @@
+"""Files of training settings: TOML with any fields of ``TrainingSettings``; others are the task's own."""
+
+import json
+import tomllib
+from pathlib import Path
+from typing import get_type_hints
+
+import msgspec
+
+from avrgym.system.plain_values import is_array
+from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.training_settings import TrainingSettings
+
+
+def read_settings(path: Path, environment: str) -> TrainingSettings:
+    """How to train in an environment, with what a file says otherwise.
+
+    Raises:
+        ValueError: for a file that is no TOML, or says what cannot be, naming what is allowed.
+        OSError: when it cannot be read.
+    """
+    usual = vars(settings_of(environment))
+    try:
+        said = tomllib.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path}: no TOML: {error}") from None
+    unknown = ", ".join(said.keys() - usual.keys())
+    if unknown:
+        raise ValueError(f"{path}: no training setting is called {unknown}; allowed: {', '.join(usual)}")
+    try:
+        return msgspec.convert(usual | said, TrainingSettings)
+    except msgspec.ValidationError as error:
+        what, _, place = str(error).partition(" - at `$.")
+        raise ValueError(f"{path}: {place.rstrip('`')}: {what[:1].lower()}{what[1:]}") from None
+
+
+def settings_text(environment: str) -> str:
+    """Such a file with all settings as they are in an environment, and what each means."""
+    settings = settings_of(environment)
+    lines = [
+        f"# How a policy is trained in {environment}; `avrgym train --config FILE` takes what you change."
+    ]
+    for name, annotated in get_type_hints(TrainingSettings, include_extras=True).items():
+        value = getattr(settings, name)
+        meaning = annotated.__metadata__[-1].description
+        lines += ["", f"# {meaning}", f"{name} = {json.dumps(list(value) if is_array(value) else value)}"]
+    return "\n".join(lines)
+
+
+def settings_of(environment: str) -> TrainingSettings:
+    """How to train in an environment.
+
+    Raises:
+        ValueError: for an unknown environment, naming what there is.
+    """
+    task, _ = find_environment(environment)
+    return TASKS[task].training

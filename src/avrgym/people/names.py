@@ -1,0 +1,18 @@
+"""Whom a policy may meet, by name."""
+
+from typing import Literal, get_args
+
+from avrgym.people.zoo.styles import STYLES
+
+ORIGINAL, REVISED, PARTICIPANTS = "original", "revised", "participants"
+TRAIN_ZOO, UNSEEN_ZOO = "zoo/train", "zoo/unseen"
+NAMES = (ORIGINAL, REVISED, PARTICIPANTS, TRAIN_ZOO, UNSEEN_ZOO)
+"""Of the distributions of people."""
+CHOICES = (
+    f"{', '.join(NAMES)}, a style of the zoo such as {TRAIN_ZOO}/startled "
+    f"({', '.join(STYLES)}), or a file of people"
+)
+"""All that may be named, in words."""
+
+Impairment = Literal["none", "limits", "weakness", "tremor"]
+IMPAIRMENTS: tuple[Impairment, ...] = get_args(Impairment)

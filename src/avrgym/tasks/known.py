@@ -1,0 +1,17 @@
+"""What is known of the packaged tasks before any of them is imported."""
+
+from itertools import product
+
+TASKS = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
+ROBOTS = ("Jaco", "PR2")
+"""By name, as their records have it."""
+EPISODE_STEPS = 200
+
+
+def environment_id(task: str, robot: str) -> str:
+    """The id of a task's environment with a robot, both by name."""
+    return f"avrgym/{task}{robot}-v1"
+
+
+ENVIRONMENTS = tuple(environment_id(task, robot) for task, robot in product(TASKS, ROBOTS))
+"""Their ids; other packages may add to them."""

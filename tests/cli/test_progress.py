@@ -1,0 +1,136 @@
+"""How far long work is: on a terminal, in a file, and after it was stopped."""
+
+import io
+import signal
+import subprocess
+import sys
+from collections.abc import Iterable
+
+import pytest
+
+from avrgym.cli import progress
+from avrgym.cli.progress import duration, progress_bar
+from avrgym.cli.terminal import print_table
+
+STOPPED = """
+import os, signal
+from avrgym.cli.program import Program
+from avrgym.cli.progress import progress_bar
+import typer
+
+app = Program()
+
+@app.command()
+def work():
+    with progress_bar("working", 10, "steps", stopped="`work --resume` goes on") as bar:
+        bar.advance()
+        os.kill(os.getpid(), signal.{signal})
+        signal.pause()
+
+app()
+"""
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+class File(io.StringIO):
+    encoding = "utf-8"
+
+
+def shown(out: io.StringIO, patch: pytest.MonkeyPatch, seconds: Iterable[float]) -> str:
+    """What is shown of ten steps, of which one is done at each of these seconds."""
+    now_s = [0.0]
+    with patch.context() as here:
+        here.setattr(sys, "stdout", out)
+        with progress_bar("walking", 10, "steps", clock=lambda: now_s[0]) as bar:
+            for second in seconds:
+                now_s[0] = second
+                bar.advance()
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    "colours", [{}, {"FORCE_COLOR": "1", "TERM": "xterm-256color"}], ids=["plain", "forced"]
+)
+def test_a_file_gets_plain_lines(colours: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in colours.items():
+        monkeypatch.setenv(name, value)
+    assert shown(File(), monkeypatch, range(6, 66, 6)).splitlines() == [
+        "walking: 2 of 10 steps (20 %), 0.17 a second, 48 s left",
+        "walking: 4 of 10 steps (40 %), 0.17 a second, 36 s left",
+        "walking: 6 of 10 steps (60 %), 0.17 a second, 24 s left",
+        "walking: 8 of 10 steps (80 %), 0.17 a second, 12 s left",
+        "walking: 10 of 10 steps (100 %), 0.17 a second, 0 s left",
+        "walking: done in 60 s",
+    ]
+
+
+def test_what_is_done_soon_says_nothing_in_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert shown(File(), monkeypatch, [0.9 * progress.LINE_EVERY_S] * 10) == ""
+
+
+def test_a_terminal_gets_a_bar_that_goes_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    text = shown(Terminal(), monkeypatch, range(6, 66, 6))
+    assert "\x1b[2K" in text
+    assert "10/10" in text
+    assert "steps (" not in text
+
+
+def test_work_of_unknown_length_says_how_much_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s, out = [0.0], File()
+    with monkeypatch.context() as here:
+        here.setattr(sys, "stdout", out)
+        with progress_bar("reading", unit="files", clock=lambda: now_s[0]) as bar:
+            now_s[0] = 20.0
+            bar.show(3)
+            now_s[0] = 40.0
+            bar.show(6, 12, "reading again")
+            now_s[0] = 60.0
+            bar.show(7)
+            now_s[0] = 80.0
+            bar.show(8)
+    assert out.getvalue().splitlines() == [
+        "reading: 3 files",
+        "reading again: 6 of 12 files (50 %)",
+        "reading again: 7 of 12 files (58 %), 0.05 a second, 2 min left",
+        "reading again: 8 of 12 files (67 %), 0.05 a second, 80 s left",
+        "reading: done in 80 s",
+    ]
+
+
+def test_a_table_in_a_file_has_no_colours(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    out = File()
+    with monkeypatch.context() as here:
+        here.setattr(sys, "stdout", out)
+        print_table([{"name": "x" * 300, "value": 1.0}])
+    assert "\x1b" not in out.getvalue()
+    assert "x" * 300 in out.getvalue()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+def test_stopped_work_says_in_one_line_how_it_goes_on(number: signal.Signals) -> None:
+    ran = subprocess.run(
+        [sys.executable, "-c", STOPPED.replace("{signal}", number.name)], capture_output=True, text=True
+    )
+    assert ran.returncode == 128 + number
+    assert ran.stderr == "avrgym: stopped; `work --resume` goes on\n"
+
+
+def test_an_error_is_no_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ValueError, match="wrong") as error, progress_bar("working"):
+        raise ValueError("wrong")
+    assert not getattr(error.value, "__notes__", [])
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0.4, "0 s"), (99.4, "99 s"), (99.6, "100 s"), (100, "2 min"), (3569, "59 min"), (3600, "1 h 0 min"),
+     (9000, "2 h 30 min")],
+)  # fmt: skip
+def test_times_are_told_in_words(seconds: float, words: str) -> None:
+    assert duration(seconds) == words
