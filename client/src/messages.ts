@@ -60,6 +60,12 @@ export interface StageLatency {
   p99: number;
 }
 
+/** A stream of another device by the study's name for it, and whether it is there. */
+export interface StreamStatus {
+  name: string;
+  present: boolean;
+}
+
 /** The first message of a connection. The token is the one in the fragment of the page's address. */
 export interface Hello {
   type: "hello";
@@ -314,7 +320,7 @@ export interface Feedback {
  * robot. `tracking_age_s` is the time since the newest usable frame. `operated`: in this trial the experimenter
  * drives; `idle`: the robot holds still for want of an action. `held_because`: the answer for which a stop rule
  * paused the session, empty where none did. `latency`: how late pictures were in the last seconds of
- * which the client told, from pose to picture as `total_ms` and by stage. */
+ * which the client told, from pose to picture as `total_ms` and by stage. `streams`: those of other devices. */
 export interface Status {
   type: "status";
   phase: PhaseName;
@@ -340,6 +346,7 @@ export interface Status {
   operated: boolean;
   idle: boolean;
   latency: StageLatency[];
+  streams: StreamStatus[];
 }
 
 /** What the last second's ticks of 10 ms took, for those who watch; ticks given up since the beginning. */

@@ -13,6 +13,7 @@ export function statusWords(status: Status): Record<string, string> {
     "watch-limit": limitWords(status),
     "watch-tracking": trackingWords(status),
     "watch-latency": latencyWords(status),
+    "watch-streams": streamWords(status),
     "watch-height": `${(100 * status.torso_height_m).toFixed(1)} cm`,
   };
 }
@@ -41,6 +42,10 @@ function latencyWords({ latency }: Status): string {
   const parts = latency.filter(({ stage }) => stage in words);
   const stages = parts.map(({ stage, p50 }) => `${words[stage]} ${p50.toFixed(0)}`).join(", ");
   return `${total.p50.toFixed(0)} ms, 95 % within ${total.p95.toFixed(0)}: ${stages}`;
+}
+
+function streamWords({ streams }: Status): string {
+  return streams.map(({ name, present }) => (present ? name : `${name} is missing`)).join(", ") || "–";
 }
 
 export function timingWords({ tick_ms_median, tick_ms_max, missed_ticks }: Timing): string {

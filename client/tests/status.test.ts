@@ -27,6 +27,7 @@ const STATUS: Status = {
   operated: false,
   idle: false,
   latency: [],
+  streams: [],
 };
 
 describe("how a session stands", () => {
@@ -42,6 +43,7 @@ describe("how a session stands", () => {
       "watch-limit": "0 %",
       "watch-tracking": "11 ms old, hand",
       "watch-latency": "–",
+      "watch-streams": "–",
       "watch-height": "54.5 cm",
     });
   });

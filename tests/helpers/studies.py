@@ -15,7 +15,16 @@ from msgspec.structs import asdict
 
 from avrgym.recording.files import RecordingWriter
 from avrgym.recording.outcomes import Metrics
-from avrgym.recording.records import Answer, BodyTargets, Control, Event, Pose, TrackingFrame
+from avrgym.recording.records import (
+    Answer,
+    BodyTargets,
+    Control,
+    Event,
+    Pose,
+    Stream,
+    StreamSamples,
+    TrackingFrame,
+)
 from avrgym.study.design.design import default_text
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage.answers import record_answer
@@ -29,6 +38,18 @@ STEPS = 3
 METRICS = Metrics(STEPS, reward=-1.5, success=True, seconds=4.0)
 TORSO_HEIGHT_M = 0.5625
 OBSERVATION = [0.25, -1.0, 0.5]
+HEARTBEATS = [[float(number)] for number in range(30)]
+STREAMS = (
+    Stream("heart", "Belt", "ECG", 100.0, ["ecg"], ["microvolts"]),
+    Stream("gaze", "Tracker", "Gaze", 0.0, ["confidence", "norm_pos_x", "norm_pos_y"], []),
+    Stream("marks", "Button box", "Markers", 0.0, [], []),
+)
+SAMPLES = (
+    StreamSamples("heart", 0.001, [0.1 + 0.01 * number for number in range(30)], HEARTBEATS),
+    StreamSamples("gaze", -0.25, [0.11, 0.13, 0.14], [[0.5, 0.25, 0.75]] * 2 + [[0.5, float("nan"), 0.75]]),
+    StreamSamples("marks", 0.0, [0.2], [], [["pressed"]]),
+)
+"""What other devices send in every trial."""
 
 
 def make_study(folder: Path, **changes: str) -> Path:
@@ -82,6 +103,9 @@ def record(store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool
         control = Control(step, OBSERVATION, [0.5] * 7, -0.5, terms, step == STEPS, 0.3 / step, 1.0)
         writer.write("/control", time_ns, control)
     writer.write("/events", 100_000_000, Event("phase", "trial"))
+    for stream, samples in zip(STREAMS, SAMPLES, strict=True):
+        writer.write("/streams", 100_000_000, stream)
+        writer.write("/samples", 400_000_000, samples)
     if not trial.practice:
         for value, item in enumerate(store.design.items_at("after_trial"), start=3):
             writer.write("/answers", 400_000_000, Answer(item.id, value, 1.25))

@@ -208,6 +208,34 @@ def test_the_validator_of_bids_finds_no_error(exports: dict[str, Path]) -> None:
     assert len(result["summary"]["subjects"]) == 2
 
 
+def test_bids_has_what_other_devices_sent(exports: dict[str, Path]) -> None:
+    folder = exports["bids"] / "sub-001" / "ses-01" / "motion"
+    name = "sub-001_ses-01_task-Feeding_tracksys-headset_run-01"
+    heart, gaze = (
+        (
+            json.loads((folder / f"{name}_recording-{stream}_physio.json").read_text()),
+            pd.read_csv(
+                folder / f"{name}_recording-{stream}_physio.tsv.gz", sep="\t", header=None, na_values="n/a"
+            ),
+        )
+        for stream in ("heart", "gaze")
+    )
+    assert (heart[0]["PhysioType"], heart[0]["SamplingFrequency"], heart[0]["Columns"]) == (
+        "generic", 100.0, ["timestamp", "ecg"],
+    )  # fmt: skip
+    assert heart[0]["StartTime"] == pytest.approx(0.0)
+    assert np.diff(heart[1][0]) == pytest.approx(0.01)
+    assert heart[0]["ecg"]["Units"] == "microvolts"
+    assert gaze[0]["PhysioType"] == "eyetrack"
+    assert gaze[0]["Columns"] == ["timestamp", "x_coordinate", "y_coordinate", "confidence"]
+    assert gaze[1].iloc[0].tolist() == pytest.approx([0.01, 0.25, 0.75, 0.5])
+    assert np.isnan(gaze[1].iloc[2, 1])
+    events = table(folder / f"{name}_events.tsv")
+    assert events.loc[events["trial_type"] == "marks", ["onset", "detail"]].to_numpy().tolist() == [
+        [0.1, "pressed"]
+    ]
+
+
 def test_bids_tables_lead_to_the_runs_and_their_conditions(exports: dict[str, Path]) -> None:
     folder = exports["bids"]
     participants = table(folder / "participants.tsv")
@@ -217,7 +245,7 @@ def test_bids_tables_lead_to_the_runs_and_their_conditions(exports: dict[str, Pa
         rows = table(scans)
         assert all((scans.parent / name).is_file() for name in rows["filename"])
         assert rows["acq_time"].str.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z").all()
-    assert json.loads((folder / "dataset_description.json").read_text())["BIDSVersion"] == "1.10.0"
+    assert json.loads((folder / "dataset_description.json").read_text())["BIDSVersion"] == "1.11.1"
 
 
 def test_bids_answers_have_a_row_for_each_participant(exports: dict[str, Path]) -> None:

@@ -30,6 +30,7 @@ from avrgym.analysis.statistics.session_answers import (
 from avrgym.analysis.statistics.sites import site_effect_rows, site_outcome_rows
 from avrgym.analysis.statistics.subjective import answer_families, likert_rows, subjective_rows
 from avrgym.analysis.statistics.tests import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
+from avrgym.analysis.stream_rows import StreamRow
 from avrgym.analysis.tables import Table, control_steps
 from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import Design
@@ -92,6 +93,8 @@ class Analysis:
         yield Table.of("attempts", rows.AttemptRow, seen.attempts)
         yield Table.of("answers", rows.AnswerRow, seen.answers)
         yield Table.of("reward_terms", rows.TermRow, seen.terms)
+        if seen.streams:
+            yield Table.of("streams", StreamRow, seen.streams)
         yield Table.of("problems", rows.ProblemRow, seen.problems)
         yield Table.of("objective", rows.ObjectiveRow, self.objective)
         yield from as_tables(list(paper_tables(self.design, self.objective)))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Executor
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,10 +17,12 @@ from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
 
 if TYPE_CHECKING:
     from avrgym.models.furniture.real import RealFurniture
+    from avrgym.recording.streams import StreamChoice
     from avrgym.vr.protocol.messages import Send
     from avrgym.vr.server.certificate import Certificate
     from avrgym.vr.server.server import LiveServer
     from avrgym.vr.session.session import Session
+    from avrgym.vr.session.streams import Streams
 
 
 def serve(
@@ -70,6 +73,20 @@ def serve(
             show_default=False,
         ),
     ] = None,
+    send_streams: Annotated[
+        bool,
+        typer.Option(
+            "--send-streams",
+            help="Send events, poses and forces to Lab Streaming Layer; a study's study.toml says it.",
+        ),
+    ] = False,
+    receive: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A stream of Lab Streaming Layer to record, as in \"heart=type='ECG'\"; again for more.",
+            metavar="NAME=QUERY",
+        ),
+    ] = None,
 ) -> None:
     """Serve one participant's session to a headset.
 
@@ -79,10 +96,11 @@ def serve(
     from concurrent.futures import ThreadPoolExecutor
 
     from avrgym.models.furniture.real import REAL_AS_VIRTUAL, real_furniture
+    from avrgym.recording.streams import stream_choice
     from avrgym.vr.server.certificate import certificate_for, data_folder, lan_names
     from avrgym.vr.server.server import LiveServer
 
-    with plain_errors(), ThreadPoolExecutor(1) as workers:
+    with plain_errors(), ThreadPoolExecutor(1) as workers, ExitStack() as stack:
         if body not in SEXES:
             raise ValueError(f"unknown body {body!r}; the body models are {' and '.join(SEXES)}")
         furniture = partial(
@@ -93,13 +111,17 @@ def serve(
             mattress_height_m=mattress_height,
             mattress_back_deg=mattress_back,
         )
+        choice = stream_choice(send_streams, receive or [])
         certificate = certificate_for(lan_names(), data_folder()) if lan else None
         address = host or (EVERY_ADDRESS if lan else LOOPBACK[0])
         if participant is not None or (study / "study.toml").is_file():
             if force_guard is not None:
                 raise ValueError(f"in a study force_guard in {study / 'study.toml'} says it, and no option")
+            if choice != stream_choice(False, []):
+                raise ValueError(f"in a study [streams] in {study / 'study.toml'} says it, and no option")
             _serve_study(study, participant, furniture, workers, address, port, certificate)
             return
+        streams = stack.enter_context(_streams(choice))
         make_session = _free_session(
             study,
             env or ["avrgym/FeedingJaco-v1"],
@@ -109,6 +131,7 @@ def serve(
             trials,
             seed,
             workers,
+            streams,
             force_guard=force_guard is not False,
         )
         with LiveServer(make_session, address, port, certificate) as server:
@@ -135,6 +158,7 @@ def _serve_study(
     with (
         Store(folder) as store,
         StoringThread() as storing,
+        _streams(store.design.streams) as streams,
         LiveServer(
             lambda send: StudySessions(
                 store,
@@ -143,6 +167,7 @@ def _serve_study(
                 first=participant,
                 furniture=furniture(store.design.furniture),
                 storing=storing,
+                streams=streams,
             ),
             host,
             port,
@@ -154,6 +179,19 @@ def _serve_study(
         _wait(server)
 
 
+def _streams(choice: "StreamChoice") -> "AbstractContextManager[Streams | None]":
+    """The streams that are wanted, as long as the context lasts."""
+    if not choice.send and not choice.receive:
+        return nullcontext()
+    try:
+        from avrgym.vr.lab_streaming.streams import lab_streams
+    except (ModuleNotFoundError, RuntimeError) as error:  # the latter where its library cannot be loaded
+        raise ValueError(
+            f"Lab Streaming Layer is not at hand ({error}); `pip install avrgym[lsl]` brings it"
+        ) from error
+    return lab_streams(choice)
+
+
 def _free_session(
     folder: Path,
     environments: list[str],
@@ -163,6 +201,7 @@ def _free_session(
     trials: int,
     seed: int,
     workers: Executor,
+    streams: "Streams | None",
     *,
     force_guard: bool,
 ) -> "Callable[[Send], Session]":
@@ -176,7 +215,9 @@ def _free_session(
     )
     policies = load_policies(plan)
     recordings, name = folder / "recordings", folder.name
-    return lambda send: Session(plan, policies, recordings, send, identifier=name, workers=workers)
+    return lambda send: Session(
+        plan, policies, recordings, send, identifier=name, workers=workers, streams=streams
+    )
 
 
 def _explain(server: "LiveServer[Any]", experimenters_page: str) -> None:

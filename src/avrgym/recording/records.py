@@ -142,6 +142,36 @@ class Latency(Record, frozen=True):
     draw_ms: _Milliseconds
 
 
+class Stream(Record, frozen=True):
+    """A stream of another device, written before the first of its samples in a trial.
+
+    ``stream`` is what the study calls it, ``source`` what the device does. ``kind`` is the device's word for what it
+    measures, such as ``EEG``. ``rate_hz`` is the rate that it promises, 0 for samples that come at any time. Names of
+    channels and units are empty where the device gives none.
+    """
+
+    stream: str
+    source: str
+    kind: str
+    rate_hz: float
+    channels: list[str]
+    units: list[str]
+
+
+class StreamSamples(Record, frozen=True):
+    """Samples of a stream in the order they came, an entry each: of a stream of numbers ``values``, else ``texts``.
+
+    ``time_s``: when each was taken. ``offset_s`` was added to the times that the device gave, because its clock is so
+    much behind ours.
+    """
+
+    stream: str
+    offset_s: float
+    time_s: list[float]
+    values: list[list[float]] = []
+    texts: list[list[str]] = []
+
+
 TOPICS: dict[str, type[Record]] = {
     "/physics": Physics,
     "/tracking": TrackingFrame,
@@ -151,6 +181,8 @@ TOPICS: dict[str, type[Record]] = {
     "/events": Event,
     "/answers": Answer,
     "/latency": Latency,
+    "/streams": Stream,
+    "/samples": StreamSamples,
 }
 
 _encoder = msgspec.json.Encoder()

@@ -53,7 +53,7 @@ UNIONS = {
     "ServerMessage": messages.ServerMessage,
 }
 
-PARTS_OF_MESSAGES = (messages.XRPose, messages.Skeleton, messages.StageLatency)
+PARTS_OF_MESSAGES = (messages.XRPose, messages.Skeleton, messages.StageLatency, messages.StreamStatus)
 
 CONSTANTS = {
     "PROTOCOL": messages.PROTOCOL,

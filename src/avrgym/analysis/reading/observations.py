@@ -11,8 +11,10 @@ from avrgym.analysis.reading.answers import Answered
 from avrgym.analysis.reading.measures import Body, Measured, measure, other_versions
 from avrgym.analysis.rows import AnswerRow, AttemptRow, ParticipantRow, ProblemRow, TermRow, TrialRow
 from avrgym.analysis.score_rows import ScoreRow
+from avrgym.analysis.stream_rows import StreamRow
 from avrgym.policies.force_guard import ACTS
 from avrgym.recording.files import Recording, RecordingError
+from avrgym.recording.streams import stream_figures
 from avrgym.robots.registry import find_robot
 from avrgym.study.checking.held import held_share, too_much_held
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
@@ -40,6 +42,7 @@ class Observations:
     answers: list[AnswerRow] = field(default_factory=list[AnswerRow])
     scores: list[ScoreRow] = field(default_factory=list[ScoreRow])
     terms: list[TermRow] = field(default_factory=list[TermRow])
+    streams: list[StreamRow] = field(default_factory=list[StreamRow])
     problems: list[ProblemRow] = field(default_factory=list[ProblemRow])
     series: dict[TrialKey, Measured] = field(default_factory=dict[TrialKey, Measured])
 
@@ -187,6 +190,7 @@ def _add_measures(
         found.terms.extend(_terms(row, measured))
         row = replace(row, **_step_metrics(measured))
     row = replace(row, guard_interventions=guard_interventions(recording))
+    found.streams.extend(_streams(row, recording))
     if recorded == "whole" and row.reward != row.reward_recorded:
         tell(
             f"adds up to a reward of {row.reward_recorded}, stored is {row.reward}", "the stored one is used"
@@ -210,6 +214,11 @@ def _step_metrics(measured: Measured) -> dict[str, float]:
         "force_mean_n": fmean(forces),
         "force_peak_n": max(forces),
     }
+
+
+def _streams(row: TrialRow, recording: Recording) -> list[StreamRow]:
+    whose = {name: getattr(row, name) for name in ("participant", "site", "simulated", "position")}
+    return [StreamRow(**whose, **vars(figures)) for figures in stream_figures(recording.topics)]
 
 
 def guard_interventions(recording: Recording) -> int | None:

@@ -32,6 +32,7 @@ from avrgym.analysis.report.results import (
 )
 from avrgym.analysis.report.scores import scores
 from avrgym.analysis.report.sites import by_site
+from avrgym.analysis.report.streams import streams
 from avrgym.analysis.report.trials import trials
 from avrgym.analysis.rows import ParticipantRow
 from avrgym.analysis.statistics.tests import EXACT_SIGNED_RANK
@@ -113,6 +114,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         biomechanics(analysis, simulated, own, tests),
         other_tests(tests),
         by_site(analysis, simulated),
+        streams(analysis, simulated),
         trials(analysis, simulated, study_link),
         id=_id(simulated),
     )

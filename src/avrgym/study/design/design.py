@@ -13,6 +13,7 @@ import numpy as np
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.recording.questionnaire import Item, Questionnaire, items_to_ask
 from avrgym.recording.stop_rules import StopRule, StopRules
+from avrgym.recording.streams import StreamChoice, stream_fault
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.instruments import with_items
 from avrgym.study.design.questionnaires import check_questionnaires, check_stop_rules
@@ -77,7 +78,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     really sit and lie on.
     A trial whose person was held for more than ``max_held_share`` of the time in which the robot helped enters no
     analysis; a design that does not say counts all. ``force_guard``: arms that press too hard draw back; a design that
-    does not say has none, as studies that began without it.
+    does not say has none, as studies that began without it. ``streams`` are exchanged with other devices.
     """
 
     title: Annotated[str, msgspec.Meta(min_length=1)]
@@ -99,6 +100,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     stop_rules: tuple[StopRule, ...] = ()
     goals: Mapping[str, Sentence] = {}
     furniture: RealFurniture = RealFurniture()
+    streams: StreamChoice = StreamChoice()
     reporting: Reporting = Reporting()
     database: DatabaseChoice = DatabaseChoice()
 
@@ -191,6 +193,7 @@ def _check(design: Design) -> None:
         check_pattern(("practice_policy",), design.practice_policy, _POLICY, "a policy, or nothing")
     check_questionnaires(design.questionnaires)
     check_stop_rules(design.rules)
+    _check_streams(design.streams)
     _check_inclusion(design.inclusion)
     _check_database(design.database.url)
 
@@ -208,6 +211,13 @@ def _check_inclusion(questions: Iterable[InclusionQuestion]) -> None:
         known.add(question.id)
 
 
+def _check_streams(streams: StreamChoice) -> None:
+    for name, query in streams.receive.items():
+        fault = stream_fault(name, query)
+        if fault:
+            raise Wrong(("streams", "receive", name), fault)
+
+
 def _check_database(url: str) -> None:
     if url and not url.startswith("postgresql://"):
         raise Wrong(("database", "url"), 'not a database; allowed: "" or postgresql://user@host/name')
@@ -221,5 +231,6 @@ _TABLES: Tables = {
     ("stop_rules",): StopRule,
     ("database",): DatabaseChoice,
     ("furniture",): RealFurniture,
+    ("streams",): StreamChoice,
     ("reporting",): Reporting,
 }

@@ -1,9 +1,10 @@
-"""A study in BIDS with its extension for motion (https://bids-specification.readthedocs.io, version 1.10).
+"""A study in BIDS with its extension for motion (https://bids-specification.readthedocs.io, version 1.11).
 
-Each completed trial is a run: the tracked head and hands with a LATENCY channel, its events, and a row in the
-session's scans. Answers go to ``phenotype``, a column for each condition and item.
+Each completed trial is a run: the tracked head and hands with a LATENCY channel, its events, what other devices sent,
+and a row in the session's scans. Answers go to ``phenotype``, a column for each condition and item.
 """
 
+import gzip
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
@@ -13,12 +14,13 @@ from typing import Any
 from avrgym.recording.questionnaire import Item
 from avrgym.recording.records import Event, Pose, TrackingFrame
 from avrgym.study.export import LEFT_OUT, NOTICE
+from avrgym.study.export.physio import Series, marks, recorded_series
 from avrgym.study.export.tables import neutral
 from avrgym.study.export.trials import ExportedAttempt
 from avrgym.study.storage.answers import answer_moments
 from avrgym.study.storage.store import Store
 
-VERSION = "1.10.0"
+VERSION = "1.11.1"
 TRACKED = {"head": "head", "left": "left_hand", "right": "right_hand"}
 """Field of a tracking frame to the tracked point."""
 AXES = ("x", "y", "z")
@@ -126,14 +128,24 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
     _write_json(folder / f"{name}_channels.json", _reference_frame())
     _write_json(folder / f"{name}_motion.json", _sidecar(exported, frames, len(channels)))
     start_s = frames[0].received_time_s if frames else 0.0
-    _write_events(topics["/events"], start_s, folder / f"{name}_events")
+    _write_events([*topics["/events"], *marks(topics)], start_s, folder / f"{name}_events")
+    for series in recorded_series(topics, start_s):
+        _write_series(series, exported, folder / f"{name}_recording-{series.stream.stream}_physio")
+
+
+def _write_series(series: Series, exported: ExportedAttempt, path: Path) -> None:
+    """Write samples without a heading, packed without a date so that the same study gives the same bytes."""
+    lines = ("\t".join(_cell(value) for value in row) + "\n" for row in series.rows())
+    data = gzip.compress("".join(lines).encode(), mtime=0)
+    path.with_suffix(".tsv.gz").write_bytes(data)
+    _write_json(path.with_suffix(".json"), {"TaskName": exported.task, **series.sidecar()})
 
 
 def _write_events(events: Sequence[tuple[int, Event]], start_s: float, path: Path) -> None:
     """Write what happened, with onsets from the first frame on."""
     rows = [
         {"onset": time_ns / 1e9 - start_s, "duration": None, "trial_type": event.name, "detail": event.detail}
-        for time_ns, event in events
+        for time_ns, event in sorted(events, key=lambda timed: timed[0])
     ]
     if rows:
         _write_table(path.with_suffix(".tsv"), rows)

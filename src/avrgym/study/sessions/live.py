@@ -29,6 +29,7 @@ from avrgym.vr.session.events import Observer, SessionEvent
 from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.preparation import AtOnce
 from avrgym.vr.session.session import Session
+from avrgym.vr.session.streams import Streams
 
 PATIENCE_S = 20.0
 """How long the end of a session may take to be stored."""
@@ -86,6 +87,7 @@ class StudyVisit:
         send: Send,
         workers: Executor | None = None,
         scenes: list[tuple[str, Person]] | None = None,
+        streams: Streams | None = None,
     ) -> Session:
         """A session in VR that runs the visit's plan or the first trials of it, and is stored as it happens."""
         return Session(
@@ -99,6 +101,7 @@ class StudyVisit:
             called_off=lambda: self.called_off,
             workers=workers,
             scenes=scenes,
+            streams=streams,
         )
 
     def _observer(self) -> Observer:

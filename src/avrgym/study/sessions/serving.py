@@ -14,6 +14,7 @@ from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import PROTOCOL, Phase, Problem, Role, Send, Welcome
 from avrgym.vr.protocol.received import Received
 from avrgym.vr.session.session import Session
+from avrgym.vr.session.streams import Streams
 
 CLIENTS = 64
 """How many connections are remembered, to be told of the next session."""
@@ -42,13 +43,16 @@ class StudySessions:
         first: str | None = None,
         furniture: RealFurniture | None = None,
         storing: Executor | None = None,
+        streams: Streams | None = None,
     ) -> None:
         """Wait for a participant of a study, or begin the session of the ``first`` at once.
 
-        ``furniture`` is what participants really sit and lie on here, the design's unless given. ``send`` and
-        ``workers`` are as for ``Session``, ``storing`` as for ``StudyVisit``. Raises what ``begin`` does.
+        ``furniture`` is what participants really sit and lie on here, the design's unless given. ``send``,
+        ``workers`` and ``streams`` are as for ``Session``, ``storing`` as for ``StudyVisit``. Raises what
+        ``begin`` does.
         """
         self._store, self._send, self._workers, self._storing = store, send, workers, storing
+        self._streams = streams
         self._ended: Future[None] | None = None
         self._retry_at_s: float | None = None
         self._visit: StudyVisit | None = None
@@ -173,7 +177,8 @@ class StudySessions:
         """The trials that remain; ``None`` where a crash left only the last questions."""
         if visit.items("after_session") and not self._store.remaining_trials(visit.pseudonym):
             return None
-        return visit.session(visit.plan(self._furniture), self._send, self._workers, self._scenes)
+        plan = visit.plan(self._furniture)
+        return visit.session(plan, self._send, self._workers, self._scenes, self._streams)
 
     def _questions_of(self, visit: StudyVisit, when: str) -> SessionQuestions | None:
         return SessionQuestions(visit, when, self._send) if visit.items(when) else None

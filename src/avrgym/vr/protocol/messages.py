@@ -59,6 +59,13 @@ class StageLatency(msgspec.Struct, frozen=True):
     p99: float
 
 
+class StreamStatus(msgspec.Struct, frozen=True):
+    """A stream of another device by the study's name for it, and whether it is there."""
+
+    name: str
+    present: bool
+
+
 class Message(msgspec.Struct, frozen=True, tag_field="type", forbid_unknown_fields=True):
     """Base of all messages."""
 
@@ -349,7 +356,7 @@ class Status(Message, frozen=True, tag="status"):
     robot. ``tracking_age_s`` is the time since the newest usable frame. ``operated``: in this trial the experimenter
     drives; ``idle``: the robot holds still for want of an action. ``held_because``: the answer for which a stop rule
     paused the session, empty where none did. ``latency``: how late pictures were in the last seconds of
-    which the client told, from pose to picture as ``total_ms`` and by stage.
+    which the client told, from pose to picture as ``total_ms`` and by stage. ``streams``: those of other devices.
     """
 
     phase: PhaseName
@@ -375,6 +382,7 @@ class Status(Message, frozen=True, tag="status"):
     operated: bool
     idle: bool
     latency: list[StageLatency]
+    streams: list[StreamStatus]
 
 
 class Timing(Message, frozen=True, tag="timing"):

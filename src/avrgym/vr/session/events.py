@@ -158,6 +158,20 @@ class ConnectionFound(SessionEvent):
     """The participant's client has connected."""
 
 
+@dataclass(frozen=True)
+class StreamLost(SessionEvent):
+    """The stream of another device has vanished; the session goes on without it."""
+
+    stream: str
+
+
+@dataclass(frozen=True)
+class StreamFound(SessionEvent):
+    """The stream of another device has come, or come back."""
+
+    stream: str
+
+
 Observer = Callable[[SessionEvent], None]
 
 

@@ -73,6 +73,7 @@ class Reporter:
 def status(
     phase: messages.Phase, attempt: Attempt | None, world: LiveWorld, tracking: TrackingState, now_s: float,
     *, steps: int, paused: bool, why: str, driver: Driver, latency: list[messages.StageLatency],
+    streams: list[messages.StreamStatus],
 ) -> messages.Status:  # fmt: skip
     """How a session stands that is in a phase; a trial has so many ``steps``, ``why`` is a stop rule's reason."""
     left, right = tracking.modalities
@@ -102,4 +103,5 @@ def status(
         operated=isinstance(driver, Operator),
         idle=driver.idle,
         latency=latency,
+        streams=streams,
     )

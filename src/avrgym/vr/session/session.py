@@ -23,12 +23,13 @@ from avrgym.vr.session.attempt import Attempt, Experience
 from avrgym.vr.session.attempt_storage import AttemptStorage
 from avrgym.vr.session.dispatch import take_message
 from avrgym.vr.session.driving import Drivers
-from avrgym.vr.session.events import EventSink
+from avrgym.vr.session.events import EventSink, Observer
 from avrgym.vr.session.phases import Phase, Waiting
 from avrgym.vr.session.plan import Policies, SessionPlan
 from avrgym.vr.session.preparation import AtOnce
 from avrgym.vr.session.reporting import Reporter, status
 from avrgym.vr.session.state import SessionState
+from avrgym.vr.session.streams import StreamRecording, Streams
 from avrgym.vr.session.trial_worlds import TrialWorlds
 from avrgym.vr.tracking.frames import STALE_S
 from avrgym.vr.tracking.jumps import PARTS
@@ -54,6 +55,7 @@ class Session:
         called_off: Callable[[], bool] = lambda: False,
         workers: Executor | None = None,
         scenes: list[tuple[str, Person]] | None = None,
+        streams: Streams | None = None,
     ) -> None:
         """Start in phase ``waiting`` with a person of reference height.
 
@@ -70,14 +72,16 @@ class Session:
             workers: makes the worlds of trials to come; without one they are made in the thread that ticks, and others'
                 controllers are waited for.
             scenes: those of sessions before this one, which keep their addresses; the session adds its own.
+            streams: those of other devices, for sessions in real time.
         """
         trial, person = plan.first_trial - 1, Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height)
         worlds = TrialWorlds(plan, trial, person, workers or AtOnce(), [] if scenes is None else scenes)
-        sink = EventSink(observe, kept)
+        sink = EventSink(observe if streams is None else _both(streams.tell, observe), kept)
         storage = AttemptStorage(folder, sink)
         drivers = Drivers(policies, beside=workers is not None)
         self._state = SessionState(plan, drivers, identifier, send, sink, storage, worlds, trial, person)
         self._called_off = called_off
+        self._streams = None if streams is None else StreamRecording(streams, self._state)
         self._reporter = Reporter(send)
         self._ticked_s: float | None = None
         self._enter(Waiting(self._state))
@@ -183,6 +187,8 @@ class Session:
         while self._go_to(self._phase.wait()):
             pass
         self._report(step)
+        if self._streams is not None:
+            self._streams.tick()
         if self._ends_at is not None and now_s >= self._ends_at and state.sink.all_stored():
             self._go_to(self._phase.time_over())
         if storage.attempt is not None:
@@ -283,8 +289,25 @@ class Session:
             standing = self._message, self.attempt, self.world, state.tracking, state.now_s
             steps, paused, why = state.plan.trial_steps, state.on_hold, state.held_because
             driver, latency = state.driver, state.latency
-            how = status(*standing, steps=steps, paused=paused, why=why, driver=driver, latency=latency)
+            streams = [] if self._streams is None else self._streams.status
+            how = status(
+                *standing,
+                steps=steps,
+                paused=paused,
+                why=why,
+                driver=driver,
+                latency=latency,
+                streams=streams,
+            )
             state.send(how)
+
+
+def _both(first: Observer, second: Observer) -> Observer:
+    def observe(event: events.SessionEvent) -> None:
+        first(event)
+        second(event)
+
+    return observe
 
 
 _TRACKING_LOST = "tracking_lost", f"no frame for {STALE_S} s: the person holds still"

@@ -137,6 +137,17 @@ COLUMNS: Mapping[str, Column] = {
     "planned": _text("What it is by the study's frozen plan.", "no plan was frozen"),
     "problems.simulated": Column(SIMULATED.meaning, TRUTH, "", _TRUTH, "it is about the whole study"),
     "likert.policy": Column(POLICY.meaning, TEXT, "", POLICY.allowed, _SESSION),
+    "streams.stream": _text("What the study calls the stream."),
+    "streams.kind": _text("What the device says that it measures."),
+    "streams.samples": _whole("How many samples were recorded."),
+    "streams.rate_hz": _number("The rate that the device promises; 0 for samples at any time.", "Hz"),
+    "streams.measured_hz": _number("The rate at which samples came.", "Hz"),
+    "streams.offset_ms": _number("What was added to the device's clock: median over the trial.", "ms"),
+    "streams.offset_range_ms": _number("The same from its least to its most in the trial.", "ms"),
+    "streams.jitter_ms": _number(
+        "Standard deviation of the samples' times about even spacing.", "ms", "no even spacing, or few samples"
+    ),
+    "streams.gaps": _whole("Where samples are missing between others.", "no even spacing, or few samples"),
     "score_summaries.policy": Column(POLICY.meaning, TEXT, "", POLICY.allowed, _SESSION),
     "people.torso_height_m": _number("Torso height, hip bone to centre of the head.", "m"),
     **{f"people.waist_{axis}_deg": _number(f"Angle of the waist about {axis}.", "°") for axis in "xyz"},

@@ -1,0 +1,57 @@
+"""The streams of other devices on the page: what came, and how well it lies in time."""
+
+from collections.abc import Callable, Sequence
+from statistics import median
+
+from avrgym.analysis.page import Markup, quantity, table, tag
+from avrgym.analysis.report.results import captioned
+from avrgym.analysis.stream_rows import StreamRow
+from avrgym.analysis.study import Analysis
+
+METHOD = (
+    "Streams came by Lab Streaming Layer, whose measured offset between clocks was added to every sample's time. "
+    "Jitter is the standard deviation of a sample's time about even spacing, within stretches without a gap. Medians "
+    "are over trials; streams.csv has every trial."
+)
+HEADS = (
+    "Stream", "Kind", "Trials", "Samples", "Rate promised / Hz", "came / Hz", "Clock offset / ms", "its range, at most",
+    "Jitter / ms", "at most", "Gaps",
+)  # fmt: skip
+
+
+def streams(analysis: Analysis, simulated: bool) -> Markup:
+    """A line for each stream; nothing where none was recorded."""
+    rows = [row for row in analysis.observed.streams if row.simulated is simulated]
+    names = dict.fromkeys(row.stream for row in rows)
+    if not names:
+        return Markup()
+    body = [_line([row for row in rows if row.stream == name]) for name in names]
+    caption = captioned("Streams of other devices", simulated)
+    return tag(
+        "section",
+        tag("h3", "Other devices"),
+        tag("p", METHOD),
+        table(caption, HEADS, body, numbers=range(2, len(HEADS))),
+    )
+
+
+def _line(rows: Sequence[StreamRow]) -> tuple[object, ...]:
+    jitters = [row.jitter_ms for row in rows if row.jitter_ms is not None]
+    gaps = [row.gaps for row in rows if row.gaps is not None]
+    return (
+        rows[0].stream,
+        rows[0].kind,
+        len(rows),
+        sum(row.samples for row in rows),
+        quantity(rows[0].rate_hz or None, absent="any time"),
+        quantity(median(row.measured_hz for row in rows)),
+        _ms(median, [row.offset_ms for row in rows]),
+        _ms(max, [row.offset_range_ms for row in rows]),
+        _ms(median, jitters),
+        _ms(max, jitters),
+        sum(gaps) if gaps else "–",
+    )
+
+
+def _ms(of: Callable[[Sequence[float]], float], values: Sequence[float]) -> str:
+    return quantity(of(values), digits=3) if values else "–"

@@ -1,0 +1,131 @@
+"""Streams of other devices as BIDS has them: physiological recordings, those of eye trackers, and marks."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.recording.records import Event, Stream
+from avrgym.recording.streams import times_s
+
+GAZE = "gaze"
+"""The kind of streams of eye trackers in Lab Streaming Layer's list of kinds."""
+AXES = ("x", "y")
+COORDINATES = ("x_coordinate", "y_coordinate")
+"""What BIDS calls the gaze's coordinates along them."""
+OF_EYES = {
+    "PhysioType": "eyetrack",
+    "RecordedEye": "cyclopean",
+    "SampleCoordinateSystem": "custom",
+    "SampleCoordinateSystemDescription": "As the device gives them; its channels' names say more.",
+}
+TIMESTAMP = {
+    "Description": "When the sample was taken, from the first tracking frame on; clocks are aligned.",
+    "Units": "s",
+}
+
+Array = NDArray[np.float64]
+Topics = Mapping[str, Sequence[tuple[int, Any]]]
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """The samples of one stream: ``time_s`` (n,) from the first tracking frame on, ``values`` (n, columns).
+
+    ``columns`` are the names of the columns, ``labels`` what the device calls its channels, ``units`` theirs.
+    """
+
+    stream: Stream
+    columns: Sequence[str]
+    labels: Sequence[str]
+    units: Sequence[str]
+    time_s: Array
+    values: Array
+
+    def rows(self) -> Iterator[list[float | None]]:
+        """The time and the numbers of each sample; what the device does not know is missing."""
+        for time_s, row in zip(self.time_s.tolist(), self.values.tolist(), strict=True):
+            yield [time_s, *(value if isfinite(value) else None for value in row)]
+
+    def sidecar(self) -> dict[str, Any]:
+        """What the file beside the samples says of them."""
+        stream, lasted_s = self.stream, float(np.ptp(self.time_s))
+        came_hz = (len(self.time_s) - 1) / lasted_s if lasted_s > 0.0 else 0.0
+        is_gaze = tuple(self.columns[:2]) == COORDINATES
+        about = {
+            column: {"Description": f"{label} of {stream.source}", "Units": unit}
+            for column, label, unit in zip(self.columns, self.labels, self.units, strict=True)
+        }
+        return {
+            "SamplingFrequency": stream.rate_hz or came_hz,
+            "StartTime": float(self.time_s[0]),
+            "Columns": ["timestamp", *self.columns],
+            **(OF_EYES if is_gaze else {"PhysioType": "generic"}),
+            "ManufacturersModelName": stream.source,
+            "Description": f"{stream.kind} by Lab Streaming Layer.",
+            "timestamp": TIMESTAMP,
+            **about,
+        }
+
+
+def recorded_series(topics: Topics, start_s: float) -> Iterator[Series]:
+    """The streams of numbers in a recording, by its topics; ``start_s`` is when its first tracking frame came."""
+    for stream in {each.stream: each for _, each in topics["/streams"]}.values():
+        chunks = [chunk for _, chunk in topics["/samples"] if chunk.stream == stream.stream and chunk.values]
+        if chunks:
+            values = np.concatenate([np.array(chunk.values, float) for chunk in chunks])
+            yield _series(stream, times_s(chunks) - start_s, values)
+
+
+def marks(topics: Topics) -> list[tuple[int, Event]]:
+    """What streams of texts said, each an event that bears the stream's name, with its time in nanoseconds."""
+    return [
+        (round(time_s * 1e9), Event(chunk.stream, ", ".join(texts)))
+        for _, chunk in topics["/samples"]
+        for time_s, texts in zip(chunk.time_s, chunk.texts, strict=False)
+    ]
+
+
+def _series(stream: Stream, time_s: Array, values: Array) -> Series:
+    """The columns in the device's order, but for the coordinates of a gaze, which come first."""
+    channels = range(values.shape[1])
+    labels = [_at(stream.channels, channel, f"channel_{channel + 1}") for channel in channels]
+    names = _column_names(labels)
+    order: list[int] = list(channels)
+    if stream.kind.lower() == GAZE:
+        first = [next((i for i in order if _ends_with(labels[i], axis)), None) for axis in AXES]
+        if None not in first:
+            order = [*(i for i in first if i is not None), *(i for i in order if i not in first)]
+            names = {**names, **dict(zip(order, COORDINATES, strict=False))}
+    return Series(
+        stream,
+        [names[i] for i in order],
+        [labels[i] for i in order],
+        [_at(stream.units, i, "n/a") for i in order],
+        time_s,
+        values[:, order],
+    )
+
+
+def _column_names(labels: Sequence[str]) -> dict[int, str]:
+    """A name for each column that no other has: the label in letters and digits, numbered where that is taken."""
+    names: dict[int, str] = {}
+    for number, label in enumerate(labels):
+        name = re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_").lower() or f"channel_{number + 1}"
+        taken = name in names.values() or name in ("timestamp", *COORDINATES)
+        names[number] = f"{name}_{number + 1}" if taken else name
+    return names
+
+
+def _ends_with(label: str, axis: str) -> bool:
+    """Whether the last word of a channel's name is an axis, units in brackets aside."""
+    words = re.findall(r"[a-z0-9]+", re.sub(r"[\[(].*", "", label.lower()))
+    return bool(words) and words[-1] == axis
+
+
+def _at(texts: Sequence[str], place: int, otherwise: str) -> str:
+    return (texts[place] if place < len(texts) else "") or otherwise

@@ -1,0 +1,72 @@
+"""The streams that go out: what happens, where head, hands and tool are, and what presses on the person."""
+
+from pathlib import Path
+from socket import gethostname
+
+import msgspec
+import pylsl
+
+from avrgym.models.body_regions import BODY_REGIONS
+from avrgym.models.human import PREFIX
+from avrgym.vr.session.events import SessionEvent
+from avrgym.vr.session.reporting import STATE_EVERY_TICKS
+from avrgym.vr.tracking.world import TICK_S, LiveWorld
+
+RATE_HZ = 1.0 / (STATE_EVERY_TICKS * TICK_S)
+POSED = {
+    "head": f"{PREFIX}head",
+    "left_hand": f"{PREFIX}left_hand",
+    "right_hand": f"{PREFIX}right_hand",
+    "tool": "robot/tool",
+}
+"""What is shown, and its body in the scene."""
+PARTS = {"x": "m", "y": "m", "z": "m", "qw": "", "qx": "", "qy": "", "qz": ""}
+"""The numbers of a pose in the world's frame (z up), with their units."""
+BUFFER_S = 10
+
+
+class Outlets:
+    """Three streams: ``AVR Gym events`` (JSON), ``AVR Gym poses`` and ``AVR Gym forces``.
+
+    Poses are those of the simulated bodies; forces in newtons by region of the person's body.
+    """
+
+    def __init__(self) -> None:
+        poses = {f"{name}_{part}": unit for name in POSED for part, unit in PARTS.items()}
+        self._events = _outlet("events", "Markers", {"event": ""}, 0.0, pylsl.cf_string)
+        self._poses = _outlet("poses", "MoCap", poses, RATE_HZ, pylsl.cf_float32)
+        self._forces = _outlet(
+            "forces", "Force", {region.name: "N" for region in BODY_REGIONS}, RATE_HZ, pylsl.cf_float32
+        )
+
+    def tell(self, event: SessionEvent, time_s: float) -> None:
+        """Send an event; ``time_s`` is on Lab Streaming Layer's clock."""
+        self._events.push_sample([event_text(event)], time_s)
+
+    def show(self, world: LiveWorld, time_s: float) -> None:
+        """Send poses and forces as they are at ``time_s`` on Lab Streaming Layer's clock."""
+        simulation = world.simulation
+        rows = [world.bodies.index(body) for body in POSED.values()]
+        self._poses.push_sample(simulation.body_poses(0)[rows].ravel().tolist(), time_s)
+        self._forces.push_sample(simulation.region_force_n()[0].tolist(), time_s)
+
+
+def event_text(event: SessionEvent) -> str:
+    """An event as JSON: its kind, and what else is known but when it was."""
+    facts: dict[str, object] = msgspec.to_builtins(event, enc_hook=_file_name)
+    del facts["time_s"]
+    return msgspec.json.encode({"event": type(event).__name__, **facts}).decode()
+
+
+def _file_name(recording: Path) -> str:
+    return recording.name
+
+
+def _outlet(
+    what: str, kind: str, channels: dict[str, str], rate_hz: float, number_format: int
+) -> pylsl.StreamOutlet:
+    source = f"avrgym-{what}-{gethostname()}"
+    info = pylsl.StreamInfo(f"AVR Gym {what}", kind, len(channels), rate_hz, number_format, source)
+    info.set_channel_labels(list(channels))
+    info.set_channel_units(list(channels.values()))
+    return pylsl.StreamOutlet(info, max_buffered=BUFFER_S)

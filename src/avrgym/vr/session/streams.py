@@ -1,0 +1,94 @@
+"""What a session exchanges with other devices in the lab, and how their samples come into its recordings."""
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import msgspec
+
+from avrgym.recording.records import Stream, StreamSamples
+from avrgym.vr.protocol.messages import StreamStatus
+from avrgym.vr.session.events import SessionEvent, StreamFound, StreamLost
+from avrgym.vr.session.reporting import STATE_EVERY_TICKS
+from avrgym.vr.session.state import SessionState
+from avrgym.vr.tracking.world import LiveWorld
+
+
+class Streams(Protocol):
+    """Other devices' streams. None of its methods waits for anything; times are on the session's clock."""
+
+    @property
+    def present(self) -> Mapping[str, bool]:
+        """Whether each stream that was asked for is there, by its name."""
+        ...
+
+    def take(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
+        """The samples that have come since the last call, each chunk with its stream."""
+        ...
+
+    def tell(self, event: SessionEvent) -> None:
+        """Send out that something happened."""
+        ...
+
+    def show(self, world: LiveWorld, now_s: float) -> None:
+        """Send out poses and forces."""
+        ...
+
+
+class StreamRecording:
+    """Records what other devices send while an attempt runs, tells of streams that vanish, and sends out the world."""
+
+    def __init__(self, streams: Streams, state: SessionState) -> None:
+        self._streams, self._state = streams, state
+        self._present = dict.fromkeys(streams.present, False)
+        self._described: dict[str, Stream] = {}
+        self._attempt: object = None
+        self._ticks = 0
+
+    @property
+    def status(self) -> list[StreamStatus]:
+        """Which streams were asked for, and which of them are there."""
+        return [StreamStatus(name, present) for name, present in self._present.items()]
+
+    def tick(self) -> None:
+        """Do so after a tick."""
+        state, now_s = self._state, self._state.now_s
+        arrived = self._streams.take(now_s)
+        self._ticks += 1
+        if self._ticks % STATE_EVERY_TICKS == 0:
+            self._streams.show(state.world, now_s)
+        if state.storage.attempt is not self._attempt:
+            self._begin()
+        self._notice_changes()
+        for stream, samples in arrived:
+            self._record(stream, samples)
+
+    def _begin(self) -> None:
+        """Note in a new recording which streams are missing from its beginning."""
+        self._attempt = self._state.storage.attempt
+        self._described.clear()
+        for name, present in self._present.items():
+            if not present:
+                self._state.record_event("stream_lost", name)
+
+    def _notice_changes(self) -> None:
+        state = self._state
+        for name, present in self._streams.present.items():
+            if present is self._present[name]:
+                continue
+            self._present[name] = present
+            state.record_event("stream_found" if present else "stream_lost", name)
+            state.sink.tell((StreamFound if present else StreamLost)(state.now_s, name))
+            if not present:
+                state.problem(
+                    f"the stream {name} has vanished; the session goes on without it", "experimenter"
+                )
+
+    def _record(self, stream: Stream, samples: StreamSamples) -> None:
+        attempt, now_s = self._state.storage.attempt, self._state.now_s
+        if attempt is None:
+            return
+        if self._described.get(stream.stream) != stream:
+            self._described[stream.stream] = stream
+            attempt.record("/streams", stream, now_s)
+        of_trial = [time_s - attempt.began_s for time_s in samples.time_s]
+        attempt.record("/samples", msgspec.structs.replace(samples, time_s=of_trial), now_s)

@@ -1,0 +1,89 @@
+"""Real outlets of Lab Streaming Layer on this machine alone, and a session that lives in real time."""
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from avrgym.vr.session.session import Session
+from avrgym.vr.tracking.world import TICK_S
+from visit import Visit, driving, plan
+
+pylsl = pytest.importorskip("pylsl", reason="`pip install avrgym[lsl]` brings Lab Streaming Layer")
+
+from avrgym.vr.lab_streaming.outlets import POSED as POSED  # noqa: E402
+from avrgym.vr.lab_streaming.streams import LabStreams  # noqa: E402
+from avrgym.vr.lab_streaming.streams import lab_streams as lab_streams  # noqa: E402
+
+LAB = f"avrgym-tests-{os.getpid()}"
+"""Streams of other tests, which may run at the same time, are in another lab."""
+RATE_HZ = 200.0
+PATIENCE_S = 60.0
+
+pylsl.set_config_content(
+    f"[multicast]\nResolveScope = machine\n[lab]\nSessionID = {LAB}\n[log]\nlevel = -3\n"
+)
+
+
+class Device:
+    """A device with a stream of a regular rate; each sample is the time at which it was taken, and its number."""
+
+    def __init__(self, name: str = "Belt", kind: str = "ECG", rate_hz: float = RATE_HZ) -> None:
+        info = pylsl.StreamInfo(name, kind, 2, rate_hz, "double64", f"{name}-of-the-tests")
+        info.set_channel_labels(["taken", "number"])
+        info.set_channel_units(["s", ""])
+        self._outlet = pylsl.StreamOutlet(info)
+        self._rate_hz = rate_hz
+        self._on = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        began_s, number = pylsl.local_clock(), 0
+        while not self._on.wait(0.01):
+            while (taken_s := began_s + number / self._rate_hz) < pylsl.local_clock():
+                self._outlet.push_sample([taken_s, float(number)], taken_s)
+                number += 1
+
+    def turn_off(self) -> None:
+        self._on.set()
+        self._thread.join()
+        del self._outlet  # which ends the stream
+
+
+class LiveVisit(Visit):
+    """A visit whose session goes by Lab Streaming Layer's clock, as far as the machine keeps up."""
+
+    def __init__(self, folder: Path, streams: LabStreams) -> None:
+        self._began_s = pylsl.local_clock()
+        short = plan(free_movement_s=0.05, trial_steps=2)
+        super().__init__(
+            folder,
+            short,
+            make=lambda send: Session(
+                short, driving(short), folder, send, "visit", observe=self.observed.append, streams=streams
+            ),
+        )
+
+    @property
+    def began_s(self) -> float:
+        """When the session began, on Lab Streaming Layer's clock."""
+        return self._began_s
+
+    @property
+    def now_s(self) -> float:
+        return pylsl.local_clock() - self._began_s
+
+    def live(self, until: Callable[[], bool]) -> None:
+        """Tick in real time until something is so."""
+        give_up = time.monotonic() + PATIENCE_S
+        while not until():
+            assert time.monotonic() < give_up, f"still in {self.phase}; problems: {self.problems}"
+            self.tick()
+            time.sleep(TICK_S / 2)
+
+    def live_until(self, phase: str) -> None:
+        self.live(lambda: self.phase == phase)
