@@ -1,12 +1,13 @@
 import { Connection, type Link } from "./connection";
-import { awaitsReady, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
+import { awaitsReady, confirmsAnswers, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
 import { fetchBytes } from "./fetching";
 import { FlatPlay } from "./flatplay";
 import { Immersive } from "./immersive";
 import type { Outgoing } from "./codec";
 import { LatencyMeter } from "./latency";
-import type { Body, Phase, Scene, ServerMessage, State, Welcome } from "./messages";
+import type { Body, Phase, Problem, Scene, ServerMessage, State, Welcome } from "./messages";
 import { Page, isStopKey } from "./page";
+import { BACK, DONE } from "./paint";
 import { Panel } from "./panel";
 import { Questionnaire } from "./questionnaire";
 import { createRoom } from "./room";
@@ -15,6 +16,7 @@ import { ImmersiveSession, reasonAgainstVR } from "./session";
 import type { Poses } from "./tracking";
 import { View, type Detail } from "./view";
 import { Watching } from "./watching";
+import { ENGLISH, firstWords, wordsOf, type Key, type Words } from "./words";
 import { World } from "./world";
 
 const PROBLEM_SHOWN_MS = 6000;
@@ -42,8 +44,9 @@ export class App {
   private welcome: Welcome | null = null;
   private body: Body | null = null;
   private link: Link = "connecting";
-  private linkReason = "";
-  private problem: string | null = null;
+  private code = 0;
+  private words: Words;
+  private problem: Problem | null = null;
   private problemTimer = 0;
   private phaseEndsMs = Infinity;
   private secondsLeft: number | null = null;
@@ -54,21 +57,23 @@ export class App {
     detail: Detail,
     private readonly watches: boolean,
   ) {
-    this.page = new Page({
+    this.words = watches ? ENGLISH : firstWords(navigator.languages);
+    this.page = new Page(watches, {
       enterOrLeave: () => void this.enterOrLeave(),
       playOrEnd: () => this.playOrEnd(),
       ready: () => this.send({ type: "ready" }),
       recalibrate: () => this.send({ type: "recalibrate" }),
       stop: () => this.send({ type: "stop" }),
+      back: () => this.send({ type: "back" }),
       answer: (value) => this.answer(value),
       chooseBody: (choice) => this.send(choice),
     });
-    this.flat = new FlatPlay(this.page.view);
+    this.flat = new FlatPlay(this.page.view, this.page.handButtons);
     this.view = new View(this.page.view, this.page.card, detail);
     this.panel = new Panel(detail.anisotropy);
     this.connection = new Connection(socketAddress(watches ? "watch" : "ws"), token, emulated, {
       message: (message) => this.receive(message),
-      link: (link, reason) => this.linked(link, reason),
+      link: (link, code) => this.linked(link, code),
     });
     this.immersive = new Immersive(this.panel, this.connection, (eyes) => this.world.around(eyes));
     this.latency = new LatencyMeter((sequence) => this.immersive.numbering.timesOf(sequence));
@@ -116,6 +121,7 @@ export class App {
   }
 
   start(): void {
+    if (!this.watches) this.page.speak(this.words);
     this.connection.open();
     this.refresh();
     this.view.renderer.setAnimationLoop((timeMs, frame) => this.frame(timeMs, frame));
@@ -148,11 +154,12 @@ export class App {
     if (message.type === "timing") return this.watching?.timingCame(message);
     if (message.type === "upcoming") return this.fetchAhead(message.url);
     if (message.type === "welcome") this.welcomed(message);
+    if (message.type === "language") this.speak(wordsOf(message));
     if (message.type === "body") this.body = message;
     if (message.type === "scene") void this.sceneCame(message);
     if (message.type === "phase") this.phaseCame(message);
     if (message.type === "question" && !this.watches) this.questionnaire.show(message, performance.now());
-    if (message.type === "problem") this.showProblem(message.message);
+    if (message.type === "problem") this.showProblem(message);
     this.refresh();
   }
 
@@ -187,7 +194,7 @@ export class App {
       this.panel.review();
       if (!this.watches) this.send({ type: "scene_loaded", url: scene.url });
     } catch (error) {
-      this.showProblem(`The scene could not be loaded: ${words(error)}.`);
+      this.explain("scene_not_loaded", error);
     }
   }
 
@@ -200,9 +207,17 @@ export class App {
     if (phase.name !== "questionnaire") this.questionnaire.clear();
   }
 
-  private linked(link: Link, reason: string): void {
+  /** The participant's page speaks their language; what those who watch read of it is marked as theirs. */
+  private speak(words: Words): void {
+    if (this.watches) return this.page.markAsParticipants(words);
+    this.words = words;
+    this.page.speak(words);
+    void this.checkVR();
+  }
+
+  private linked(link: Link, code: number): void {
     this.link = link;
-    this.linkReason = reason;
+    this.code = code;
     this.refresh();
   }
 
@@ -212,12 +227,10 @@ export class App {
     if (this.presenting) return this.session.leave();
     this.senses.wake();
     if (this.emulated && !navigator.userActivation.isActive) {
-      return this.showProblem("Enter VR needs a real click: a headset's browser would refuse this one.");
+      return this.explain("real_click");
     }
-    this.page.setReason("Entering VR …");
-    await this.session
-      .enter(navigator.xr!)
-      .catch((error) => this.showProblem(`VR could not be entered: ${words(error)}.`));
+    this.page.setReason(this.words.say("entering"));
+    await this.session.enter(navigator.xr!).catch((error) => this.explain("not_entered", error));
     this.page.setReason("");
   }
 
@@ -254,7 +267,9 @@ export class App {
     const space = this.view.renderer.xr.getReferenceSpace();
     const value = space && this.immersive.pointedAt(source, frame, space);
     const choice = this.panel.choice(value);
-    if (this.questionnaire.question) this.answer(value);
+    if (value === BACK) this.send({ type: "back" });
+    else if (this.questionnaire.question) this.answer(value);
+    else if (confirmsAnswers(this.phase)) value === DONE && this.send({ type: "ready" });
     else if (choice) this.send(choice);
     else if (awaitsReady(this.phase)) this.send({ type: "ready" });
   }
@@ -266,6 +281,7 @@ export class App {
   }
 
   private key(event: KeyboardEvent): void {
+    if (this.answerByKey(event)) return;
     if (this.flat.press(event.code)) return;
     if (this.flat.playing && event.key === "Enter" && event.target === document.body && awaitsReady(this.phase))
       this.send({ type: "ready" });
@@ -275,19 +291,38 @@ export class App {
     else if (this.welcome?.role === "experimenter") this.send({ type: "command", name: "stop" });
   }
 
+  /** Whether a number key answers the question that is shown; 0 is ten. */
+  private answerByKey(event: KeyboardEvent): boolean {
+    const { question, answered } = this.questionnaire;
+    const isOther = event.repeat || event.ctrlKey || event.altKey || event.metaKey || !/^\d$/.test(event.key);
+    if (!question || answered !== null || isOther || this.watches) return false;
+    const value = Number(event.key) || 10;
+    if (question.points > 10 || value > question.points) return false;
+    this.page.answersByKeyboard();
+    this.answer(value);
+    return true;
+  }
+
   private originReset(): void {
     this.panel.unplace();
     this.send({ type: "origin_reset" });
   }
 
   private async checkVR(): Promise<void> {
-    this.page.setReason("Looking for a headset …");
-    this.page.setReason(await reasonAgainstVR());
+    this.page.setReason(this.words.say("looking"));
+    const reason = await reasonAgainstVR();
+    this.page.setReason(reason ? this.words.say(reason) : "");
   }
 
   // Words
 
-  private showProblem(problem: string): void {
+  /** Says why something on this page failed. */
+  private explain(key: Key, error?: unknown): void {
+    const text = this.words.say(key, { reason: error === undefined ? "" : reasonOf(error) });
+    this.showProblem({ type: "problem", message: text, role: "participant", page_message: "" });
+  }
+
+  private showProblem(problem: Problem): void {
     this.problem = problem;
     clearTimeout(this.problemTimer);
     this.problemTimer = window.setTimeout(() => this.hideProblem(), PROBLEM_SHOWN_MS);
@@ -300,13 +335,13 @@ export class App {
   }
 
   private refresh(): void {
-    const { link, linkReason, phase, problem, secondsLeft } = this;
-    const { question, answered } = this.questionnaire;
-    const { takesPart } = this;
-    const plays = this.flat.playing;
+    const { words, link, code, phase, problem, secondsLeft, takesPart } = this;
+    const question = link === "connected" ? this.questionnaire.question : null;
+    const { answered } = this.questionnaire;
     const body = this.welcome?.role === "spectator" ? null : this.body;
-    const display: Display = { link, linkReason, phase, body, question, answered, problem, secondsLeft, takesPart, plays };
-    this.page.show(display);
+    const message = problem?.message ?? null;
+    const display: Display = { words, link, code, phase, body, question, answered, problem: message, secondsLeft, takesPart };
+    this.page.show({ ...display, problem: problem?.page_message || message });
     this.panel.show(this.presenting ? panelContent(display) : null);
   }
 
@@ -362,6 +397,6 @@ function secondsUntil(endsMs: number, nowMs: number): number | null {
   return endsMs > nowMs && endsMs < Infinity ? Math.ceil((endsMs - nowMs) / 1000) : null;
 }
 
-function words(error: unknown): string {
+function reasonOf(error: unknown): string {
   return (error instanceof Error ? error.message : String(error)).replace(/\.$/, "");
 }

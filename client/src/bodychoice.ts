@@ -1,5 +1,6 @@
 import { PHASES_WHERE, type Body, type ChooseBody, type Phase } from "./messages";
 import { layoutButtons, type Box, type Button } from "./questionnaire";
+import type { Words } from "./words";
 
 export const SEXES = ["woman", "man"] as const;
 
@@ -20,10 +21,10 @@ export function mayChooseBody(phase: Phase | null): boolean {
 }
 
 /** Both bodies side by side in the upper half of an area, all tones of skin in the lower; their values count on. */
-export function bodyButtons(body: Body, area: Box): BodyButton[] {
+export function bodyButtons(body: Body, area: Box, words: Words): BodyButton[] {
   const height = area.height * 0.46;
   const tones = { ...area, y: area.y + area.height - height, height };
-  const rows = [row(sexChoices(body), { ...area, height }, 3), row(toneChoices(body), tones, 1)].flat();
+  const rows = [row(sexChoices(body, words), { ...area, height }, 3), row(toneChoices(body), tones, 1)].flat();
   return rows.map((button, at) => ({ ...button, value: at + 1 }));
 }
 
@@ -31,9 +32,9 @@ export function cssColour(rgb: readonly number[]): string {
   return `rgb(${rgb.map((share) => Math.round(255 * share)).join(" ")})`;
 }
 
-function sexChoices(body: Body): Choice[] {
+function sexChoices(body: Body, words: Words): Choice[] {
   return SEXES.map((sex) => ({
-    label: sex,
+    label: words.say(sex),
     colour: null,
     chosen: sex === body.sex,
     message: { type: "choose_body", sex, skin_tone: body.skin_tone },

@@ -1,16 +1,19 @@
 import { decode, encode, type Outgoing } from "./codec";
 import { PROTOCOL, type ServerMessage } from "./messages";
 
-export type Link = "connecting" | "connected" | "lost" | "superseded";
+/** `lost`: it tries again; `refused` and `superseded`: it does not. */
+export type Link = "connecting" | "connected" | "lost" | "refused" | "superseded";
 
 export interface LinkEvents {
   message(message: ServerMessage): void;
-  /** `reason` is what the server said when it closed the socket, or empty. */
-  link(link: Link, reason: string): void;
+  /** `code` is what the server closed the socket with, or 0. */
+  link(link: Link, code: number): void;
 }
 
 /** The server closes with this code when the page was opened elsewhere: this one must not come back. */
 export const SUPERSEDED = 4001;
+/** The server closes with these where no later attempt can do better: see `server/connection.py`. */
+export const REFUSED: readonly number[] = [4400, 4401, 4403];
 
 const FIRST_RETRY_MS = 100;
 const LONGEST_RETRY_MS = 1000;
@@ -37,13 +40,13 @@ export class Connection {
     const socket = new WebSocket(this.url);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
-    const limit = setTimeout(() => this.closed(socket, 0, ""), OPENING_LIMIT_MS);
+    const limit = setTimeout(() => this.closed(socket, 0), OPENING_LIMIT_MS);
     socket.onopen = () => {
       clearTimeout(limit);
       this.hello(socket);
     };
     socket.onmessage = ({ data }) => this.receive(socket, decode(data as ArrayBuffer));
-    socket.onclose = ({ code, reason }) => this.closed(socket, code, reason);
+    socket.onclose = ({ code }) => this.closed(socket, code);
   }
 
   get connected(): boolean {
@@ -73,18 +76,19 @@ export class Connection {
     if (message.type === "welcome") {
       this.welcomed = true;
       this.failures = 0;
-      this.events.link("connected", "");
+      this.events.link("connected", 0);
     }
     this.events.message(message);
   }
 
-  private closed(socket: WebSocket, code: number, reason: string): void {
+  private closed(socket: WebSocket, code: number): void {
     if (socket !== this.socket) return;
     this.socket = null;
     this.welcomed = false;
     socket.onopen = null;
     socket.close();
-    this.events.link(code === SUPERSEDED ? "superseded" : "lost", reason);
-    if (code !== SUPERSEDED) setTimeout(() => this.open(), retryDelayMs(this.failures++));
+    const link = code === SUPERSEDED ? "superseded" : REFUSED.includes(code) ? "refused" : "lost";
+    this.events.link(link, code);
+    if (link === "lost") setTimeout(() => this.open(), retryDelayMs(this.failures++));
   }
 }

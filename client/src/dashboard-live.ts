@@ -3,7 +3,8 @@ import { isRunning, linkWords, phaseLabel } from "./display";
 import { Driving } from "./driving";
 import { element } from "./element";
 import type { CommandName, Phase, ServerMessage, Status } from "./messages";
-import { statusWords, timingWords } from "./status";
+import { PHASE_WORDS, statusWords, timingWords } from "./status";
+import { ENGLISH } from "./words";
 
 const COMMAND_KEYS: Record<string, CommandName> = { r: "repeat", k: "skip", m: "recalibrate" };
 
@@ -30,7 +31,7 @@ export class Live {
     address.protocol = location.protocol.replace("http", "ws");
     this.connection = new Connection(address.href, token, false, {
       message: (message) => this.receive(message),
-      link: (link, reason) => this.linked(link, reason),
+      link: (link, code) => this.linked(link, code),
     });
     for (const button of this.buttons)
       button.addEventListener("click", () => this.command(button.dataset["command"] as CommandName));
@@ -95,8 +96,8 @@ export class Live {
     element("pause-word").textContent = this.paused ? "Continue" : "Pause";
   }
 
-  private linked(link: Link, reason: string): void {
-    element("server").textContent = linkWords({ link, linkReason: reason });
+  private linked(link: Link, code: number): void {
+    element("server").textContent = linkWords({ words: ENGLISH, link, code });
     element("server").dataset["link"] = link;
     if (link !== "connected") this.phase = null;
     this.show();
@@ -149,12 +150,12 @@ function isTyping(target: EventTarget | null): boolean {
 
 /** Between sessions the server waits with no trials; questions about a session have none either. */
 function isSession(phase: Phase | null): phase is Phase {
-  return phase !== null && (phase.trials > 0 || phase.name === "questionnaire");
+  return phase !== null && (phase.trials > 0 || phase.name === "questionnaire" || phase.name === "confirm");
 }
 
 /** Where the session stands, in one sentence. */
 export function sessionWords(phase: Phase | null): string {
   if (!isSession(phase)) return "No session runs here.";
-  const label = phaseLabel(phase);
-  return `${label ? `${label}: ` : ""}${phase.name.replace("_", " ")}. ${phase.text}`;
+  const label = phaseLabel(phase, ENGLISH);
+  return `${label ? `${label}: ` : ""}${PHASE_WORDS[phase.name]}.`;
 }

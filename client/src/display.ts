@@ -1,10 +1,13 @@
 import type { Link } from "./connection";
 import { PHASES_WHERE, type Body, type Phase, type Question } from "./messages";
+import type { Key, Words } from "./words";
 
 /** Everything that words are shown about. */
 export interface Display {
+  words: Words;
   link: Link;
-  linkReason: string;
+  /** What the server closed the connection with, or 0. */
+  code: number;
   phase: Phase | null;
   /** The participant's body, for those who may choose it. */
   body: Body | null;
@@ -14,11 +17,10 @@ export interface Display {
   secondsLeft: number | null;
   /** Whether the participant is in VR, or plays without a headset. */
   takesPart: boolean;
-  /** Whether they play without one. */
-  plays: boolean;
 }
 
 export interface PanelContent {
+  words: Words;
   label: string;
   text: string;
   secondsLeft: number | null;
@@ -27,39 +29,62 @@ export interface PanelContent {
   body: Body | null;
   answered: number | null;
   notice: string | null;
+  /** Whether all questions are answered, and the answers are to be confirmed. */
+  confirms: boolean;
 }
 
-const LINK_WORDS: Record<Link, string> = {
-  connecting: "Connecting to the server …",
-  connected: "Connected to the server",
-  lost: "Connection lost. Trying again …",
-  superseded: "Opened in another window. Reload this page to use it here.",
+const LINK_WORDS: Record<Link, Key> = {
+  connecting: "connecting",
+  connected: "connected",
+  lost: "lost",
+  refused: "lost",
+  superseded: "superseded",
 };
 
-export function linkWords({ link, linkReason }: Pick<Display, "link" | "linkReason">): string {
-  return link === "lost" && linkReason ? `Not connected: ${linkReason}. Trying again …` : LINK_WORDS[link];
+/** Why the server closed a connection, by its code. */
+const REASONS: Readonly<Record<number, Key>> = {
+  1001: "stopped_server",
+  4400: "outdated",
+  4401: "no_token",
+  4403: "earlier_start",
+  4409: "taken",
+};
+
+export function linkWords({ words, link, code }: Pick<Display, "words" | "link" | "code">): string {
+  return words.say((link !== "connected" && REASONS[code]) || LINK_WORDS[link]);
 }
 
 /** What the panel in VR shows; null while there is nothing to read. */
 export function panelContent(display: Display): PanelContent | null {
-  const { question, phase, answered, secondsLeft } = display;
+  const { words, question, phase, answered, secondsLeft } = display;
   const notice = display.link === "connected" ? display.problem : linkWords(display);
-  const label = question ? `${question.number} of ${question.count}` : phaseLabel(phase);
+  const label = question ? words.say("of", { number: question.number, count: question.count }) : phaseLabel(phase, words);
   const text = question ? question.text : phaseText(phase);
   if (!text && !notice) return null;
   const body = phase?.name === "calibration" ? display.body : null;
-  return { label, text, secondsLeft: question ? null : secondsLeft, question, body, answered, notice };
+  const confirms = confirmsAnswers(phase);
+  return { words, label, text, secondsLeft: question ? null : secondsLeft, question, body, answered, notice, confirms };
 }
 
 /** Which trial of how many; empty outside the trials. */
-export function phaseLabel(phase: Phase | null): string {
+export function phaseLabel(phase: Phase | null, words: Words): string {
   if (!phase || phase.trial < 1) return "";
-  return phase.practice ? "Practice" : `Trial ${phase.trial} of ${phase.trials}`;
+  return phase.practice ? words.say("practice") : words.say("trial", { trial: phase.trial, trials: phase.trials });
 }
 
 /** Nothing stands between the person and the robot while it moves. */
 function phaseText(phase: Phase | null): string {
   return phase && phase.name !== "trial" && phase.name !== "retreat" ? phase.text : "";
+}
+
+/** Whether the participant confirms their answers now. */
+export function confirmsAnswers(phase: Phase | null): boolean {
+  return phase?.name === "confirm";
+}
+
+/** Whether there is an earlier answer to change. */
+export function mayGoBack({ phase, question }: Pick<Display, "phase" | "question">): boolean {
+  return question ? question.number > 1 : confirmsAnswers(phase);
 }
 
 /** Whether a press of the trigger tells the server to go on. */

@@ -36,10 +36,11 @@ export class FlatPlay {
   private readonly pressed = new Set<string>();
   private readonly step = new Vector3();
 
-  constructor(view: HTMLElement) {
+  constructor(view: HTMLElement, handButtons: Iterable<HTMLElement> = []) {
     view.addEventListener("pointermove", (event) => this.turn(event));
     window.addEventListener("keyup", ({ code }) => this.pressed.delete(code));
     window.addEventListener("blur", () => this.pressed.clear());
+    for (const button of handButtons) this.holdWith(button);
     this.camera.position.set(0, EYE_HEIGHT_M, 0);
   }
 
@@ -66,6 +67,17 @@ export class FlatPlay {
       left_modality: "mouse",
       right_modality: "mouse",
     };
+  }
+
+  /** A button that moves the hand while it is held. */
+  private holdWith(button: HTMLElement): void {
+    const code = button.dataset["code"]!;
+    button.addEventListener("pointerdown", ({ pointerId }) => {
+      button.setPointerCapture(pointerId);
+      this.press(code);
+    });
+    for (const event of ["pointerup", "pointercancel", "lostpointercapture"])
+      button.addEventListener(event, () => this.pressed.delete(code));
   }
 
   private turn({ buttons, movementX, movementY }: PointerEvent): void {

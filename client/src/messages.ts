@@ -1,6 +1,6 @@
 // Written by `python -m avrgym.vr.typescript` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 8;
+export const PROTOCOL = 9;
 
 export const STALE_S = 0.2;
 
@@ -22,15 +22,15 @@ export type Part = "head" | "left" | "right";
 
 export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 
-export type PhaseName = "calibration" | "check" | "countdown" | "finished" | "free_after" | "free_before" | "loading" | "paused" | "questionnaire" | "retreat" | "trial" | "viewing" | "waiting";
+export type PhaseName = "calibration" | "check" | "confirm" | "countdown" | "finished" | "free_after" | "free_before" | "loading" | "paused" | "questionnaire" | "ready" | "retreat" | "trial" | "viewing" | "waiting";
 
 export type Role = "experimenter" | "participant" | "spectator";
 
 export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | "can_choose_body", readonly PhaseName[]> = {
   moves: ["free_before", "countdown", "trial", "retreat", "free_after"],
   can_be_stopped: ["free_before", "countdown", "trial", "retreat"],
-  awaits_ready: ["calibration", "check", "paused"],
-  can_choose_body: ["waiting", "calibration", "check", "paused"],
+  awaits_ready: ["calibration", "check", "ready", "confirm", "paused"],
+  can_choose_body: ["waiting", "calibration", "check", "ready", "paused"],
 };
 
 /** A pose in WebXR's `local-floor` space: position in metres (y up), orientation x, y, z, w. */
@@ -134,6 +134,11 @@ export interface Answer {
   response_time_s: number;
 }
 
+/** The participant wants to see the question before this one, and to answer it anew. */
+export interface Back {
+  type: "back";
+}
+
 /** The body that the participant shall have; one of another sex is measured anew. */
 export interface ChooseBody {
   type: "choose_body";
@@ -153,7 +158,7 @@ export interface Latency {
   draw_ms: number[];
 }
 
-export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer | ChooseBody | Latency;
+export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer | Back | ChooseBody | Latency;
 
 /** What the experimenter wants of the session.
  *
@@ -199,6 +204,16 @@ export interface Welcome {
   role: Role;
   haptics: boolean;
   sounds: boolean;
+}
+
+/** The participant's language: its tag, how it is written, and the words of their page by key.
+ *
+ * `direction` is `ltr` or `rtl`, as HTML has it. */
+export interface Language {
+  type: "language";
+  language: string;
+  direction: string;
+  words: Record<string, string>;
 }
 
 /** The participant's body, and which tones of skin there are: by name, and red, green, blue in 0..1 of each. */
@@ -265,7 +280,10 @@ export interface State {
   poses: Uint8Array;
 }
 
-/** Where the session stands, with the words to show to the participant. */
+/** Where the session stands, with the words to show to the participant.
+ *
+ * `text` is for somebody in VR, `page_text` for somebody who takes part on the page, without a headset, where
+ * that differs. */
 export interface Phase {
   type: "phase";
   name: PhaseName;
@@ -274,11 +292,13 @@ export interface Phase {
   trials: number;
   practice: boolean;
   seconds: number | null;
+  page_text: string;
 }
 
 /** One item to show and to answer by pointing and pressing the trigger.
  *
- * `labels` are the words on its buttons; where there are none, they are numbered from 1 to `points`. */
+ * `labels` are the words on its buttons; where there are none, they are numbered from 1 to `points`. `given` is
+ * the participant's earlier answer, where they went back to a question. */
 export interface Question {
   type: "question";
   item: string;
@@ -289,16 +309,18 @@ export interface Question {
   labels: string[];
   number: number;
   count: number;
+  given: number | null;
 }
 
 /** What was wrong with a message or a measurement, and what is allowed. The session goes on.
  *
- * `role`: whom it concerns. The participant never reads what was wrong with what the experimenter asked for; the
+ * `page_message` says it to somebody who takes part without a headset, where that differs. `role`: whom it concerns. The participant never reads what was wrong with what the experimenter asked for; the
  * experimenter, who helps them, reads both. */
 export interface Problem {
   type: "problem";
   message: string;
   role: Role;
+  page_message: string;
 }
 
 /** What the participant feels and hears of one control step.
@@ -357,4 +379,4 @@ export interface Timing {
   missed_ticks: number;
 }
 
-export type ServerMessage = Welcome | Body | Scene | Upcoming | Passed | State | Phase | Question | Problem | Feedback | Status | Timing;
+export type ServerMessage = Welcome | Language | Body | Scene | Upcoming | Passed | State | Phase | Question | Problem | Feedback | Status | Timing;

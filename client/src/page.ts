@@ -1,10 +1,19 @@
 import { mayChooseBody } from "./bodychoice";
-import { awaitsReady, canBeStopped, linkWords, mayRecalibrate, phaseLabel, type Display } from "./display";
+import {
+  awaitsReady,
+  canBeStopped,
+  confirmsAnswers,
+  linkWords,
+  mayGoBack,
+  mayRecalibrate,
+  phaseLabel,
+  type Display,
+} from "./display";
 import { element } from "./element";
 import type { Body, ChooseBody, Phase, Question } from "./messages";
-import { labelOf, saysItsEnds } from "./questionnaire";
+import { Scale } from "./scale";
 import type { Allowed } from "./senses";
-import { onThePage } from "./words";
+import { ENGLISH, type Key, type Words } from "./words";
 
 const SENSES = ["haptics", "sounds"] as const;
 
@@ -14,6 +23,7 @@ export interface PageEvents {
   ready(): void;
   recalibrate(): void;
   stop(): void;
+  back(): void;
   answer(value: number): void;
   chooseBody(choice: ChooseBody): void;
 }
@@ -22,25 +32,46 @@ export interface PageEvents {
 export class Page {
   readonly view = element("view");
   readonly card = element("card");
+  readonly handButtons = element("hand").querySelectorAll("button");
   private readonly enter = element<HTMLButtonElement>("enter");
   private readonly play = element<HTMLButtonElement>("play");
   private readonly sex = element<HTMLSelectElement>("sex");
   private readonly tone = element<HTMLSelectElement>("skin-tone");
-  private shown: Question | null = null;
-  /** Whether the latest answer came from the keyboard, which then stays at the answers. */
-  private byKeyboard = false;
+  private readonly scale: Scale;
   private readonly texts = new Map<string, string>();
+  private words = ENGLISH;
+  private presenting = false;
+  private playing = false;
 
-  constructor(private readonly events: PageEvents) {
+  constructor(
+    private readonly watches: boolean,
+    private readonly events: PageEvents,
+  ) {
+    this.scale = new Scale((value) => events.answer(value));
     this.enter.addEventListener("click", () => events.enterOrLeave());
     this.play.addEventListener("click", () => events.playOrEnd());
     element("ready").addEventListener("click", () => events.ready());
     element("stop").addEventListener("pointerdown", () => events.stop());
     element("stop").addEventListener("click", ({ detail }) => detail === 0 && events.stop());
     element("again").addEventListener("click", () => events.recalibrate());
+    element("back").addEventListener("click", () => events.back());
     for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
     for (const sense of SENSES) remember(element<HTMLInputElement>(sense));
     element<HTMLDetailsElement>("help").open = window.innerHeight > 620 && window.innerWidth > 720;
+    this.speak(ENGLISH);
+  }
+
+  /** Says everything in these words from now on. */
+  speak(words: Words): void {
+    this.words = words;
+    words.fill(document);
+    for (const option of this.tone.options) option.text = words.say(option.value as Key);
+    this.sayActions();
+  }
+
+  /** What those who watch read of a participant is in the participant's language. */
+  markAsParticipants(words: Words): void {
+    Object.assign(element("phase-text"), { lang: words.language, dir: words.direction });
   }
 
   /** Empty: VR can be entered. */
@@ -51,7 +82,8 @@ export class Page {
 
   setPresenting(presenting: boolean): void {
     document.body.classList.toggle("presenting", presenting);
-    this.enter.textContent = presenting ? "Leave VR" : "Enter VR";
+    this.presenting = presenting;
+    this.sayActions();
     this.enter.blur();
   }
 
@@ -68,11 +100,17 @@ export class Page {
   }
 
   setPlaying(playing: boolean): void {
-    this.play.textContent = playing ? "Stop playing" : "Play without a headset";
-    element("play-help").hidden = !playing;
+    this.playing = playing;
+    this.sayActions();
+    element("play-help").hidden = element("hand").hidden = !playing;
     element("help").hidden = playing;
     this.enter.hidden = element("reason").hidden = playing;
     this.play.blur();
+  }
+
+  private sayActions(): void {
+    this.enter.textContent = this.words.say(this.presenting ? "leave" : "enter");
+    this.play.textContent = this.words.say(this.playing ? "end_play" : "play");
   }
 
   /** Whoever only watches takes no part. */
@@ -80,22 +118,37 @@ export class Page {
     element("take-part").hidden = element("help").hidden = true;
   }
 
+  /** The latest answer came from the keyboard, which then stays at the answers. */
+  answersByKeyboard(): void {
+    this.scale.byKeyboard = true;
+  }
+
   show(display: Display): void {
-    const { phase, question, problem, secondsLeft } = display;
+    const { words, phase, question, problem, secondsLeft } = display;
+    const confirms = confirmsAnswers(phase) && !question;
+    const hadFocus = this.card.contains(document.activeElement);
     element("status").dataset["link"] = display.link;
     this.text("status-words", linkWords(display));
-    const words = display.plays ? onThePage : (text: string) => text;
-    this.text("problem", words(problem ?? ""));
-    this.text("phase-label", phaseLabel(phase));
-    this.text("phase-text", words(phase?.text ?? ""));
-    this.text("countdown", secondsLeft === null ? "" : `${secondsLeft} s`);
+    this.text("problem", problem ?? "");
+    this.text("phase-label", phaseLabel(phase, words));
+    this.text("phase-text", (this.watches ? phase?.text : phase?.page_text || phase?.text) ?? "");
+    this.text("countdown", secondsLeft === null ? "" : words.say("seconds", { seconds: secondsLeft }));
+    this.text("ready", words.say(confirms ? "done" : "go_on"));
     element("problem").hidden = !problem;
     element("emergency").hidden = !display.takesPart || !canBeStopped(phase);
-    element("go-on").hidden = !display.takesPart || !awaitsReady(phase);
-    element("again").hidden = !mayRecalibrate(phase);
+    element("ready").hidden = this.watches || (!confirms && !(display.takesPart && awaitsReady(phase)));
+    element("again").hidden = !display.takesPart || !mayRecalibrate(phase);
+    element("back").hidden = this.watches || !mayGoBack(display);
     element("phase").hidden = !phase?.text || question !== null;
     this.showBody(display.body, phase);
     this.showQuestion(question, display.answered);
+    if (hadFocus && !this.card.contains(shownFocus())) this.keepFocus();
+  }
+
+  /** The focus goes on to what comes next, where the element that had it is gone. */
+  private keepFocus(): void {
+    const next = [element("points").querySelector("button"), element("ready"), element("phase-text")];
+    next.find((each) => each && each.getClientRects().length > 0)?.focus();
   }
 
   private showBody(body: Body | null, phase: Phase | null): void {
@@ -103,7 +156,7 @@ export class Page {
     element<HTMLFieldSetElement>("body").disabled = !mayChooseBody(phase);
     if (!body) return;
     if (this.tone.options.length === 0)
-      this.tone.append(...body.skin_tones.map((tone) => new Option(tone, tone)));
+      this.tone.append(...body.skin_tones.map((tone) => new Option(this.words.say(tone as Key), tone)));
     this.sex.value = body.sex;
     this.tone.value = body.skin_tone;
   }
@@ -115,37 +168,10 @@ export class Page {
 
   private showQuestion(question: Question | null, answered: number | null): void {
     element("question").hidden = question === null;
-    if (question && question !== this.shown) this.fillQuestion(question);
-    this.shown = question;
-    for (const button of element("points").querySelectorAll("button")) {
-      button.disabled = answered !== null;
-      button.setAttribute("aria-pressed", String(Number(button.value) === answered));
-    }
-  }
-
-  private fillQuestion(question: Question): void {
-    this.text("question-label", `Question ${question.number} of ${question.count}`);
-    this.text("statement", question.text);
-    this.text("low", `${labelOf(question, 1)}: ${question.low}`);
-    this.text("high", `${labelOf(question, question.points)}: ${question.high}`);
-    element("anchors").hidden = saysItsEnds(question);
-    const values = Array.from({ length: question.points }, (_, at) => at + 1);
-    const points = element("points");
-    points.classList.toggle("words", question.labels.some((label) => label.length > 3));
-    points.replaceChildren(...values.map((value) => this.pointButton(value, labelOf(question, value))));
-    if (this.byKeyboard) points.querySelector("button")?.focus();
-  }
-
-  private pointButton(value: number, label: string): HTMLButtonElement {
-    const button = document.createElement("button");
-    button.type = "button";
-    button.value = String(value);
-    button.textContent = label;
-    button.addEventListener("click", (event) => {
-      this.byKeyboard = event.detail === 0;
-      this.events.answer(value);
-    });
-    return button;
+    if (question)
+      this.text("question-label", this.words.say("question", { number: question.number, count: question.count }));
+    this.text("statement", question?.text ?? "");
+    this.scale.show(question, answered, this.words);
   }
 
   /** Sets a text only when it changes: screen readers announce every change. */
@@ -154,6 +180,12 @@ export class Page {
     this.texts.set(id, text);
     element(id).textContent = text;
   }
+}
+
+/** What has the focus and is shown. */
+function shownFocus(): Element | null {
+  const focused = document.activeElement;
+  return focused && focused.getClientRects().length > 0 ? focused : null;
 }
 
 /** Keeps a check box as it was set, on this device. */

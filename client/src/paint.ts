@@ -1,7 +1,22 @@
 import { bodyButtons, type BodyButton } from "./bodychoice";
 import type { PanelContent } from "./display";
 import type { Body, Question } from "./messages";
-import { labelOf, layoutButtons, layoutWords, saysItsEnds, type Box, type Button } from "./questionnaire";
+import {
+  labelOf,
+  layoutButtons,
+  layoutLine,
+  layoutWords,
+  mirrored,
+  MOST_IN_A_ROW,
+  saysItsEnds,
+  type Box,
+  type Button,
+} from "./questionnaire";
+import type { Words } from "./words";
+
+/** The values of the buttons that answer nothing: to the question before, and that all answers stay as they are. */
+export const BACK = -1;
+export const DONE = -2;
 
 /** Pixels of the panel's canvas. */
 export const WIDTH = 1536;
@@ -15,6 +30,11 @@ const TEXT_BOX: Box = { x: MARGIN, y: 150, width: WIDTH - 2 * MARGIN, height: 62
 const STATEMENT_BOX: Box = { x: MARGIN, y: 140, width: WIDTH - 2 * MARGIN, height: 300 };
 const BUTTON_BOX: Box = { x: MARGIN, y: 470, width: WIDTH - 2 * MARGIN, height: 250 };
 const WORDS_BOX: Box = { x: MARGIN, y: 130, width: WIDTH - 2 * MARGIN, height: 290 };
+const LINE_BOX: Box = { ...BUTTON_BOX, y: 520, height: 130 };
+const ANCHORS_HEIGHT = 110;
+const PANEL_BOX: Box = { x: 0, y: 0, width: WIDTH, height: HEIGHT };
+const BACK_BOX: Box = { x: 48, y: 44, width: 300, height: 84 };
+const CONFIRM_BOX: Box = { x: MARGIN + 150, y: 560, width: WIDTH - 2 * MARGIN - 300, height: 140 };
 const BODY_BOX: Box = { x: MARGIN + 150, y: 450, width: WIDTH - 2 * MARGIN - 300, height: 350 };
 /** The greatest height of a button with words, and the share of it that they take. */
 const WORDS_HEIGHT = 150;
@@ -37,15 +57,35 @@ type Asking = PanelContent & { question: Question };
 type Choosing = PanelContent & { body: Body };
 
 export function buttonsOf(content: PanelContent | null): Button[] {
-  const question = content?.question;
-  if (!question) return bodiesOf(content);
-  return question.labels.length > 0
-    ? layoutWords(question.points, BUTTON_BOX, WORDS_HEIGHT)
-    : layoutButtons(question.points, BUTTON_BOX);
+  if (!content?.question && !content?.confirms) return bodiesOf(content);
+  const buttons = content.question ? questionButtons(content.question) : confirmButtons();
+  return isRightToLeft(content.words) ? mirrored(buttons, PANEL_BOX) : buttons;
+}
+
+function questionButtons(question: Question): Button[] {
+  const back = question.number > 1 ? [{ ...BACK_BOX, value: BACK }] : [];
+  return [...scaleButtons(question), ...back];
+}
+
+function scaleButtons({ points, labels }: Question): Button[] {
+  if (labels.length > 0) return layoutWords(points, BUTTON_BOX, WORDS_HEIGHT);
+  return points > MOST_IN_A_ROW ? layoutLine(points, LINE_BOX) : layoutButtons(points, BUTTON_BOX);
+}
+
+function confirmButtons(): Button[] {
+  const [back, done] = layoutWords(2, CONFIRM_BOX, CONFIRM_BOX.height);
+  return [
+    { ...back!, value: BACK },
+    { ...done!, value: DONE },
+  ];
+}
+
+function isRightToLeft({ direction }: Words): boolean {
+  return direction === "rtl";
 }
 
 export function bodiesOf(content: PanelContent | null): BodyButton[] {
-  return content?.body && !content.question ? bodyButtons(content.body, BODY_BOX) : [];
+  return content?.body && !content.question ? bodyButtons(content.body, BODY_BOX, content.words) : [];
 }
 
 /** Paints the whole panel; what has no content stays transparent. */
@@ -57,7 +97,9 @@ export function paint(
 ): void {
   context.clearRect(0, 0, WIDTH, HEIGHT);
   if (content.text) paintBackground(context);
+  context.direction = isRightToLeft(content.words) ? "rtl" : "ltr";
   if (asks(content)) paintQuestion(context, content, buttons, hovered);
+  else if (content.confirms) paintConfirm(context, content, buttons, hovered);
   else if (letsChoose(content)) paintBodies(context, content, hovered);
   else if (content.text) paintText(context, content);
   if (content.notice) paintNotice(context, content.notice);
@@ -90,14 +132,54 @@ function paintText(context: Context, { label, text, secondsLeft }: PanelContent)
 }
 
 function paintQuestion(context: Context, content: Asking, buttons: Button[], hovered: number | null): void {
+  const { question, words } = content;
+  const answered = content.answered ?? question.given;
+  const scale = buttons.filter(({ value }) => value > 0);
   paintLabel(context, content.label);
   paintLines(context, content.text, STATEMENT_BOX, 72);
-  const size = labelSize(context, content.question, buttons);
-  for (const button of buttons) {
-    const colours = buttonColours(button.value, hovered, content.answered);
-    paintButton(context, button, labelOf(content.question, button.value), size, colours);
+  paintActions(context, words, buttons, hovered);
+  if (question.labels.length === 0 && question.points > MOST_IN_A_ROW) paintLineOf(context, scale, hovered, answered);
+  else {
+    const size = labelSize(context, question, scale);
+    for (const button of scale) {
+      const colours = buttonColours(button.value, hovered, answered);
+      paintButton(context, button, labelOf(question, button.value), size, colours);
+    }
   }
-  if (!saysItsEnds(content.question)) paintAnchors(context, content.question, buttons);
+  if (!saysItsEnds(question)) paintAnchors(context, question, scale, isRightToLeft(words));
+}
+
+function paintConfirm(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
+  paintLabel(context, content.words.say("answers_given"));
+  paintLines(context, content.text, WORDS_BOX, 72);
+  paintActions(context, content.words, buttons, hovered);
+}
+
+/** The buttons that answer nothing. */
+function paintActions(context: Context, words: Words, buttons: Button[], hovered: number | null): void {
+  for (const button of buttons.filter(({ value }) => value < 0)) {
+    const label = words.say(button.value === BACK ? "back" : "done");
+    const size = fittingSize(context, label, inside(button), 50, 600);
+    paintButton(context, button, label, size, buttonColours(button.value, hovered, null));
+  }
+}
+
+/** A scale of many points: a bar, with a mark where one points and where one has answered. */
+function paintLineOf(context: Context, places: Button[], hovered: number | null, answered: number | null): void {
+  const left = Math.min(...places.map(({ x }) => x));
+  const { y, height, width } = places[0]!;
+  roundedBox(context, { x: left, y, width: width * places.length, height }, 24);
+  context.fillStyle = COLOUR.button;
+  context.fill();
+  context.lineWidth = 4;
+  context.strokeStyle = COLOUR.edge;
+  context.stroke();
+  for (const [value, colour] of [[hovered, COLOUR.hovered], [answered, COLOUR.answered]] as const) {
+    const place = places.find((each) => each.value === value);
+    if (!place) continue;
+    context.fillStyle = colour;
+    context.fillRect(place.x + place.width / 2 - 8, y - 14, 16, height + 28);
+  }
 }
 
 /** The size that the words on every button fit in. */
@@ -137,12 +219,20 @@ function paintBody(context: Context, button: BodyButton, hovered: boolean): void
   paintLine(context, button.label, x, y, `600 ${Math.round(button.height * 0.4)}px ${FONT}`, ink, "center");
 }
 
-function paintAnchors(context: Context, { low, high }: Question, buttons: Button[]): void {
+/** What both ends mean, each below its own end. */
+function paintAnchors(context: Context, { low, high }: Question, buttons: Button[], fromRight: boolean): void {
   const left = Math.min(...buttons.map(({ x }) => x));
   const right = Math.max(...buttons.map(({ x, width }) => x + width));
   const y = Math.max(...buttons.map(({ y, height }) => y + height)) + 56;
-  paintLine(context, low, left, y, `50px ${FONT}`, COLOUR.quiet, "left");
-  paintLine(context, high, right, y, `50px ${FONT}`, COLOUR.quiet, "right");
+  const half = { x: left, y, width: (right - left) / 2 - 20, height: ANCHORS_HEIGHT };
+  const [atLeft, atRight] = fromRight ? [high, low] : [low, high];
+  for (const [text, x, align] of [[atLeft, left, "left"], [atRight, right, "right"]] as const) {
+    const size = fittingSize(context, text, half, 50, 400);
+    const font = `${size}px ${FONT}`;
+    context.font = font;
+    const lines = wrap(text, half.width, (line) => context.measureText(line).width);
+    lines.forEach((line, at) => paintLine(context, line, x, y + at * size * 1.3, font, COLOUR.quiet, align));
+  }
 }
 
 function buttonColours(value: number, hovered: number | null, answered: number | null): [string, string] {

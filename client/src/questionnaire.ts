@@ -12,8 +12,8 @@ export interface Button extends Box {
   value: number;
 }
 
-/** As many as a scale from 0 to 100 in steps of 5 has. */
-const MOST_IN_A_ROW = 21;
+/** As many as a scale from 0 to 100 in steps of 5 has; of more points the panel makes a line. */
+export const MOST_IN_A_ROW = 21;
 /** Share of a button's pitch that stays free. */
 const GAP = 0.16;
 const GAP_OF_WORDS = 0.06;
@@ -47,6 +47,25 @@ export function layoutWords(points: number, area: Box, height: number): Button[]
 /** What stands on the button of a value: its words, else its number. */
 export function labelOf({ labels }: Question, value: number): string {
   return labels[value - 1] ?? String(value);
+}
+
+/** A scale of more points than this is a line to slide on, on a page; on the panel from more than a row. */
+export const LONGEST_ROW = 11;
+
+/** Whether an answer is found by sliding on a line. */
+export function isLine({ points, labels }: Question): boolean {
+  return points > LONGEST_ROW && !labels.some((label) => label.length > 3);
+}
+
+/** The places 1 … `points` of a line, without gaps. */
+export function layoutLine(points: number, area: Box): Button[] {
+  const width = area.width / points;
+  return Array.from({ length: points }, (_, at) => ({ ...area, value: at + 1, x: area.x + width * at, width }));
+}
+
+/** The same buttons for those who read from right to left. */
+export function mirrored(buttons: Button[], area: Box): Button[] {
+  return buttons.map((button) => ({ ...button, x: 2 * area.x + area.width - button.x - button.width }));
 }
 
 /** Whether the buttons at both ends say themselves what they mean. */
@@ -84,7 +103,7 @@ export class Questionnaire {
 
   /** Gives the first answer to `send`, which says whether it went out; every later press is ignored. */
   answer(value: number, nowMs: number, send: (answer: Answer) => boolean): void {
-    if (!this.question || this.answered !== null) return;
+    if (!this.question || this.answered !== null || value < 1 || value > this.question.points) return;
     const response_time_s = Math.max(0, nowMs - this.shownMs) / 1000;
     if (send({ type: "answer", item: this.question.item, value, response_time_s })) this.answered = value;
   }

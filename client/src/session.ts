@@ -1,4 +1,5 @@
 import type { WebGLRenderer } from "three";
+import type { Key } from "./words";
 
 /** A, B, X and Y of common controllers in the WebXR gamepad mapping. */
 const MENU_BUTTONS = [4, 5];
@@ -77,14 +78,12 @@ export class ImmersiveSession {
   }
 }
 
-/** Why VR cannot be entered, in words; empty when it can. */
-export async function reasonAgainstVR(): Promise<string> {
-  if (!window.isSecureContext)
-    return "VR needs a secure address: open this page over https or from localhost.";
-  if (!navigator.xr)
-    return "This browser cannot show VR. Use the headset's own browser, or Chrome or Edge with a headset connected.";
+/** Why VR cannot be entered; null when it can. */
+export async function reasonAgainstVR(): Promise<Key | null> {
+  if (!window.isSecureContext) return "insecure";
+  if (!navigator.xr) return "no_vr";
   const supported = await navigator.xr.isSessionSupported("immersive-vr").catch(() => false);
-  return supported ? "" : "No headset found. Connect it and switch it on.";
+  return supported ? null : "no_headset";
 }
 
 /** The supported rate closest to the one wanted; streaming begins only when it is set. */

@@ -1,11 +1,30 @@
-import { STAGE_WORDS, STALE_S, TICK_S, type Status, type Timing } from "./messages";
+import { STAGE_WORDS, STALE_S, TICK_S, type PhaseName, type Status, type Timing } from "./messages";
+
+/** What happens in a phase, for those who watch. */
+export const PHASE_WORDS: Readonly<Record<PhaseName, string>> = {
+  waiting: "the participant is not in VR",
+  calibration: "the participant is measured",
+  loading: "the scene is prepared",
+  check: "the participant looks whether body and seat fit",
+  ready: "the participant says when to begin",
+  free_before: "free movement before the robot starts",
+  countdown: "the robot is about to start",
+  trial: "the robot helps",
+  retreat: "the robot takes its tool away",
+  free_after: "free movement, the robot holds still",
+  questionnaire: "the participant answers questions",
+  confirm: "the participant confirms their answers",
+  paused: "paused, the robot holds still",
+  finished: "the session is over",
+  viewing: "an environment is shown",
+};
 
 /** What each line about a session says, by the id of its element. */
 export function statusWords(status: Status): Record<string, string> {
   return {
     "watch-trial": `${status.trial} of ${status.trials}, attempt ${status.attempt || "–"}`,
     "watch-environment": status.environment.replace("avrgym/", ""),
-    "watch-phase": status.phase.replace("_", " ") + pausedWords(status),
+    "watch-phase": PHASE_WORDS[status.phase] + pausedWords(status),
     "watch-steps": `${status.step} of ${status.steps}`,
     "watch-reward": `${status.reward.toFixed(1)}${status.success ? ", success" : ""}`,
     "watch-distance": `${(100 * status.distance_m).toFixed(1)} cm`,
@@ -24,7 +43,7 @@ function limitWords({ force_region, force_share, draws_back }: Status): string {
 }
 
 function pausedWords({ paused, held_because }: Status): string {
-  return paused ? (held_because ? `, paused: ${held_because}` : ", paused") : "";
+  return paused ? (held_because ? `; on hold: ${held_because}` : "; on hold") : "";
 }
 
 function trackingWords({ tracking_age_s, left_modality, right_modality }: Status): string {

@@ -1,6 +1,6 @@
 import { decode as decodeAny, encode as encodeAny } from "@msgpack/msgpack";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { Connection, SUPERSEDED, retryDelayMs, type Link } from "../src/connection";
+import { Connection, REFUSED, SUPERSEDED, retryDelayMs, type Link } from "../src/connection";
 import { PROTOCOL, type ServerMessage } from "../src/messages";
 
 class FakeSocket {
@@ -34,7 +34,7 @@ class FakeSocket {
 }
 
 const WELCOME = { type: "welcome", protocol: PROTOCOL, session: "s" };
-let links: [Link, string][] = [];
+let links: [Link, number][] = [];
 let messages: ServerMessage[] = [];
 
 function newest(): FakeSocket {
@@ -44,7 +44,7 @@ function newest(): FakeSocket {
 function connection(): Connection {
   const made = new Connection("ws://x/ws", "secret", true, {
     message: (message) => messages.push(message),
-    link: (link, reason) => links.push([link, reason]),
+    link: (link, code) => links.push([link, code]),
   });
   made.open();
   return made;
@@ -80,7 +80,7 @@ describe("a connection", () => {
     newest().receive(WELCOME);
     expect(made.send({ type: "ready" })).toBe(true);
     expect(newest().sent).toHaveLength(2);
-    expect(links).toEqual([["connected", ""]]);
+    expect(links).toEqual([["connected", 0]]);
     expect(messages).toEqual([WELCOME]);
   });
 
@@ -116,7 +116,7 @@ describe("a connection", () => {
     newest().drop(1012, "restart");
     vi.advanceTimersByTime(retryDelayMs(0));
     expect(FakeSocket.all).toHaveLength(7);
-    expect(links[links.length - 1]).toEqual(["lost", "restart"]);
+    expect(links[links.length - 1]).toEqual(["lost", 1012]);
   });
 
   it("gives up an attempt that never opens", () => {
@@ -132,12 +132,20 @@ describe("a connection", () => {
     expect(FakeSocket.all).toHaveLength(1);
   });
 
+  it.each(REFUSED)("stays away when the server refuses it for good with %i", (code) => {
+    connection();
+    newest().drop(code);
+    vi.advanceTimersByTime(60_000);
+    expect(FakeSocket.all).toHaveLength(1);
+    expect(links).toEqual([["refused", code]]);
+  });
+
   it("stays away when the page was opened elsewhere", () => {
     connection();
     newest().drop(SUPERSEDED);
     vi.advanceTimersByTime(60_000);
     expect(FakeSocket.all).toHaveLength(1);
-    expect(links).toEqual([["superseded", ""]]);
+    expect(links).toEqual([["superseded", SUPERSEDED]]);
   });
 
   it("does not listen to a socket that it has given up", () => {

@@ -90,12 +90,12 @@ describe("words", () => {
   });
 
   it("tell where the session stands", () => {
-    const phase = { type: "phase", name: "free_before", text: "Move.", trial: 2, trials: 5 } as const;
-    expect(sessionWords({ ...phase, practice: false, seconds: 5 })).toBe("Trial 2 of 5: free before. Move.");
+    const phase = { type: "phase", name: "free_before", text: "Move.", trial: 2, trials: 5, page_text: "" } as const;
+    expect(sessionWords({ ...phase, practice: false, seconds: 5 })).toBe("Trial 2 of 5: free movement before the robot starts.");
     for (const none of [null, { ...phase, trials: 0, practice: false, seconds: null }])
       expect(sessionWords(none)).toBe("No session runs here.");
     const asked = { ...phase, name: "questionnaire", text: "Please answer.", trial: 0, trials: 0 } as const;
-    expect(sessionWords({ ...asked, practice: false, seconds: null })).toBe("questionnaire. Please answer.");
+    expect(sessionWords({ ...asked, practice: false, seconds: null })).toBe("the participant answers questions.");
   });
 
   it("keep paragraphs and mend broken lines", () => {

@@ -4,6 +4,7 @@ import { isRunning, linkWords, panelContent, type Display } from "../src/display
 import type { Body, Phase, Question } from "../src/messages";
 import { bodiesOf, buttonsOf, wrap } from "../src/paint";
 import { hitButton } from "../src/questionnaire";
+import { ENGLISH } from "../src/words";
 
 const QUESTION: Question = {
   type: "question",
@@ -15,6 +16,7 @@ const QUESTION: Question = {
   labels: [],
   number: 2,
   count: 4,
+  given: null,
 };
 
 const BODY: Body = {
@@ -29,12 +31,12 @@ const BODY: Body = {
 };
 
 function phase(name: Phase["name"], text = "Words"): Phase {
-  return { type: "phase", name, text, trial: 3, trials: 8, practice: false, seconds: null };
+  return { type: "phase", name, text, trial: 3, trials: 8, practice: false, seconds: null, page_text: "" };
 }
 
 function display(changes: Partial<Display>): Display {
-  const nothing = { phase: null, body: null, question: null, answered: null, problem: null, secondsLeft: null, takesPart: true, plays: false };
-  return { link: "connected", linkReason: "", ...nothing, ...changes };
+  const nothing = { phase: null, body: null, question: null, answered: null, problem: null, secondsLeft: null, takesPart: true };
+  return { words: ENGLISH, link: "connected", code: 0, ...nothing, ...changes };
 }
 
 describe("the panel", () => {
@@ -80,7 +82,7 @@ describe("the bodies to choose", () => {
   it("are on the panel only while the participant is measured", () => {
     expect(buttonsOf(panelContent(calibration)).length).toBe(4);
     expect(buttonsOf(panelContent({ ...calibration, phase: phase("check") }))).toEqual([]);
-    expect(buttonsOf(panelContent({ ...calibration, question: QUESTION })).length).toBe(QUESTION.points);
+    expect(buttonsOf(panelContent({ ...calibration, question: QUESTION })).length).toBe(QUESTION.points + 1);
   });
 
   it("change one thing at a time, and mark what is chosen", () => {
@@ -111,8 +113,8 @@ describe("the bodies to choose", () => {
 
 describe("the connection in words", () => {
   it("says why, when the server gave a reason", () => {
-    expect(linkWords(display({ link: "lost", linkReason: "wrong token" }))).toBe(
-      "Not connected: wrong token. Trying again …",
+    expect(linkWords(display({ link: "refused", code: 4403 }))).toBe(
+      ENGLISH.say("earlier_start"),
     );
     expect(linkWords(display({ link: "connected" }))).toBe("Connected to the server");
   });

@@ -14,7 +14,7 @@ const AREA: Box = { x: 70, y: 470, width: 1400, height: 250 };
 const SCALES = [1, 2, 5, 7, 11, 20, 21, 100];
 
 function question(item: string, labels: string[] = []): Question {
-  return { type: "question", item, text: "?", points: 7, low: "no", high: "yes", labels, number: 1, count: 4 };
+  return { type: "question", item, text: "?", points: 7, low: "no", high: "yes", labels, number: 1, count: 4, given: null };
 }
 
 describe.each(SCALES)("a scale of %i points", (points) => {

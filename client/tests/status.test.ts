@@ -35,7 +35,7 @@ describe("how a session stands", () => {
     expect(statusWords(STATUS)).toEqual({
       "watch-trial": "2 of 5, attempt 3",
       "watch-environment": "FeedingJaco-v1",
-      "watch-phase": "free before, paused",
+      "watch-phase": "free movement before the robot starts; on hold",
       "watch-steps": "12 of 200",
       "watch-reward": "41.3, success",
       "watch-distance": "12.3 cm",
@@ -61,7 +61,7 @@ describe("how a session stands", () => {
     const words = statusWords({ ...STATUS, attempt: 0, tracking_age_s: null, paused: false, success: false });
     expect(words["watch-trial"]).toBe("2 of 5, attempt –");
     expect(words["watch-tracking"]).toBe("none yet");
-    expect(words["watch-phase"]).toBe("free before");
+    expect(words["watch-phase"]).toBe("free movement before the robot starts");
     expect(statusWords({ ...STATUS, left_modality: "controller" })["watch-tracking"]).toBe(
       "11 ms old, left controller, right hand",
     );
@@ -76,8 +76,8 @@ describe("how a session stands", () => {
 
   it("says for which answer a stop rule paused the session, until it goes on", () => {
     const held = { ...STATUS, held_because: "'Nausea' was answered 'severe'" };
-    expect(statusWords(held)["watch-phase"]).toBe("free before, paused: 'Nausea' was answered 'severe'");
-    expect(statusWords({ ...held, paused: false })["watch-phase"]).toBe("free before");
+    expect(statusWords(held)["watch-phase"]).toBe("free movement before the robot starts; on hold: 'Nausea' was answered 'severe'");
+    expect(statusWords({ ...held, paused: false })["watch-phase"]).toBe("free movement before the robot starts");
   });
 
   it("says in words what is wrong", () => {

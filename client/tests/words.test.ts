@@ -1,30 +1,19 @@
-/// <reference types="vite/client" />
 import { describe, expect, it } from "vitest";
-import { onThePage } from "../src/words";
+import { TEXTS } from "../src/texts";
+import { ENGLISH, firstWords, wordsOf } from "../src/words";
 
-const CONTROLLER = /trigger|menu button/i;
-const SOURCES: Record<string, string> = import.meta.glob(
-  ["../../src/avrgym/vr/session/phases/*.py", "../../src/avrgym/vr/tracking/frames.py"],
-  { query: "?raw", import: "default", eager: true },
-);
-
-/** All that the server says of a controller, from its own source. */
-function said(): string[] {
-  return Object.values(SOURCES)
-    .flatMap((source) => source.replace(/"""[^]*?"""/g, "").match(/"[^"\n]*"/g) ?? [])
-    .filter((words) => CONTROLLER.test(words));
-}
-
-describe("words on the page", () => {
-  it("never speak of a trigger or a menu button", () => {
-    expect(said().length).toBeGreaterThan(8);
-    for (const words of said()) expect(onThePage(words)).not.toMatch(CONTROLLER);
+describe("words", () => {
+  it("have values in the place of names", () => {
+    expect(ENGLISH.say("trial", { trial: 2, trials: 8 })).toBe("Trial 2 of 8");
+    expect(ENGLISH.say("anchor", { value: "{meaning}", meaning: "$&" })).toBe("{meaning}: $&");
   });
 
-  it("name the buttons of the page", () => {
-    expect(onThePage("Lie back. Then press the trigger.")).toBe("Lie back. Then choose Go on.");
-    expect(onThePage("The robot holds still. Press the trigger to repeat the trial.")).toBe(
-      "The robot holds still. Choose Go on to repeat the trial.",
-    );
+  it("are the browser's until the server tells the participant's", () => {
+    expect(firstWords(["de-AT", "en"]).say("stop")).toBe(TEXTS.de.words.stop);
+    expect(firstWords(["xx", "de"]).language).toBe("de");
+    expect(firstWords([]).language).toBe("en");
+    expect(firstWords(["toString"]).language).toBe("en");
+    const words = { ...TEXTS.en.words, stop: "قف" };
+    expect(wordsOf({ type: "language", language: "ar", direction: "rtl", words }).say("stop")).toBe("قف");
   });
 });

@@ -81,7 +81,7 @@ class Visit:
 
     While ``tracking`` is true the participant's frames flow; ``pose_rad`` (20,) is a pose to keep instead of
     their own movement. While ``loads`` is true the client shows every scene at once, and while ``content`` is true
-    the participant finds that body and seat fit.
+    the participant finds that body and seat fit, is ready for every trial and confirms their answers.
     """
 
     def __init__(
@@ -158,7 +158,7 @@ class Visit:
                 self.tell(self.frame())
             if self.loads and self.phase == "loading":
                 self.tell(SceneLoaded(url=self.said(Scene)[-1].url))
-            if self.content and self.phase == "check":
+            if self.content and self.phase in ("check", "ready"):
                 self.tell(Ready())
             self.session.tick(self.now_s)
             self._ticks += 1
@@ -198,6 +198,8 @@ class Visit:
         for value in values:
             item = self.said(Question)[-1].item
             self.tell(Answer(item=item, value=value, response_time_s=1.5))
+        if self.content and self.phase == "confirm":
+            self.tell(Ready())
 
     def leave(self) -> None:
         """End the session."""

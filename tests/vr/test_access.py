@@ -127,7 +127,7 @@ def test_a_socket_opens_only_to_its_roles(server: LiveServer, path: str) -> None
                 with pytest.raises(ConnectionClosed) as closed:
                     hear(socket, State)
                 assert closed.value.rcvd is not None
-                assert closed.value.rcvd.code == 4401
+                assert closed.value.rcvd.code == 4403
 
 
 @pytest.mark.parametrize("path", SOCKETS)

@@ -26,6 +26,7 @@ from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     Answer,
+    Back,
     Entered,
     Hello,
     Left,
@@ -210,10 +211,11 @@ def test_states_come_at_50_hz_and_never_with_the_end_of_a_control_step(
 def test_a_session_goes_through_its_phases_in_order(whole: Visit) -> None:
     around = ["free_before", "countdown", "trial", "retreat", "free_after"]
     assert whole.phases == [
-        "waiting", "calibration", "loading", "check", *around, "loading", *around, "questionnaire", "finished"
+        "waiting", "calibration", "loading", "check", *around, "loading", "ready", *around, "questionnaire", "confirm",
+        "finished",
     ]  # fmt: skip
     numbered = [(phase.trial, phase.practice) for phase in whole.said(Phase)[4:]]
-    assert numbered == [(1, True)] * 5 + [(2, False)] * 8
+    assert numbered == [(1, True)] * 5 + [(2, False)] * 10
     assert not whole.problems
 
 
@@ -222,6 +224,7 @@ def test_phases_take_their_time(whole: Visit) -> None:
         entered_s = {
             event.detail: ns / 1e9 for ns, event in recording.topics["/events"] if event.name == "phase"
         }
+        entered_s.pop("confirm", None)
         retreat_s = entered_s["free_after"] - entered_s.pop("retreat")
         assert 0.0 < retreat_s < LONGEST_S + 0.5
         began_s = np.cumsum([0.0, FREE_S, whole.session.plan.countdown_s, 20.0 + retreat_s, FREE_S])
@@ -402,8 +405,8 @@ def test_who_comes_back_repeats_the_trial(visit: Callable[..., Visit]) -> None:
     back.until("trial")
     back.tell(Disconnected())
     back.session.greet(back.heard.append, "participant", back.now_s)
-    kinds = [type(message).__name__ for message in back.heard[-4:]]
-    assert kinds == ["Welcome", "Body", "Scene", "Phase"]
+    kinds = [type(message).__name__ for message in back.heard[-5:]]
+    assert kinds == ["Welcome", "Language", "Body", "Scene", "Phase"]
     back.participant = SimulatedParticipant(back.participant.traits, 8)
     back.sit_down()
     back.until("questionnaire")
@@ -435,13 +438,15 @@ def test_messages_that_have_no_place_are_named_and_change_nothing(visit: Callabl
             visitor.until(phase)
         wrong: list[tuple[messages.ClientMessage, str]] = [(hello, "Hello")]
         if phase != "questionnaire":
-            wrong.append((answer, "only while the questionnaire is open"))
+            wrong.append((answer, "only while its question is open"))
         if phase not in ("calibration", "check"):
-            wrong.append((Ready(), "nothing waits for you to go on"))
+            wrong.append((Ready(), "Nothing waits for you to go on"))
+        if phase not in ("questionnaire", "confirm"):
+            wrong.append((Back(), "no earlier question"))
         if phase != "check":
             wrong.append((Recalibrate(), "only between two trials"))
         if phase not in ("free_before", "countdown", "trial", "retreat"):
-            wrong.append((Stop(), "the robot holds still already"))
+            wrong.append((Stop(), "The robot holds still already"))
         for message, words in wrong:
             said = len(visitor.problems)
             visitor.tell(message)

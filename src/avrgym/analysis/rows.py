@@ -21,6 +21,7 @@ class ParticipantRow:
     state: str
     sex: str
     age_years: int | None
+    language: str
     torso_height_m: float | None
     sessions: int
     trials: int

@@ -65,6 +65,9 @@ def serve(
     mattress_back: Annotated[
         float | None, typer.Option(help="The angle of the real bed's back from the horizontal, degrees.")
     ] = None,
+    language: Annotated[
+        str, typer.Option(help="What the participant reads; in a study study.toml and enrolment say it.")
+    ] = "",
     force_guard: Annotated[
         bool | None,
         typer.Option(
@@ -119,6 +122,8 @@ def serve(
                 raise ValueError(f"in a study force_guard in {study / 'study.toml'} says it, and no option")
             if choice != stream_choice(False, []):
                 raise ValueError(f"in a study [streams] in {study / 'study.toml'} says it, and no option")
+            if language:
+                raise ValueError(f"in a study languages in {study / 'study.toml'} and enrolment say it, and no option")
             _serve_study(study, participant, furniture, workers, address, port, certificate)
             return
         streams = stack.enter_context(_streams(choice))
@@ -133,6 +138,7 @@ def serve(
             workers,
             streams,
             force_guard=force_guard is not False,
+            language=language or "en",
         )
         with LiveServer(make_session, address, port, certificate) as server:
             _explain(server, "spectator")
@@ -152,7 +158,9 @@ def _serve_study(
     from avrgym.study.dashboard.application import dashboard_app
     from avrgym.study.sessions.serving import StudySessions
     from avrgym.study.sessions.storing import StoringThread
+    from avrgym.study.storage.keyfile import FOLDER as PRIVATE
     from avrgym.study.storage.store import Store
+    from avrgym.vr.server.access import Tokens
     from avrgym.vr.server.server import LiveServer
 
     with (
@@ -173,6 +181,7 @@ def _serve_study(
             port,
             certificate,
             study=lambda tokens, sessions: dashboard_app(store, tokens, sessions),
+            tokens=Tokens.kept(folder / PRIVATE / "tokens.json"),
         ) as server,
     ):
         _explain(server, "dashboard")
@@ -204,14 +213,26 @@ def _free_session(
     streams: "Streams | None",
     *,
     force_guard: bool,
+    language: str,
 ) -> "Callable[[Send], Session]":
     """What makes a session outside of any study."""
+    from avrgym.recording.questionnaire import LIKERT_ITEMS
+    from avrgym.study.design.languages import translate
+    from avrgym.texts.texts import read_texts
     from avrgym.vr.session.plan import SessionPlan, load_policies, practised_trials
     from avrgym.vr.session.session import Session
 
+    texts = read_texts(language)
     planned = practised_trials(environments, policy, trials, seed)
     plan = SessionPlan(
-        planned, person, free_movement_s=5.0, simulated=False, furniture=furniture, force_guard=force_guard
+        planned,
+        person,
+        free_movement_s=5.0,
+        simulated=False,
+        items=translate(LIKERT_ITEMS, texts),
+        furniture=furniture,
+        force_guard=force_guard,
+        texts=texts,
     )
     policies = load_policies(plan)
     recordings, name = folder / "recordings", folder.name

@@ -83,6 +83,7 @@ def enrol(
     folder: Folder,
     body: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")],
     age: Annotated[int | None, typer.Option(help="In years.")] = None,
+    language: Annotated[str, typer.Option(help="One of study.toml's; without it the first of them.")] = "",
     name: Annotated[str, typer.Option(help="Kept in private/key.json and nowhere else.")] = "",
     contact: Annotated[str, typer.Option(help="Kept in private/key.json and nowhere else.")] = "",
     site: Annotated[str, typer.Option(help="Where; without it the site of study.toml.")] = "",
@@ -94,7 +95,9 @@ def enrol(
     with plain_errors(), Store(folder) as store:
         if body not in SEXES:
             raise ValueError(f"unknown body model {body!r}; allowed: {', '.join(SEXES)}")
-        pseudonym = take_in(store, body, age_years=age, name=name, contact=contact, site=site)
+        pseudonym = take_in(
+            store, body, age_years=age, language=language, name=name, contact=contact, site=site
+        )
     say(f"enrolled  {pseudonym}")
 
 

@@ -244,9 +244,10 @@ def _term_row(name: str, total: float, weight: float | None) -> tuple[str, str, 
 
 
 def _answers(recording: Recording) -> Markup:
+    latest = {answer.item: answer for _, answer in recording.topics["/answers"]}
     rows = [
-        (answer.item, *_asked(recording, answer), quantity(answer.response_time_s, "s"))
-        for _, answer in recording.topics["/answers"]
+        (item, *_asked(recording, answer), quantity(answer.response_time_s, "s"))
+        for item, answer in latest.items()
     ]
     if not rows:
         return tag("p", "No answers were recorded.", class_="faint")

@@ -2,8 +2,8 @@
 
 ``python -m avrgym.vr.typescript`` writes ``client/src/messages.ts`` from ``messages.py``, ``phases`` and the loop's
 constants, one example of every message as Python encodes it, ``client/tests/messages.json``, and
-``client/src/anatomy.ts`` from what ``vr.tracking`` solves bodies with; ``--check`` writes nothing and fails when one is
-stale.
+``client/src/anatomy.ts`` from what ``vr.tracking`` solves bodies with, and ``client/src/texts.ts`` from the files of
+texts; ``--check`` writes nothing and fails when one is stale.
 """
 
 import argparse
@@ -19,6 +19,7 @@ from msgspec import inspect
 
 from avrgym.models import human
 from avrgym.recording.latency import STAGE_WORDS
+from avrgym.texts.texts import read_texts, shipped
 from avrgym.vr.protocol import messages, webxr
 from avrgym.vr.session.phases import where
 from avrgym.vr.tracking import arm, body
@@ -90,10 +91,12 @@ def type_text(info: inspect.Type) -> str:
         return f"[{', '.join(type_name(item) for item in info.item_types)}]"
     if isinstance(info, inspect.ListType):
         return f"{type_name(info.item_type)}[]"
+    if isinstance(info, inspect.DictType):
+        return f"Record<{type_name(info.key_type)}, {type_name(info.value_type)}>"
     if isinstance(info, inspect.UnionType):
         return " | ".join(type_name(item) for item in info.types)
     raise TypeError(f"messages.py may use {', '.join(kind.__name__ for kind in SCALARS)}, structs, literals, "
-                    f"tuples, lists and unions, not {type(info).__name__}")  # fmt: skip
+                    f"tuples, lists, mappings and unions, not {type(info).__name__}")  # fmt: skip
 
 
 def comment(cls: type) -> str:
@@ -192,6 +195,16 @@ def facts_text(name: str, facts: dict[str, object]) -> str:
     return f"export const {name} = {{\n{lines}}} as const;\n"
 
 
+def texts() -> str:
+    """The whole of ``texts.ts``: the words of the page in every language that AVR Gym brings."""
+    words = {
+        language: {"direction": each.direction, "words": dict(each.page)}
+        for language, each in ((language, read_texts(language)) for language in shipped())
+    }
+    shown = json.dumps(words, indent=2, ensure_ascii=False)
+    return f"{HEADER}\nexport const TEXTS = {shown} as const;\n"
+
+
 def example(info: inspect.Type) -> Any:
     """A value of a type in plain data: numbers that are not whole, text that is not ASCII."""
     if isinstance(info, inspect.StructType):
@@ -204,6 +217,8 @@ def example(info: inspect.Type) -> Any:
         return [0.5 - place / 8 for place, _ in enumerate(info.item_types)]
     if isinstance(info, inspect.ListType):
         return [example(info.item_type)] * 2
+    if isinstance(info, inspect.DictType):
+        return {example(info.key_type): example(info.value_type)}
     if isinstance(info, inspect.UnionType):
         return example(next(item for item in info.types if not isinstance(item, inspect.NoneType)))
     return SCALAR_EXAMPLES[type(info)]
@@ -232,6 +247,7 @@ def stale() -> dict[Path, str]:
     wanted = {
         CLIENT / "src/messages.ts": generate(),
         CLIENT / "src/anatomy.ts": anatomy(),
+        CLIENT / "src/texts.ts": texts(),
         CLIENT / "tests/messages.json": generate_examples(),
     }
     return {

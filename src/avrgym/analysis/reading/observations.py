@@ -280,6 +280,7 @@ def _participant(store: Store, participant: Participant, found: Observations) ->
         state=participant.state,
         sex=participant.sex,
         age_years=participant.age_years,
+        language=participant.language or store.design.languages[0],
         torso_height_m=median(heights) if heights else None,
         sessions=len(store.sessions(participant.pseudonym)),
         trials=len(trials),

@@ -140,6 +140,7 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
     rows = [
         (
             row.participant, *_place(people, row), row.state, row.sex, "" if row.age_years is None else row.age_years,
+            row.language,
             "" if row.torso_height_m is None else f"{row.torso_height_m:.3f}", row.sessions,
             row.trials_completed, row.trials_missing, row.attempts, row.attempts_broken_off,
         )
@@ -147,7 +148,7 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
     ]  # fmt: skip
     places = ("Site", "there") if any(row.site for row in people) else ()
     heads = (
-        "Participant", *places, "State", "Body", "Age", "Torso / m", "Sessions", "Trials completed", "missing",
+        "Participant", *places, "State", "Body", "Age", "Language", "Torso / m", "Sessions", "Trials completed", "missing",
         "Attempts", "broken off",
     )  # fmt: skip
     caption = "Participants; who withdrew is counted here and in no analysis"

@@ -243,7 +243,8 @@ class _Rebuilding:
             ended_at=now(),
         )
         self._attempts += 1
-        for time_ns, answer in answers:
+        latest = {answer.item: (time_ns, answer) for time_ns, answer in answers}
+        for time_ns, answer in latest.values():
             given = _stored(kept.began + timedelta(seconds=time_ns / 1e9))
             row = msgspec.structs.asdict(answer)
             ledger.insert(

@@ -16,6 +16,7 @@ from avrgym.recording.stop_rules import StopRule, StopRules
 from avrgym.recording.streams import StreamChoice, stream_fault
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.instruments import with_items
+from avrgym.study.design.languages import check_languages
 from avrgym.study.design.questionnaires import check_questionnaires, check_stop_rules
 from avrgym.study.design.toml import DesignError as DesignError
 from avrgym.study.design.toml import Tables, parse, read_text
@@ -72,7 +73,8 @@ class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole study.
 
-    ``site`` is where it runs, if it runs at several sites.
+    ``site`` is where it runs, if it runs at several sites. ``languages`` are those that participants may read it in, as
+    tags such as ``de``; it is written in the first.
     ``trial_steps`` are control steps of 0.1 s. An empty ``practice_policy`` means no practice trials. ``goals`` tell
     participants what a task is, by task; where one is missing, the task's own sentence does. ``furniture`` is what they
     really sit and lie on.
@@ -92,6 +94,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     free_movement_s: Annotated[float, msgspec.Meta(ge=0, le=600)]
     blind_experimenter: bool
     site: str = ""
+    languages: Names = ("en",)
     max_held_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 1.0
     force_guard: bool = False
     consent: Consent
@@ -162,12 +165,14 @@ def read_design(path: Path) -> Design:
 def parse_design(text: str, name: str = FILE, folder: Path = Path()) -> Design:
     """The design that a text holds; ``name`` stands in errors, which are ``DesignError``.
 
-    ``folder`` is the study's, which holds the words of instruments that AVR Gym may not bring.
+    ``folder`` is the study's, which holds the words of instruments that AVR Gym may not bring, and translations.
     """
-    return parse(text, name, Design, _TABLES, _check, lambda values: with_items(values, folder))
+    return parse(
+        text, name, Design, _TABLES, lambda design: _check(design, folder), lambda values: with_items(values, folder)
+    )
 
 
-def _check(design: Design) -> None:
+def _check(design: Design, folder: Path) -> None:
     """Raise ``Wrong`` for the first value that no type forbids but that cannot be."""
     if design.site:
         check_id(("site",), design.site, ())
@@ -196,6 +201,7 @@ def _check(design: Design) -> None:
     _check_streams(design.streams)
     _check_inclusion(design.inclusion)
     _check_database(design.database.url)
+    check_languages(design, folder)
 
 
 def _check_names(place: Place, names: tuple[str, ...], allowed: Mapping[str, Any]) -> None:

@@ -66,6 +66,7 @@ def _write_participants(store: Store, attempts: Sequence[ExportedAttempt], folde
             "participant_id": participant.pseudonym,
             "age": participant.age_years,
             "sex": {"man": "male", "woman": "female"}[participant.sex],
+            "language": participant.language or store.design.languages[0],
             "site": participant.site,
             "simulated": participant.simulated,
         }
@@ -78,6 +79,7 @@ def _write_participants(store: Store, attempts: Sequence[ExportedAttempt], folde
         {
             "age": {"Description": "Age when enrolled.", "Units": "year"},
             "sex": {"Description": "Which body model stood for the participant."},
+            "language": {"Description": "The language that the participant read the study in."},
             "site": {"Description": "Where the participant took part."},
             "simulated": {"Description": CONDITION["simulated"]},
         },

@@ -80,6 +80,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "state": Column("How far the participant has come.", TEXT, allowed=_one_of(*PARTICIPANT)),
         "sex": Column("Which body model stood for the participant.", TEXT, allowed=_one_of(*SEXES)),
         "age_years": Column("Age when enrolled.", WHOLE, "year", empty="not given"),
+        "language": Column("The language that the participant read the study in.", TEXT, allowed="a language tag"),
         "torso_height_m": Column(
             "Torso height, hip bone to centre of the head, as calibrated: median over the exported completed trials.",
             NUMBER, "m", empty="no completed trial was exported",

@@ -95,6 +95,7 @@ def _participants(store: Store, heights: Mapping[str, float]) -> Iterator[dict[s
             "state": participant.state,
             "sex": participant.sex,
             "age_years": participant.age_years,
+            "language": participant.language or store.design.languages[0],
             "torso_height_m": heights.get(participant.pseudonym),
             "cell": participant.cell,
             "consent_version": participant.consent_version,

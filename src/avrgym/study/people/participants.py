@@ -18,6 +18,7 @@ from avrgym.study.storage.sessions import end_open_sessions
 from avrgym.study.storage.states import TAKES_PART, StudyError
 from avrgym.study.storage.store import Store, change_state, find_all, find_participant, record_event
 from avrgym.study.storage.texts import check_line, check_note
+from avrgym.texts.texts import Texts, TextsError, read_texts
 
 
 def enrol(
@@ -25,6 +26,7 @@ def enrol(
     sex: Sex,
     *,
     age_years: int | None = None,
+    language: str = "",
     name: str = "",
     contact: str = "",
     simulated: bool = False,
@@ -32,16 +34,20 @@ def enrol(
 ) -> str:
     """Take someone in and return their pseudonym; name and contact go into the key file and nowhere else.
 
-    Orders are balanced within each ``site``; without one it is the design's.
+    Orders are balanced within each ``site``; without one it is the design's. They read the study in ``language``, one of
+    the design's, its first unless given.
 
     Raises:
-        StudyError: for an unknown body model, an impossible age, a simulated participant with a name, or a name,
+        StudyError: for an unknown body model or language, an impossible age, a simulated participant with a name, or a name,
             contact or site that cannot be one.
     """
     if sex not in SEXES:
         raise StudyError(f"unknown body model {sex!r}; allowed: {', '.join(SEXES)}")
     if age_years is not None and not 0 <= age_years <= 130:
         raise StudyError(f"nobody is {age_years} years old; allowed: 0 to 130")
+    languages = store.design.languages
+    if language and language not in languages:
+        raise StudyError(f"the study is not in {language!r}; allowed: {', '.join(languages)}")
     if simulated and (name or contact):
         raise StudyError("a simulated participant has neither name nor contact")
     _check_identity(name, contact)
@@ -58,6 +64,7 @@ def enrol(
             site=site or store.design.site or None,
             sex=sex,
             age_years=age_years,
+            language=language or languages[0],
             enrolled_at=now(),
         )
         record_event(connection, "participant enrolled", "", {"participant": number})
@@ -75,19 +82,29 @@ def set_identity(store: Store, pseudonym: str, name: str, contact: str) -> None:
         keyfile.write_entry(store.folder, pseudonym, keyfile.Identity(name, contact))
 
 
+def texts_of(store: Store, participant: Participant) -> Texts:
+    """What a participant reads; ``StudyError`` where their language has no texts any more."""
+    try:
+        return read_texts(participant.language or store.design.languages[0], store.folder)
+    except TextsError as error:
+        raise StudyError(str(error)) from None
+
+
 def record_consent(store: Store, pseudonym: str) -> None:
-    """Store that a participant agreed to the consent text of the study's design."""
+    """Store that a participant agreed to the consent text of the study's design, in their language."""
     consent = store.design.consent
     with store.write() as connection:
+        participant = find_participant(connection, pseudonym)
+        read = texts_of(store, participant).translate(consent.text)
         change_state(
             connection,
-            participant := find_participant(connection, pseudonym),
+            participant,
             "consented",
             {"participant": participant.number},
             f"version {consent.version}",
             consented_at=now(),
             consent_version=consent.version,
-            consent_sha256=hashlib.sha256(consent.text.encode()).hexdigest(),
+            consent_sha256=hashlib.sha256(read.encode()).hexdigest(),
         )
 
 

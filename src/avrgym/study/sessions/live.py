@@ -12,10 +12,17 @@ from avrgym.recording.outcomes import Metrics
 from avrgym.recording.questionnaire import Item
 from avrgym.recording.records import Answer
 from avrgym.study.checking.preflight import load_study_policy
-from avrgym.study.people.participants import withdraw
+from avrgym.study.design.languages import translate
+from avrgym.study.people.participants import texts_of, withdraw
 from avrgym.study.sessions.storing import Storing
 from avrgym.study.sessions.watch import Watch
-from avrgym.study.storage.answers import answered_in_visit, record_answer, record_session_answer
+from avrgym.study.storage.answers import (
+    answered_in_visit,
+    change_answer,
+    change_session_answer,
+    record_answer,
+    record_session_answer,
+)
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt, pseudonym_of
 from avrgym.study.storage.sessions import close_session, open_session, skip_trial, tell
@@ -23,7 +30,8 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.study.storage.texts import check_line
 from avrgym.tasks.registry import find_environment
-from avrgym.vr.protocol.messages import Command, Send
+from avrgym.texts.texts import Texts
+from avrgym.vr.protocol.messages import Command, Language, Send
 from avrgym.vr.session import events
 from avrgym.vr.session.events import Observer, SessionEvent
 from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
@@ -60,6 +68,7 @@ class StudyVisit:
         """
         self.store, self.pseudonym = store, pseudonym
         self.policies = _policies(store, pseudonym)
+        self.texts = texts_of(store, store.participant(pseudonym))
         self.stored = open_session(store, pseudonym, take_over=take_over)
         self.trials = trials_in_order(store, pseudonym)
         self.storing = Storing(storing or AtOnce())
@@ -69,6 +78,11 @@ class StudyVisit:
     def identifier(self) -> str:
         """The name of the session for clients and recordings."""
         return f"{self.pseudonym} {self.stored.name}"
+
+    @property
+    def language_message(self) -> Language:
+        """The participant's language, with the words of their page."""
+        return Language(self.texts.language, self.texts.direction, dict(self.texts.page))
 
     @property
     def called_off(self) -> bool:
@@ -109,17 +123,21 @@ class StudyVisit:
         return lambda happened: self.storing.ask(lambda: keeper(happened))
 
     def items(self, when: str) -> tuple[Item, ...]:
-        """What is still to be asked ``before_session`` or ``after_session``, in this participant's order.
+        """What is still to be asked ``before_session`` or ``after_session``, in this participant's order and language.
 
         What was answered before a crash is not asked again.
         """
         asked = self.store.design.items_at(when, seed=self.stored.participant)
         answered = answered_in_visit(self.store, self.stored) if asked else set[tuple[str, str]]()
-        return tuple(item for item in asked if (when, item.id) not in answered)
+        return translate([item for item in asked if (when, item.id) not in answered], self.texts)
 
     def record(self, answer: Answer, when: str) -> Future[None]:
         """Store an answer about the session; the future raises ``StudyError`` for what is none or was given already."""
         return self.storing.submit(lambda: record_session_answer(self.store, self.stored.id, answer, when))
+
+    def change(self, answer: Answer, when: str) -> Future[None]:
+        """Store an answer about the session in the place of an earlier one; as ``record``."""
+        return self.storing.submit(lambda: change_session_answer(self.store, self.stored.id, answer, when))
 
     def tell(self, name: str, detail: str) -> Future[None]:
         """Store that something happened; the future tells when that is done."""
@@ -180,30 +198,32 @@ def plan_session(store: Store, pseudonym: str, furniture: RealFurniture | None =
     ``furniture`` is what the participant really sits and lies on, the design's unless given.
     """
     participant, design = store.participant(pseudonym), store.design
+    texts = texts_of(store, participant)
     trials = trials_in_order(store, pseudonym)
     made = [attempt.trial for attempt in store.attempts(pseudonym)]
     return SessionPlan(
-        [_trial_plan(store, trial, made.count(trial.id)) for trial in trials],
+        [_trial_plan(store, trial, made.count(trial.id), texts) for trial in trials],
         participant.sex,
         design.free_movement_s,
         simulated=participant.simulated,
-        items=design.items_at("after_trial"),
+        items=translate(design.items_at("after_trial"), texts),
         trial_steps=design.trial_steps,
         furniture=furniture or design.furniture,
         force_guard=design.force_guard,
         stop_rules=design.rules,
+        texts=texts,
         first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
     )
 
 
-def _trial_plan(store: Store, trial: Trial, attempts: int) -> TrialPlan:
+def _trial_plan(store: Store, trial: Trial, attempts: int, texts: Texts) -> TrialPlan:
     return TrialPlan(
         trial.environment,
         trial.policy,
         trial.seed,
         trial.practice,
-        goal=store.design.goals.get(find_environment(trial.environment)[0], ""),
-        items=store.design.items_at("after_trial", trial.seed),
+        goal=texts.translate(store.design.goals.get(find_environment(trial.environment)[0], "")),
+        items=translate(store.design.items_at("after_trial", trial.seed), texts),
         earlier_attempts=attempts,
     )
 
@@ -236,6 +256,8 @@ class Keeper:
         match happened:
             case events.TrialBegun():
                 self._begin(happened)
+            case events.AnswerChanged():
+                change_answer(self._store, self._running().id, happened.answer)
             case events.Answered():
                 record_answer(self._store, self._running().id, happened.answer)
             case events.TrialEnded():

@@ -11,7 +11,8 @@ from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.sessions.session_questions import SessionQuestions
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import PROTOCOL, Phase, Problem, Role, Send, Welcome
+from avrgym.texts.texts import Said, Texts, read_texts
+from avrgym.vr.protocol.messages import PROTOCOL, Language, Phase, PhaseName, Problem, Role, Send, Welcome
 from avrgym.vr.protocol.received import Received
 from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
@@ -190,7 +191,9 @@ class StudySessions:
             self._session.greet(send, role, now_s)
         else:
             send(Welcome(PROTOCOL, "", role, haptics=False, sounds=False))
-            send(_NO_SESSION)
+            texts = read_texts(self._store.design.languages[0], self._store.folder)
+            send(Language(texts.language, texts.direction, dict(texts.page)))
+            send(_phase("waiting", "waiting_session", texts))
 
     def _greet_all(self, now_s: float) -> None:
         for send, role in self._clients:
@@ -208,8 +211,12 @@ class StudySessions:
             self._greet_all(now_s)
         else:
             self._session = None
+            self._tell_over()
             self._end_visit(now_s)
-            self._send(_OVER)
+
+    def _tell_over(self) -> None:
+        if self._visit is not None:
+            self._send(_phase("finished", "ended", self._visit.texts))
 
     def _ask_last(self, visit: StudyVisit, now_s: float) -> None:
         """The trials are over."""
@@ -224,8 +231,8 @@ class StudySessions:
             raise StudyError(f"no session of {pseudonym} runs here")
         stored = self._visit.withdraw(self._session, now_s, reason)
         self._questions = None
+        self._tell_over()
         self._end_visit(now_s)
-        self._send(_OVER)
         return stored
 
     def _end_visit(self, now_s: float) -> None:
@@ -265,5 +272,7 @@ def _copy(stored: Future[None], done: Future[None]) -> None:
         done.set_exception(error)
 
 
-_NO_SESSION = Phase("waiting", "The experimenter begins the session.", 0, 0, practice=False, seconds=None)
-_OVER = Phase("finished", "The session has ended. Thank you!", 0, 0, practice=False, seconds=None)
+def _phase(name: PhaseName, key: str, texts: Texts) -> Phase:
+    """A phase outside the trials."""
+    said = Said(key)
+    return Phase(name, texts.say(said), 0, 0, False, None, texts.say_on_page(said))

@@ -5,21 +5,30 @@ from concurrent.futures import Future
 from avrgym.recording.stop_rules import THEN, Verdict
 from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.storage.states import StudyError
-from avrgym.vr.protocol.messages import PROTOCOL, Answer, Command, Phase, Problem, Role, Send, Welcome
+from avrgym.texts.texts import Said
+from avrgym.vr.protocol.messages import (
+    PROTOCOL,
+    Answer,
+    Back,
+    Command,
+    Phase,
+    Problem,
+    Ready,
+    Role,
+    Send,
+    Welcome,
+)
 from avrgym.vr.protocol.received import Received
 from avrgym.vr.session.questions import Questions
 
-WORDS = {
-    "before_session": "Before the session, please answer a few questions.",
-    "after_session": "Please answer a few last questions.",
-}
+WORDS = {"before_session": Said("questions_before"), "after_session": Said("questions_after")}
 
 
 class SessionQuestions:
-    """Asks one item after another, each when the answer before it is stored.
+    """Asks one item after another, each when the answer before it is stored, until the participant confirms their answers.
 
-    The experimenter may skip what is left, or end the session. ``verdict`` is what the study's stop rules say to the
-    answers so far; what is asked is asked to its end.
+    They may go back before. The experimenter may skip what is left, or end the session. ``verdict`` is what the study's
+    stop rules say to the answers so far; what is asked is asked to its end.
     """
 
     def __init__(self, visit: StudyVisit, when: str, send: Send) -> None:
@@ -28,43 +37,41 @@ class SessionQuestions:
         self._visit, self._send = visit, send
         self._questions = Questions(visit.items(when))
         self.verdict: Verdict | None = None
-        self._skipped = self._ended = False
+        self._over = self._ended = False
         self._given: Answer | None = None
         self._stored: Future[None] | None = None
 
     @property
     def done(self) -> bool:
         """Whether there is nothing more to ask."""
-        return self._stored is None and (self._questions.done or self._skipped or self.ended)
+        return self._stored is None and (self._over or self.ended)
 
     @property
     def ended(self) -> bool:
         """Whether no trials follow, because the session was ended here or elsewhere, or by a stop rule."""
-        by_rule = (
-            self.verdict is not None
-            and self.verdict.then == "end"
-            and (self._questions.done or self._skipped)
-        )
+        by_rule = self._over and self.verdict is not None and self.verdict.then == "end"
         return self._ended or by_rule or self._visit.called_off
 
     def begin(self) -> None:
         """Ask the first item."""
-        self._send(self._phase)
-        self._send(self._questions.question())
+        self._ask(self._send)
 
     def greet(self, send: Send, role: Role) -> None:
         """Tell a client that has just connected what is asked."""
         send(Welcome(PROTOCOL, self._visit.identifier, role, haptics=False, sounds=False))
-        send(self._phase)
-        if not self._questions.done:
-            send(self._questions.question())
+        send(self._visit.language_message)
+        self._ask(send)
 
     def receive(self, message: Received) -> None:
-        """Take an answer of the participant or a command of the experimenter; nothing else counts now."""
+        """Take what the participant or the experimenter says of the questions; nothing else counts now."""
         if self.done or self._stored is not None:
             return
         if isinstance(message, Answer):
             self._take(message)
+        elif isinstance(message, Back):
+            self._go_back()
+        elif isinstance(message, Ready):
+            self._over = self._questions.done
         elif isinstance(message, Command) and message.name in ("skip", "end"):
             self._leave(ended=message.name == "end")
 
@@ -75,15 +82,38 @@ class SessionQuestions:
         error, given = self._stored.exception(), self._given
         self._stored = self._given = None
         if isinstance(error, StudyError):
-            self._skipped = self._ended = False
+            self._over = self._ended = False
             self._ask_again(str(error))
         elif error is not None:
             raise error
         elif given is not None:
-            self._questions.take(given)
             self._heed(given)
-            if not self._questions.done:
-                self._send(self._questions.question())
+            self._go_on(given)
+
+    def _ask(self, send: Send) -> None:
+        """Say where the questions stand: at one of them, or at their end."""
+        name, said = ("confirm", Said("confirm")) if self._questions.done else ("questionnaire", WORDS[self.when])
+        texts = self._visit.texts
+        send(Phase(name, texts.say(said), 0, 0, False, None, texts.say_on_page(said)))
+        if not self._questions.done:
+            send(self._questions.question())
+
+    def _go_on(self, given: Answer) -> None:
+        """Ask what follows an answer that is stored."""
+        self._questions.take(given)
+        if self._questions.done:
+            self._ask(self._send)
+        else:
+            self._send(self._questions.question())
+
+    def _go_back(self) -> None:
+        confirming = self._questions.done
+        if not self._questions.go_back():
+            self._explain("no_way_back")
+        elif confirming:
+            self._ask(self._send)
+        else:
+            self._send(self._questions.question())
 
     def _heed(self, answer: Answer) -> None:
         """Keep and tell what the stop rules say to an answer; an end is stronger than a pause."""
@@ -96,26 +126,32 @@ class SessionQuestions:
         before = f"the session {verdict.then}s: " if self.when == "before_session" else ""
         self._send(Problem(before + verdict.why, "experimenter"))
 
-    @property
-    def _phase(self) -> Phase:
-        return Phase("questionnaire", WORDS[self.when], 0, 0, practice=False, seconds=None)
-
     def _take(self, answer: Answer) -> None:
         """Store an answer; what is none is refused."""
-        asked = self._questions.question().item
-        if answer.item != asked:
-            self._ask_again(f"{answer.item!r} is not asked now; {asked} is")
-            return
-        self._given = answer
-        self._stored = self._visit.record(answer, self.when)
-        self.tick()
+        asked = None if self._questions.done else self._questions.question()
+        if asked is None or answer.item != asked.item:
+            self._ask_again(f"{answer.item!r} is not asked now")
+        elif answer.value == asked.given:
+            self._go_on(answer)
+        else:
+            self._given = answer
+            keep = self._visit.record if asked.given is None else self._visit.change
+            self._stored = keep(answer, self.when)
+            self.tick()
 
     def _leave(self, *, ended: bool) -> None:
         """Leave what is asked now, and whatever would follow, unanswered."""
-        self._skipped, self._ended = True, ended
-        self._stored = self._visit.tell(f"questions {self.when} left", self._questions.question().item)
-        self.tick()
+        self._over, self._ended = True, ended
+        if not self._questions.done:
+            what = f"questions {self.when} left"
+            self._stored = self._visit.tell(what, self._questions.question().item)
+            self.tick()
 
     def _ask_again(self, why: str) -> None:
-        self._send(Problem(message=why))
-        self._send(self._questions.question())
+        self._send(Problem(why, "experimenter"))
+        self._explain("not_an_answer")
+        self._ask(self._send)
+
+    def _explain(self, key: str) -> None:
+        texts, said = self._visit.texts, Said(key)
+        self._send(Problem(texts.say(said), "participant", texts.say_on_page(said)))

@@ -1,4 +1,4 @@
-"""Answers: what counts as one, and that none is ever replaced."""
+"""Answers: what counts as one, and that none is lost: one that the participant changed stands in an event."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,6 +23,8 @@ from avrgym.study.storage.store import (
     record_event,
 )
 
+CHANGED = "answer changed"
+"""The event of an answer that a participant changed; its detail is the item and both answers."""
 ANSWERED = "answered"
 """With a moment after it: the event of an answer about a session, whose detail is the item."""
 
@@ -39,6 +41,29 @@ def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
         items = store.design.items_at("after_trial")
         about = {"session": attempt.session, "attempt": attempt.id}
         _insert_answer(connection, items, given, answer, about)
+
+
+def change_answer(store: Store, attempt_id: int, answer: Answer) -> None:
+    """Store that a participant went back and changed an answer of the attempt that runs; an event keeps the earlier one.
+
+    Raises:
+        StudyError: unless the attempt runs and the item was answered, or for an answer that is none.
+    """
+    with store.database.write() as connection:
+        attempt = find_running_attempt(connection, attempt_id)
+        given = find_all(connection, GivenAnswer, attempt=attempt.id)
+        event = {"session": attempt.session, "attempt": attempt.id}
+        _change(connection, store.design.items_at("after_trial"), given, answer, event)
+
+
+def change_session_answer(store: Store, session_id: int, answer: Answer, when: str) -> None:
+    """Store that a participant went back and changed an answer about a session, as ``change_answer``."""
+    with store.database.write() as connection:
+        session = find_open_session(connection, session_id)
+        answers = find_all(connection, GivenAnswer, session=session.id, attempt=None)
+        moments = answer_moments(store.design, answers, find_all(connection, StudyEvent, session=session.id))
+        given = [each for each in answers if moments[each.id] == when]
+        _change(connection, store.design.items_at(when), given, answer, about(session))
 
 
 def record_session_answer(store: Store, session_id: int, answer: Answer, when: str | None = None) -> None:
@@ -121,6 +146,22 @@ def unanswered(store: Store, connection: sa.Connection, attempt: TrialAttempt) -
     return [item.id for item in store.design.items_at("after_trial") if item.id not in given]
 
 
+def _change(
+    connection: sa.Connection,
+    items: tuple[Item, ...],
+    given: list[GivenAnswer],
+    answer: Answer,
+    event: dict[str, int],
+) -> None:
+    _check(items, answer)
+    earlier = next((each for each in given if each.item == answer.item), None)
+    if earlier is None:
+        raise StudyError(f"{answer.item} is not answered yet; only an answer that was given can be changed")
+    changed = {"value": answer.value, "response_time_s": answer.response_time_s, "answered_at": now()}
+    ledger.update(connection, schema.ANSWER, earlier.id, **changed)
+    record_event(connection, CHANGED, f"{answer.item} from {earlier.value} to {answer.value}", event)
+
+
 def _insert_answer(
     connection: sa.Connection,
     items: tuple[Item, ...],
@@ -129,12 +170,17 @@ def _insert_answer(
     about: Mapping[str, int],
 ) -> None:
     """Store an answer, unless it is none or its item was answered before."""
+    _check(items, answer)
+    if any(earlier.item == answer.item for earlier in given):
+        raise StudyError(f"{answer.item} is answered already; only the participant changes it, by going back")
+    ledger.insert(connection, schema.ANSWER, **asdict(answer), answered_at=now(), **about)
+
+
+def _check(items: tuple[Item, ...], answer: Answer) -> None:
+    """``StudyError`` for what answers none of these items."""
     try:
         validate_answer(items, answer.item, answer.value)
     except ValueError as error:
         raise StudyError(str(error)) from None
-    if any(earlier.item == answer.item for earlier in given):
-        raise StudyError(f"{answer.item} is answered already; an answer is never replaced")
     if not 0 <= answer.response_time_s < math.inf:
         raise StudyError(f"{answer.response_time_s!r} is no response time; allowed: seconds from 0")
-    ledger.insert(connection, schema.ANSWER, **asdict(answer), answered_at=now(), **about)

@@ -29,6 +29,8 @@ def participant_number(pseudonym: str) -> int:
 class Participant:
     """Someone who takes part. ``cell`` numbers their order, ``inclusion`` holds their answers by question.
 
+    ``language`` is the one that they read the study in, the design's first where nobody said.
+
     ``site`` is where, if that was said. ``site_number`` is their number there, where this study was merged from sites.
     """
 
@@ -39,6 +41,7 @@ class Participant:
     site_number: int | None
     sex: Sex
     age_years: int | None
+    language: str | None
     cell: int | None
     enrolled_at: str
     consented_at: str | None

@@ -60,6 +60,7 @@ PARTICIPANT = Table(
     Column("site_number", Integer),
     Column("sex", String, nullable=False),
     Column("age_years", Integer),
+    Column("language", String),
     Column("cell", Integer),
     Column("enrolled_at", String, nullable=False),
     Column("consented_at", String),
@@ -68,7 +69,7 @@ PARTICIPANT = Table(
     Column("inclusion", JSON),
     _salt(),
 )
-"""``site`` is where someone takes part; ``site_number`` the number that they have there, in a merged study alone."""
+"""``language`` is the one they read the study in; of who has none, the design's first. ``site`` is where someone takes part; ``site_number`` the number that they have there, in a merged study alone."""
 
 SESSION = Table(
     "session",

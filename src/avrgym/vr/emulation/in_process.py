@@ -64,7 +64,7 @@ class InProcessClient:
 
     def _respond(self, session: Session) -> None:
         waited_s = self._now_s - self._heard_s
-        if session.phase in ("calibration", "check", "paused") and waited_s > CALIBRATION_S:
+        if session.phase in ("calibration", "check", "ready", "paused") and waited_s > CALIBRATION_S:
             self._press_trigger(session)
         if session.phase == "loading":
             session.receive(messages.SceneLoaded(url=self._scene_url), self._now_s)
@@ -74,6 +74,8 @@ class InProcessClient:
             value = self._participant.answer(question.item, question.points, session.experience)
             answer = messages.Answer(item=question.item, value=value, response_time_s=waited_s)
             session.receive(answer, self._now_s)
+        if session.phase == "confirm":
+            session.receive(messages.Ready(), self._now_s)
 
     def _press_trigger(self, session: Session) -> None:
         self._tries += 1

@@ -13,7 +13,7 @@ import msgspec
 from avrgym.models.human import Sex
 from avrgym.recording import records
 
-PROTOCOL = 8
+PROTOCOL = 9
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -132,6 +132,10 @@ class Answer(Message, records.Answer, frozen=True, tag="answer"):
     """The answer to one item of the questionnaire, with the time from its appearance to the press."""
 
 
+class Back(Message, frozen=True, tag="back"):
+    """The participant wants to see the question before this one, and to answer it anew."""
+
+
 class ChooseBody(Message, frozen=True, tag="choose_body"):
     """The body that the participant shall have; one of another sex is measured anew."""
 
@@ -154,6 +158,7 @@ ClientMessage = (
     | Recalibrate
     | OriginReset
     | Answer
+    | Back
     | ChooseBody
     | Latency
 )
@@ -205,12 +210,14 @@ PhaseName = Literal[
     "calibration",
     "loading",
     "check",
+    "ready",
     "free_before",
     "countdown",
     "trial",
     "retreat",
     "free_after",
     "questionnaire",
+    "confirm",
     "paused",
     "finished",
     "viewing",
@@ -228,6 +235,17 @@ class Welcome(Message, frozen=True, tag="welcome"):
     role: Role
     haptics: bool
     sounds: bool
+
+
+class Language(Message, frozen=True, tag="language"):
+    """The participant's language: its tag, how it is written, and the words of their page by key.
+
+    ``direction`` is ``ltr`` or ``rtl``, as HTML has it.
+    """
+
+    language: str
+    direction: str
+    words: dict[str, str]
 
 
 class Body(Message, frozen=True, tag="body"):
@@ -298,7 +316,11 @@ class Passed(Message, frozen=True, tag="passed"):
 
 
 class Phase(Message, frozen=True, tag="phase"):
-    """Where the session stands, with the words to show to the participant."""
+    """Where the session stands, with the words to show to the participant.
+
+    ``text`` is for somebody in VR, ``page_text`` for somebody who takes part on the page, without a headset, where
+    that differs.
+    """
 
     name: PhaseName
     text: str
@@ -306,12 +328,14 @@ class Phase(Message, frozen=True, tag="phase"):
     trials: int
     practice: bool
     seconds: float | None
+    page_text: str = ""
 
 
 class Question(Message, frozen=True, tag="question"):
     """One item to show and to answer by pointing and pressing the trigger.
 
-    ``labels`` are the words on its buttons; where there are none, they are numbered from 1 to ``points``.
+    ``labels`` are the words on its buttons; where there are none, they are numbered from 1 to ``points``. ``given`` is
+    the participant's earlier answer, where they went back to a question.
     """
 
     item: str
@@ -322,17 +346,19 @@ class Question(Message, frozen=True, tag="question"):
     labels: list[str]
     number: int
     count: int
+    given: int | None = None
 
 
 class Problem(Message, frozen=True, tag="problem"):
     """What was wrong with a message or a measurement, and what is allowed. The session goes on.
 
-    ``role``: whom it concerns. The participant never reads what was wrong with what the experimenter asked for; the
+    ``page_message`` says it to somebody who takes part without a headset, where that differs. ``role``: whom it concerns. The participant never reads what was wrong with what the experimenter asked for; the
     experimenter, who helps them, reads both.
     """
 
     message: str
     role: Role = "participant"
+    page_message: str = ""
 
 
 class Feedback(Message, frozen=True, tag="feedback"):
@@ -395,6 +421,7 @@ class Timing(Message, frozen=True, tag="timing"):
 
 ServerMessage = (
     Welcome
+    | Language
     | Body
     | Scene
     | Upcoming

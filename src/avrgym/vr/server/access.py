@@ -2,14 +2,19 @@
 
 import secrets
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
 
+import msgspec
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from avrgym.system.files import PRIVATE_FILE, make_private_folder, write_whole
 from avrgym.vr.protocol.messages import Role
 
 TOKEN_BYTES = 16
+Token = Annotated[str, msgspec.Meta(min_length=TOKEN_BYTES, max_length=128, pattern="^[A-Za-z0-9_-]+$")]
 REFUSED_ORIGIN = "this page comes from elsewhere; open the address that the server printed"
 
 
@@ -17,14 +22,30 @@ REFUSED_ORIGIN = "this page comes from elsewhere; open the address that the serv
 class Tokens:
     """One secret for each role; each opens only what its role may do."""
 
-    participant: str
-    experimenter: str
-    spectator: str
+    participant: Token
+    experimenter: Token
+    spectator: Token
 
     @classmethod
     def new(cls) -> "Tokens":
         """Fresh secrets."""
         return cls(*(secrets.token_urlsafe(TOKEN_BYTES) for _ in range(3)))
+
+    @classmethod
+    def kept(cls, path: Path) -> "Tokens":
+        """Those in a file that only its owner may read, so that addresses outlast a restart; fresh ones the first time.
+
+        ``ValueError`` for a file that holds none.
+        """
+        if not path.exists():
+            tokens = cls.new()
+            make_private_folder(path.parent)
+            write_whole(path, msgspec.json.encode(tokens), PRIVATE_FILE)
+            return tokens
+        try:
+            return msgspec.json.decode(path.read_bytes(), type=cls)
+        except msgspec.DecodeError as error:
+            raise ValueError(f"{path}: not tokens: {error}; without this file new ones are made") from None
 
     def role(self, token: str) -> Role | None:
         """Whose token this is."""

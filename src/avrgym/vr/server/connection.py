@@ -114,7 +114,7 @@ async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast:
         if isinstance(hello, Hello) and hello.protocol == messages.PROTOCOL:
             role = tokens.role(hello.token)
             if role not in channel.roles:
-                refusal = 4401, _NO_TOKEN
+                refusal = (4403, _EARLIER_START) if hello.token else (4401, _NO_TOKEN)
             elif role == "participant" and broadcast.taken:
                 refusal = 4409, "a participant is already connected; one at a time"
             else:
@@ -125,6 +125,9 @@ async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast:
     return None
 
 
+_EARLIER_START = (
+    "the address of this page is of an earlier start of the server; open the one that it prints now"
+)
 _NO_TOKEN = "the address of this page lacks the session's token; open the one that the server printed"
 
 

@@ -100,6 +100,7 @@ class LiveServer(Generic[S]):
         port: int,
         certificate: Certificate | None = None,
         study: Callable[[Tokens, S], FastAPI] | None = None,
+        tokens: Tokens | None = None,
     ) -> None:
         """Bind the port and make the session.
 
@@ -110,6 +111,7 @@ class LiveServer(Generic[S]):
             certificate: for TLS, with the names under which other machines reach this one.
             study: makes what the experimenter's dashboard reads and does from tokens and session; see
                 ``study.dashboard.application``.
+            tokens: what clients must present, fresh ones unless given.
 
         Raises:
             ServerError: when the client is not built or the port cannot be had.
@@ -118,7 +120,7 @@ class LiveServer(Generic[S]):
         listener = listen(host, port, certificate)
         self.host, self.port = host, int(listener.getsockname()[1])
         self.certificate = certificate
-        self.tokens = Tokens.new()
+        self.tokens = tokens or Tokens.new()
         self._broadcast = broadcast = Broadcast()
         try:
             self.loop = RealTimeLoop(make_session(broadcast.send), broadcast.send)

@@ -238,6 +238,7 @@ def configuration(
         "joints": list(human.JOINTS),
         "bodies": list(world.bodies),
         "xr_from_world": {"position": xr_from_world.position, "orientation": xr_from_world.orientation},
+        "language": plan.texts.language,
         "force_guard": plan.force_guard,
         "furniture": msgspec.to_builtins(plan.furniture),
         "reward_weights": dict(world.task.weights),

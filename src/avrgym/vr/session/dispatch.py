@@ -29,6 +29,8 @@ def take_message(phase: Phase, message: Received) -> Phase:
             return phase.recalibrate()
         case messages.Answer():
             return phase.answer(message)
+        case messages.Back():
+            return phase.go_back()
         case messages.Stop():
             return phase.stop("participant")
         case messages.ChooseTheirBody():
@@ -42,7 +44,7 @@ def take_message(phase: Phase, message: Received) -> Phase:
         case messages.Command():
             return obey(phase, message.name)
         case messages.Hello():
-            phase.state.problem("a message of type Hello has no place in a running session")
+            phase.state.report("a message of type Hello has no place in a running session")
     return phase
 
 

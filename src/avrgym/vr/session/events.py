@@ -95,6 +95,11 @@ class Answered(SessionEvent):
 
 
 @dataclass(frozen=True)
+class AnswerChanged(Answered):
+    """The participant went back to an item and answered it anew."""
+
+
+@dataclass(frozen=True)
 class Stopped(SessionEvent):
     """Somebody stopped the robot."""
 

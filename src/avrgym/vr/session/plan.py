@@ -10,6 +10,7 @@ from avrgym.recording.questionnaire import LIKERT_ITEMS, Item
 from avrgym.recording.stop_rules import StopRules
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.texts.texts import ENGLISH, Texts
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class SessionPlan:
     from 1: a session that goes on after a break begins there. ``haptics`` and ``sounds`` say whether touches are
     felt and successes heard. ``furniture`` is what the participant really sits and lies on. ``force_guard``: arms that
     press too hard draw back, see ``policies.force_guard``. ``stop_rules``: at which answers the session pauses or ends.
+    ``texts``: what the participant reads, in their language, in which goals and items stand already.
     """
 
     trials: Sequence[TrialPlan]
@@ -53,6 +55,7 @@ class SessionPlan:
     furniture: RealFurniture = field(default_factory=RealFurniture)
     force_guard: bool = True
     stop_rules: StopRules = field(default_factory=StopRules)
+    texts: Texts = ENGLISH
 
     def __post_init__(self) -> None:
         if not 1 <= self.first_trial <= len(self.trials):
@@ -60,7 +63,7 @@ class SessionPlan:
 
     def goal_of(self, trial: TrialPlan) -> str:
         """What the participant is told that the task is."""
-        return trial.goal or TASKS[find_environment(trial.environment)[0]].goal
+        return trial.goal or self.texts.translate(TASKS[find_environment(trial.environment)[0]].goal)
 
     def items_after(self, trial: TrialPlan) -> Sequence[Item]:
         """What is asked after a trial, in order."""

@@ -8,16 +8,22 @@ from avrgym.vr.protocol import messages
 
 
 class Questions:
-    """Asks one item after another."""
+    """Asks one item after another; the participant may go back to change what they gave."""
 
     def __init__(self, items: Sequence[Item]) -> None:
         self._items = items
         self._asked = 0
+        self._given: dict[str, int] = {}
 
     @property
     def done(self) -> bool:
         """Whether every item is answered."""
         return self._asked == len(self._items)
+
+    @property
+    def earlier(self) -> int | None:
+        """The answer that was given before to the item that is asked now."""
+        return self._given.get(self._items[self._asked].id)
 
     def question(self) -> messages.Question:
         """The item that is asked now."""
@@ -31,6 +37,7 @@ class Questions:
             labels=list(item.labels),
             number=self._asked + 1,
             count=len(self._items),
+            given=self.earlier,
         )
 
     def take(self, answer: messages.Answer) -> Answer:
@@ -41,4 +48,12 @@ class Questions:
         """
         validate_answer([self._items[self._asked]], answer.item, answer.value)
         self._asked += 1
+        self._given[answer.item] = answer.value
         return Answer(answer.item, answer.value, answer.response_time_s)
+
+    def go_back(self) -> bool:
+        """Whether the item before this one is asked again; there is none before the first."""
+        if self._asked == 0:
+            return False
+        self._asked -= 1
+        return True

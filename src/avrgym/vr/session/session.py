@@ -155,6 +155,7 @@ class Session:
         plan = state.plan
         how = {"haptics": plan.haptics, "sounds": plan.sounds}
         send(messages.Welcome(messages.PROTOCOL, state.identifier, role, **how))
+        send(state.language_message())
         send(state.body_message())
         send(state.scene_message())
         self._announce(send)
@@ -223,11 +224,17 @@ class Session:
 
     def _enter(self, phase: Phase) -> None:
         state, trials = self._state, len(self._state.plan.trials)
-        trial = min(state.trial + 1, trials)
+        trial, texts = min(state.trial + 1, trials), state.plan.texts
         self._phase = phase
         self._ends_at = None if phase.seconds is None else state.now_s + phase.seconds
         self._message = messages.Phase(
-            phase.name, phase.text, trial, trials, state.current.practice, phase.seconds
+            phase.name,
+            texts.say(phase.says),
+            trial,
+            trials,
+            state.current.practice,
+            phase.seconds,
+            texts.say_on_page(phase.says),
         )
         state.record_event("phase", phase.name)
         state.sink.tell(events.PhaseEntered(state.now_s, phase.name, trial))
@@ -278,7 +285,7 @@ class Session:
         stall, failure = storage.attempt.stall(), storage.attempt.failure
         if stall is not None:
             state.record_event("recording_stalled", str(stall))
-            state.problem(f"the recording is slow: {stall}")
+            state.report(f"the recording is slow: {stall}")
         if failure is not None:
             self._go_to(self._phase.fail(failure))
 

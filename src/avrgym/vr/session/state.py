@@ -13,6 +13,7 @@ from avrgym.recording.files import RecordingError
 from avrgym.recording.latency import is_whole, percentiles_ms
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.recording.stop_rules import Verdict
+from avrgym.texts.texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.protocol.webxr import Registration
@@ -42,7 +43,8 @@ class SessionState:
     ``trial`` counts the plan's trials from 0. ``person`` is whose body the participant has; ``height_known``: its
     torso height is theirs, ``calibrated_for``: the posture that they have taken place in. ``on_hold`` is whether the
     experimenter, or a stop rule, lets no trial begin; ``held_because`` is the rule's reason, ``ending``: the rule ends
-    the session. ``now_s`` is the time since the session began.
+    the session. ``ready_for`` is the trial that the participant last said they are ready for. ``now_s`` is the time since
+    the session began.
     """
 
     plan: SessionPlan
@@ -60,6 +62,7 @@ class SessionState:
     on_hold: bool = False
     held_because: str = ""
     ending: bool = False
+    ready_for: int = -1
     now_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -91,13 +94,23 @@ class SessionState:
 
     # What goes out -----------------------------------------------------------------------------------------------
 
-    def problem(self, text: str, role: messages.Role = "participant") -> None:
-        """Tell what is wrong to whom it concerns; the experimenter is told what the participant is."""
-        self.send(messages.Problem(text, role))
+    def explain(self, said: Said) -> None:
+        """Tell the participant, in their language, why something is not done; the experimenter reads it too."""
+        texts = self.plan.texts
+        self.send(messages.Problem(texts.say(said), "participant", texts.say_on_page(said)))
+
+    def report(self, problem: str) -> None:
+        """Tell the experimenter what is wrong."""
+        self.send(messages.Problem(problem, "experimenter"))
 
     def record_event(self, name: str, detail: str) -> None:
         """Record anything that happens now in a running attempt."""
         self.storage.record_event(name, detail, self.now_s)
+
+    def language_message(self) -> messages.Language:
+        """The participant's language, with the words of their page."""
+        texts = self.plan.texts
+        return messages.Language(texts.language, texts.direction, dict(texts.page))
 
     def scene_message(self) -> messages.Scene:
         """The scene to draw, in the participant's room once that is known."""
@@ -121,7 +134,7 @@ class SessionState:
         self.hold_back(verdict)
         self.record_event("stop_rule_met", verdict.why)
         self.sink.tell(events.StopRuleMet(self.now_s, verdict.then, verdict.why))
-        self.problem(f"the session {verdict.then}s: {verdict.why}", "experimenter")
+        self.report(f"the session {verdict.then}s: {verdict.why}")
 
     def hold_back(self, verdict: Verdict) -> None:
         """Let no further trial begin, which everybody knows already."""
@@ -145,7 +158,7 @@ class SessionState:
         try:
             self.give_torso_height(torso_height_m)
         except ValueError as error:
-            self.problem(str(error), "experimenter")
+            self.report(str(error))
             return False
         self.sink.tell(events.TorsoHeightCorrected(self.now_s, torso_height_m))
         return True
@@ -159,7 +172,9 @@ class SessionState:
         try:
             chosen = Person(choice.sex, PROPORTIONS[choice.sex].torso_height, skin_tone=choice.skin_tone)
         except ValueError as error:
-            self.problem(str(error), by)
+            if by == "participant":
+                self.explain(Said("no_such_body"))
+            self.report(str(error))
             return False
         if chosen.sex == self.person.sex:
             chosen = replace(chosen, torso_height_m=self.person.torso_height_m)
@@ -176,7 +191,7 @@ class SessionState:
         """Record what the client tells of the last second; those who watch see the percentiles of some."""
         latency = records.Latency(*(getattr(told, name) for name in records.Latency.__struct_fields__))
         if not is_whole(latency):
-            self.problem("a latency needs an entry of each stage for each frame")
+            self.report("a latency needs an entry of each stage for each frame")
             return
         self._latencies.append(latency)
         self.latency = [
@@ -218,7 +233,7 @@ class SessionState:
         if kind and kind not in self.drivers.kinds_told:
             self.drivers.kinds_told.add(kind)
             self.sink.tell(events.ControllerFailed(self.now_s, failure))
-            self.problem(f"the robot holds still, its controller failed: {failure}", "experimenter")
+            self.report(f"the robot holds still, its controller failed: {failure}")
 
     def watch_guard(self) -> None:
         """Record whenever the force guard begins to draw the robot back, and when the robot is driven again."""
@@ -245,4 +260,4 @@ class SessionState:
         self.storage.attempt.record_physics(self.world, self.now_s)
         failure = self.end_attempt(result)
         if failure is not None:
-            self.problem(f"the trial is not recorded completely: {failure}")
+            self.report(f"the trial is not recorded completely: {failure}")

@@ -12,6 +12,7 @@ import numpy as np
 from avrgym.models import human
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import PROPORTIONS, SEATED, Posture, Sex
+from avrgym.texts.texts import Said, SaidError
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.protocol.webxr import Registration, head_pose
 
@@ -26,20 +27,19 @@ def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: Re
         furniture: what they rest on.
 
     Raises:
-        ValueError: for a height that no adult has, naming what is allowed.
+        SaidError: for a height that no adult has, naming what is allowed.
     """
     height_m = float(head_pose(Registration(np.zeros(3), 0.0), head).pos_w[2])
     hips_m = posture.hips(PROPORTIONS[sex])[2] + furniture.rise_m(posture)
     upright = sin(radians(furniture.back_deg(posture)))
     low, high = (hips_m + upright * limit for limit in human.TORSO_HEIGHT_RANGE_M)
     if not low <= height_m <= high:
-        who, how, rest, rests_m = (
-            ("a seated person", "sit upright", "seat", furniture.seat_height_m)
+        key, rests_m = (
+            ("wrong_height_seated", furniture.seat_height_m)
             if posture is SEATED
-            else ("a person in the bed", "lie back", "mattress", furniture.mattress_height_m)
+            else ("wrong_height_lying", furniture.mattress_height_m)
         )
-        raise ValueError(
-            f"the headset is {height_m:.2f} m above the floor; of {who} it must be {low:.2f} to {high:.2f} m: "
-            f"{how}, and check the floor height of the headset and the {rest} of {100.0 * rests_m:.0f} cm"
-        )
+        heights = {"height_m": height_m, "low_m": low, "high_m": high}
+        values = {name: f"{metres:.2f}" for name, metres in heights.items()}
+        raise SaidError(Said(key, values | {"rests_cm": f"{100.0 * rests_m:.0f}"}))
     return float((height_m - hips_m) / upright)

@@ -1,5 +1,6 @@
 """The methods section of a publication, in words, from what a study knows of itself."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import fmean, stdev
 
@@ -55,7 +56,8 @@ def _participants(analysis: Analysis, flow: Flow) -> Iterator[str]:
     who = "simulated participant" if flow.simulated else "participant"
     yield (
         f"{count(flow.enrolled, who)} enrolled, {flow.allocated} were given an order of trials, {flow.completed} "
-        f"completed the study and {flow.analysed} entered the analysis. {_ages(people)} {_bodies(people)}"
+        f"completed the study and {flow.analysed} entered the analysis. "
+        f"{_ages(people)} {_bodies(people)} {_languages(people)}"
     )
     if flow.simulated:
         return
@@ -80,6 +82,11 @@ def _ages(people: Sequence[ParticipantRow]) -> str:
 def _bodies(people: Sequence[ParticipantRow]) -> str:
     men = sum(row.sex == "man" for row in people)
     return f"{len(people) - men} were represented by a woman's body model, {men} by a man's."
+
+
+def _languages(people: Sequence[ParticipantRow]) -> str:
+    read = Counter(row.language for row in people)
+    return f"All words were read in: {', '.join(f'{language} by {times}' for language, times in read.items())}."
 
 
 def _orders(flow: Flow) -> Iterator[str]:

@@ -9,6 +9,7 @@ from avrgym.vr.protocol.messages import PhaseName
 from avrgym.vr.session.phases.halted import Finished, Paused, RecordingFailed
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.phases.preparing import (
+    AskReady,
     Calibration,
     Check,
     LoadCalibration,
@@ -18,6 +19,7 @@ from avrgym.vr.session.phases.preparing import (
     Waiting,
 )
 from avrgym.vr.session.phases.running import (
+    Confirm,
     Countdown,
     FreeAfter,
     FreeBefore,
@@ -26,14 +28,14 @@ from avrgym.vr.session.phases.running import (
     Trial,
 )
 
-Begins = LoadTrial | Calibration | Storing | Paused | RecordingFailed | FreeBefore
+Begins = LoadTrial | Calibration | Storing | Paused | RecordingFailed | AskReady | FreeBefore
 """What may follow when a trial shall begin."""
 Loaded = Begins | Check
 """What may follow when a world is shown."""
 
 PHASES: tuple[type[Phase], ...] = (
-    Waiting, Calibration, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, FreeBefore, Countdown, Trial,
-    Retreat, FreeAfter, Questionnaire, Paused, RecordingFailed, Finished,
+    Waiting, Calibration, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, AskReady, FreeBefore, Countdown,
+    Trial, Retreat, FreeAfter, Questionnaire, Confirm, Paused, RecordingFailed, Finished,
 )  # fmt: skip
 """All phases, in the order of a session."""
 

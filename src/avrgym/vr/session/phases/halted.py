@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Self
 
+from avrgym.texts.texts import Said
 from avrgym.vr.session import phases
 from avrgym.vr.session.phases.kinds import Resting
 from avrgym.vr.session.phases.phase import Phase
@@ -15,13 +16,13 @@ class Paused(Resting):
 
     name = "paused"
 
-    def __init__(self, state: SessionState, text: str) -> None:
+    def __init__(self, state: SessionState, says: Said) -> None:
         super().__init__(state)
-        self.text = text
+        self.says = says
 
     def ready(self) -> phases.Begins | Self:
         if self.state.on_hold:
-            return self._refuse("the experimenter has paused the session and will continue it")
+            return self._refuse("paused_by_experimenter")
         return super().ready()
 
     def go_on(self) -> phases.Begins | Self:
@@ -34,8 +35,7 @@ class RecordingFailed(Paused):
     """An attempt could not be stored, and can be repeated."""
 
     def __init__(self, state: SessionState) -> None:
-        text = "The recording failed: the robot holds still. Press the trigger to try again."
-        super().__init__(state, text)
+        super().__init__(state, Said("recording_failed"))
 
     def entered(self) -> None:
         self.state.storage.give_up()
@@ -46,17 +46,17 @@ class Finished(Phase):
 
     name = "finished"
 
-    def __init__(self, state: SessionState, text: str) -> None:
+    def __init__(self, state: SessionState, says: Said) -> None:
         super().__init__(state)
-        self.text = f"{text} Thank you! You may take off the headset."
+        self.says = says
 
     def entered(self) -> None:
         self.state.drivers.close()
 
     def pause(self) -> Self:
         """Nothing begins any more; whoever asks is told, unless the session is paused already."""
-        return self if self.state.on_hold else self._refuse("the session is finished", "experimenter")
+        return self if self.state.on_hold else self._report("the session is finished")
 
     def correct_torso_height(self, torso_height_m: float) -> Self:
         """Nobody has a body any more."""
-        return self._refuse("the session is finished", "experimenter")
+        return self._report("the session is finished")

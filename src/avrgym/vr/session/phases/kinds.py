@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Self
 
 from avrgym.recording.outcomes import AttemptEnd
+from avrgym.texts.texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.state import UNTRACKED_S
 from avrgym.vr.tracking.tracking_state import TrackingState
 
-ALL_DONE = "That was all."
-PAUSED = "The experimenter has paused the session. The robot holds still."
-BREAK = "Please take a break: the experimenter will talk with you. The robot holds still."
 
 
 class Ongoing(Phase):
@@ -25,16 +23,16 @@ class Ongoing(Phase):
 
     def leave_vr(self) -> phases.Waiting:
         self.state.abandon("interrupted")
-        return phases.Waiting(self.state, "You left VR. Choose Enter VR to go on.")
+        return phases.Waiting(self.state, Said("waiting_left"))
 
     def disconnect(self) -> phases.Waiting:
         super().disconnect()
         self.state.abandon("interrupted")
-        return phases.Waiting(self.state, "The connection was lost. Choose Enter VR to go on.")
+        return phases.Waiting(self.state, Said("waiting_lost"))
 
     def end(self) -> phases.Finished:
         self.state.abandon("ended")
-        return self._finish("The session has ended.")
+        return self._finish("ended")
 
     def call_off(self) -> phases.Finished:
         return self.end()
@@ -42,15 +40,15 @@ class Ongoing(Phase):
     def fail(self, error: Exception) -> phases.RecordingFailed:
         self.state.world.hold()
         self.state.end_attempt("failed")
-        self.state.problem(f"the trial cannot be recorded: {error}")
+        self.state.report(f"the trial cannot be recorded: {error}")
         return phases.RecordingFailed(self.state)
 
     def trial_stored(self) -> phases.Finished | Self:
-        return self._finish(ALL_DONE) if self.state.trial == len(self.state.plan.trials) else self
+        return self._finish("finished") if self.state.trial == len(self.state.plan.trials) else self
 
-    def _finish(self, text: str) -> phases.Finished:
+    def _finish(self, key: str) -> phases.Finished:
         self.state.trial = len(self.state.plan.trials)
-        return phases.Finished(self.state, text)
+        return phases.Finished(self.state, Said(key))
 
     def _calibrate_again(self) -> phases.Calibration | phases.LoadCalibration:
         """Let the participant be seated anew, in the current trial's seat or bed."""
@@ -62,10 +60,10 @@ class Ongoing(Phase):
         """Go on to the next trial, or finish after the last."""
         self.state.trial += 1
         more = self.state.trial < len(self.state.plan.trials)
-        return self._begin_trial() if more else self._finish(ALL_DONE)
+        return self._begin_trial() if more else self._finish("finished")
 
     def _begin_trial(self) -> phases.Begins:
-        """Begin the next attempt, once its world is made, the participant is in place, tracked and nobody pauses."""
+        """Begin the next attempt, once its world is made, the participant is in place, ready and tracked, and nobody pauses."""
         state = self.state
         if state.storage.completing is not None:
             return phases.Storing(state)
@@ -74,9 +72,11 @@ class Ongoing(Phase):
         if state.calibrated_for is not state.world.scene_config.posture:
             return phases.Calibration(state)
         if state.on_hold:
-            return phases.Paused(state, BREAK if state.held_because else PAUSED)
+            return phases.Paused(state, Said("break" if state.held_because else "paused"))
+        if state.ready_for != state.trial:
+            return phases.AskReady(state)
         if not state.is_tracked:
-            return phases.Paused(state, "Tracking is lost: look around, then press the trigger to go on.")
+            return phases.Paused(state, Said("untracked"))
         try:
             state.begin_attempt()
         except OSError as error:
@@ -147,6 +147,7 @@ class Resting(InPlace):
         return phases.LoadCheck(self.state) if self.state.height_known else self._calibrate_again()
 
     def ready(self) -> phases.Begins | Self:
+        self.state.ready_for = self.state.trial
         return self._begin_trial()
 
 
@@ -156,7 +157,7 @@ class Stoppable(InPlace):
     moves = can_be_stopped = True
 
     def stop(self, by: events.Who) -> phases.Paused:
-        return self._break_off("stopped", events.Stopped(self.state.now_s, by), "Stopped")
+        return self._break_off("stopped", events.Stopped(self.state.now_s, by), Said("stopped"))
 
     def pause(self) -> phases.Begins | Self:
         if self.state.on_hold:
@@ -167,22 +168,22 @@ class Stoppable(InPlace):
 
     def lose_time(self, seconds: float) -> phases.Paused:
         why = self._record_lost_time(seconds)
-        return self._interrupt(events.TimeLost(self.state.now_s, seconds), why)
+        said = Said("time_lost", {"seconds": f"{seconds:.1f}"})
+        return self._interrupt(events.TimeLost(self.state.now_s, seconds), why, said)
 
     def lose_tracking(self) -> phases.Paused:
         why = f"tracking was lost for {UNTRACKED_S:g} s"
         self.state.record_event("tracking_timed_out", why)
-        return self._interrupt(events.TrackingTimedOut(self.state.now_s), why)
+        said = Said("tracking_timed_out", {"seconds": f"{UNTRACKED_S:g}"})
+        return self._interrupt(events.TrackingTimedOut(self.state.now_s), why, said)
 
-    def _interrupt(self, event: events.SessionEvent, why: str) -> phases.Paused:
-        self.state.problem(f"{why}: the attempt is interrupted, and the trial is repeated")
-        return self._break_off("interrupted", event, why.capitalize())
+    def _interrupt(self, event: events.SessionEvent, why: str, says: Said) -> phases.Paused:
+        self.state.report(f"{why}: the attempt is interrupted, and the trial is repeated")
+        return self._break_off("interrupted", event, says)
 
-    def _break_off(self, result: AttemptEnd, event: events.SessionEvent, why: str) -> phases.Paused:
+    def _break_off(self, result: AttemptEnd, event: events.SessionEvent, says: Said) -> phases.Paused:
         """Hold the robot and end the attempt; the participant's trigger repeats the trial."""
         self.state.abandon(result)
         self.state.sink.tell(event)
         self.state.worlds.prepare(self.state.trial, self.state.person)
-        return phases.Paused(
-            self.state, f"{why}: the robot holds still. Press the trigger to repeat the trial."
-        )
+        return phases.Paused(self.state, says)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Self
 
+from avrgym.texts.texts import ENGLISH, Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName
 from avrgym.vr.session import events
@@ -13,7 +14,7 @@ from avrgym.vr.tracking.world import ControlStep
 
 
 class Phase:
-    """A phase, or a kind of phases. ``text`` is what it says; it lasts ``seconds`` where they are given.
+    """A phase, or a kind of phases. ``says`` is what the participant reads; it lasts ``seconds`` where they are given.
 
     ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to, and an emergency
     stop holds it. ``in_place``: the participant is in place, so that a trial can begin. ``awaits_ready``: a
@@ -22,7 +23,7 @@ class Phase:
     """
 
     name: ClassVar[PhaseName]
-    text: str = ""
+    says: Said
     seconds: float | None = None
     moves: ClassVar[bool] = False
     can_be_stopped: ClassVar[bool] = False
@@ -67,25 +68,29 @@ class Phase:
 
     def ready(self) -> Phase:
         """They pressed the trigger to go on."""
-        return self._refuse("nothing waits for you to go on")
+        return self._refuse("nothing_to_begin")
 
     def recalibrate(self) -> Phase:
         """They saw that body or seat do not fit."""
-        return self._refuse("you can be measured again only between two trials")
+        return self._refuse("measured_between_trials")
 
     def answer(self, answer: messages.Answer) -> Phase:
         """They answered a question."""
-        return self._refuse("an answer counts only while the questionnaire is open")
+        return self._refuse("no_question")
+
+    def go_back(self) -> Phase:
+        """They want to change an earlier answer."""
+        return self._refuse("no_way_back")
 
     # What participant or experimenter ask ------------------------------------------------------------------------
 
     def stop(self, by: events.Who) -> Phase:
         """The emergency stop: hold the robot at once; the trial that runs may be repeated."""
-        return self._refuse("the robot holds still already", by)
+        return self._refuse("holds_already", by)
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> Phase:
         """Give the participant a body of this sex and tone of skin."""
-        return self._refuse("the body can be chosen only before or between trials", by)
+        return self._refuse("body_between_trials", by)
 
     # What the experimenter asks ----------------------------------------------------------------------------------
 
@@ -99,7 +104,7 @@ class Phase:
     def go_on(self) -> Phase:
         """Let trials begin again."""
         if not self.state.on_hold:
-            return self._refuse("the session is not paused", "experimenter")
+            return self._report("the session is not paused")
         self.state.on_hold, self.state.held_because = False, ""
         self.state.sink.tell(events.Continued(self.state.now_s))
         return self
@@ -126,7 +131,7 @@ class Phase:
 
     def end(self) -> Phase:
         """End the session."""
-        return self._refuse("the session is finished", "experimenter")
+        return self._report("the session is finished")
 
     # What happens in a tick, in this order -----------------------------------------------------------------------
 
@@ -155,7 +160,7 @@ class Phase:
 
     def fail(self, error: Exception) -> Phase:
         """What happened cannot be stored."""
-        self.state.problem(f"the session cannot be stored: {error}")
+        self.state.report(f"the session cannot be stored: {error}")
         return self
 
     def trial_stored(self) -> Phase:
@@ -172,14 +177,21 @@ class Phase:
 
     # -------------------------------------------------------------------------------------------------------------
 
-    def _refuse(self, why: str, role: messages.Role = "participant") -> Self:
-        self.state.problem(why, role)
+    def _refuse(self, key: str, by: events.Who = "participant") -> Self:
+        """Tell who asked why this is not done: the key of a text."""
+        if by == "participant":
+            self.state.explain(Said(key))
+        else:
+            self.state.report(ENGLISH.say(Said(key)))
+        return self
+
+    def _report(self, why: str) -> Self:
+        """Tell the experimenter why this is not done."""
+        self.state.report(why)
         return self
 
     def _refuse_out_of_place(self) -> Self:
-        return self._refuse(
-            "this is possible once the participant is in place, with the scene shown", "experimenter"
-        )
+        return self._report("this is possible once the participant is in place, with the scene shown")
 
     def _record_lost_time(self, seconds: float) -> str:
         """What happened, in words."""

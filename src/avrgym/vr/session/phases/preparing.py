@@ -7,13 +7,15 @@ from typing import Self
 
 from avrgym.models import human
 from avrgym.simulation.room import NoRoomError
+from avrgym.texts.texts import Said, SaidError
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.phases.kinds import InVR, Ongoing, Resting
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.calibration import measure_torso_height
 
-NO_ROOM = "The robot needs room to begin. Rest your arms at your sides and press the trigger to try again."
+
+_PUT_ON = Said("waiting")
 
 
 class Waiting(Ongoing):
@@ -22,9 +24,9 @@ class Waiting(Ongoing):
     name = "waiting"
     can_choose_body = True
 
-    def __init__(self, state: SessionState, text: str = "Put on the headset and choose Enter VR.") -> None:
+    def __init__(self, state: SessionState, says: Said = _PUT_ON) -> None:
         super().__init__(state)
-        self.text = text
+        self.says = says
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> Self:
         self.state.choose_body(choice, by)
@@ -39,8 +41,8 @@ class Calibration(InVR):
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        how = "Sit upright, look" if state.world.scene_config.posture is human.SEATED else "Lie back, look"
-        self.text = f"{how} straight ahead and rest your arms. Then press the trigger."
+        seated = state.world.scene_config.posture is human.SEATED
+        self.says = Said("calibration_seated" if seated else "calibration_lying")
         state.tracking.forget_place()
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
@@ -66,8 +68,9 @@ class Calibration(InVR):
             if measured:
                 height_m = measure_torso_height(state.person.sex, posture, head, state.plan.furniture)
                 state.give_torso_height(height_m)
-        except ValueError as error:
-            return self._refuse(str(error))
+        except SaidError as error:
+            state.explain(error.said)
+            return self
         state.calibrated_for = posture
         state.tracking.place(head, state.person, posture)
         state.sink.tell(events.Calibrated(state.now_s, state.person.torso_height_m, measured))
@@ -78,7 +81,7 @@ class Loading(InVR, ABC):
     """The current trial's world is made and shown."""
 
     name = "loading"
-    text = "One moment: the scene is being prepared."
+    says = Said("loading")
 
     def entered(self) -> None:
         self.state.worlds.prepare(self.state.trial, self.state.person)
@@ -93,11 +96,11 @@ class Loading(InVR, ABC):
             try:
                 state.worlds.change()
             except NoRoomError as error:
-                state.problem(f"the robot has no room to begin: {error}")
-                return phases.Paused(state, NO_ROOM)
+                state.report(f"the robot has no room to begin: {error}")
+                return phases.Paused(state, Said("no_room"))
             except Exception as error:  # whatever a compiler or a file may raise
-                state.problem(f"the scene cannot be made: {error}")
-                return phases.Paused(state, "The scene cannot be made. Press the trigger to try again.")
+                state.report(f"the scene cannot be made: {error}")
+                return phases.Paused(state, Said("scene_failed"))
         state.tell_scene()
         return self.loaded() if state.worlds.is_shown else self
 
@@ -131,7 +134,7 @@ class Storing(InVR):
     """A completed trial is being stored."""
 
     name = "loading"
-    text = "One moment: the trial is being stored."
+    says = Said("storing")
 
     def wait(self) -> phases.Begins | Self:
         return self if self.state.storage.completing is not None else self._begin_trial()
@@ -141,4 +144,22 @@ class Check(Resting):
     """The participant looks whether body and seat fit."""
 
     name = "check"
-    text = "Look down: do body and seat fit you? Trigger: go on. Menu button: measure again."
+    says = Said("check")
+
+
+class AskReady(Resting):
+    """The trial is shown, and begins when the participant is ready for it."""
+
+    name = "ready"
+
+    def __init__(self, state: SessionState) -> None:
+        super().__init__(state)
+        self.says = told_of_trial("ready", state)
+
+
+def told_of_trial(key: str, state: SessionState) -> Said:
+    """What is said of the trial that comes next: which it is, and what its task is."""
+    plan, trial = state.plan, state.current
+    number = {"trial": str(state.trial + 1), "trials": str(len(plan.trials))}
+    which = plan.texts.say(Said("practice") if trial.practice else Said("trial", number))
+    return Said(key, {"trial": which, "goal": plan.goal_of(trial)})

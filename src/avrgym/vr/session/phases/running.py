@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Self
 
+from avrgym.texts.texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.phases.kinds import InPlace, Stoppable
+from avrgym.vr.session.phases.preparing import told_of_trial
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.driving import Driver, Operator, in_world
@@ -20,12 +22,8 @@ class FreeBefore(Stoppable):
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        plan, trial = state.plan, state.current
-        kind = "Practice" if trial.practice else f"Trial {state.trial + 1} of {len(plan.trials)}"
-        self.text = (
-            f"{kind}: {plan.goal_of(trial)} Move your head and arms as you like; the robot holds still."
-        )
-        self.seconds = plan.free_movement_s
+        self.says = told_of_trial("free_before", state)
+        self.seconds = state.plan.free_movement_s
 
     def time_over(self) -> Countdown:
         return Countdown(self.state)
@@ -35,7 +33,7 @@ class Countdown(Stoppable):
     """The robot is about to start; it waits for a participant whose tracking is lost."""
 
     name = "countdown"
-    text = "The robot starts in"
+    says = Said("countdown")
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
@@ -52,7 +50,7 @@ class Trial(Stoppable):
     """The robot drives."""
 
     name = "trial"
-    text = "The robot is helping you. Press a menu button to stop it."
+    says = Said("helping")
 
     @property
     def driver(self) -> Driver:
@@ -60,7 +58,7 @@ class Trial(Stoppable):
 
     def drive(self, wish: messages.Drive) -> None:
         if not isinstance(self.driver, Operator):
-            self._refuse("in this trial nobody drives by hand", "experimenter")
+            self._report("in this trial nobody drives by hand")
         elif wish.engaged:
             self.driver.drive(in_world(wish.linear), in_world(wish.angular), self.state.now_s)
         else:
@@ -79,7 +77,7 @@ class Retreat(InPlace):
     """The robot takes its tool away from the person; what the trial gave is kept, whatever happens now."""
 
     name = "retreat"
-    text = "The robot has finished and moves away from you. Press a menu button to stop it."
+    says = Said("retreat")
     moves = can_be_stopped = True
 
     def __init__(self, state: SessionState) -> None:
@@ -114,7 +112,7 @@ class FreeAfter(InPlace):
     """The participant moves freely after the robot has finished; what it gave is kept. The next world is made."""
 
     name = "free_after"
-    text = "The robot has finished and holds still. Move as you like."
+    says = Said("free_after")
     moves = True
 
     def __init__(self, state: SessionState) -> None:
@@ -139,7 +137,7 @@ class Questionnaire(InPlace):
     """The participant rates the trial, one item after another."""
 
     name = "questionnaire"
-    text = "Point at your answer and press the trigger."
+    says = Said("questionnaire")
 
     def __init__(self, state: SessionState, questions: Questions) -> None:
         super().__init__(state)
@@ -149,23 +147,72 @@ class Questionnaire(InPlace):
     def question(self) -> messages.Question:
         return self._questions.question()
 
-    def answer(self, answer: messages.Answer) -> phases.Begins | phases.Finished | Self:
-        """Take the answer to the question that is asked; after the last one the trial is complete."""
+    def answer(self, answer: messages.Answer) -> Confirm | Self:
+        """Take the answer to the question that is asked; after the last one they confirm what they gave."""
         attempt, now_s = self.state.storage.attempt, self.state.now_s
         if attempt is None:
-            return self._refuse("an answer counts only while the questionnaire is open")
+            return self._refuse("no_question")
+        earlier = self._questions.earlier
         try:
             given = self._questions.take(answer)
         except ValueError as error:
-            self.state.problem(str(error))
             self.state.send(self.question)
-            return self
-        attempt.record("/answers", given, now_s)
-        self.state.sink.tell(events.Answered(now_s, attempt.trial, attempt.number, given))
-        verdict = self.state.plan.stop_rules.verdict(given)
-        if verdict is not None:
-            self.state.obey(verdict)
+            self._refuse("not_an_answer")
+            return self._report(str(error))
+        if given.value != earlier:
+            attempt.record("/answers", given, now_s)
+            happened = events.Answered if earlier is None else events.AnswerChanged
+            self.state.sink.tell(happened(now_s, attempt.trial, attempt.number, given))
+            verdict = self.state.plan.stop_rules.verdict(given)
+            if verdict is not None:
+                self.state.obey(verdict)
         if self._questions.done:
-            return self._complete_trial()
+            return Confirm(self.state, self._questions)
         self.state.send(self.question)
         return self
+
+    def go_back(self) -> Self:
+        if not self._questions.go_back():
+            return self._refuse("no_way_back")
+        self.state.send(self.question)
+        return self
+
+
+class Confirm(InPlace):
+    """Every question is answered; the participant confirms their answers, or goes back to change some."""
+
+    name = "confirm"
+    says = Said("confirm")
+    awaits_ready = True
+
+    def __init__(self, state: SessionState, questions: Questions) -> None:
+        super().__init__(state)
+        self._questions = questions
+
+    def ready(self) -> phases.Begins | phases.Finished:
+        return self._complete_trial()
+
+    def skip(self) -> phases.Begins | phases.Finished:
+        """The experimenter goes on for them."""
+        return self._complete_trial()
+
+    def go_back(self) -> Questionnaire:
+        self._questions.go_back()
+        return Questionnaire(self.state, self._questions)
+
+    def enter_vr(self) -> phases.Calibration | phases.LoadCalibration | phases.Finished | phases.RecordingFailed:
+        return self._keep() or super().enter_vr()
+
+    def leave_vr(self) -> phases.Waiting | phases.Finished | phases.RecordingFailed:
+        return self._keep() or super().leave_vr()
+
+    def disconnect(self) -> phases.Waiting | phases.Finished | phases.RecordingFailed:
+        return self._keep() or super().disconnect()
+
+    def end(self) -> phases.Finished | phases.RecordingFailed:
+        return self._keep() or super().end()
+
+    def _keep(self) -> phases.Finished | phases.RecordingFailed | None:
+        """Complete the trial, whose answers are all there, before something else happens; what follows, if that does."""
+        following = self._complete_trial()
+        return following if isinstance(following, phases.Finished | phases.RecordingFailed) else None

@@ -1,0 +1,90 @@
+"""In which languages a study is read, and whether all that participants read is there in each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
+
+from avrgym.recording.questionnaire import Item, Questionnaire
+from avrgym.study.design.wrong import Wrong, check_unique
+from avrgym.tasks.registry import TASKS
+from avrgym.texts.texts import FOLDER, Texts, TextsError, read_texts
+
+ENGLISH = "en"
+"""In which AVR Gym's own sentences are: tasks, and the instruments whose words it brings."""
+NAMED = 3
+"""As many missing sentences are named; of more, how many there are."""
+
+
+def check_languages(design: Design, folder: Path) -> None:
+    """Raise ``Wrong`` for the first language that has not all that participants of a design read.
+
+    ``folder`` is the study's. The first language is that of the design itself; its sentences need translations into each
+    of the others, and those that AVR Gym brings into each but English.
+    """
+    check_unique(("languages",), design.languages)
+    for index, language in enumerate(design.languages):
+        try:
+            texts = read_texts(language, folder)
+        except TextsError as error:
+            raise Wrong(("languages", index), str(error)) from None
+        own = _own(design) if index > 0 else ()
+        brought = _brought(design) if language != ENGLISH else ()
+        lacking = texts.lacking([*own, *brought])
+        if lacking:
+            named = ", ".join(f'"{sentence}"' for sentence in lacking[:NAMED])
+            more = f" and {len(lacking) - NAMED} more" if len(lacking) > NAMED else ""
+            where = f"{FOLDER}/{language}.toml in the study's folder"
+            raise Wrong(
+                ("languages", index),
+                f"no translation into {language} of {named}{more}; allowed: a line for each under [sentences] of {where}",
+            )
+
+
+def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
+    """Items in a participant's language."""
+    return tuple(
+        replace(
+            item,
+            text=texts.translate(item.text),
+            low=texts.translate(item.low),
+            high=texts.translate(item.high),
+            labels=tuple(texts.translate(label) for label in item.labels),
+        )
+        for item in items
+    )
+
+
+def _own(design: Design) -> Iterator[str]:
+    """The sentences that the design itself says to participants."""
+    yield design.consent.text
+    yield from (question.text for question in design.inclusion)
+    yield from design.goals.values()
+    for questionnaire in design.questionnaires:
+        if not _is_brought(questionnaire):
+            yield from _words(questionnaire)
+
+
+def _brought(design: Design) -> Iterator[str]:
+    """Those that AVR Gym says in it."""
+    yield from (TASKS[task].goal for task in design.tasks if not design.goals.get(task))
+    for questionnaire in design.questionnaires:
+        if _is_brought(questionnaire):
+            yield from _words(questionnaire)
+
+
+def _is_brought(questionnaire: Questionnaire) -> bool:
+    instrument = questionnaire.instrument
+    return instrument is not None and all(item.text for item in instrument.items)
+
+
+def _words(questionnaire: Questionnaire) -> Iterator[str]:
+    for item in questionnaire.items:
+        yield from (item.text, item.low, item.high, *item.labels)
+
+
+if TYPE_CHECKING:
+    from avrgym.study.design.design import Design

@@ -1,0 +1,189 @@
+"""What participants read: each language in one file, the same keys in all.
+
+A language that AVR Gym brings is a file beside this module. A study adds others, and translations of its own words, in
+``texts/LANGUAGE.toml`` of its folder; see ``read_texts``.
+"""
+
+import re
+import tomllib
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from string import Formatter
+from typing import Any
+
+import msgspec
+
+FOLDER = "texts"
+LANGUAGE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
+"""A language tag as HTML's ``lang`` has it (BCP 47)."""
+DIRECTIONS = ("ltr", "rtl")
+_NUMBER = re.compile(r"^(\d+)\.(\d+)$")
+ON_PAGE = "_page"
+"""A text whose key ends so is for somebody who takes part on the page, without a headset."""
+
+
+class TextsError(ValueError):
+    """The texts of a language cannot be used; the message names the file, what is wrong and what is allowed."""
+
+
+@dataclass(frozen=True)
+class Said:
+    """Something to say to a participant: the key of its text under ``session``, and what stands in its braces."""
+
+    key: str
+    values: Mapping[str, str] = field(default_factory=dict[str, str])
+
+
+class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A file of texts; one of a study may hold any part of them."""
+
+    name: str = ""
+    direction: str = ""
+    decimal: str = ""
+    session: dict[str, str] = {}
+    page: dict[str, str] = {}
+    sentences: dict[str, str] = {}
+
+
+@dataclass(frozen=True)
+class Texts:
+    """All texts in one language, a tag such as ``de``, which is written from left to right (``ltr``) or not (``rtl``).
+
+    ``decimal`` is its decimal mark. ``session`` is what the server says, ``page`` what the client does; ``sentences`` are translations, by the sentences
+    that tasks, questionnaires and designs have.
+    """
+
+    language: str
+    name: str
+    direction: str
+    decimal: str
+    session: Mapping[str, str]
+    page: Mapping[str, str]
+    sentences: Mapping[str, str]
+
+    def say(self, said: Said) -> str:
+        """What is said to somebody in VR."""
+        values = {name: _NUMBER.sub(rf"\1{self.decimal}\2", value) for name, value in said.values.items()}
+        return self.session[said.key].format_map(values)
+
+    def say_on_page(self, said: Said) -> str:
+        """What is said to somebody who has no headset."""
+        on_page = said.key + ON_PAGE
+        return self.say(Said(on_page, said.values) if on_page in self.session else said)
+
+    def translate(self, sentence: str) -> str:
+        """A sentence in this language; as it is where there is no translation."""
+        return self.sentences.get(normal(sentence), sentence)
+
+    def lacking(self, sentences: Collection[str]) -> list[str]:
+        """Which of these have no translation."""
+        wanted = dict.fromkeys(normal(sentence) for sentence in sentences if sentence.strip())
+        return [sentence for sentence in wanted if sentence not in self.sentences]
+
+
+class SaidError(ValueError):
+    """What a participant did is not possible; ``said`` tells them so, in their language."""
+
+    def __init__(self, said: Said) -> None:
+        super().__init__(ENGLISH.say(said))
+        self.said = said
+
+
+def normal(sentence: str) -> str:
+    """A sentence by which its translation is found: lines may be broken anywhere."""
+    return " ".join(sentence.split())
+
+
+def shipped() -> list[str]:
+    """The languages that AVR Gym brings."""
+    brought = (file.name.removesuffix(".toml") for file in files(__package__).iterdir() if _is_toml(file.name))
+    return sorted(brought)
+
+
+def read_texts(language: str, folder: Path | None = None) -> Texts:
+    """The texts in a language: AVR Gym's, if it brings this one, and those of a study's folder, which go before.
+
+    Raises:
+        TextsError: for a language that neither has, a text that is missing or unknown, or other names in its braces
+            than the English text has.
+    """
+    if not LANGUAGE.fullmatch(language):
+        raise TextsError(f"{language!r} is no language; allowed: a tag such as en, de or pt-BR")
+    own = folder / FOLDER / f"{language}.toml" if folder is not None else None
+    brought = _read_brought(language) if language in shipped() else File()
+    added = _read_own(own) if own is not None and own.is_file() else File()
+    where = str(own) if own is not None else f"{FOLDER}/{language}.toml in a study's folder"
+    if brought == added == File():
+        raise TextsError(f"no texts in {language!r}: AVR Gym brings {', '.join(shipped())}; others stand in {where}")
+    texts = Texts(
+        language,
+        added.name or brought.name or language,
+        added.direction or brought.direction or DIRECTIONS[0],
+        added.decimal or brought.decimal or ".",
+        brought.session | added.session,
+        brought.page | added.page,
+        {normal(sentence): text for sentence, text in (brought.sentences | added.sentences).items()},
+    )
+    _check(texts, where)
+    return texts
+
+
+def _read_brought(language: str) -> File:
+    file = files(__package__) / f"{language}.toml"
+    return _read(file.read_text("utf-8"), f"{language}.toml")
+
+
+def _read_own(path: Path) -> File:
+    try:
+        return _read(path.read_text("utf-8"), str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise TextsError(f"{path} cannot be read: {error}") from None
+
+
+def _read(text: str, name: str) -> File:
+    try:
+        values: Any = tomllib.loads(text)
+        return msgspec.convert(values, File)
+    except (tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        raise TextsError(f"{name}: {error}") from None
+
+
+def _check(texts: Texts, where: str) -> None:
+    """Raise ``TextsError`` unless these are all the texts that English has, with the same names in their braces."""
+    if texts.direction not in DIRECTIONS:
+        raise TextsError(f"{where}: direction {texts.direction!r}; allowed: {', '.join(DIRECTIONS)}")
+    for table in ("session", "page"):
+        wanted: Mapping[str, str] = getattr(_ENGLISH, table)
+        found: Mapping[str, str] = getattr(texts, table)
+        missing = [key for key in wanted if not found.get(key, "").strip()]
+        unknown = [key for key in found if key not in wanted]
+        if missing:
+            raise TextsError(f"{where} lacks {', '.join(missing)} in [{table}]; allowed: a text for each key of English")
+        if unknown:
+            raise TextsError(f"{where}: unknown {unknown[0]} in [{table}]; allowed: {', '.join(wanted)}")
+        for key, text in found.items():
+            if _names(text) != (names := _names(wanted[key])):
+                allowed = ", ".join(f"{{{name}}}" for name in sorted(names)) or "none"
+                raise TextsError(f"{where}: {key} in [{table}] has other names in braces than English; allowed: {allowed}")
+
+
+def _names(text: str) -> set[str]:
+    """The names in the braces of a text; what else could stand there is none."""
+    try:
+        return {
+            name + (f"!{how}" if how else "") + (f":{form}" if form else "")
+            for _, name, form, how in Formatter().parse(text)
+            if name is not None
+        }
+    except ValueError:
+        return {"{"}
+
+
+def _is_toml(name: str) -> bool:
+    return name.endswith(".toml")
+
+
+_ENGLISH = _read_brought("en")
+ENGLISH = read_texts("en")
