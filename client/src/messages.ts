@@ -249,9 +249,9 @@ export interface Passed {
 /** How the world differs from the state that this connection was sent before; after a scene, from nothing.
  *
  * `joint_targets` in steps of 1e-5 rad, one row a joint; `poses` in steps of 0.1 mm and 5e-5, one row of x, y, z,
- * w, x, y, z a body or mark. Rows that are as before are left out, after the first state: each row begins with how many
- * were, then come its differences in zigzag; all are varints as in Protocol Buffers. The other fields are those of the
- * state itself. */
+ * w, x, y, z a body or mark. Rows that are as before are left out, but for the first state: each row begins with how
+ * many were, then come its differences in zigzag; all are varints as in Protocol Buffers. The other fields are those
+ * of the state itself. */
 export interface StateChange {
   type: "state";
   sequence: number;

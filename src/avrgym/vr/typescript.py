@@ -1,9 +1,9 @@
 """Writes the TypeScript side of what server and client share: the wire protocol, and how a body follows poses.
 
 ``python -m avrgym.vr.typescript`` writes ``client/src/messages.ts`` from ``messages.py``, ``phases`` and the loop's
-constants, one example of every message as Python encodes it, ``client/tests/messages.json``, and of states
-``client/tests/states.json``, and ``client/src/anatomy.ts`` from what ``vr.tracking`` solves bodies with; ``--check`` writes nothing and fails when one is
-stale.
+constants, ``client/src/anatomy.ts`` from what ``vr.tracking`` solves bodies with, and for the client's tests one
+example of every message as Python encodes it, ``client/tests/messages.json``, and some states,
+``client/tests/states.json``; ``--check`` writes nothing and fails when one is stale.
 """
 
 import argparse

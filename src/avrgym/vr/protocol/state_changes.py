@@ -12,7 +12,7 @@ from avrgym.vr.protocol.messages import State, StateChange
 
 POSITION_STEP_M = 1e-4
 QUATERNION_STEP = 5e-5
-"""Of each of the four numbers: rotations are then told to 2 steps, 1e-4 rad, as an angle is twice that of quaternions."""
+"""Of each of the four numbers. Rounding moves a quaternion by up to one step, and an angle by twice that: 1e-4 rad."""
 JOINT_STEP_RAD = 1e-5
 POSE_STEPS = np.array([POSITION_STEP_M] * 3 + [QUATERNION_STEP] * 4)
 JOINT_STEPS = np.array([JOINT_STEP_RAD])

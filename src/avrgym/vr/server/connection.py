@@ -128,7 +128,10 @@ async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast:
     return None
 
 
-_OTHER_VERSION = f"this page speaks protocol {{}}, the server {messages.PROTOCOL}: reload the page, it is of another version"
+_OTHER_VERSION = (
+    "this page speaks protocol {}, "
+    f"the server {messages.PROTOCOL}: reload the page, it is of another version"
+)
 _NO_TOKEN = "the address of this page lacks the session's token; open the one that the server printed"
 
 
