@@ -543,7 +543,7 @@ def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
     with participant(server) as client:
         sit_down(client)
         recording = server.session.recordings[-1]
-        client.await_message(State)
+        client.await_message(StateChange)
         if not politely:
             client.vanish()
     await_that(lambda: server.session.phase == "waiting")
@@ -570,7 +570,7 @@ def test_a_headset_that_falls_silent_is_let_go(tmp_path: Path, monkeypatch: pyte
         speak_and_fall_silent(server, raw)
         assert connected(server)
         with participant(server) as client:
-            client.await_message(State)
+            client.await_message(StateChange)
 
 
 def speak_and_fall_silent(server: LiveServer, raw: socket.socket) -> None:
@@ -730,7 +730,7 @@ def test_nothing_is_left_when_it_ends(tmp_path: Path) -> None:
     with make_server(tmp_path) as server:
         client = Client(server)
         client.hello()
-        client.await_message(State)
+        client.await_message(StateChange)
     with client, pytest.raises(ConnectionClosed):
         client.await_message(Phase, lambda phase: phase.name == "finished")
     assert count_threads("simulation") == simulations
