@@ -5,7 +5,7 @@ import { FlatPlay } from "./flatplay";
 import { Immersive } from "./immersive";
 import type { Outgoing } from "./codec";
 import { LatencyMeter } from "./latency";
-import type { Body, Phase, Problem, Scene, ServerMessage, State, Welcome } from "./messages";
+import type { Body, Phase, Problem, Scene, ServerMessage, Welcome } from "./messages";
 import { Page, isStopKey } from "./page";
 import { BACK, DONE } from "./paint";
 import { Panel } from "./panel";
@@ -13,6 +13,7 @@ import { Questionnaire } from "./questionnaire";
 import { createRoom } from "./room";
 import { Senses } from "./senses";
 import { ImmersiveSession, reasonAgainstVR } from "./session";
+import { StateDecoder, type State } from "./states";
 import type { Poses } from "./tracking";
 import { View, type Detail } from "./view";
 import { Watching } from "./watching";
@@ -39,6 +40,7 @@ export class App {
   private readonly connection: Connection;
   private readonly flat: FlatPlay;
   private readonly latency: LatencyMeter;
+  private readonly states = new StateDecoder();
   private readonly senses: Senses;
   private readonly watching: Watching | null;
   private welcome: Welcome | null = null;
@@ -147,7 +149,7 @@ export class App {
   // From the server
 
   private receive(message: ServerMessage): void {
-    if (message.type === "state") return this.stateCame(message);
+    if (message.type === "state") return this.stateCame(this.states.decode(message));
     if (message.type === "passed") return this.latency.announce(message);
     if (message.type === "feedback") return this.senses.take(message);
     if (message.type === "status") return this.watching?.statusCame(message);
@@ -179,11 +181,12 @@ export class App {
   private stateCame(state: State): void {
     const nowMs = performance.now();
     this.statesReceived++;
-    if (this.world.push(state, nowMs)) this.lastState = state;
+    if (this.world.push(state)) this.lastState = state;
     this.latency.stateCame(state, nowMs);
   }
 
   private async sceneCame(scene: Scene): Promise<void> {
+    this.states.beginScene();
     this.watching?.sceneCame(scene);
     try {
       const before = this.world.root.matrix.clone();
@@ -357,12 +360,12 @@ export class App {
     } else this.updateWorld(timeMs, this.flat.playing ? this.flat.poses : null);
     if (this.watching?.fromInside && !this.presenting) this.watching.follow(this.lastState, this.world.root);
     this.view.render();
-    this.tellLatency(timeMs);
+    this.tellLatency();
   }
 
-  private tellLatency(timeMs: number): void {
+  private tellLatency(): void {
     const nowMs = performance.now();
-    this.latency.pictureDrawn(this.world.drawnTimeS(timeMs), nowMs);
+    this.latency.pictureDrawn(this.world.drawnTimeS, nowMs);
     const latency = this.takesPart ? this.latency.take(nowMs) : null;
     if (latency) this.send(latency);
   }

@@ -193,7 +193,7 @@ function shownButtons(app: App): EmulatedButton[] {
 function plainState({ lastState }: App): ReturnType<EmulatorControls["lastState"]> {
   if (!lastState) return null;
   const { sequence, simulation_time_s, tracking_sequence } = lastState;
-  const poses = Array.from(new Float32Array(lastState.poses.slice().buffer));
+  const poses = [...lastState.poses];
   return { sequence, simulation_time_s, tracking_sequence, poses };
 }
 

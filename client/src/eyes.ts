@@ -14,11 +14,10 @@ export class Eyes {
     this.inHead.set(...eyes);
   }
 
-  /** Puts the camera where the eyes are; `poses` are the bytes of little-endian 32-bit floats. */
-  follow(poses: Uint8Array, root: Object3D): void {
+  /** Puts the camera where the eyes are in these poses. */
+  follow(poses: Float32Array, root: Object3D): void {
     if (this.headAt < 0) return;
-    const numbers = new DataView(poses.buffer, poses.byteOffset + this.headAt * 4, POSE * 4);
-    const at = (index: number) => numbers.getFloat32(index * 4, true);
+    const at = (index: number) => poses[this.headAt + index]!;
     const head = new Quaternion(at(4), at(5), at(6), at(3));
     const { position, quaternion } = this.camera;
     position.copy(this.inHead).applyQuaternion(head).add(new Vector3(at(0), at(1), at(2)));

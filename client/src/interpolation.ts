@@ -1,10 +1,9 @@
 import { Quaternion } from "three";
-import type { State } from "./messages";
+import { Playback } from "./playback";
+import type { State } from "./states";
 
 /** Numbers per body: position x, y, z, then orientation w, x, y, z. */
 export const POSE = 7;
-/** Drawn so far behind the newest state that the next one has usually come. */
-export const DELAY_S = 0.04;
 /** A body that moves further than this within one state has been placed anew. */
 export const TELEPORT_M = 0.5;
 
@@ -14,9 +13,6 @@ const slerpFlat = Quaternion.slerpFlat as unknown as (
 ) => void;
 
 const CAPACITY = 32;
-const CLOCK_JUMP_S = 0.25;
-const CLOCK_GAIN_UP = 0.5;
-const CLOCK_GAIN_DOWN = 0.05;
 
 interface Slot extends Frame {
   sequence: number;
@@ -27,34 +23,33 @@ export class StateBuffer {
   private readonly slots: Slot[];
   private count = 0;
   private last = -1;
-  /** Simulation time minus local time: rises quickly to the states that came without delay, falls slowly. */
-  private clockS = 0;
+  private playback = new Playback();
 
   constructor(private readonly bodies: number) {
     this.slots = Array.from({ length: CAPACITY }, () => emptySlot(bodies));
   }
 
-  /** Takes a state that came at local time `nowS`; false when it is old or does not fit the scene. */
-  push(state: State, nowS: number): boolean {
+  /** Takes a state; false when it is old or does not fit the scene. */
+  push(state: State): boolean {
     const newest = this.newest();
-    if (state.poses.byteLength !== this.bodies * POSE * 4) return false;
+    if (state.poses.length !== this.bodies * POSE) return false;
     if (newest && state.sequence <= newest.sequence) return false;
-    if (newest && state.simulation_time_s < newest.timeS) this.count = 0;
+    if (newest && state.simulation_time_s < newest.timeS) this.beginAnew();
     const samePlace = this.count > 0 && newest?.timeS === state.simulation_time_s;
     if (!samePlace) this.advance();
     this.store(this.slots[this.last]!, state);
-    this.follow(state.simulation_time_s - nowS);
     return true;
   }
 
-  /** The simulation time that is drawn at local time `nowS`. */
-  drawnTimeS(nowS: number): number {
-    return nowS + this.clockS - DELAY_S;
+  /** The simulation time of the picture that was drawn last. */
+  get drawnTimeS(): number {
+    return this.playback.drawnS;
   }
 
   /** The world to draw at local time `nowS`, into `out` (bodies × 7); false before the first state. */
-  drawn(nowS: number, out: Float32Array): boolean {
-    return this.sample(this.drawnTimeS(nowS), out);
+  draw(nowS: number, out: Float32Array): boolean {
+    const newest = this.newest();
+    return newest !== null && this.sample(this.playback.advance(nowS, newest.timeS), out);
   }
 
   /** The world at a simulation time; outside the buffer, its nearest state. */
@@ -85,13 +80,12 @@ export class StateBuffer {
   private store(slot: Slot, state: State): void {
     slot.sequence = state.sequence;
     slot.timeS = state.simulation_time_s;
-    new Uint8Array(slot.poses.buffer).set(state.poses);
+    slot.poses.set(state.poses);
   }
 
-  private follow(clockS: number): void {
-    const error = clockS - this.clockS;
-    if (this.count === 1 || Math.abs(error) > CLOCK_JUMP_S) this.clockS = clockS;
-    else this.clockS += error * (error > 0 ? CLOCK_GAIN_UP : CLOCK_GAIN_DOWN);
+  private beginAnew(): void {
+    this.count = 0;
+    this.playback = new Playback();
   }
 }
 

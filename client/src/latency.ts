@@ -1,9 +1,10 @@
-import type { Latency, Passed, State } from "./messages";
+import type { Latency, Passed } from "./messages";
+import type { State } from "./states";
 import type { FrameTimes } from "./tracking";
 
 const TOLD_EVERY_MS = 1000;
-/** By so many of the latest frames the clocks are aligned: ten seconds. */
-const ALIGNED_BY = 500;
+/** By so many of the latest frames the clocks are aligned: ten seconds of 90 a second. */
+const ALIGNED_BY = 900;
 /** What one message holds; a page that draws nothing has no more to tell. */
 const MOST_FRAMES = 256;
 

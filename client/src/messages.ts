@@ -6,6 +6,10 @@ export const STALE_S = 0.2;
 
 export const TICK_S = 0.01;
 
+export const JOINT_STEPS = [1e-05];
+
+export const POSE_STEPS = [0.0001, 0.0001, 0.0001, 5e-05, 5e-05, 5e-05, 5e-05];
+
 export const STAGE_WORDS = {"sample_ms": "pose", "up_ms": "up", "simulate_ms": "simulation", "send_ms": "sending", "down_ms": "down", "draw_ms": "drawing"};
 
 export type Sex = "man" | "woman";
@@ -228,7 +232,7 @@ export interface Body {
 /** A scene to draw: a GLB whose nodes carry `extras.body`, and where the simulated world stands.
  *
  * `xr_from_world` places the simulation's z-up world in the participant's `local-floor` space: apply it
- * to the root node as it is. `bodies` is the order of the poses in every following `State`; those of
+ * to the root node as it is. `bodies` is the order of the poses in every following state; those of
  * `marks` spots on the person follow, of one radius and one colour (red, green, blue in 0..1).
  * `head_bodies` are hidden from the participant's own eyes, which lie at `eyes` in the frame of the first
  * of them (x left, -y ahead, z up). `skeleton` is that of the participant's body, whose bodies' names begin with
@@ -263,20 +267,19 @@ export interface Passed {
   sent_s: number;
 }
 
-/** The world at one instant.
+/** How the world differs from the state that this connection was sent before; after a scene, from nothing.
  *
- * `poses`: little-endian float32 (bodies + marks, 7): x, y, z, then w, x, y, z; world frame.
- * `tracking_sequence` is the newest tracking frame that this state already follows, -1 before the first.
- * `joint_targets`: little-endian float32, the angles (radians) that the person's joints are driven to for it.
- * `held` are the parts of the body that are not, and will not come, where they are tracked: something is in their
- * way, or they are not tracked. Their owner sees them where they are simulated. */
-export interface State {
+ * `joint_targets` in steps of 1e-5 rad, one row a joint; `poses` in steps of 0.1 mm and 5e-5, one row of x, y, z,
+ * w, x, y, z a body or mark. Rows that are as before are left out, but for the first state: each row begins with how
+ * many were, then come its differences in zigzag; all are varints as in Protocol Buffers. The other fields are those
+ * of the state itself. */
+export interface StateChange {
   type: "state";
   sequence: number;
   simulation_time_s: number;
   tracking_sequence: number;
-  joint_targets: Uint8Array;
   held: Part[];
+  joint_targets: Uint8Array;
   poses: Uint8Array;
 }
 
@@ -379,4 +382,4 @@ export interface Timing {
   missed_ticks: number;
 }
 
-export type ServerMessage = Welcome | Language | Body | Scene | Upcoming | Passed | State | Phase | Question | Problem | Feedback | Status | Timing;
+export type ServerMessage = Welcome | Language | Body | Scene | Upcoming | Passed | StateChange | Phase | Question | Problem | Feedback | Status | Timing;

@@ -2,7 +2,8 @@ import { Quaternion, Vector3 } from "three";
 import { ARM } from "./anatomy";
 import { BodySolver, type BodyPose, type JointAngles } from "./body";
 import { chainsOf, drawChain, type Chain, type Place } from "./chain";
-import { TICK_S, type Part, type Scene, type State } from "./messages";
+import { TICK_S, type Part, type Scene } from "./messages";
+import type { State } from "./states";
 
 /** Within this time a part that is held back goes over to where it is simulated, and comes back. */
 export const CROSSING_MS = 100;
@@ -33,7 +34,7 @@ export class OwnBody {
 
   /** What the newest state says of the participant's body. */
   take({ joint_targets: targets, held }: State): void {
-    this.targets = targets.length ? Float64Array.from(new Float32Array(targets.slice().buffer)) : null;
+    this.targets = targets.length ? targets : null;
     this.held = new Set(held);
   }
 

@@ -46,7 +46,7 @@ export class Stage {
   show(timeS: number): void {
     this.frames.sample(timeS, this.poses);
     this.world.show(this.poses);
-    this.eyes.follow(new Uint8Array(this.poses.buffer), this.world.root);
+    this.eyes.follow(this.poses, this.world.root);
     this.view.render();
   }
 }

@@ -5,11 +5,11 @@ import type {
   CommandName,
   ExperimenterMessage,
   Scene,
-  State,
   Status,
   Timing,
   Welcome,
 } from "./messages";
+import type { State } from "./states";
 import { statusWords, timingWords } from "./status";
 
 function element<T extends HTMLElement>(id: string): T {

@@ -4,8 +4,9 @@ import { Content } from "./content";
 import { POSE, StateBuffer } from "./interpolation";
 import { bodyPose } from "./devices";
 import type { BodyPose } from "./body";
-import type { Scene, State, XRPose } from "./messages";
+import type { Scene, XRPose } from "./messages";
 import { OwnBody } from "./ownbody";
+import type { State } from "./states";
 import type { Poses } from "./tracking";
 
 const loader = new GLTFLoader();
@@ -39,8 +40,8 @@ export class World {
   }
 
   /** False when the state is old or of another scene. */
-  push(state: State, nowMs: number): boolean {
-    const taken = this.states?.push(state, nowMs / 1000) ?? false;
+  push(state: State): boolean {
+    const taken = this.states?.push(state) ?? false;
     if (taken) this.own?.take(state);
     return taken;
   }
@@ -56,7 +57,7 @@ export class World {
    * `lagMs` is the age of the pose that the newest state follows.
    */
   update(nowMs: number, poses: Poses | null, lagMs: number): void {
-    if (this.shown !== this.newest || !this.states?.drawn(nowMs / 1000, this.simulated)) return;
+    if (this.shown !== this.newest || !this.states?.draw(nowMs / 1000, this.simulated)) return;
     this.drawn.set(this.simulated);
     this.tracked = poses && bodyPose(poses, this.shown!.xr_from_world);
     if (this.tracked) this.own?.draw(this.drawn, this.tracked, nowMs, lagMs);
@@ -69,9 +70,9 @@ export class World {
     this.content?.place(poses);
   }
 
-  /** The simulation time that is drawn now. */
-  drawnTimeS(nowMs: number): number {
-    return this.states?.drawnTimeS(nowMs / 1000) ?? -Infinity;
+  /** The simulation time of the picture that was drawn last. */
+  get drawnTimeS(): number {
+    return this.states?.drawnTimeS ?? -Infinity;
   }
 
   /** From inside, the participant's own head is not drawn. */

@@ -1,14 +1,15 @@
 import { Quaternion, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
-import { DELAY_S, POSE, StateBuffer, TELEPORT_M } from "../src/interpolation";
-import type { State } from "../src/messages";
+import { POSE, StateBuffer, TELEPORT_M } from "../src/interpolation";
+import { MOST_BEHIND_S } from "../src/playback";
+import type { State } from "../src/states";
 
 type Pose = [x: number, y: number, z: number, qw: number, qx: number, qy: number, qz: number];
 const UPRIGHT = [1, 0, 0, 0] as const;
 
 function state(sequence: number, timeS: number, ...poses: Pose[]): State {
-  const bytes = new Uint8Array(new Float32Array(poses.flat()).buffer);
-  return { type: "state", sequence, simulation_time_s: timeS, tracking_sequence: -1, joint_targets: bytes, held: [], poses: bytes };
+  const numbers = new Float32Array(poses.flat());
+  return { sequence, simulation_time_s: timeS, tracking_sequence: -1, joint_targets: new Float64Array(), held: [], poses: numbers };
 }
 
 function at(x: number): Pose {
@@ -27,8 +28,8 @@ function sampled(buffer: StateBuffer, timeS: number, bodies = 1): Float32Array {
 }
 
 function filled(...states: State[]): StateBuffer {
-  const buffer = new StateBuffer(states[0]!.poses.byteLength / (POSE * 4));
-  for (const one of states) expect(buffer.push(one, one.simulation_time_s)).toBe(true);
+  const buffer = new StateBuffer(states[0]!.poses.length / POSE);
+  for (const one of states) expect(buffer.push(one)).toBe(true);
   return buffer;
 }
 
@@ -41,7 +42,7 @@ describe("sampling by simulation time", () => {
     const states = [0, 1, 2, 3].map((n) => state(n, 0.1 + 0.02 * n, turned(0.3 * n * n), at(0.1 * n)));
     const buffer = filled(...states);
     for (const one of states) {
-      expect(sampled(buffer, one.simulation_time_s, 2)).toEqual(new Float32Array(one.poses.slice().buffer));
+      expect(sampled(buffer, one.simulation_time_s, 2)).toEqual(one.poses);
     }
   });
 
@@ -84,22 +85,23 @@ describe("sampling by simulation time", () => {
 
   it("remembers enough for the delay after many states", () => {
     const buffer = filled(...Array.from({ length: 500 }, (_, n) => state(n, n / 100, at(n / 100))));
-    expect(sampled(buffer, 4.99 - DELAY_S)[0]).toBeCloseTo(4.99 - DELAY_S, 5);
+    const oldest = 4.99 - MOST_BEHIND_S;
+    expect(sampled(buffer, oldest)[0]).toBeCloseTo(oldest, 5);
   });
 });
 
 describe("what is taken", () => {
   it("drops states that are old, repeated or of another scene", () => {
     const buffer = filled(state(5, 0.1, at(1)));
-    expect(buffer.push(state(5, 0.1, at(2)), 0.1)).toBe(false);
-    expect(buffer.push(state(4, 0.08, at(2)), 0.1)).toBe(false);
-    expect(buffer.push(state(6, 0.12, at(2), at(2)), 0.12)).toBe(false);
+    expect(buffer.push(state(5, 0.1, at(2)))).toBe(false);
+    expect(buffer.push(state(4, 0.08, at(2)))).toBe(false);
+    expect(buffer.push(state(6, 0.12, at(2), at(2)))).toBe(false);
     expect(sampled(buffer, 1)[0]).toBe(1);
   });
 
   it("starts anew when the simulation does", () => {
     const buffer = filled(state(0, 10, at(1)), state(1, 10.02, at(1)));
-    expect(buffer.push(state(2, 0, at(0.2)), 10.04)).toBe(true);
+    expect(buffer.push(state(2, 0, at(0.2)))).toBe(true);
     expect(sampled(buffer, 10)[0]).toBeCloseTo(0.2, 6);
   });
 
@@ -111,30 +113,23 @@ describe("what is taken", () => {
 });
 
 describe("drawing by local time", () => {
-  function drawnAfter(buffer: StateBuffer, nowS: number): number {
+  it("draws nothing before the first state, then between states by the clock of playback", () => {
+    const buffer = new StateBuffer(1);
     const out = new Float32Array(POSE);
-    buffer.drawn(nowS, out);
-    return out[0]!;
-  }
-
-  it("stays the delay behind the newest state and goes on between states", () => {
-    const buffer = new StateBuffer(1);
-    for (let n = 0; n < 50; n++) buffer.push(state(n, n / 50, at(n / 50)), 100 + n / 50);
-    expect(drawnAfter(buffer, 100.98)).toBeCloseTo(0.98 - DELAY_S, 5);
-    expect(drawnAfter(buffer, 100.99)).toBeCloseTo(0.99 - DELAY_S, 5);
+    expect(buffer.draw(100, out)).toBe(false);
+    for (let n = 0; n < 100; n++) {
+      buffer.push(state(n, n / 100, at(n / 100)));
+      expect(buffer.draw(100 + n / 100, out)).toBe(true);
+      expect(out[0]).toBeCloseTo(Math.max(buffer.drawnTimeS, 0), 6);
+    }
+    expect(buffer.drawnTimeS).toBeGreaterThan(0.97);
   });
 
-  it("moves evenly although states come late", () => {
-    const buffer = new StateBuffer(1);
-    const late = (n: number) => (n % 3) * 0.008;
-    for (let n = 0; n < 200; n++) buffer.push(state(n, n / 50, at(n / 50)), n / 50 + late(n));
-    const step = drawnAfter(buffer, 3.99) - drawnAfter(buffer, 3.98);
-    expect(step).toBeCloseTo(0.01, 5);
-  });
-
-  it("follows at once when the simulation has paused", () => {
-    const buffer = filled(state(0, 1, at(0)), state(1, 1.02, at(0.02)));
-    for (let n = 0; n < 10; n++) buffer.push(state(2 + n, 1.04 + n / 50, at(0.04 + n / 50)), 61 + n / 50);
-    expect(drawnAfter(buffer, 61.18)).toBeCloseTo(0.22 - DELAY_S, 4);
+  it("begins anew when the simulation does", () => {
+    const buffer = filled(state(0, 10, at(1)));
+    buffer.draw(1, new Float32Array(POSE));
+    buffer.push(state(1, 0.5, at(0.2)));
+    buffer.draw(1.01, new Float32Array(POSE));
+    expect(buffer.drawnTimeS).toBeLessThanOrEqual(0.5);
   });
 });

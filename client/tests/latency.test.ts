@@ -1,6 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { LatencyMeter } from "../src/latency";
-import type { Latency, State } from "../src/messages";
+import type { Latency } from "../src/messages";
+import type { State } from "../src/states";
 
 /** The server's clock is ahead by this. */
 const AHEAD_MS = 123_456;

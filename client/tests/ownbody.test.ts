@@ -4,8 +4,9 @@ import { ARM, PERSON } from "../src/anatomy";
 import { BodySolver, type BodyPose, type JointAngles, type Pose } from "../src/body";
 import { chainsOf, drawChain } from "../src/chain";
 import { POSE } from "../src/interpolation";
-import type { Part, Scene, State } from "../src/messages";
+import type { Part, Scene } from "../src/messages";
 import { CROSSING_MS, OwnBody } from "../src/ownbody";
+import type { State } from "../src/states";
 import examples from "./bodies.json";
 
 const { skeleton } = examples[0] as unknown as Scene;
@@ -62,7 +63,7 @@ function apart(a: Pose, b: Pose): { m: number; deg: number } {
 }
 
 function state(targets: JointAngles, held: Part[] = []): State {
-  return { joint_targets: new Uint8Array(Float32Array.from(targets).buffer), held } as unknown as State;
+  return { joint_targets: targets, held } as unknown as State;
 }
 
 /** A person who waves both arms and leans, at up to 1.5 m/s. */

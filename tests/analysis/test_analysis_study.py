@@ -12,13 +12,14 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from analysed import ITEMS, break_off, run_trials, take_part
+from analysed import ITEMS, break_off, latency_of, run_trials, take_part
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.statistics.families import TRIAL, Compared, Question, corrected
 from avrgym.analysis.statistics.offered import offered_tests
 from avrgym.analysis.statistics.tests import holm, signed_rank
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.learning.evaluation import wilson_interval
+from avrgym.recording.latency import STAGES, TOTAL
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage.store import Store
 from html_page import Page
@@ -280,6 +281,28 @@ def test_ranges_say_what_would_have_covered_the_participants(tables: dict[str, F
     trials = only(tables["trials"], counted=True, simulated=True)
     within = trials["waist_x_least_deg"].ge(-10) & trials["waist_x_most_deg"].le(10)
     assert ranges.loc["waist_x_deg, all of a trial", "revised_covers"] == pytest.approx(within.mean())
+
+
+def test_latency_follows_from_what_clients_told_in_counted_trials(
+    store: Store, out: Path, tables: dict[str, Frame]
+) -> None:
+    """Nobody drew pictures for simulated participants; of who withdrew nothing counts."""
+    rows, trials = tables["latency"], tables["trials"]
+    counted = trials[trials.counted & ~trials.simulated]
+    assert not rows.simulated.any()
+    assert set(rows.participant.dropna()) == set(counted.participant)
+    total = rows[rows.participant.isna() & (rows.stage == TOTAL)].iloc[0]
+    others = len(STAGES) - 1
+    waits = [
+        others + wait
+        for participant in counted.participant
+        for wait in latency_of(store.participant(participant)).draw_ms
+    ]
+    assert total.pictures == len(waits) == 3 * len(counted)
+    assert (total.p50_ms, total.p95_ms) == pytest.approx(tuple(np.percentile(waits, [50, 95])))
+    page = (out / "report/index.html").read_text("utf-8")
+    assert "How late pictures were" in page
+    assert page.count("<h3>Latency</h3>") == 1
 
 
 def test_the_results_file_holds_the_tables(out: Path, tables: dict[str, Frame]) -> None:

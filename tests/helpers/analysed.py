@@ -11,8 +11,9 @@ from msgspec.structs import asdict
 from avrgym.models import human
 from avrgym.models.human import JOINTS, Sex
 from avrgym.recording.files import RecordingWriter
+from avrgym.recording.latency import STAGES
 from avrgym.recording.outcomes import Metrics
-from avrgym.recording.records import Answer, BodyTargets, Control, TrackingFrame
+from avrgym.recording.records import Answer, BodyTargets, Control, Latency, TrackingFrame
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage.answers import record_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
@@ -103,10 +104,19 @@ def record_trial(
         control = _control(step, float(rng.normal()))
         reward += control.reward
         writer.write("/control", time_ns, control)
+    if not participant.simulated:
+        writer.write("/latency", 500_000_000, latency_of(participant))
     writer.write("/answers", 900_000_000, Answer("L1", 4, 1.0))
     metrics = Metrics(STEPS, reward, success=bool(rng.random() < 0.5), seconds=4.0)
     writer.close({"result": "completed", **asdict(metrics)})
     return metrics
+
+
+def latency_of(participant: Participant) -> Latency:
+    """What a person's client told in each trial, of frames that took 10, 20 and 30 ms longer with their number."""
+    waits_ms = [participant.number + 10.0 * each for each in (1, 2, 3)]
+    even = [1.0] * len(waits_ms)
+    return Latency([1, 2, 3], *[even] * (len(STAGES) - 1), waits_ms)
 
 
 def _metadata(participant: Participant, trial: Trial) -> dict[str, Any]:

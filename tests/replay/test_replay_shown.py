@@ -23,9 +23,8 @@ from avrgym.replay.pictures import (
 )
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.server import ReplayServer
-from avrgym.replay.timeline import timeline_of
+from avrgym.replay.timeline import FRAME_EVERY_STATES, timeline_of
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.session.reporting import STATE_EVERY_TICKS
 from avrgym.vr.tracking.world import poses
 from visit import Visit, plan
 
@@ -66,7 +65,7 @@ def test_the_poses_are_those_of_every_second_recorded_state(recording: Recording
     playback = Playback(recording)
     shown = [
         (again.time_s, poses(playback.episodes)) for again in playback.run() if isinstance(again, StateAgain)
-    ][::STATE_EVERY_TICKS]
+    ][::FRAME_EVERY_STATES]
     assert timeline.frames_s == [time_s for time_s, _ in shown]
     assert frames == b"".join(frame for _, frame in shown)
     things = len(timeline.scene.bodies) + timeline.scene.marks

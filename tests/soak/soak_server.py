@@ -34,10 +34,11 @@ from avrgym.vr.protocol.messages import (
     Ready,
     Scene,
     SceneLoaded,
-    State,
+    StateChange,
     Timing,
     Welcome,
 )
+from avrgym.vr.protocol.state_changes import StateDecoder
 from avrgym.vr.server.certificate import certificate_for
 from avrgym.vr.server.connection import MESSAGES_PER_S
 from avrgym.vr.server.server import LiveServer
@@ -51,6 +52,8 @@ OWN_MESSAGES = 2_000
 """What a participant may send within a trial beside their frames."""
 FILE_HANDLES = 1_024
 TRIAL_STEPS = 400
+FAR_M = 1000.0
+"""What is no number is told as if it lay farther than this."""
 FLOOD = """
 import resource, socket, sys, time
 resource.setrlimit(resource.RLIMIT_NOFILE, (4096, 4096))
@@ -94,6 +97,7 @@ class Attendant:
         self.person = SimulatedParticipant(draw_traits("woman", 2), 2)
         self.heard: Counter[type] = Counter()
         self.phase, self.finite, self.ended = "", True, False
+        self._states = StateDecoder()
         self._socket = let_in(server, "/ws", server.tokens.participant, opened)
         self._sending = threading.Lock()
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._listen, self._move)]
@@ -117,11 +121,13 @@ class Attendant:
     def _take(self, message: Message) -> None:
         self.heard[type(message)] += 1
         if isinstance(message, Scene):
+            self._states.begin_scene()
             self.send(SceneLoaded(url=message.url))
         elif isinstance(message, Phase):
             self.phase = message.name
-        elif isinstance(message, State):
-            self.finite &= bool(np.isfinite(np.frombuffer(message.poses, "<f4")).all())
+        elif isinstance(message, StateChange):
+            poses = np.frombuffer(self._states.decode(message).poses, "<f4")
+            self.finite &= bool((np.abs(poses) < FAR_M).all())
         elif isinstance(message, messages.Question):
             self.send(messages.Answer(message.item, 4, 1.0))
 
@@ -167,7 +173,7 @@ class Watcher:
                 assert isinstance(data, bytes)
                 message = messages.decode_server(data)
                 self.heard[type(message)] += 1
-                if isinstance(message, State):
+                if isinstance(message, StateChange):
                     self.states_s.append(time.monotonic())
                 elif isinstance(message, Timing):
                     self.missed.append(message.missed_ticks)

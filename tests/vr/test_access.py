@@ -26,7 +26,7 @@ from avrgym.vr.protocol.messages import (
     Message,
     Phase,
     Problem,
-    State,
+    StateChange,
     Status,
     Welcome,
 )
@@ -125,7 +125,7 @@ def test_a_socket_opens_only_to_its_roles(server: LiveServer, path: str) -> None
             else:
                 assert isinstance(first, Problem)
                 with pytest.raises(ConnectionClosed) as closed:
-                    hear(socket, State)
+                    hear(socket, StateChange)
                 assert closed.value.rcvd is not None
                 assert closed.value.rcvd.code == 4403
 
@@ -136,7 +136,7 @@ def test_without_its_token_no_socket_opens(server: LiveServer, path: str, token:
     with opened(server, path, token) as socket:
         assert isinstance(hear(socket, Message), Problem)
         with pytest.raises(ConnectionClosed):
-            hear(socket, State)
+            hear(socket, StateChange)
 
 
 @pytest.mark.parametrize("path", GUARDED)
@@ -206,7 +206,7 @@ def test_any_number_watch_while_the_participant_takes_part(server: LiveServer) -
             hear_phase(socket, "calibration")
         for watcher in watchers:
             watcher.__exit__(None, None, None)
-        assert isinstance(hear(taking_part, State), State)
+        assert isinstance(hear(taking_part, StateChange), StateChange)
 
 
 def test_the_participant_is_never_told_how_the_robot_is_judged(server: LiveServer) -> None:

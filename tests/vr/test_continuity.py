@@ -18,7 +18,7 @@ from test_server import make_server, participant, sit_down
 from avrgym.recording.files import Recording, read_recording
 from avrgym.recording.records import TrackingFrame
 from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import Command, Phase, Ready, State, Tracking
+from avrgym.vr.protocol.messages import Command, Phase, Ready, StateChange, Tracking
 from avrgym.vr.server.loop import RealTimeLoop
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session import events as session_events
@@ -159,7 +159,7 @@ def test_the_robot_holds_within_a_second_when_a_headset_falls_silent(
     monkeypatch.setattr(session, "LOST_TIME_S", float("inf"))  # busy machines stand still
     with make_server(tmp_path) as server, participant(server) as client:
         sit_down(client)
-        client.await_message(State)
+        client.await_message(StateChange)
         if not answers_pings:
             client._socket.send_data = lambda: None
         await_that(lambda: server.session.phase in ("paused", "waiting"))
@@ -300,7 +300,7 @@ def test_a_server_that_is_stopped_in_a_trial_says_so_when_it_goes_on(tmp_path: P
         server.process.send_signal(signal.SIGCONT)
         paused = client.await_message(Phase, lambda phase: phase.name == "paused")
         assert "The computer stood still" in paused.text
-        client.await_message(State, lambda state: len(stored(folder)) == 2)
+        client.await_message(StateChange, lambda state: len(stored(folder)) == 2)
     state, lost = stored(folder)
     assert state == "interrupted"
     print(f"\n{lost}")

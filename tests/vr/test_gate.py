@@ -16,7 +16,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Entered, Phase, State
+from avrgym.vr.protocol.messages import Entered, Phase, StateChange
 from avrgym.vr.server import gate as gate_module
 from avrgym.vr.server.access import Tokens
 from avrgym.vr.server.certificate import certificate_for
@@ -61,7 +61,7 @@ def test_small_messages_are_sent_at_once(
         gate_module, "Connection", lambda taken, host: accepted.append(taken) or known(taken, host)
     )
     with opened(server, "/watch", server.tokens.spectator) as watcher:
-        assert isinstance(hear(watcher, State), State)
+        assert isinstance(hear(watcher, StateChange), StateChange)
         assert accepted
         assert all(taken.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) for taken in accepted)
 
@@ -114,7 +114,7 @@ def test_the_three_parties_stay_and_are_served_whatever_comes(
         parties = {"participant": seated, "experimenter": experimenter, "spectator": spectator}
         listening = {role: Listener(connection) for role, connection in parties.items()}
         for each in listening.values():
-            each.hears_more(State)
+            each.hears_more(StateChange)
         with idle(server.port, 100):
             for role in parties:
                 token = {"authorization": f"Bearer {getattr(server.tokens, role)}"}
@@ -124,7 +124,7 @@ def test_the_three_parties_stay_and_are_served_whatever_comes(
             tell(seated, Entered())
             listening["participant"].hears_more(Phase)
             for each in listening.values():
-                each.hears_more(State)
+                each.hears_more(StateChange)
         assert server.loop.error is None
 
 
@@ -161,7 +161,7 @@ def test_silence_is_closed(
             listening = Listener(seated)
             time.sleep(0.5)
             tell(seated, Entered())
-            listening.hears_more(State)
+            listening.hears_more(StateChange)
 
 
 def test_drop_by_drop_is_no_request(
@@ -208,14 +208,14 @@ def test_where_file_handles_run_out_the_server_goes_on(server: LiveServer[Sessio
             waiting.connect(("127.0.0.1", server.port))
             later.connect(("127.0.0.1", server.port))
             for _ in range(20):
-                hear(seated, State)
+                hear(seated, StateChange)
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
         assert time.process_time() - busy_s < PATIENCE_S
         later.settimeout(PATIENCE_S)
         later.sendall(request(server.port))
         assert status(later.recv(1 << 16)) == 200
-        assert isinstance(hear(seated, State), State)
+        assert isinstance(hear(seated, StateChange), StateChange)
 
 
 def test_who_may_have_one_connection_too_many_is_a_stranger_by_it(

@@ -253,7 +253,7 @@ def test_after_all_that_nobody_is_left_and_nothing_was_logged(
 ) -> None:
     with participant(server) as seated:
         tell(seated, messages.Entered())
-        assert isinstance(hear(seated, messages.State), messages.State)
+        assert isinstance(hear(seated, messages.StateChange), messages.StateChange)
     assert server.loop.error is None
 
 

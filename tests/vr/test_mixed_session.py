@@ -30,6 +30,7 @@ from avrgym.vr.protocol.messages import (
     Upcoming,
 )
 from avrgym.vr.protocol.received import Disconnected
+from avrgym.vr.protocol.state_changes import StateDecoder, StateEncoder
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session import trial_worlds
 from avrgym.vr.session.feedback import ArmTouch
@@ -98,6 +99,19 @@ def test_a_session_goes_through_all_environments(visit: Callable[..., Visit]) ->
     assert [calibrated.measured for calibrated in happened(session, session_events.Calibrated)] == [
         True, *[False] * (changes - 1)
     ]  # fmt: skip
+    check_states_fit_their_scenes(session)
+
+
+def check_states_fit_their_scenes(session: Visit) -> None:
+    """A connection tells states as changes, anew from each scene on: between scenes their rows never change."""
+    encoder, decoder, rows = StateEncoder(), StateDecoder(), 0
+    for message in session.heard:
+        if isinstance(message, Scene):
+            rows = len(message.bodies) + message.marks
+            encoder.begin_scene()
+            decoder.begin_scene()
+        elif isinstance(message, State) and rows:
+            assert len(decoder.decode(encoder.encode(message)).poses) == rows * 7 * 4
 
 
 def test_the_next_scene_is_told_while_the_participant_answers(visit: Callable[..., Visit]) -> None:
@@ -163,7 +177,7 @@ def test_the_session_ticks_on_while_a_world_is_made(tmp_path: Path) -> None:
     states = len(visit.said(State))
     visit.tick(100)
     assert visit.phase == "loading"
-    assert len(visit.said(State)) == states + 50
+    assert len(visit.said(State)) == states + 100
     workers.work()
     visit.until("free_before")
     visit.leave()

@@ -45,9 +45,11 @@ from avrgym.vr.protocol.messages import (
     Scene,
     SceneLoaded,
     State,
+    StateChange,
     Stop,
     Welcome,
 )
+from avrgym.vr.protocol.state_changes import StateDecoder
 from avrgym.vr.scene import rendering as rendering_module
 from avrgym.vr.scene.rendering import SceneRenderer
 from avrgym.vr.server import broadcast, connection, web
@@ -125,7 +127,7 @@ class Client:
         message = messages.decode_server(data)
         if isinstance(message, Scene):
             self.send(SceneLoaded(url=message.url))
-        if isinstance(message, State) and self.tracked is not None:
+        if isinstance(message, StateChange) and self.tracked is not None:
             self.send(self.tracked.frame(0.0, moving=False))
         return message
 
@@ -310,8 +312,6 @@ GOOD_HELLO = Hello(protocol=messages.PROTOCOL, token="?", device="test", emulate
 @pytest.mark.parametrize(
     "first",
     [
-        Hello(protocol=messages.PROTOCOL + 1, token="?", device="", emulated=True),
-        Hello(protocol=0, token="?", device="", emulated=True),
         Entered(),
         Stop(),
         b"",
@@ -330,6 +330,22 @@ def test_whoever_does_not_begin_with_a_hello_is_refused(
     assert code == 4400
     assert words == reason == f"the first message must be a hello of protocol {messages.PROTOCOL}"
     assert server.session.phase == "waiting"
+
+
+@pytest.mark.parametrize("protocol", [0, messages.PROTOCOL - 1, messages.PROTOCOL + 1])
+def test_a_page_of_another_version_is_told_to_reload(server: LiveServer, protocol: int) -> None:
+    with Client(server) as client:
+        client.hello(protocol=protocol)
+        words, code, reason = client.refusal()
+    assert code == 4400
+    assert (
+        words
+        == reason
+        == (
+            f"this page speaks protocol {protocol}, the server {messages.PROTOCOL}: "
+            "reload the page, it is of another version"
+        )
+    )
 
 
 def test_whoever_says_nothing_is_refused(server: LiveServer, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -370,7 +386,7 @@ def test_one_participant_at_a_time(server: LiveServer) -> None:
     assert "one at a time" in words
     assert words == reason
     with participant(server) as third:
-        third.await_message(State)
+        third.await_message(StateChange)
 
 
 def test_of_many_who_come_at_once_one_is_let_in(server: LiveServer) -> None:
@@ -404,9 +420,9 @@ def test_a_connection_begins_with_welcome_body_scene_and_phase(server: LiveServe
             phase = client.receive()
             assert isinstance(phase, Phase)
             assert phase.name == "waiting"
-            states = [client.await_message(State) for _ in range(5)]
+            states = [client.await_message(StateChange) for _ in range(5)]
             assert [state.sequence for state in states] == sorted({state.sequence for state in states})
-            assert len(states[0].poses) == 4 * 7 * len(server.session.bodies)
+            assert len(StateDecoder().decode(states[0]).poses) == 4 * 7 * len(server.session.bodies)
 
 
 @pytest.mark.parametrize(
@@ -445,7 +461,7 @@ def test_too_large_a_message_closes_the_connection_and_not_the_server(server: Li
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 1009
     with participant(server) as other:
-        other.await_message(State)
+        other.await_message(StateChange)
 
 
 def test_damaged_messages_never_end_the_session(server: LiveServer) -> None:
@@ -458,7 +474,7 @@ def test_damaged_messages_never_end_the_session(server: LiveServer) -> None:
             for _ in range(chance.randint(1, 4)):
                 data[chance.randrange(len(data))] = chance.randrange(256)
             client.send(bytes(data))
-        client.await_message(State)
+        client.await_message(StateChange)
     assert server.loop.error is None
 
 
@@ -527,7 +543,7 @@ def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
     with participant(server) as client:
         sit_down(client)
         recording = server.session.recordings[-1]
-        client.await_message(State)
+        client.await_message(StateChange)
         if not politely:
             client.vanish()
     await_that(lambda: server.session.phase == "waiting")
@@ -554,7 +570,7 @@ def test_a_headset_that_falls_silent_is_let_go(tmp_path: Path, monkeypatch: pyte
         speak_and_fall_silent(server, raw)
         assert connected(server)
         with participant(server) as client:
-            client.await_message(State)
+            client.await_message(StateChange)
 
 
 def speak_and_fall_silent(server: LiveServer, raw: socket.socket) -> None:
@@ -714,7 +730,7 @@ def test_nothing_is_left_when_it_ends(tmp_path: Path) -> None:
     with make_server(tmp_path) as server:
         client = Client(server)
         client.hello()
-        client.await_message(State)
+        client.await_message(StateChange)
     with client, pytest.raises(ConnectionClosed):
         client.await_message(Phase, lambda phase: phase.name == "finished")
     assert count_threads("simulation") == simulations

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from avrgym.analysis import rows
+from avrgym.analysis.latency_rows import LatencyRow, latency_rows
 from avrgym.analysis.model_rows import ModelRow
 from avrgym.analysis.reading.flow import Flow, flows
 from avrgym.analysis.reading.observations import Observations, observe
@@ -79,6 +80,7 @@ class Analysis:
     ranges: list[rows.RangeRow]
     site_outcomes: list[SiteOutcomeRow]
     site_effects: list[SiteEffectRow]
+    latency: list[LatencyRow]
 
     @property
     def tests(self) -> list[rows.TestedRow]:
@@ -112,6 +114,7 @@ class Analysis:
         if self.site_outcomes:
             yield Table.of("site_outcomes", SiteOutcomeRow, self.site_outcomes)
             yield Table.of("site_effects", SiteEffectRow, self.site_effects)
+        yield Table.of("latency", LatencyRow, self.latency)
         yield control_steps(seen.series, {row.participant: row for row in seen.participants})
 
     def results(self) -> dict[str, Any]:
@@ -169,6 +172,7 @@ def analyse(
         ranges=range_rows(groups),
         site_outcomes=site_outcome_rows(store.design, observed.trials),
         site_effects=site_effect_rows(store.design, observed.trials, observed.answers, observed.scores),
+        latency=latency_rows(observed.trials, observed.latencies),
     )
 
 

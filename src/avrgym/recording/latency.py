@@ -16,6 +16,8 @@ STAGE_WORDS = {
 }
 """What people read for each stage, in the order of the way."""
 STAGES = tuple(STAGE_WORDS)
+TOTAL = "total_ms"
+"""From pose to picture."""
 SHARES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
 
 
@@ -29,7 +31,7 @@ def percentiles_ms(latencies: Sequence[Latency]) -> dict[str, dict[str, float]]:
     stages = {stage: np.array([ms for each in latencies for ms in getattr(each, stage)]) for stage in STAGES}
     if not stages[STAGES[0]].size:
         return {}
-    stages = {"total_ms": np.sum([*stages.values()], axis=0), **stages}
+    stages = {TOTAL: np.sum([*stages.values()], axis=0), **stages}
     return {
         stage: dict(zip(SHARES, np.percentile(ms, [*SHARES.values()]).tolist(), strict=True))
         for stage, ms in stages.items()

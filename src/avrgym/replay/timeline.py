@@ -14,9 +14,11 @@ from avrgym.replay.trial import Trial, phases, trial_of
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.scene.rendering import render_scene
-from avrgym.vr.session.reporting import STATE_EVERY_TICKS
 from avrgym.vr.session.trial_worlds import resting
 from avrgym.vr.tracking.world import poses, scene_message
+
+FRAME_EVERY_STATES = 2
+"""50 frames a second, which pages draw between."""
 
 
 class Happening(msgspec.Struct, frozen=True):
@@ -125,12 +127,12 @@ def _facts(recording: Recording, trial: Trial) -> dict[str, str]:
 
 
 def _frames(playback: Playback, progress: Callable[[], None]) -> tuple[list[float], list[bytes]]:
-    """Times and poses of as many states as a live client is sent."""
+    """Times and poses of every second recorded state."""
     times_s: list[float] = []
     frames: list[bytes] = []
     states = (again for again in playback.run(follow=True) if isinstance(again, StateAgain))
     for number, state in enumerate(states):
-        if number % STATE_EVERY_TICKS == 0:
+        if number % FRAME_EVERY_STATES == 0:
             times_s.append(state.time_s)
             frames.append(poses(playback.episodes))
         progress()

@@ -1,9 +1,10 @@
 """Writes the TypeScript side of what server and client share: the wire protocol, and how a body follows poses.
 
 ``python -m avrgym.vr.typescript`` writes ``client/src/messages.ts`` from ``messages.py``, ``phases`` and the loop's
-constants, one example of every message as Python encodes it, ``client/tests/messages.json``, and
-``client/src/anatomy.ts`` from what ``vr.tracking`` solves bodies with, and ``client/src/texts.ts`` from the files of
-texts; ``--check`` writes nothing and fails when one is stale.
+constants, ``client/src/anatomy.ts`` from what ``vr.tracking`` solves bodies with, ``client/src/texts.ts`` from the
+files of texts, and for the client's tests one example of every message as Python encodes it,
+``client/tests/messages.json``, and some states, ``client/tests/states.json``; ``--check`` writes nothing and fails
+when one is stale.
 """
 
 import argparse
@@ -20,7 +21,7 @@ from msgspec import inspect
 from avrgym.models import human
 from avrgym.recording.latency import STAGE_WORDS
 from avrgym.texts.texts import read_texts, shipped
-from avrgym.vr.protocol import messages, webxr
+from avrgym.vr.protocol import messages, state_changes, webxr
 from avrgym.vr.session.phases import where
 from avrgym.vr.tracking import arm, body
 from avrgym.vr.tracking.frames import STALE_S
@@ -60,6 +61,8 @@ CONSTANTS = {
     "PROTOCOL": messages.PROTOCOL,
     "STALE_S": STALE_S,
     "TICK_S": TICK_S,
+    "JOINT_STEPS": json.dumps(state_changes.JOINT_STEPS.tolist()),
+    "POSE_STEPS": json.dumps(state_changes.POSE_STEPS.tolist()),
     "STAGE_WORDS": json.dumps(STAGE_WORDS),
 }
 PHASE_FLAGS = ("moves", "can_be_stopped", "awaits_ready", "can_choose_body")
@@ -242,6 +245,28 @@ def generate_examples() -> str:
     return msgspec.json.format(msgspec.json.encode(rows), indent=1).decode() + "\n"
 
 
+def state_examples() -> str:
+    """States of two bodies as JSON: each change as it is sent, and the numbers that the client then holds."""
+    encoder, decoder = state_changes.StateEncoder(), state_changes.StateDecoder()
+    rows = []
+    for number in range(6):
+        turned = np.array([np.cos(0.1 * number), 0.0, np.sin(0.1 * number), 0.0])
+        poses = np.array(
+            [[0.3 * number**2, -1.0, 4e5 * (number % 2), *turned], [0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0]]
+        )
+        targets = np.array([0.0, -0.2 * number])
+        state = messages.State(
+            *(number, 0.01 * number, -1, targets.astype("<f4").tobytes(), [], poses.astype("<f4").tobytes())
+        )
+        change = encoder.encode(state)
+        told = decoder.decode(change)
+        numbers = {name: np.frombuffer(getattr(told, name), "<f4") for name in ("joint_targets", "poses")}
+        rows.append(
+            {"bytes": messages.encode(change), **{name: each.tolist() for name, each in numbers.items()}}
+        )
+    return msgspec.json.format(msgspec.json.encode(rows), indent=1).decode() + "\n"
+
+
 def stale() -> dict[Path, str]:
     """The files that do not hold what they should, with what they should hold."""
     wanted = {
@@ -249,6 +274,7 @@ def stale() -> dict[Path, str]:
         CLIENT / "src/anatomy.ts": anatomy(),
         CLIENT / "src/texts.ts": texts(),
         CLIENT / "tests/messages.json": generate_examples(),
+        CLIENT / "tests/states.json": state_examples(),
     }
     return {
         path: text for path, text in wanted.items() if not path.exists() or path.read_text("utf-8") != text

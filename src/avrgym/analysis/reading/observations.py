@@ -14,6 +14,7 @@ from avrgym.analysis.score_rows import ScoreRow
 from avrgym.analysis.stream_rows import StreamRow
 from avrgym.policies.force_guard import ACTS
 from avrgym.recording.files import Recording, RecordingError
+from avrgym.recording.records import Latency
 from avrgym.recording.streams import stream_figures
 from avrgym.robots.registry import find_robot
 from avrgym.study.checking.held import held_share, too_much_held
@@ -45,6 +46,7 @@ class Observations:
     streams: list[StreamRow] = field(default_factory=list[StreamRow])
     problems: list[ProblemRow] = field(default_factory=list[ProblemRow])
     series: dict[TrialKey, Measured] = field(default_factory=dict[TrialKey, Measured])
+    latencies: dict[TrialKey, list[Latency]] = field(default_factory=dict[TrialKey, list[Latency]])
 
 
 def observe(
@@ -189,6 +191,9 @@ def _add_measures(
         found.series[row.participant, row.position] = measured
         found.terms.extend(_terms(row, measured))
         row = replace(row, **_step_metrics(measured))
+    told = [record for _, record in recording.topics["/latency"]]
+    if told:
+        found.latencies[row.participant, row.position] = told
     row = replace(row, guard_interventions=guard_interventions(recording))
     found.streams.extend(_streams(row, recording))
     if recorded == "whole" and row.reward != row.reward_recorded:

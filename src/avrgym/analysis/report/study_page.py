@@ -19,6 +19,8 @@ from avrgym.analysis.page import (
     write_page,
 )
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
+from avrgym.analysis.report.latency import METHOD as OF_LATENCY
+from avrgym.analysis.report.latency import latency
 from avrgym.analysis.report.models import METHODS as OF_MODELS
 from avrgym.analysis.report.models import models
 from avrgym.analysis.report.plan import NOTHING, confirmatory, plan_section
@@ -115,6 +117,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         other_tests(tests),
         by_site(analysis, simulated),
         streams(analysis, simulated),
+        latency(analysis, simulated),
         trials(analysis, simulated, study_link),
         id=_id(simulated),
     )
@@ -224,4 +227,10 @@ def _methods() -> Markup:
         "docs/analysis.md in AVR Gym's repository says more, and how to recompute every number from tables/. What a "
         "publication needs besides stands in reporting/index.html."
     )
-    return tag("section", tag("h2", "Methods"), listing(METHODS + OF_MODELS), tag("p", more), id="methods")
+    return tag(
+        "section",
+        tag("h2", "Methods"),
+        listing((*METHODS, *OF_MODELS, OF_LATENCY)),
+        tag("p", more),
+        id="methods",
+    )

@@ -55,7 +55,7 @@ class VrSpeed:
     ``missed_running`` would also have been late if no processor had stood still, ``None`` where nobody can say (see
     ``cpu_steal``). ``round_trip_ms`` is the time from a tracking frame's sending to the first state that follows it,
     and ``stages_ms`` its parts: from the client to the server, in the queue until the next tick, the tick until its
-    state is sent (every other tick sends one), and the way back. The ``undisturbed`` are those ticks and round trips
+    state is handed out, and the way back. The ``undisturbed`` are those ticks and round trips
     during which no processor stood still, ``None`` where there are none or nobody can say. ``stolen_s`` is how much
     time of all processors other machines on the same host took, from before the client came until the trial was over,
     where the system knows.
@@ -248,7 +248,7 @@ class _Client:
         return {n: (self._sent[n], came) for n, came in self._came.items() if n in self._sent}
 
     def _take(self, message: messages.ServerMessage) -> None:
-        if isinstance(message, messages.State) and self._phase == "trial":
+        if isinstance(message, messages.StateChange) and self._phase == "trial":
             self._came.setdefault(message.tracking_sequence, time.monotonic())
         elif isinstance(message, messages.Scene):
             self._send(messages.SceneLoaded(message.url))

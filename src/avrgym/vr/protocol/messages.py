@@ -261,7 +261,7 @@ class Scene(Message, frozen=True, tag="scene"):
     """A scene to draw: a GLB whose nodes carry ``extras.body``, and where the simulated world stands.
 
     ``xr_from_world`` places the simulation's z-up world in the participant's ``local-floor`` space: apply it
-    to the root node as it is. ``bodies`` is the order of the poses in every following ``State``; those of
+    to the root node as it is. ``bodies`` is the order of the poses in every following state; those of
     ``marks`` spots on the person follow, of one radius and one colour (red, green, blue in 0..1).
     ``head_bodies`` are hidden from the participant's own eyes, which lie at ``eyes`` in the frame of the first
     of them (x left, -y ahead, z up). ``skeleton`` is that of the participant's body, whose bodies' names begin with
@@ -285,8 +285,8 @@ class Upcoming(Message, frozen=True, tag="upcoming"):
     url: str
 
 
-class State(Message, frozen=True, tag="state"):
-    """The world at one instant.
+class State(Message, frozen=True):
+    """The world at one instant, as sessions hand it out. What is sent of it is a ``StateChange``.
 
     ``poses``: little-endian float32 (bodies + marks, 7): x, y, z, then w, x, y, z; world frame.
     ``tracking_sequence`` is the newest tracking frame that this state already follows, -1 before the first.
@@ -300,6 +300,23 @@ class State(Message, frozen=True, tag="state"):
     tracking_sequence: int
     joint_targets: bytes
     held: list[Part]
+    poses: bytes
+
+
+class StateChange(Message, frozen=True, tag="state"):
+    """How the world differs from the state that this connection was sent before; after a scene, from nothing.
+
+    ``joint_targets`` in steps of 1e-5 rad, one row a joint; ``poses`` in steps of 0.1 mm and 5e-5, one row of x, y, z,
+    w, x, y, z a body or mark. Rows that are as before are left out, but for the first state: each row begins with how
+    many were, then come its differences in zigzag; all are varints as in Protocol Buffers. The other fields are those
+    of the state itself.
+    """
+
+    sequence: int
+    simulation_time_s: float
+    tracking_sequence: int
+    held: list[Part]
+    joint_targets: bytes
     poses: bytes
 
 
@@ -426,7 +443,7 @@ ServerMessage = (
     | Scene
     | Upcoming
     | Passed
-    | State
+    | StateChange
     | Phase
     | Question
     | Problem
@@ -435,8 +452,8 @@ ServerMessage = (
     | Timing
 )
 
-Send = Callable[[ServerMessage], None]
-"""Sends a message to whom it concerns."""
+Send = Callable[[ServerMessage | State], None]
+"""Sends what a session hands out to whom it concerns."""
 
 _Any = TypeVar("_Any")
 

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Generator
 from typing import TypeVar
 
-from avrgym.vr.protocol.messages import Message, Problem, Role, State, Status, Timing, Welcome
+from avrgym.vr.protocol.messages import Message, Problem, Role, Scene, State, Status, Timing, Welcome
 
 T = TypeVar("T")
 
@@ -32,7 +32,7 @@ class Farewell(Exception):
 
 
 class Outbox:
-    """What one connection still has to send: every message in order, but of states only the newest.
+    """What one connection still has to send: every message in order, but of states only the newest of the newest scene.
 
     It begins with the welcome; what was on its way to others before is not for this one. ``made_s`` is when the state
     that was taken last was handed out.
@@ -55,6 +55,7 @@ class Outbox:
             self._state = message, made_s
         else:
             self._messages.append(message)
+            self._state = None if isinstance(message, Scene) else self._state
         self._filled.set()
 
     def close(self, reason: str) -> None:

@@ -11,8 +11,9 @@ import msgspec
 from fastapi import WebSocket, WebSocketDisconnect
 
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Hello, Message, Passed, Problem, Role, State, Tracking
+from avrgym.vr.protocol.messages import Hello, Message, Passed, Problem, Role, Scene, State, Tracking
 from avrgym.vr.protocol.received import Disconnected
+from avrgym.vr.protocol.state_changes import StateEncoder
 from avrgym.vr.server.access import Tokens
 from avrgym.vr.server.broadcast import Broadcast, Farewell, Outbox
 from avrgym.vr.server.gate import Gate
@@ -111,7 +112,9 @@ async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast:
     refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
     with contextlib.suppress(msgspec.DecodeError, TimeoutError, KeyError, WebSocketDisconnect):
         hello = channel.decode(await asyncio.wait_for(socket.receive_bytes(), HELLO_TIMEOUT_S))
-        if isinstance(hello, Hello) and hello.protocol == messages.PROTOCOL:
+        if isinstance(hello, Hello) and hello.protocol != messages.PROTOCOL:
+            refusal = 4400, _OTHER_VERSION.format(hello.protocol)
+        elif isinstance(hello, Hello):
             role = tokens.role(hello.token)
             if role not in channel.roles:
                 refusal = (4403, _EARLIER_START) if hello.token else (4401, _NO_TOKEN)
@@ -127,6 +130,10 @@ async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast:
 
 _EARLIER_START = (
     "the address of this page is of an earlier start of the server; open the one that it prints now"
+)
+_OTHER_VERSION = (
+    "this page speaks protocol {}, "
+    f"the server {messages.PROTOCOL}: reload the page, it is of another version"
 )
 _NO_TOKEN = "the address of this page lacks the session's token; open the one that the server printed"
 
@@ -181,13 +188,18 @@ def _understand(data: bytes | None, channel: Channel, complain: Callable[[Messag
 
 
 async def _send(socket: WebSocket, outbox: Outbox, passage: Passage) -> None:
+    encoder = StateEncoder()
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         try:
             while True:
                 message = await outbox.next()
-                passed = passage.leave(message, outbox.made_s) if isinstance(message, State) else None
-                if passed is not None:
-                    await socket.send_bytes(messages.encode(passed))
+                if isinstance(message, Scene):
+                    encoder.begin_scene()
+                if isinstance(message, State):
+                    passed = passage.leave(message, outbox.made_s)
+                    if passed is not None:
+                        await socket.send_bytes(messages.encode(passed))
+                    message = encoder.encode(message)
                 await socket.send_bytes(messages.encode(message))
         except Farewell as farewell:
             await socket.close(1001, str(farewell))

@@ -12,7 +12,6 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.protocol.received import Received
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.session.reporting import STATE_EVERY_TICKS
 from avrgym.vr.tracking.driving import driver_of
 from avrgym.vr.tracking.world import TICK_S, ControlSteps, poses, scene_message
 
@@ -82,8 +81,7 @@ class Viewing:
         elif now_s >= self._waits_until_s:
             self._run() if self._phase == "loading" else self._begin()
         self._ticks += 1
-        if self._ticks % STATE_EVERY_TICKS == 0:
-            self._send_state()
+        self._send_state()
 
     def close(self, now_s: float) -> None:
         """Nothing is kept."""

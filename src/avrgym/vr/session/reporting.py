@@ -11,7 +11,6 @@ from avrgym.vr.tracking.jumps import PARTS
 from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import TICK_S, ControlStep, LiveWorld
 
-STATE_EVERY_TICKS = 2
 STATUS_EVERY_TICKS = 20
 
 NOTHING_FELT = messages.Feedback(left_touched=False, right_touched=False, events=0)
@@ -23,7 +22,6 @@ class Reporter:
     def __init__(self, send: Send) -> None:
         self._send = send
         self._ticks = 0
-        self._state_due = STATE_EVERY_TICKS
         self._felt = NOTHING_FELT
         self._touched = False, False
         self._world: LiveWorld | None = None
@@ -34,11 +32,7 @@ class Reporter:
         return self._ticks % STATUS_EVERY_TICKS == 0
 
     def tick(self, world: LiveWorld, tracking: TrackingState, step: ControlStep | None) -> None:
-        """Tell of the world after a tick, in which the body followed the tracking.
-
-        A tick that ends a control step has evaluated it, which takes long enough: a state that is due then goes out
-        with the next tick, and from there on they take turns.
-        """
+        """Tell of the world after a tick, in which the body followed the tracking."""
         self._ticks += 1
         if world is not self._world:
             self._world, self._touch = world, ArmTouch(world.simulation)
@@ -46,9 +40,7 @@ class Reporter:
         if self._ticks % SUBSTEPS == 0:
             self._touched = self._touch.sides()
         self._tell_feedback(step)
-        if step is None and self._ticks >= self._state_due:
-            self._state_due = self._ticks + STATE_EVERY_TICKS
-            self._send(self._state(world, tracking))
+        self._send(self._state(world, tracking))
 
     def _state(self, world: LiveWorld, tracking: TrackingState) -> messages.State:
         held = {*tracking.held, *self._held_back.now()}

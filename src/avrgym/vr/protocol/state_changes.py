@@ -1,0 +1,130 @@
+"""States on their way over one connection: how each differs from the one before, in whole steps.
+
+A WebSocket delivers every message once and in order. So both ends hold the same numbers as they were told last, nothing
+needs to be acknowledged, and as whole numbers are added up, nothing drifts: what is told is never further off than half
+a step.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.vr.protocol.messages import State, StateChange
+
+POSITION_STEP_M = 1e-4
+QUATERNION_STEP = 5e-5
+"""Of each of the four numbers. Rounding moves a quaternion by up to one step, and an angle by twice that: 1e-4 rad."""
+JOINT_STEP_RAD = 1e-5
+POSE_STEPS = np.array([POSITION_STEP_M] * 3 + [QUATERNION_STEP] * 4)
+JOINT_STEPS = np.array([JOINT_STEP_RAD])
+MOST_STEPS = 2.0**31 - 1.0
+"""What is further from 0, or no number, is told as if it lay there."""
+
+DIGIT_BITS = 7
+
+Integers = NDArray[np.int64]
+
+
+class StateEncoder:
+    """The server's end of a connection."""
+
+    def __init__(self) -> None:
+        self.begin_scene()
+
+    def begin_scene(self) -> None:
+        """The client was told of a scene: what follows differs from nothing."""
+        self._targets, self._poses = _Told(JOINT_STEPS), _Told(POSE_STEPS)
+
+    def encode(self, state: State) -> StateChange:
+        """What to send of a state of the scene."""
+        return StateChange(
+            sequence=state.sequence,
+            simulation_time_s=state.simulation_time_s,
+            tracking_sequence=state.tracking_sequence,
+            held=state.held,
+            joint_targets=self._targets.changes_to(state.joint_targets),
+            poses=self._poses.changes_to(state.poses),
+        )
+
+
+class StateDecoder:
+    """A client's end of a connection."""
+
+    def __init__(self) -> None:
+        self.begin_scene()
+
+    def begin_scene(self) -> None:
+        """The server told of a scene."""
+        self._targets, self._poses = _Told(JOINT_STEPS), _Told(POSE_STEPS)
+
+    def decode(self, change: StateChange) -> State:
+        """The state that was sent, to half a step."""
+        return State(
+            sequence=change.sequence,
+            simulation_time_s=change.simulation_time_s,
+            tracking_sequence=change.tracking_sequence,
+            joint_targets=self._targets.changed_by(change.joint_targets),
+            held=change.held,
+            poses=self._poses.changed_by(change.poses),
+        )
+
+
+class _Told:
+    """Rows of numbers as one end of a connection was told them last, in whole steps."""
+
+    def __init__(self, steps: NDArray[np.float64]) -> None:
+        self._steps = steps
+        self._whole: Integers = np.zeros((0, len(steps)), np.int64)
+
+    def changes_to(self, numbers: bytes) -> bytes:
+        """How these numbers, little-endian float32, differ from those before."""
+        rows = np.frombuffer(numbers, "<f4").reshape(-1, len(self._steps)) / self._steps
+        whole = np.rint(np.fmin(np.fmax(rows, -MOST_STEPS), MOST_STEPS)).astype(np.int64)
+        if not len(self._whole):
+            self._whole = whole
+            return pack(np.arange(len(whole)), whole)
+        changes, self._whole = whole - self._whole, whole
+        (rows,) = changes.any(axis=1).nonzero()
+        return pack(rows, changes[rows])
+
+    def changed_by(self, packed: bytes) -> bytes:
+        """The numbers after changes, little-endian float32."""
+        rows, changes = unpack(packed, len(self._steps))
+        if not len(self._whole):
+            self._whole = np.zeros((1 + max(rows, default=-1), len(self._steps)), np.int64)
+        self._whole[rows] += changes
+        return (self._whole * self._steps).astype("<f4").tobytes()
+
+
+def pack(rows: Integers, changes: Integers) -> bytes:
+    """Changes (R, columns) of some rows, whose indices (R,) rise.
+
+    Of each, how many rows were left out before it, then its numbers; all as varints, the latter in zigzag, as Protocol
+    Buffers write them (https://protobuf.dev/programming-guides/encoding).
+    """
+    numbers = np.empty((len(rows), 1 + changes.shape[1]), np.int64)
+    numbers[:, 0] = np.diff(rows, prepend=-1) - 1
+    numbers[:, 1:] = (changes << 1) ^ (changes >> 63)
+    digits = -(-int(numbers.max(initial=1)).bit_length() // DIGIT_BITS)
+    rest = numbers.reshape(-1, 1) >> (DIGIT_BITS * np.arange(digits))
+    written = rest > 0
+    written[:, 0] = True
+    more = (rest > 0x7F) << DIGIT_BITS
+    return ((rest & 0x7F) | more)[written].astype(np.uint8).tobytes()
+
+
+def unpack(packed: bytes, columns: int) -> tuple[Integers, Integers]:
+    """The rows that were packed: their indices (R,), and their changes (R, columns).
+
+    Raises:
+        ValueError: where bytes are missing.
+    """
+    digits = np.frombuffer(packed, np.uint8).astype(np.int64)
+    (ends,) = (digits < 0x80).nonzero()
+    starts = np.concatenate([[0], ends[:-1] + 1]).astype(np.int64)[: len(ends)]
+    if len(digits) != (ends[-1] + 1 if len(ends) else 0) or len(ends) % (1 + columns):
+        raise ValueError(f"{len(packed)} bytes do not end with a row of {columns} numbers")
+    place = np.arange(len(digits)) - np.repeat(starts, ends - starts + 1)
+    numbers = np.add.reduceat((digits & 0x7F) << (DIGIT_BITS * place), starts) if len(ends) else digits
+    table = numbers.reshape(-1, 1 + columns)
+    zigzag = table[:, 1:]
+    return np.cumsum(table[:, 0] + 1) - 1, (zigzag >> 1) ^ -(zigzag & 1)
