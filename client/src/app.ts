@@ -1,5 +1,6 @@
 import { Connection, type Link } from "./connection";
 import { awaitsReady, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
+import { DrawnFrames } from "./drawnframes";
 import { fetchBytes } from "./fetching";
 import { FlatPlay } from "./flatplay";
 import { Immersive } from "./immersive";
@@ -37,6 +38,7 @@ export class App {
   private readonly connection: Connection;
   private readonly flat: FlatPlay;
   private readonly latency: LatencyMeter;
+  private readonly drawnFrames = new DrawnFrames();
   private readonly senses: Senses;
   private readonly watching: Watching | null;
   private welcome: Welcome | null = null;
@@ -323,6 +325,7 @@ export class App {
     if (this.watching?.fromInside && !this.presenting) this.watching.follow(this.lastState, this.world.root);
     this.view.render();
     this.tellLatency(timeMs);
+    this.tellFrames(timeMs);
   }
 
   private tellLatency(timeMs: number): void {
@@ -330,6 +333,15 @@ export class App {
     this.latency.pictureDrawn(this.world.drawnTimeS(timeMs), nowMs);
     const latency = this.takesPart ? this.latency.take(nowMs) : null;
     if (latency) this.send(latency);
+  }
+
+  /** While the headset is checked. */
+  private tellFrames(timeMs: number): void {
+    if (!this.takesPart || this.phase?.name !== "headset_check") return this.drawnFrames.forget();
+    const { emulated } = this;
+    const headset = () => ({ device: navigator.userAgent.slice(0, 512), emulated, ...this.session.hardware });
+    const frames = this.drawnFrames.drawn(timeMs, headset);
+    if (frames) this.send(frames);
   }
 
   private updateWorld(timeMs: number, poses: Poses | null): void {

@@ -1,6 +1,6 @@
 // Written by `python -m avrgym.vr.typescript` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 8;
+export const PROTOCOL = 9;
 
 export const STALE_S = 0.2;
 
@@ -22,14 +22,14 @@ export type Part = "head" | "left" | "right";
 
 export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 
-export type PhaseName = "calibration" | "check" | "countdown" | "finished" | "free_after" | "free_before" | "loading" | "paused" | "questionnaire" | "retreat" | "trial" | "viewing" | "waiting";
+export type PhaseName = "calibration" | "check" | "countdown" | "finished" | "free_after" | "free_before" | "headset" | "headset_check" | "loading" | "paused" | "questionnaire" | "retreat" | "trial" | "viewing" | "waiting";
 
 export type Role = "experimenter" | "participant" | "spectator";
 
 export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | "can_choose_body", readonly PhaseName[]> = {
-  moves: ["free_before", "countdown", "trial", "retreat", "free_after"],
+  moves: ["headset_check", "free_before", "countdown", "trial", "retreat", "free_after"],
   can_be_stopped: ["free_before", "countdown", "trial", "retreat"],
-  awaits_ready: ["calibration", "check", "paused"],
+  awaits_ready: ["headset", "calibration", "check", "paused"],
   can_choose_body: ["waiting", "calibration", "check", "paused"],
 };
 
@@ -147,7 +147,20 @@ export interface Latency {
   draw_ms: number[];
 }
 
-export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer | ChooseBody | Latency;
+/** The frames of the last second while the headset is checked: milliseconds from each to the next, and on what.
+ *
+ * `device` is what the browser says that it is, `profiles` what it says of the controllers; `display_hz` is the
+ * display's rate, where it tells. */
+export interface HeadsetFrames {
+  type: "headset_frames";
+  device: string;
+  emulated: boolean;
+  profiles: string[];
+  display_hz: number | null;
+  intervals_ms: number[];
+}
+
+export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer | ChooseBody | Latency | HeadsetFrames;
 
 /** What the experimenter wants of the session.
  *

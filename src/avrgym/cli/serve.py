@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from avrgym.vr.protocol.messages import Send
     from avrgym.vr.server.certificate import Certificate
     from avrgym.vr.server.server import LiveServer
+    from avrgym.vr.session.events import SessionEvent
     from avrgym.vr.session.session import Session
 
 
@@ -62,6 +63,13 @@ def serve(
     mattress_back: Annotated[
         float | None, typer.Option(help="The angle of the real bed's back from the horizontal, degrees.")
     ] = None,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check",
+            help="Check the headset first, for a minute; in a study also where study.toml does not say so.",
+        ),
+    ] = False,
     force_guard: Annotated[
         bool | None,
         typer.Option(
@@ -98,7 +106,7 @@ def serve(
         if participant is not None or (study / "study.toml").is_file():
             if force_guard is not None:
                 raise ValueError(f"in a study force_guard in {study / 'study.toml'} says it, and no option")
-            _serve_study(study, participant, furniture, workers, address, port, certificate)
+            _serve_study(study, participant, furniture, workers, address, port, certificate, check=check)
             return
         make_session = _free_session(
             study,
@@ -110,6 +118,7 @@ def serve(
             seed,
             workers,
             force_guard=force_guard is not False,
+            check=check,
         )
         with LiveServer(make_session, address, port, certificate) as server:
             _explain(server, "spectator")
@@ -124,6 +133,8 @@ def _serve_study(
     host: str,
     port: int,
     certificate: "Certificate | None",
+    *,
+    check: bool,
 ) -> None:
     """Serve a study's dashboard, and one after another the sessions that it begins, a participant's at once."""
     from avrgym.study.dashboard.application import dashboard_app
@@ -143,6 +154,7 @@ def _serve_study(
                 first=participant,
                 furniture=furniture(store.design.furniture),
                 storing=storing,
+                headset_check=check,
             ),
             host,
             port,
@@ -165,18 +177,36 @@ def _free_session(
     workers: Executor,
     *,
     force_guard: bool,
+    check: bool,
 ) -> "Callable[[Send], Session]":
     """What makes a session outside of any study."""
-    from avrgym.vr.session.plan import SessionPlan, load_policies, practised_trials
+    from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, load_policies, practised_trials
     from avrgym.vr.session.session import Session
 
     planned = practised_trials(environments, policy, trials, seed)
     plan = SessionPlan(
-        planned, person, free_movement_s=5.0, simulated=False, furniture=furniture, force_guard=force_guard
+        planned,
+        person,
+        free_movement_s=5.0,
+        simulated=False,
+        furniture=furniture,
+        force_guard=force_guard,
+        headset_check=HeadsetCheckPlan() if check else None,
     )
     policies = load_policies(plan)
     recordings, name = folder / "recordings", folder.name
-    return lambda send: Session(plan, policies, recordings, send, identifier=name, workers=workers)
+    return lambda send: Session(
+        plan, policies, recordings, send, identifier=name, workers=workers, observe=_tell_check
+    )
+
+
+def _tell_check(happened: "SessionEvent") -> None:
+    """Print what a check of the headset found."""
+    from avrgym.vr.session.events import HeadsetChecked
+
+    if isinstance(happened, HeadsetChecked):
+        say(f"Headset check: {happened.check.verdict()}")
+        say(f"    {happened.check.figures()}")
 
 
 def _explain(server: "LiveServer[Any]", experimenters_page: str) -> None:

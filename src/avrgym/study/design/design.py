@@ -76,7 +76,8 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     really sit and lie on.
     A trial whose person was held for more than ``max_held_share`` of the time in which the robot helped enters no
     analysis; a design that does not say counts all. ``force_guard``: arms that press too hard draw back; a design that
-    does not say has none, as studies that began without it.
+    does not say has none, as studies that began without it. ``headset_check``: sessions of people begin with a check of
+    the headset; of a design that does not say they do not.
     """
 
     title: Annotated[str, msgspec.Meta(min_length=1)]
@@ -92,6 +93,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     site: str = ""
     max_held_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 1.0
     force_guard: bool = False
+    headset_check: bool = False
     consent: Consent
     inclusion: tuple[InclusionQuestion, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()

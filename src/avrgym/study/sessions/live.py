@@ -18,7 +18,7 @@ from avrgym.study.sessions.watch import Watch
 from avrgym.study.storage.answers import answered_in_visit, record_answer, record_session_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt, pseudonym_of
-from avrgym.study.storage.sessions import close_session, open_session, skip_trial, tell
+from avrgym.study.storage.sessions import close_session, open_session, skip_trial, store_headset_check, tell
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.study.storage.texts import check_line
@@ -26,7 +26,7 @@ from avrgym.tasks.registry import find_environment
 from avrgym.vr.protocol.messages import Command, Send
 from avrgym.vr.session import events
 from avrgym.vr.session.events import Observer, SessionEvent
-from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
+from avrgym.vr.session.plan import HeadsetCheckPlan, Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.preparation import AtOnce
 from avrgym.vr.session.session import Session
 
@@ -74,11 +74,14 @@ class StudyVisit:
         """Whether somebody elsewhere has ended the session."""
         return self._watch.called_off
 
-    def plan(self, furniture: RealFurniture | None = None) -> SessionPlan:
-        """What remains to be run; ``StudyError`` when nothing does, as after a crash at the very end."""
+    def plan(self, furniture: RealFurniture | None = None, *, headset_check: bool = False) -> SessionPlan:
+        """What remains to be run; ``StudyError`` when nothing does, as after a crash at the very end.
+
+        The arguments are those of ``plan_session``.
+        """
         if not self.store.remaining_trials(self.pseudonym):
             raise StudyError(f"{self.pseudonym} has completed every trial")
-        return plan_session(self.store, self.pseudonym, furniture)
+        return plan_session(self.store, self.pseudonym, furniture, headset_check=headset_check)
 
     def session(
         self,
@@ -171,12 +174,16 @@ def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
     return over + remaining
 
 
-def plan_session(store: Store, pseudonym: str, furniture: RealFurniture | None = None) -> SessionPlan:
+def plan_session(
+    store: Store, pseudonym: str, furniture: RealFurniture | None = None, *, headset_check: bool = False
+) -> SessionPlan:
     """What a session of a participant runs now; there must be a trial that remains.
 
-    ``furniture`` is what the participant really sits and lies on, the design's unless given.
+    ``furniture`` is what the participant really sits and lies on, the design's unless given. ``headset_check``: the
+    headset of a person is checked also where the design does not say so.
     """
     participant, design = store.participant(pseudonym), store.design
+    checked = headset_check or design.headset_check
     trials = trials_in_order(store, pseudonym)
     made = [attempt.trial for attempt in store.attempts(pseudonym)]
     return SessionPlan(
@@ -189,6 +196,7 @@ def plan_session(store: Store, pseudonym: str, furniture: RealFurniture | None =
         furniture=furniture or design.furniture,
         force_guard=design.force_guard,
         stop_rules=design.rules,
+        headset_check=HeadsetCheckPlan() if checked and not participant.simulated else None,
         first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
     )
 
@@ -233,6 +241,8 @@ class Keeper:
         match happened:
             case events.TrialBegun():
                 self._begin(happened)
+            case events.HeadsetChecked():
+                store_headset_check(self._store, self._session.id, happened.check)
             case events.Answered():
                 record_answer(self._store, self._running().id, happened.answer)
             case events.TrialEnded():

@@ -42,13 +42,16 @@ class StudySessions:
         first: str | None = None,
         furniture: RealFurniture | None = None,
         storing: Executor | None = None,
+        headset_check: bool = False,
     ) -> None:
         """Wait for a participant of a study, or begin the session of the ``first`` at once.
 
         ``furniture`` is what participants really sit and lie on here, the design's unless given. ``send`` and
-        ``workers`` are as for ``Session``, ``storing`` as for ``StudyVisit``. Raises what ``begin`` does.
+        ``workers`` are as for ``Session``, ``storing`` as for ``StudyVisit``, ``headset_check`` as for ``plan_session``.
+        Raises what ``begin`` does.
         """
         self._store, self._send, self._workers, self._storing = store, send, workers, storing
+        self._headset_check = headset_check
         self._ended: Future[None] | None = None
         self._retry_at_s: float | None = None
         self._visit: StudyVisit | None = None
@@ -173,7 +176,8 @@ class StudySessions:
         """The trials that remain; ``None`` where a crash left only the last questions."""
         if visit.items("after_session") and not self._store.remaining_trials(visit.pseudonym):
             return None
-        return visit.session(visit.plan(self._furniture), self._send, self._workers, self._scenes)
+        plan = visit.plan(self._furniture, headset_check=self._headset_check)
+        return visit.session(plan, self._send, self._workers, self._scenes)
 
     def _questions_of(self, visit: StudyVisit, when: str) -> SessionQuestions | None:
         return SessionQuestions(visit, when, self._send) if visit.items(when) else None

@@ -187,7 +187,10 @@ class BrowserAttendance:
         frame = self._participant.frame(now_s, moving=name != "calibration")
         self._headset.set_poses(frame, right=question is None)
         self._take_picture(now_s)
-        if name in ("calibration", "check", "paused") and now_s - self._phase_began > CALIBRATION_S:
+        if (
+            name in ("headset", "calibration", "check", "paused")
+            and now_s - self._phase_began > CALIBRATION_S
+        ):
             self._headset.pull_trigger("right")
             self._phase_began = now_s
         if question is not None and question["item"] != self._asked and self._headset.call("buttons"):

@@ -13,7 +13,7 @@ import msgspec
 from avrgym.models.human import Sex
 from avrgym.recording import records
 
-PROTOCOL = 8
+PROTOCOL = 9
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -136,6 +136,22 @@ class Latency(Message, records.Latency, frozen=True, tag="latency"):
     """How long the frames of the last second took from pose to picture."""
 
 
+class HeadsetFrames(Message, frozen=True, tag="headset_frames"):
+    """The frames of the last second while the headset is checked: milliseconds from each to the next, and on what.
+
+    ``device`` is what the browser says that it is, ``profiles`` what it says of the controllers; ``display_hz`` is the
+    display's rate, where it tells.
+    """
+
+    device: Annotated[str, msgspec.Meta(max_length=512)]
+    emulated: bool
+    profiles: Annotated[list[Annotated[str, msgspec.Meta(max_length=128)]], msgspec.Meta(max_length=4)]
+    display_hz: Annotated[float, msgspec.Meta(gt=0, le=1000)] | None
+    intervals_ms: Annotated[
+        list[Annotated[float, msgspec.Meta(gt=0, le=60_000)]], msgspec.Meta(max_length=512)
+    ]
+
+
 ClientMessage = (
     Hello
     | Tracking
@@ -149,6 +165,7 @@ ClientMessage = (
     | Answer
     | ChooseBody
     | Latency
+    | HeadsetFrames
 )
 
 # From the experimenter ---------------------------------------------------------------------------------------
@@ -195,6 +212,8 @@ ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody | D
 
 PhaseName = Literal[
     "waiting",
+    "headset",
+    "headset_check",
     "calibration",
     "loading",
     "check",

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from avrgym.models.human import Sex
+from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.recording.records import Answer
 from avrgym.vr.protocol.messages import PhaseName
@@ -30,6 +31,18 @@ class PhaseEntered(SessionEvent):
 
     phase: PhaseName
     trial: int
+
+
+@dataclass(frozen=True)
+class HeadsetChecked(SessionEvent):
+    """The headset was checked."""
+
+    check: HeadsetCheck
+
+
+@dataclass(frozen=True)
+class HeadsetCheckSkipped(SessionEvent):
+    """The experimenter went on without the headset's check."""
 
 
 @dataclass(frozen=True)

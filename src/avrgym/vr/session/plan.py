@@ -30,6 +30,15 @@ class TrialPlan:
 
 
 @dataclass(frozen=True)
+class HeadsetCheckPlan:
+    """How long a headset is checked: at rest, with the arms being stretched, and while the participant moves."""
+
+    at_rest_s: float = 10.0
+    stretched_s: float = 10.0
+    moving_s: float = 40.0
+
+
+@dataclass(frozen=True)
 class SessionPlan:
     """A session: its trials in order, the body model, and who takes part.
 
@@ -37,7 +46,8 @@ class SessionPlan:
     before the robot starts, ``trial_steps`` a trial's length in control steps of 0.1 s. ``first_trial`` counts
     from 1: a session that goes on after a break begins there. ``haptics`` and ``sounds`` say whether touches are
     felt and successes heard. ``furniture`` is what the participant really sits and lies on. ``force_guard``: arms that
-    press too hard draw back, see ``policies.force_guard``. ``stop_rules``: at which answers the session pauses or ends.
+    press too hard draw back, see ``policies.force_guard``. ``stop_rules``: at which
+    answers the session pauses or ends. ``headset_check``: before all else the headset is checked so.
     """
 
     trials: Sequence[TrialPlan]
@@ -53,6 +63,7 @@ class SessionPlan:
     furniture: RealFurniture = field(default_factory=RealFurniture)
     force_guard: bool = True
     stop_rules: StopRules = field(default_factory=StopRules)
+    headset_check: HeadsetCheckPlan | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.first_trial <= len(self.trials):

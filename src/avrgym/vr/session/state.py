@@ -10,6 +10,7 @@ from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.policies.force_guard import ACTS, RESTS
 from avrgym.recording import records
 from avrgym.recording.files import RecordingError
+from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.recording.latency import is_whole, percentiles_ms
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.recording.stop_rules import Verdict
@@ -42,7 +43,8 @@ class SessionState:
     ``trial`` counts the plan's trials from 0. ``person`` is whose body the participant has; ``height_known``: its
     torso height is theirs, ``calibrated_for``: the posture that they have taken place in. ``on_hold`` is whether the
     experimenter, or a stop rule, lets no trial begin; ``held_because`` is the rule's reason, ``ending``: the rule ends
-    the session. ``now_s`` is the time since the session began.
+    the session. ``headset`` is its latest check; ``headset_checked``: it was found ready, or the check was skipped.
+    ``now_s`` is the time since the session began.
     """
 
     plan: SessionPlan
@@ -60,6 +62,8 @@ class SessionState:
     on_hold: bool = False
     held_because: str = ""
     ending: bool = False
+    headset: HeadsetCheck | None = None
+    headset_checked: bool = False
     now_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -172,12 +176,12 @@ class SessionState:
 
     # How late pictures are ---------------------------------------------------------------------------------------
 
-    def take_latency(self, told: messages.Latency) -> None:
-        """Record what the client tells of the last second; those who watch see the percentiles of some."""
+    def take_latency(self, told: messages.Latency) -> records.Latency | None:
+        """Record what the client tells of the last second, if it is whole; those who watch see percentiles."""
         latency = records.Latency(*(getattr(told, name) for name in records.Latency.__struct_fields__))
         if not is_whole(latency):
             self.problem("a latency needs an entry of each stage for each frame")
-            return
+            return None
         self._latencies.append(latency)
         self.latency = [
             messages.StageLatency(stage, **shares)
@@ -185,6 +189,7 @@ class SessionState:
         ]
         if self.storage.attempt is not None:
             self.storage.attempt.record("/latency", latency, self.now_s)
+        return latency
 
     # Attempts ----------------------------------------------------------------------------------------------------
 
@@ -195,7 +200,7 @@ class SessionState:
         place = self.tracking.registration.xr_from_world()
         attempt = self.storage.begin(
             trial + 1,
-            lambda number: configuration(plan, trial, number, world, place, identifier),
+            lambda number: configuration(plan, trial, number, world, place, identifier, self.headset),
             self.current.earlier_attempts + 1,
             self.now_s,
         )

@@ -19,9 +19,13 @@ BREAK = "Please take a break: the experimenter will talk with you. The robot hol
 class Ongoing(Phase):
     """Any phase but the last."""
 
-    def enter_vr(self) -> phases.Calibration | phases.LoadCalibration:
-        self.state.abandon("interrupted")
-        return self._calibrate_again()
+    def enter_vr(self) -> phases.Enters:
+        state = self.state
+        state.abandon("interrupted")
+        if state.plan.headset_check is None or state.headset_checked:
+            return self._calibrate_again()
+        state.tracking, state.calibrated_for = TrackingState(), None
+        return phases.CheckBegins(state)
 
     def leave_vr(self) -> phases.Waiting:
         self.state.abandon("interrupted")
@@ -100,7 +104,7 @@ class Ongoing(Phase):
 class InVR(Ongoing):
     """The participant is in VR."""
 
-    def reset_origin(self) -> phases.Calibration | phases.LoadCalibration:
+    def reset_origin(self) -> phases.Enters:
         return self.enter_vr()
 
 

@@ -1,0 +1,171 @@
+"""What a check of the headset measured, and whether a session may go on with it: in words, with what to do.
+
+The limits are ours. A display of fewer than 60 Hz flickers; a dropped frame is seen, and one in twenty is more than
+people bear for half an hour; hands that tremble by more than the limits seem to be somebody else's.
+"""
+
+from collections.abc import Iterator, Mapping
+
+import msgspec
+
+from avrgym.recording.latency import STAGE_WORDS
+
+SLOWEST_DISPLAY_HZ = 60.0
+MOST_DROPPED = 0.05
+LATEST_MS = 100.0
+LEAST_TRACKED = 0.95
+MOST_JITTER_MM = {"head": 1.0, "controller": 2.0, "hand": 5.0}
+"""By what is tracked; a bare hand is seen by cameras alone."""
+LEAST_FRAMES = 30
+_STAGE_ADVICE = {
+    "sample_ms": "close other pages in the headset's browser",
+    "up_ms": "use the USB cable, or a 5 GHz network with nothing else on it",
+    "simulate_ms": "close other programs on the server's computer",
+    "send_ms": "close other programs on the server's computer",
+    "down_ms": "use the USB cable, or a 5 GHz network with nothing else on it",
+    "draw_ms": "close other pages in the headset's browser",
+}
+
+
+class TrackedPart(msgspec.Struct, frozen=True):
+    """How head or a hand is tracked.
+
+    ``with_``: a ``headset``, a ``controller``, the bare ``hand``, a ``mouse``, or ``none``. ``share`` of the frames in
+    which it was tracked. ``jitter_mm``: how far it strays at rest from straight lines through half a second, root mean
+    square. ``reach_m``: how far from the head a hand was tracked.
+    """
+
+    with_: str = msgspec.field(name="with")
+    share: float
+    jitter_mm: float | None = None
+    reach_m: float | None = None
+
+
+class HeadsetCheck(msgspec.Struct, frozen=True):
+    """The figures of a check.
+
+    ``device`` is what the browser says that it is, ``profiles`` what it says of controllers, ``emulated``: there was no
+    headset. ``display_hz`` is ``None`` where the headset does not tell. ``seconds`` were measured, in which so many
+    ``frames`` were drawn, at ``frame_rate_hz`` and with ``dropped_share`` missing. ``latency_ms``: percentiles by stage
+    as of ``recording.latency``. ``haptics`` and ``sound``: the participant felt and heard them; ``None`` where nobody
+    asked.
+    """
+
+    device: str
+    emulated: bool
+    profiles: list[str]
+    display_hz: float | None
+    seconds: float
+    frames: int
+    frame_rate_hz: float
+    dropped_share: float
+    latency_ms: Mapping[str, Mapping[str, float]]
+    head: TrackedPart
+    left: TrackedPart
+    right: TrackedPart
+    haptics: bool | None = None
+    sound: bool | None = None
+
+    @property
+    def go(self) -> bool:
+        """Whether a session may begin."""
+        return not self.faults()
+
+    def faults(self) -> list[str]:
+        """What keeps a session from beginning, each with what to do."""
+        return [*_frame_faults(self), *_latency_faults(self), *_tracking_faults(self), *_sense_faults(self)]
+
+    def verdict(self) -> str:
+        """Go or no-go in words."""
+        faults = self.faults()
+        return f"No-go. {' '.join(faults)}" if faults else "Go: the headset is ready."
+
+    def figures(self) -> str:
+        """All that was measured, in one line."""
+        total = self.latency_ms.get("total_ms")
+        return "; ".join(
+            [
+                f"{self.frame_rate_hz:.0f} frames a second" + _of_display(self.display_hz),
+                f"{100.0 * self.dropped_share:.1f} % dropped",
+                "latency not measured"
+                if total is None
+                else f"pose to picture {total['p50']:.0f} ms, 95 % within {total['p95']:.0f} ({_stages(self)})",
+                *(_part_words(name, part) for name, part in _parts(self)),
+                f"buzz {_felt(self.haptics, 'felt')}, chime {_felt(self.sound, 'heard')}",
+            ]
+        )
+
+
+def _of_display(display_hz: float | None) -> str:
+    return "" if display_hz is None else f" of {display_hz:.0f}"
+
+
+def _stages(check: HeadsetCheck) -> str:
+    return ", ".join(f"{words} {check.latency_ms[stage]['p50']:.0f}" for stage, words in STAGE_WORDS.items())
+
+
+def _felt(answer: bool | None, verb: str) -> str:
+    return "not asked" if answer is None else verb if answer else f"not {verb}"
+
+
+def _parts(check: HeadsetCheck) -> tuple[tuple[str, TrackedPart], ...]:
+    return ("head", check.head), ("left hand", check.left), ("right hand", check.right)
+
+
+def _part_words(name: str, part: TrackedPart) -> str:
+    jitter = "" if part.jitter_mm is None else f", jitter {part.jitter_mm:.2f} mm"
+    reach = "" if part.reach_m is None else f", reach {part.reach_m:.2f} m"
+    return f"{name} ({part.with_}) tracked {100.0 * part.share:.0f} %{jitter}{reach}"
+
+
+def _frame_faults(check: HeadsetCheck) -> Iterator[str]:
+    if check.frames < LEAST_FRAMES:
+        yield "The headset drew no pictures: put it on, and keep it on during the check."
+        return
+    if (check.display_hz or check.frame_rate_hz) < SLOWEST_DISPLAY_HZ:
+        yield (
+            f"The display runs at {check.display_hz or check.frame_rate_hz:.0f} Hz, and needs {SLOWEST_DISPLAY_HZ:.0f}: "
+            "choose a higher rate in the headset's settings."
+        )
+    if check.dropped_share > MOST_DROPPED:
+        yield (
+            f"{100.0 * check.dropped_share:.0f} % of the frames are dropped, and at most {100.0 * MOST_DROPPED:.0f} may "
+            "be: close other programs and pages, charge the headset, let it cool."
+        )
+
+
+def _latency_faults(check: HeadsetCheck) -> Iterator[str]:
+    total = check.latency_ms.get("total_ms")
+    if total is None:
+        yield "No pose came back as a picture: check the connection to the server."
+    elif total["p95"] > LATEST_MS:
+        slowest = max(STAGE_WORDS, key=lambda stage: check.latency_ms[stage]["p95"])
+        yield (
+            f"Pictures come up to {total['p95']:.0f} ms after poses, and at most {LATEST_MS:.0f} may pass; most is lost in "
+            f"the stage “{STAGE_WORDS[slowest]}”: {_STAGE_ADVICE[slowest]}."
+        )
+
+
+def _tracking_faults(check: HeadsetCheck) -> Iterator[str]:
+    for name, part in _parts(check):
+        if part.with_ == "mouse":
+            yield f"The {name} follows a mouse: enter VR with a headset."
+            continue
+        if part.share < LEAST_TRACKED:
+            yield (
+                f"The {name} is tracked {100.0 * part.share:.0f} % of the time, and needs {100.0 * LEAST_TRACKED:.0f}: "
+                "switch controllers on or show your hands, light the room, clean the cameras."
+            )
+        limit_mm = MOST_JITTER_MM.get("head" if name == "head" else part.with_)
+        if limit_mm is not None and part.jitter_mm is not None and part.jitter_mm > limit_mm:
+            yield (
+                f"At rest the {name} trembles by {part.jitter_mm:.1f} mm, and at most {limit_mm:g} may be: hold still, "
+                "light the room, cover mirrors and windows."
+            )
+
+
+def _sense_faults(check: HeadsetCheck) -> Iterator[str]:
+    if check.haptics is False:
+        yield "The buzz was not felt: switch vibration on in the headset's settings and on this page."
+    if check.sound is False:
+        yield "The chime was not heard: turn the headset's volume up, and sounds on on this page."
