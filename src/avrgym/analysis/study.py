@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from avrgym.analysis import rows
+from avrgym.analysis.headset_rows import HeadsetRow, headset_rows
 from avrgym.analysis.model_rows import ModelRow
 from avrgym.analysis.reading.flow import Flow, flows
 from avrgym.analysis.reading.observations import Observations, observe
@@ -65,6 +66,7 @@ class Analysis:
     plan: FrozenPlan | None
     observed: Observations
     flows: list[Flow]
+    headsets: list[HeadsetRow]
     groups: list[Measures]
     people: list[rows.PersonRow]
     objective: list[rows.ObjectiveRow]
@@ -109,6 +111,8 @@ class Analysis:
         if self.site_outcomes:
             yield Table.of("site_outcomes", SiteOutcomeRow, self.site_outcomes)
             yield Table.of("site_effects", SiteEffectRow, self.site_effects)
+        if self.headsets:
+            yield Table.of("headset_checks", HeadsetRow, self.headsets)
         yield control_steps(seen.series, {row.participant: row for row in seen.participants})
 
     def results(self) -> dict[str, Any]:
@@ -153,6 +157,7 @@ def analyse(
         plan=plan,
         observed=observed,
         flows=flows(store, observed.trials),
+        headsets=headset_rows(store),
         groups=groups,
         people=people,
         objective=objective_rows(store, observed.trials),

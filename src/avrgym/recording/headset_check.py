@@ -31,7 +31,7 @@ class TrackedPart(msgspec.Struct, frozen=True):
     """How head or a hand is tracked.
 
     ``with_``: a ``headset``, a ``controller``, the bare ``hand``, a ``mouse``, or ``none``. ``share`` of the frames in
-    which it was tracked. ``jitter_mm``: how far it strays at rest from straight lines through half a second, root mean
+    which it was tracked. ``jitter_mm``: how far it strays at rest from parabolas through half a second, root mean
     square. ``reach_m``: how far from the head a hand was tracked.
     """
 
@@ -122,15 +122,16 @@ def _frame_faults(check: HeadsetCheck) -> Iterator[str]:
     if check.frames < LEAST_FRAMES:
         yield "The headset drew no pictures: put it on, and keep it on during the check."
         return
-    if (check.display_hz or check.frame_rate_hz) < SLOWEST_DISPLAY_HZ:
+    display_hz = check.display_hz or check.frame_rate_hz
+    if display_hz < SLOWEST_DISPLAY_HZ:
         yield (
-            f"The display runs at {check.display_hz or check.frame_rate_hz:.0f} Hz, and needs {SLOWEST_DISPLAY_HZ:.0f}: "
-            "choose a higher rate in the headset's settings."
+            f"The display runs at {display_hz:.0f} Hz, and needs {SLOWEST_DISPLAY_HZ:.0f}: choose a higher rate in the "
+            "headset's settings."
         )
     if check.dropped_share > MOST_DROPPED:
         yield (
-            f"{100.0 * check.dropped_share:.0f} % of the frames are dropped, and at most {100.0 * MOST_DROPPED:.0f} may "
-            "be: close other programs and pages, charge the headset, let it cool."
+            f"{100.0 * check.dropped_share:.0f} % of the frames are dropped, and at most {100.0 * MOST_DROPPED:.0f} "
+            "may be: close other programs and pages, charge the headset, let it cool."
         )
 
 
@@ -141,8 +142,8 @@ def _latency_faults(check: HeadsetCheck) -> Iterator[str]:
     elif total["p95"] > LATEST_MS:
         slowest = max(STAGE_WORDS, key=lambda stage: check.latency_ms[stage]["p95"])
         yield (
-            f"Pictures come up to {total['p95']:.0f} ms after poses, and at most {LATEST_MS:.0f} may pass; most is lost in "
-            f"the stage “{STAGE_WORDS[slowest]}”: {_STAGE_ADVICE[slowest]}."
+            f"Pictures come up to {total['p95']:.0f} ms after poses, and at most {LATEST_MS:.0f} may pass; most is "
+            f"lost in the stage “{STAGE_WORDS[slowest]}”: {_STAGE_ADVICE[slowest]}."
         )
 
 

@@ -19,6 +19,7 @@ from avrgym.analysis.page import (
     write_page,
 )
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
+from avrgym.analysis.report.headsets import headset_checks
 from avrgym.analysis.report.models import METHODS as OF_MODELS
 from avrgym.analysis.report.models import models
 from avrgym.analysis.report.plan import NOTHING, confirmatory, plan_section
@@ -55,7 +56,14 @@ def write_study_page(path: Path, analysis: Analysis, drawings: Sequence[Drawing]
         path,
         analysis.design.title,
         header,
-        [plan_section(analysis), *nobody, *sections, _facts(analysis), _problems(analysis), _methods()],
+        [
+            plan_section(analysis),
+            *nobody,
+            *sections,
+            _facts(analysis),
+            _problems(analysis),
+            _methods(analysis),
+        ],
     )
 
 
@@ -216,9 +224,12 @@ METHODS = (
 )
 
 
-def _methods() -> Markup:
+def _methods(analysis: Analysis) -> Markup:
     more = (
         "docs/analysis.md in AVR Gym's repository says more, and how to recompute every number from tables/. What a "
         "publication needs besides stands in reporting/index.html."
     )
-    return tag("section", tag("h2", "Methods"), listing(METHODS + OF_MODELS), tag("p", more), id="methods")
+    checks = headset_checks(analysis.headsets)
+    return tag(
+        "section", tag("h2", "Methods"), listing(METHODS + OF_MODELS), checks, tag("p", more), id="methods"
+    )

@@ -47,8 +47,8 @@ class StudySessions:
         """Wait for a participant of a study, or begin the session of the ``first`` at once.
 
         ``furniture`` is what participants really sit and lie on here, the design's unless given. ``send`` and
-        ``workers`` are as for ``Session``, ``storing`` as for ``StudyVisit``, ``headset_check`` as for ``plan_session``.
-        Raises what ``begin`` does.
+        ``workers`` are as for ``Session``, ``storing`` as for ``StudyVisit``, ``headset_check`` as for
+        ``plan_session``. Raises what ``begin`` does.
         """
         self._store, self._send, self._workers, self._storing = store, send, workers, storing
         self._headset_check = headset_check

@@ -101,9 +101,9 @@ def dropped_share(intervals_ms: Array, display_hz: float | None) -> float:
 
 
 def jitter_mm(frames: Sequence[Tracking], take: Take) -> float | None:
-    """How far a part strays at rest, mm: root mean square about a straight line, the median of half seconds.
+    """How far a part strays at rest, mm: root mean square about a parabola, the median of half seconds.
 
-    What sways slowly is no jitter: the line takes it out. ``None`` where no half second has enough frames.
+    What sways slowly is no jitter: the parabola takes it out. ``None`` where no half second has enough frames.
     """
     poses = [(frame.client_time_ms / 1000.0, take(frame)) for frame in frames]
     seen = [(time_s, pose.position) for time_s, pose in poses if pose is not None]
@@ -121,10 +121,9 @@ def jitter_mm(frames: Sequence[Tracking], take: Take) -> float | None:
 
 
 def _stray_m(times_s: Array, positions: Array) -> float:
-    """Root mean square distance of positions (N, 3) from the straight line that they follow in time, metres."""
-    design = np.stack([np.ones_like(times_s), times_s - times_s.mean()], axis=1)
-    line = np.linalg.lstsq(design, positions, rcond=None)[0]
-    left = positions - design @ line
+    """Root mean square distance of positions (N, 3) from the parabola that they follow in time, metres."""
+    design = np.vander(times_s - times_s.mean(), 3)
+    left = positions - design @ np.linalg.lstsq(design, positions, rcond=None)[0]
     return float(np.sqrt((left * left).sum() / (len(times_s) - design.shape[1])))
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import fmean, stdev
 
+from avrgym.analysis.headset_rows import headset_words
 from avrgym.analysis.page import count
 from avrgym.analysis.reading.flow import Flow
 from avrgym.analysis.report.models import METHODS as OF_MODELS
@@ -32,7 +33,7 @@ def methods(analysis: Analysis, flow: Flow) -> Sections:
             *_orders(flow),
             blinding(analysis.design),
         ],
-        "Apparatus": list(_apparatus(analysis)),
+        "Apparatus": list(_apparatus(analysis, flow)),
         "Procedure": [description(analysis.design), *_inclusion(analysis)],
         "Measures": list(_measures(analysis)),
         "Analysis": list(_analysis(analysis)),
@@ -87,9 +88,10 @@ def _orders(flow: Flow) -> Iterator[str]:
     yield f"Orders given: {given}." if given else "No order has been given yet."
 
 
-def _apparatus(analysis: Analysis) -> Iterator[str]:
+def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
     design, seat = analysis.design, analysis.design.furniture
     software = versions()
+    checked = headset_words([row for row in analysis.headsets if row.simulated is flow.simulated])
     yield (
         f"AVR Gym {software['avrgym']} simulated the robots ({', '.join(design.robots)}) and the person's body with "
         f"MuJoCo {software['mujoco']} (as of this analysis; the report lists recordings of other versions). "
@@ -100,6 +102,8 @@ def _apparatus(analysis: Analysis) -> Iterator[str]:
         f"high with its back at {seat.mattress_back_deg:g}°. "
         f"A force guard drew back arms that pressed too hard: {'yes' if design.force_guard else 'no'}."
     )
+    if checked:
+        yield checked
 
 
 def _inclusion(analysis: Analysis) -> Iterator[str]:
