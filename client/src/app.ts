@@ -148,6 +148,7 @@ export class App {
     if (message.type === "feedback") return this.senses.take(message);
     if (message.type === "status") return this.watching?.statusCame(message);
     if (message.type === "timing") return this.watching?.timingCame(message);
+    if (message.type === "placed") return this.world.move(message, performance.now());
     if (message.type === "upcoming") return this.fetchAhead(message.url);
     if (message.type === "welcome") this.welcomed(message);
     if (message.type === "body") this.body = message;

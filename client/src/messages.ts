@@ -238,6 +238,15 @@ export interface Scene {
   xr_from_world: XRPose;
 }
 
+/** The world goes from where it stands to another place in `local-floor`, evenly, within so many seconds.
+ *
+ * So it follows a participant who has slid on their seat. */
+export interface Placed {
+  type: "placed";
+  xr_from_world: XRPose;
+  seconds: number;
+}
+
 /** The address of a scene that comes next: a client that fetches it now shows it sooner then. */
 export interface Upcoming {
   type: "upcoming";
@@ -363,4 +372,4 @@ export interface Timing {
   missed_ticks: number;
 }
 
-export type ServerMessage = Welcome | Body | Scene | Upcoming | Passed | State | Phase | Question | Problem | Feedback | Status | Timing;
+export type ServerMessage = Welcome | Body | Scene | Placed | Upcoming | Passed | State | Phase | Question | Problem | Feedback | Status | Timing;

@@ -273,6 +273,16 @@ class Scene(Message, frozen=True, tag="scene"):
     xr_from_world: XRPose
 
 
+class Placed(Message, frozen=True, tag="placed"):
+    """The world goes from where it stands to another place in ``local-floor``, evenly, within so many seconds.
+
+    So it follows a participant who has slid on their seat.
+    """
+
+    xr_from_world: XRPose
+    seconds: float
+
+
 class Upcoming(Message, frozen=True, tag="upcoming"):
     """The address of a scene that comes next: a client that fetches it now shows it sooner then."""
 
@@ -408,6 +418,7 @@ ServerMessage = (
     Welcome
     | Body
     | Scene
+    | Placed
     | Upcoming
     | Passed
     | State

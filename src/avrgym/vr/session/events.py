@@ -54,6 +54,13 @@ class Calibrated(SessionEvent):
 
 
 @dataclass(frozen=True)
+class SeatFollowed(SessionEvent):
+    """The participant has slid on their seat, and the virtual one follows by so much."""
+
+    way_m: float
+
+
+@dataclass(frozen=True)
 class TorsoHeightCorrected(SessionEvent):
     """The experimenter gave the participant's torso height."""
 

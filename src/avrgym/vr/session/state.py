@@ -3,6 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, field, replace
 
+import msgspec
 import numpy as np
 
 from avrgym.models import human
@@ -119,6 +120,30 @@ class SessionState:
         if scene != self._told_scene:
             self._told_scene = scene
             self.send(scene)
+            self.tell_placed(self.send)
+
+    def tell_placed(self, send: Send) -> None:
+        """Say where the world goes, if it follows who has slid on their seat."""
+        placed = self.tracking.placed
+        if placed is not None:
+            send(placed)
+
+    def follow_seat(self) -> None:
+        """Let the seat follow who has slid on it; recorded are the beginning, and every place on the way."""
+        before = self.tracking.registration
+        glide = self.tracking.follow_seat(self.world.joint_targets_rad)
+        if glide is not None:
+            way_m = float(np.linalg.norm(glide.shift_w))
+            self.record_event("seat_followed", f"{way_m:.2f} m")
+            self.sink.tell(events.SeatFollowed(self.now_s, way_m))
+            self.tell_placed(self.send)
+        after = self.tracking.registration
+        if after is not None and after is not before:
+            place = after.xr_from_world()
+            self._told_scene = msgspec.structs.replace(self._told_scene, xr_from_world=place)
+            if self.storage.attempt is not None:
+                pose = records.Pose(list(place.position), list(place.orientation))
+                self.storage.attempt.record("/placement", records.Placement(pose), self.now_s)
 
     def obey(self, verdict: Verdict) -> None:
         """Let no further trial begin, because of an answer; what is asked now is asked to its end."""
