@@ -22,14 +22,14 @@ export type Part = "head" | "left" | "right";
 
 export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 
-export type PhaseName = "calibration" | "check" | "countdown" | "finished" | "free_after" | "free_before" | "headset" | "headset_check" | "loading" | "paused" | "questionnaire" | "retreat" | "trial" | "viewing" | "waiting";
+export type PhaseName = "calibration" | "check" | "countdown" | "finished" | "free_after" | "free_before" | "headset" | "headset_check" | "loading" | "paused" | "questionnaire" | "reach" | "retreat" | "trial" | "viewing" | "waiting";
 
 export type Role = "experimenter" | "participant" | "spectator";
 
 export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | "can_choose_body", readonly PhaseName[]> = {
   moves: ["headset_check", "free_before", "countdown", "trial", "retreat", "free_after"],
   can_be_stopped: ["free_before", "countdown", "trial", "retreat"],
-  awaits_ready: ["headset", "calibration", "check", "paused"],
+  awaits_ready: ["headset", "calibration", "reach", "check", "paused"],
   can_choose_body: ["waiting", "calibration", "check", "paused"],
 };
 

@@ -121,7 +121,7 @@ def test_hostile_text_stays_text(tmp_path):
     path = write_report(tmp_path, [record(tmp_path / "a.mcap", metadata, text=HOSTILE)], [], HOSTILE)
     assert HOSTILE not in path.read_text()
     page = Page(path)
-    assert page.text.count(HOSTILE) == 7
+    assert page.text.count(HOSTILE) == 8
     assert "script" not in {tag for tag, _ in page.tags}
 
 

@@ -72,6 +72,14 @@ def test_each_fault_is_told_alone_with_what_to_do(check: HeadsetCheck, what: str
     assert check.verdict() == f"No-go. {fault}"
 
 
+def test_who_reads_in_vr_is_told_the_first_faults_and_how_many_more_there_are() -> None:
+    bad = but(haptics=False, sound=False, dropped_share=0.2)
+    assert len(bad.faults()) == 3
+    assert bad.verdict(2).endswith("(1 more)")
+    assert bad.faults()[2] not in bad.verdict(2)
+    assert "more)" not in bad.verdict()
+
+
 def test_a_bare_hand_may_tremble_more_than_a_controller() -> None:
     assert but(left=TrackedPart("hand", 1.0, 4.0)).go
     assert not but(left=TrackedPart("controller", 1.0, 4.0)).go

@@ -106,7 +106,9 @@ class Walk:
         self._busy = 0
         checked = HeadsetCheckPlan(at_rest_s=0.2, stretched_s=0.2, moving_s=0.2)
         session = replace(
-            plan(seeds=range(7), practice=True, environments=(SITTING, LYING)), headset_check=checked
+            plan(seeds=range(7), practice=True, environments=(SITTING, LYING)),
+            headset_check=checked,
+            measure_reach=True,
         )
         how: dict[str, Any] = {"observe": self._observe, "kept": self._is_stored}
         self.visit = Visit(

@@ -70,6 +70,10 @@ def serve(
             help="Check the headset first, for a minute; in a study also where study.toml does not say so.",
         ),
     ] = False,
+    reach: Annotated[
+        bool,
+        typer.Option("--reach", help="Measure the participant's arms too; in a study study.toml says it."),
+    ] = False,
     force_guard: Annotated[
         bool | None,
         typer.Option(
@@ -119,6 +123,7 @@ def serve(
             workers,
             force_guard=force_guard is not False,
             check=check,
+            reach=reach,
         )
         with LiveServer(make_session, address, port, certificate) as server:
             _explain(server, "spectator")
@@ -178,6 +183,7 @@ def _free_session(
     *,
     force_guard: bool,
     check: bool,
+    reach: bool,
 ) -> "Callable[[Send], Session]":
     """What makes a session outside of any study."""
     from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, load_policies, practised_trials
@@ -192,6 +198,7 @@ def _free_session(
         furniture=furniture,
         force_guard=force_guard,
         headset_check=HeadsetCheckPlan() if check else None,
+        measure_reach=reach,
     )
     policies = load_policies(plan)
     recordings, name = folder / "recordings", folder.name

@@ -75,10 +75,14 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
         """What keeps a session from beginning, each with what to do."""
         return [*_frame_faults(self), *_latency_faults(self), *_tracking_faults(self), *_sense_faults(self)]
 
-    def verdict(self) -> str:
-        """Go or no-go in words."""
+    def verdict(self, most: int | None = None) -> str:
+        """Go or no-go in words, with all faults, or so many at ``most`` and how many more there are."""
         faults = self.faults()
-        return f"No-go. {' '.join(faults)}" if faults else "Go: the headset is ready."
+        if not faults:
+            return "Go: the headset is ready."
+        told = faults[:most]
+        more = [f"({len(faults) - len(told)} more)"] * (len(told) < len(faults))
+        return " ".join(["No-go.", *told, *more])
 
     def figures(self) -> str:
         """All that was measured, in one line."""

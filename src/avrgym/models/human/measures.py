@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 Sex = Literal["man", "woman"]
 SEXES: tuple[Sex, ...] = ("man", "woman")
 TORSO_HEIGHT_RANGE_M = (0.40, 0.75)
+ARM_SCALE_RANGE = (0.8, 1.25)
 
 
 @dataclass(frozen=True)

@@ -196,6 +196,7 @@ def plan_session(
         furniture=furniture or design.furniture,
         force_guard=design.force_guard,
         stop_rules=design.rules,
+        measure_reach=design.measure_reach and not participant.simulated,
         headset_check=HeadsetCheckPlan() if checked and not participant.simulated else None,
         first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
     )

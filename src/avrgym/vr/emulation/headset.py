@@ -126,7 +126,7 @@ class EmulatedHeadset:
         return path
 
 
-PICTURE_AFTER_S = {"free_before": 2.0, "trial": 1.2, "questionnaire": 0.5}
+PICTURE_AFTER_S = {"trial": 4.0}
 """In which phases, and how long after their beginning, a picture is taken of what the participant sees."""
 
 

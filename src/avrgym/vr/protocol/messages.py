@@ -215,6 +215,7 @@ PhaseName = Literal[
     "headset",
     "headset_check",
     "calibration",
+    "reach",
     "loading",
     "check",
     "free_before",

@@ -240,6 +240,7 @@ def configuration(
             "sex": world.person.sex,
             "torso_height_m": world.person.torso_height_m,
             "skin_tone": world.person.skin_tone,
+            **({} if world.person.arm_scale == 1.0 else {"arm_scale": world.person.arm_scale}),
         },
         "start_rad": world.person.joint_angles_rad.tolist(),
         "start": world.start,

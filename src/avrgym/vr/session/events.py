@@ -54,6 +54,13 @@ class Calibrated(SessionEvent):
 
 
 @dataclass(frozen=True)
+class ReachMeasured(SessionEvent):
+    """The participant's arms are so many times as long as those of most people of their torso height."""
+
+    arm_scale: float
+
+
+@dataclass(frozen=True)
 class SeatFollowed(SessionEvent):
     """The participant has slid on their seat, and the virtual one follows by so much."""
 

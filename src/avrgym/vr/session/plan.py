@@ -48,6 +48,7 @@ class SessionPlan:
     felt and successes heard. ``furniture`` is what the participant really sits and lies on. ``force_guard``: arms that
     press too hard draw back, see ``policies.force_guard``. ``stop_rules``: at which
     answers the session pauses or ends. ``headset_check``: before all else the headset is checked so.
+    ``measure_reach``: who is measured also stretches their arms, which become as long as theirs.
     """
 
     trials: Sequence[TrialPlan]
@@ -64,6 +65,7 @@ class SessionPlan:
     force_guard: bool = True
     stop_rules: StopRules = field(default_factory=StopRules)
     headset_check: HeadsetCheckPlan | None = None
+    measure_reach: bool = False
 
     def __post_init__(self) -> None:
         if not 1 <= self.first_trial <= len(self.trials):

@@ -169,6 +169,11 @@ class SessionState:
         self.height_known = True
         self.tracking.place_again(self.person)
 
+    def give_arm_scale(self, arm_scale: float) -> None:
+        """Change the length of the body's arms; ``ValueError`` for arms that no adult has."""
+        self.person = replace(self.person, arm_scale=arm_scale)
+        self.sink.tell(events.ReachMeasured(self.now_s, arm_scale))
+
     def correct_torso_height(self, torso_height_m: float) -> bool:
         """Whether the body has the torso height that the experimenter gave; if not, they are told why."""
         try:
@@ -191,7 +196,8 @@ class SessionState:
             self.problem(str(error), by)
             return False
         if chosen.sex == self.person.sex:
-            chosen = replace(chosen, torso_height_m=self.person.torso_height_m)
+            measured = self.person
+            chosen = replace(chosen, torso_height_m=measured.torso_height_m, arm_scale=measured.arm_scale)
         else:
             self.height_known = False
         self.person = chosen

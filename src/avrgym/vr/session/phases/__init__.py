@@ -22,6 +22,8 @@ from avrgym.vr.session.phases.preparing import (
     LoadCalibration,
     LoadCheck,
     LoadTrial,
+    ReachAhead,
+    ReachAside,
     Storing,
     Waiting,
 )
@@ -42,9 +44,9 @@ Loaded = Begins | Check
 """What may follow when a world is shown."""
 
 PHASES: tuple[type[Phase], ...] = (
-    Waiting, CheckBegins, CheckAtRest, CheckStretched, CheckMoving, CheckSenses, CheckResult, Calibration, LoadTrial,
-    LoadCalibration, LoadCheck, Storing, Check, FreeBefore, Countdown, Trial, Retreat, FreeAfter, Questionnaire, Paused,
-    RecordingFailed, Finished,
+    Waiting, CheckBegins, CheckAtRest, CheckStretched, CheckMoving, CheckSenses, CheckResult, Calibration, ReachAhead,
+    ReachAside, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, FreeBefore, Countdown, Trial, Retreat, FreeAfter,
+    Questionnaire, Paused, RecordingFailed, Finished,
 )  # fmt: skip
 """All phases, in the order of a session."""
 

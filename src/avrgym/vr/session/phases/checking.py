@@ -23,6 +23,8 @@ ASK = "Point at your answer and press the trigger."
 GO_ON = "Press the trigger to go on."
 AGAIN = "Press the trigger to check again; the experimenter can go on without."
 YES = 1
+FAULTS_SHOWN = 2
+"""More would be too small to read; events, database and terminal tell all."""
 BUZZ = Item(
     "haptics",
     "Do you feel a buzz in your hands, every second?",
@@ -207,7 +209,7 @@ class CheckResult(Checking):
     ) -> None:
         super().__init__(state, measurement)
         self._check = measurement.result(haptics=answers.get(BUZZ.id), sound=answers.get(CHIME.id))
-        self.text = f"{self._check.verdict()} {GO_ON if self._check.go else AGAIN}"
+        self.text = f"{self._check.verdict(FAULTS_SHOWN)} {GO_ON if self._check.go else AGAIN}"
 
     def entered(self) -> None:
         self.state.headset = self._check
