@@ -1,5 +1,6 @@
 import { Connection, type Link } from "./connection";
 import { awaitsReady, confirmsAnswers, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
+import { DrawnFrames } from "./drawnframes";
 import { fetchBytes } from "./fetching";
 import { FlatPlay } from "./flatplay";
 import { Immersive } from "./immersive";
@@ -41,6 +42,7 @@ export class App {
   private readonly flat: FlatPlay;
   private readonly latency: LatencyMeter;
   private readonly states = new StateDecoder();
+  private readonly drawnFrames = new DrawnFrames();
   private readonly senses: Senses;
   private readonly watching: Watching | null;
   private welcome: Welcome | null = null;
@@ -154,6 +156,7 @@ export class App {
     if (message.type === "feedback") return this.senses.take(message);
     if (message.type === "status") return this.watching?.statusCame(message);
     if (message.type === "timing") return this.watching?.timingCame(message);
+    if (message.type === "placed") return this.world.move(message, performance.now());
     if (message.type === "upcoming") return this.fetchAhead(message.url);
     if (message.type === "welcome") this.welcomed(message);
     if (message.type === "language") this.speak(wordsOf(message));
@@ -361,6 +364,7 @@ export class App {
     if (this.watching?.fromInside && !this.presenting) this.watching.follow(this.lastState, this.world.root);
     this.view.render();
     this.tellLatency();
+    this.tellFrames(timeMs);
   }
 
   private tellLatency(): void {
@@ -368,6 +372,15 @@ export class App {
     this.latency.pictureDrawn(this.world.drawnTimeS, nowMs);
     const latency = this.takesPart ? this.latency.take(nowMs) : null;
     if (latency) this.send(latency);
+  }
+
+  /** While the headset is checked. */
+  private tellFrames(timeMs: number): void {
+    if (!this.takesPart || this.phase?.name !== "headset_check") return this.drawnFrames.forget();
+    const { emulated } = this;
+    const headset = () => ({ device: navigator.userAgent.slice(0, 512), emulated, ...this.session.hardware });
+    const frames = this.drawnFrames.drawn(timeMs, headset);
+    if (frames) this.send(frames);
   }
 
   private updateWorld(timeMs: number, poses: Poses | null): void {

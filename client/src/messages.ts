@@ -26,14 +26,14 @@ export type Part = "head" | "left" | "right";
 
 export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 
-export type PhaseName = "calibration" | "check" | "confirm" | "countdown" | "finished" | "free_after" | "free_before" | "loading" | "paused" | "questionnaire" | "ready" | "retreat" | "trial" | "viewing" | "waiting";
+export type PhaseName = "calibration" | "check" | "confirm" | "countdown" | "finished" | "free_after" | "free_before" | "headset" | "headset_check" | "loading" | "paused" | "questionnaire" | "reach" | "ready" | "retreat" | "trial" | "viewing" | "waiting";
 
 export type Role = "experimenter" | "participant" | "spectator";
 
 export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | "can_choose_body", readonly PhaseName[]> = {
-  moves: ["free_before", "countdown", "trial", "retreat", "free_after"],
+  moves: ["headset_check", "free_before", "countdown", "trial", "retreat", "free_after"],
   can_be_stopped: ["free_before", "countdown", "trial", "retreat"],
-  awaits_ready: ["calibration", "check", "ready", "confirm", "paused"],
+  awaits_ready: ["headset", "calibration", "reach", "check", "ready", "confirm", "paused"],
   can_choose_body: ["waiting", "calibration", "check", "ready", "paused"],
 };
 
@@ -162,7 +162,20 @@ export interface Latency {
   draw_ms: number[];
 }
 
-export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer | Back | ChooseBody | Latency;
+/** The frames of the last second while the headset is checked: milliseconds from each to the next, and on what.
+ *
+ * `device` is what the browser says that it is, `profiles` what it says of the controllers; `display_hz` is the
+ * display's rate, where it tells. */
+export interface HeadsetFrames {
+  type: "headset_frames";
+  device: string;
+  emulated: boolean;
+  profiles: string[];
+  display_hz: number | null;
+  intervals_ms: number[];
+}
+
+export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer | Back | ChooseBody | Latency | HeadsetFrames;
 
 /** What the experimenter wants of the session.
  *
@@ -248,6 +261,15 @@ export interface Scene {
   eyes: Vector3;
   skeleton: Skeleton;
   xr_from_world: XRPose;
+}
+
+/** The world goes from where it stands to another place in `local-floor`, evenly, within so many seconds.
+ *
+ * So it follows a participant who has slid on their seat. */
+export interface Placed {
+  type: "placed";
+  xr_from_world: XRPose;
+  seconds: number;
 }
 
 /** The address of a scene that comes next: a client that fetches it now shows it sooner then. */
@@ -382,4 +404,4 @@ export interface Timing {
   missed_ticks: number;
 }
 
-export type ServerMessage = Welcome | Language | Body | Scene | Upcoming | Passed | StateChange | Phase | Question | Problem | Feedback | Status | Timing;
+export type ServerMessage = Welcome | Language | Body | Scene | Placed | Upcoming | Passed | StateChange | Phase | Question | Problem | Feedback | Status | Timing;

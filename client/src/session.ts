@@ -52,6 +52,12 @@ export class ImmersiveSession {
     this.events.entered();
   }
 
+  /** What the headset tells of itself and of what the hands hold. */
+  get hardware(): { profiles: string[]; display_hz: number | null } {
+    const profiles = Array.from(this.session?.inputSources ?? [], ({ profiles: [first] }) => first ?? "");
+    return { profiles: profiles.filter((profile) => profile).slice(0, 4), display_hz: this.session?.frameRate ?? null };
+  }
+
   leave(): void {
     void this.session?.end();
   }

@@ -1,13 +1,21 @@
-import { Group, type Vector3 } from "three";
+import { Group, Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { Content } from "./content";
 import { POSE, StateBuffer } from "./interpolation";
 import { bodyPose } from "./devices";
 import type { BodyPose } from "./body";
-import type { Scene, XRPose } from "./messages";
+import type { Placed, Scene, XRPose } from "./messages";
 import { OwnBody } from "./ownbody";
 import type { State } from "./states";
-import type { Poses } from "./tracking";
+import { poseOf, type Poses } from "./tracking";
+
+/** A way of the world, from one place in `local-floor` to another. */
+interface Glide {
+  from: Vector3;
+  to: Vector3;
+  beginsMs: number;
+  lastsMs: number;
+}
 
 const loader = new GLTFLoader();
 
@@ -25,6 +33,7 @@ export class World {
   private newest: Scene | null = null;
   private shown: Scene | null = null;
   private seenFromInside = false;
+  private glide: Glide | null = null;
 
   /** Replaces the scene; until the new one is here, the earlier one stays as it is. */
   async load(scene: Scene, glb: Promise<ArrayBuffer>): Promise<void> {
@@ -34,9 +43,16 @@ export class World {
     this.drawn = new Float32Array(posesIn(scene) * POSE);
     this.own = new OwnBody(scene);
     placeRoot(this.root, scene.xr_from_world);
+    this.glide = null;
     const content = new Content((await loader.parseAsync(await glb, "")).scene, scene);
     if (scene === this.newest) this.replace(content, scene);
     else content.dispose();
+  }
+
+  /** The whole world goes to another place, evenly. */
+  move({ xr_from_world: [to], seconds }: Placed, nowMs: number): void {
+    const from = this.root.position.clone();
+    this.glide = { from, to: new Vector3(...to), beginsMs: nowMs, lastsMs: 1000 * seconds };
   }
 
   /** False when the state is old or of another scene. */
@@ -57,9 +73,10 @@ export class World {
    * `lagMs` is the age of the pose that the newest state follows.
    */
   update(nowMs: number, poses: Poses | null, lagMs: number): void {
+    this.goOn(nowMs);
     if (this.shown !== this.newest || !this.states?.draw(nowMs / 1000, this.simulated)) return;
     this.drawn.set(this.simulated);
-    this.tracked = poses && bodyPose(poses, this.shown!.xr_from_world);
+    this.tracked = poses && bodyPose(poses, this.standing);
     if (this.tracked) this.own?.draw(this.drawn, this.tracked, nowMs, lagMs);
     else this.own?.rest();
     this.content?.place(this.drawn);
@@ -85,6 +102,19 @@ export class World {
   around(eyes: Vector3): Float32Array {
     this.root.updateMatrixWorld();
     return this.content?.surfaces.around(eyes) ?? new Float32Array();
+  }
+
+  private goOn(nowMs: number): void {
+    if (!this.glide) return;
+    const { from, to, beginsMs, lastsMs } = this.glide;
+    const share = Math.min(Math.max((nowMs - beginsMs) / lastsMs, 0), 1);
+    this.root.position.lerpVectors(from, to, share);
+    this.root.updateMatrixWorld();
+    if (share === 1) this.glide = null;
+  }
+
+  private get standing(): XRPose {
+    return poseOf(this.root.position, this.root.quaternion);
   }
 
   private replace(content: Content, scene: Scene): void {

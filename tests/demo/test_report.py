@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import asdict
 
-from avrgym.demo.report import summarise, write_report
+from avrgym.demo.report import summarise, telling_moment_s, write_report
 from avrgym.recording.files import RecordingWriter, read_recording
 from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.recording.records import Answer, Control, Event, Latency, TrackingFrame
@@ -88,6 +88,35 @@ def test_the_report_says_what_happened(tmp_path, picture):
     assert [tag for tag, _ in page.tags].count("svg") == 3
 
 
+def test_the_report_leads_with_what_happened_in_each_trial(tmp_path, picture):
+    trials = [
+        record(tmp_path / "a.mcap", METADATA | {"goal": "Eat the food from the spoon."}),
+        record(tmp_path / "b.mcap", METADATA | {"environment": "avrgym/BedBathingPR2-v1"}, steps=0),
+    ]
+    moments = {trials[0]: picture}
+    written = write_report(tmp_path, trials, [], "Two trials", moments).read_text()
+    lead = written[written.index("What happened") : written.index('<article id="trial-1"')]
+    first, second = lead.split("<h3>")[1:]
+    for words in (
+        "FeedingJaco",
+        "Eat the food",
+        "yes, after 0 s",
+        "at most 6.0 N, mean 3.0 N",
+        "3 of 7: The robot",
+    ):
+        assert words in first
+    assert "data:image/png" in first
+    assert "BedBathingPR2" in second
+    assert "<img" not in second
+    assert "not recorded" in second
+
+
+def test_the_telling_moment_is_the_success_or_else_the_nearest(tmp_path):
+    succeeded = read_recording(record(tmp_path / "a.mcap"))
+    assert telling_moment_s(succeeded) == pytest.approx(0.3)
+    assert telling_moment_s(read_recording(record(tmp_path / "b.mcap", steps=0))) == 0.0
+
+
 def test_answers_stand_in_the_words_that_they_were_asked_in(tmp_path):
     item = {"id": "L1", "text": "How demanding?", "points": 21, "low": "very low", "high": "very high"}
     path = record(tmp_path / "a.mcap", METADATA | {"items": [*METADATA["items"], item]})
@@ -121,7 +150,7 @@ def test_hostile_text_stays_text(tmp_path):
     path = write_report(tmp_path, [record(tmp_path / "a.mcap", metadata, text=HOSTILE)], [], HOSTILE)
     assert HOSTILE not in path.read_text()
     page = Page(path)
-    assert page.text.count(HOSTILE) == 7
+    assert page.text.count(HOSTILE) == 8
     assert "script" not in {tag for tag, _ in page.tags}
 
 

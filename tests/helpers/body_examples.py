@@ -24,8 +24,8 @@ FILE = Path(__file__).parents[2] / "client/tests/bodies.json"
 FEW, SEED = 60, 7
 BODIES = (
     (Person("woman", 0.54), SEATED),
-    (Person("man", 0.63), SEATED),
-    (Person("woman", 0.48), RECLINED),
+    (Person("man", 0.63, arm_scale=1.15), SEATED),
+    (Person("woman", 0.48, arm_scale=0.88), RECLINED),
 )
 SITES = (("head_centre", "head"), ("left_hand_centre", "left_hand"), ("right_hand_centre", "right_hand"))
 
@@ -41,7 +41,7 @@ class _Body:
 
 
 def examples(rng: np.random.Generator, count: int) -> Iterator[dict[str, Any]]:
-    """Of three bodies: poses all over the joints' ranges, near the start, and of nobody's."""
+    """Of three bodies, two with arms of unusual length: poses all over the joints' ranges, near the start, of nobody's."""
     bodies = [_body(*each) for each in BODIES]
     for number in range(count):
         start = SEATED_RAD + rng.uniform(0.0, 1.0) * (rng.uniform(LOWER_RAD, UPPER_RAD) - SEATED_RAD)

@@ -156,7 +156,7 @@ class Visit:
         for _ in range(count):
             if self.tracking and self._ticks % FRAME_EVERY_TICKS == 0:
                 self.tell(self.frame())
-            if self.loads and self.phase == "loading":
+            if self.loads and self.phase in ("loading", "headset") and self.said(Scene):
                 self.tell(SceneLoaded(url=self.said(Scene)[-1].url))
             if self.content and self.phase in ("check", "ready"):
                 self.tell(Ready())

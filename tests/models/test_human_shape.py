@@ -16,7 +16,7 @@ everybody = pytest.mark.parametrize(("sex", "torso_height_m"), PEOPLE)
 
 
 def drawn(sex: Sex, torso_height_m: float, *, open_mouth: bool = False) -> dict[str, Shape]:
-    return dict(shapes(sex, torso_height_m, open_mouth=open_mouth))
+    return dict(shapes(Person(sex, torso_height_m), open_mouth=open_mouth))
 
 
 def in_body(shape: Shape, sex: Sex, torso_height_m: float, body: str) -> np.ndarray:

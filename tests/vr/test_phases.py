@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self, get_args, get_type_hints
 
@@ -30,6 +31,7 @@ from avrgym.vr.protocol.received import Disconnected, Received
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.phases import PHASES
 from avrgym.vr.session.phases.phase import Phase
+from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.session.session import Session
 from visit import Visit, driving, plan
 
@@ -103,7 +105,12 @@ class Walk:
         self.messages = 0
         self._chance, self._world = random.Random(seed), random.Random(seed + 1000)
         self._busy = 0
-        session = plan(seeds=range(7), practice=True, environments=(SITTING, LYING))
+        checked = HeadsetCheckPlan(at_rest_s=0.2, stretched_s=0.2, moving_s=0.2)
+        session = replace(
+            plan(seeds=range(7), practice=True, environments=(SITTING, LYING)),
+            headset_check=checked,
+            measure_reach=True,
+        )
         how: dict[str, Any] = {"observe": self._observe, "kept": self._is_stored}
         self.visit = Visit(
             folder,
@@ -143,12 +150,15 @@ class Walk:
     def _go_on(self) -> None:
         if self.visit.phase == "waiting":
             self._tell(Entered())
+        elif self.visit.phase == "headset":
+            shown = SceneLoaded(self.visit.said(Scene)[-1].url) if self.visit.said(Scene) else Ready()
+            self._tell(self._chance.choice([Ready(), Ready(), shown, shown, Command("skip")]))
         elif self.visit.phase in ("calibration", "check", "ready", "paused"):
             self._tell(self._chance.choice([Ready(), Ready(), Command("continue")]))
         elif self.visit.phase == "loading" and self.visit.said(Scene):
             shown = SceneLoaded(self.visit.said(Scene)[-1].url)
             self._tell(self._chance.choice([shown, shown, shown, OriginReset()]))
-        elif self.visit.phase == "questionnaire":
+        elif self.visit.phase in ("questionnaire", "headset_check") and self.visit.said(Question):
             asked = self.visit.said(Question)[-1]
             self._tell(Answer(asked.item, self._chance.randint(1, asked.points), 1.0))
         elif self.visit.phase == "confirm":

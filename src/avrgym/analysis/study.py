@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from avrgym.analysis import rows
+from avrgym.analysis.headset_rows import HeadsetRow, headset_rows
 from avrgym.analysis.latency_rows import LatencyRow, latency_rows
 from avrgym.analysis.model_rows import ModelRow
 from avrgym.analysis.reading.flow import Flow, flows
@@ -67,6 +68,7 @@ class Analysis:
     plan: FrozenPlan | None
     observed: Observations
     flows: list[Flow]
+    headsets: list[HeadsetRow]
     groups: list[Measures]
     people: list[rows.PersonRow]
     objective: list[rows.ObjectiveRow]
@@ -115,6 +117,8 @@ class Analysis:
             yield Table.of("site_outcomes", SiteOutcomeRow, self.site_outcomes)
             yield Table.of("site_effects", SiteEffectRow, self.site_effects)
         yield Table.of("latency", LatencyRow, self.latency)
+        if self.headsets:
+            yield Table.of("headset_checks", HeadsetRow, self.headsets)
         yield control_steps(seen.series, {row.participant: row for row in seen.participants})
 
     def results(self) -> dict[str, Any]:
@@ -159,6 +163,7 @@ def analyse(
         plan=plan,
         observed=observed,
         flows=flows(store, observed.trials),
+        headsets=headset_rows(store),
         groups=groups,
         people=people,
         objective=objective_rows(store, observed.trials),

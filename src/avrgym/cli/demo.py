@@ -13,9 +13,9 @@ def demo(
     out: Annotated[Path, typer.Option(help="A folder for recordings, pictures and report.")] = Path("demo"),
     seed: Seed = 0,
 ) -> None:
-    """Run a session of a simulated participant, then its report.
+    """Run a session of a simulated participant in all four tasks, then its report.
 
-    Takes about a minute and a half.
+    Takes about two minutes.
     """
     from avrgym.demo.session import run_demo
 
@@ -26,7 +26,7 @@ def demo(
         say(f"recorded  {recording}")
     say(f"report    {result.report}")
     if result.without_browser:
-        say("There was no browser, so the report has no pictures.")
+        say("There was no browser, so the report has no pictures through the participant's eyes.")
     say("Open the report in a browser. `avrgym serve` starts the live server for a headset.")
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from avrgym.vr.protocol.messages import Send
     from avrgym.vr.server.certificate import Certificate
     from avrgym.vr.server.server import LiveServer
+    from avrgym.vr.session.events import SessionEvent
     from avrgym.vr.session.session import Session
     from avrgym.vr.session.streams import Streams
 
@@ -68,6 +69,17 @@ def serve(
     language: Annotated[
         str, typer.Option(help="What the participant reads; in a study study.toml and enrolment say it.")
     ] = "",
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check",
+            help="Check the headset first, for a minute; in a study also where study.toml does not say so.",
+        ),
+    ] = False,
+    reach: Annotated[
+        bool,
+        typer.Option("--reach", help="Measure the participant's arms too; in a study study.toml says it."),
+    ] = False,
     force_guard: Annotated[
         bool | None,
         typer.Option(
@@ -124,7 +136,7 @@ def serve(
                 raise ValueError(f"in a study [streams] in {study / 'study.toml'} says it, and no option")
             if language:
                 raise ValueError(f"in a study languages in {study / 'study.toml'} and enrolment say it, and no option")
-            _serve_study(study, participant, furniture, workers, address, port, certificate)
+            _serve_study(study, participant, furniture, workers, address, port, certificate, check=check)
             return
         streams = stack.enter_context(_streams(choice))
         make_session = _free_session(
@@ -139,6 +151,8 @@ def serve(
             streams,
             force_guard=force_guard is not False,
             language=language or "en",
+            check=check,
+            reach=reach,
         )
         with LiveServer(make_session, address, port, certificate) as server:
             _explain(server, "spectator")
@@ -153,6 +167,8 @@ def _serve_study(
     host: str,
     port: int,
     certificate: "Certificate | None",
+    *,
+    check: bool,
 ) -> None:
     """Serve a study's dashboard, and one after another the sessions that it begins, a participant's at once."""
     from avrgym.study.dashboard.application import dashboard_app
@@ -176,6 +192,7 @@ def _serve_study(
                 furniture=furniture(store.design.furniture),
                 storing=storing,
                 streams=streams,
+                headset_check=check,
             ),
             host,
             port,
@@ -214,12 +231,13 @@ def _free_session(
     *,
     force_guard: bool,
     language: str,
+    check: bool,
+    reach: bool,
 ) -> "Callable[[Send], Session]":
     """What makes a session outside of any study."""
-    from avrgym.recording.questionnaire import LIKERT_ITEMS
-    from avrgym.study.design.languages import translate
+    from avrgym.recording.questionnaire import LIKERT_ITEMS, translate
     from avrgym.texts.texts import read_texts
-    from avrgym.vr.session.plan import SessionPlan, load_policies, practised_trials
+    from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, load_policies, practised_trials
     from avrgym.vr.session.session import Session
 
     texts = read_texts(language)
@@ -233,12 +251,30 @@ def _free_session(
         furniture=furniture,
         force_guard=force_guard,
         texts=texts,
+        headset_check=HeadsetCheckPlan() if check else None,
+        measure_reach=reach,
     )
     policies = load_policies(plan)
     recordings, name = folder / "recordings", folder.name
     return lambda send: Session(
-        plan, policies, recordings, send, identifier=name, workers=workers, streams=streams
+        plan,
+        policies,
+        recordings,
+        send,
+        identifier=name,
+        workers=workers,
+        observe=_tell_check,
+        streams=streams,
     )
+
+
+def _tell_check(happened: "SessionEvent") -> None:
+    """Print what a check of the headset found."""
+    from avrgym.vr.session.events import HeadsetChecked
+
+    if isinstance(happened, HeadsetChecked):
+        say(f"Headset check: {happened.check.words()}")
+        say(f"    {happened.check.figures()}")
 
 
 def _explain(server: "LiveServer[Any]", experimenters_page: str) -> None:

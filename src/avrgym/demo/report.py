@@ -2,10 +2,11 @@
 
 import base64
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from statistics import fmean
 
 from avrgym.analysis.figures.charts import trial_charts
 from avrgym.analysis.page import (
@@ -23,6 +24,7 @@ from avrgym.analysis.page import (
     write_page,
 )
 from avrgym.demo.events import folded
+from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.recording.files import Recording, RecordingError, read_recording
 from avrgym.recording.latency import STAGE_WORDS, STAGES, percentiles_ms
 from avrgym.recording.records import Answer, TrackingFrame
@@ -65,27 +67,35 @@ def summarise(recording: Recording) -> TrialSummary:
 
 
 def write_report(
-    out_dir: str | Path, recordings: Sequence[str | Path], pictures: Sequence[str | Path], title: str
+    out_dir: str | Path,
+    recordings: Sequence[str | Path],
+    pictures: Sequence[str | Path],
+    title: str,
+    moments: Mapping[Path, Path] | None = None,
 ) -> Path:
     """Write ``out_dir/report/index.html`` about recordings, with pictures of what the participant saw.
+
+    It leads with what happened in each trial; ``moments`` are pictures of them by recording.
 
     The same input gives the same bytes. Recordings that cannot be read are named in the report; a picture of
     an unknown type raises ``ValueError``.
     """
-    readable, unreadable = _read_all([Path(path) for path in recordings])
+    read, unreadable = _read_all([Path(path) for path in recordings])
+    readable = [recording for _, recording in read]
+    drawn = {path: _picture(picture) for path, picture in (moments or {}).items()}
     shown = [_picture(Path(path)) for path in pictures]
     trials = [_trial(number, recording) for number, recording in enumerate(readable, start=1)]
     header = [_counts(readable, unreadable), _simulated_notice(readable)]
-    main = [_overview(readable), _gallery(shown), *trials]
+    main = [_what_happened(read, drawn), _gallery(shown), _overview(readable), *trials]
     return write_page(Path(out_dir) / "report" / "index.html", title, header, main)
 
 
-def _read_all(paths: list[Path]) -> tuple[list[Recording], list[str]]:
-    readable: list[Recording] = []
+def _read_all(paths: list[Path]) -> tuple[list[tuple[Path, Recording]], list[str]]:
+    readable: list[tuple[Path, Recording]] = []
     unreadable: list[str] = []
     for path in paths:
         try:
-            readable.append(read_recording(path))
+            readable.append((path, read_recording(path)))
         except (OSError, RecordingError) as error:
             unreadable.append(str(error).replace(str(path), path.name))
     return readable, unreadable
@@ -160,6 +170,60 @@ def _picture(path: Path) -> Markup:
     source = f"data:{PICTURE_TYPES[path.suffix.lower()]};base64,{data}"
     image = Markup(f'<img src="{source}" alt="{escape(caption)}">')
     return figure(image, caption)
+
+
+# What happened
+
+
+def telling_moment_s(recording: Recording) -> float:
+    """When a picture tells most of a trial: at the success, else when the robot was nearest; from its beginning."""
+    control = recording.topics["/control"]
+    if not control:
+        return 0.0
+    success = next((time_ns for time_ns, record in control if record.success), None)
+    nearest_ns, _ = min(control, key=lambda each: each[1].distance_m)
+    return (nearest_ns if success is None else success) / 1e9
+
+
+def _what_happened(recordings: list[tuple[Path, Recording]], drawn: Mapping[Path, Markup]) -> Markup:
+    """Each trial with its picture, success, force and answers."""
+    if not recordings:
+        return Markup()
+    happened = [
+        _happened(number, recording, drawn.get(path))
+        for number, (path, recording) in enumerate(recordings, start=1)
+    ]
+    return tag("section", tag("h2", "What happened"), tag("div", *happened, class_="figures"))
+
+
+def _happened(number: int, recording: Recording, picture: Markup | None) -> Markup:
+    environment, goal = _text(recording, "environment"), recording.metadata.get("goal")
+    name = environment.removeprefix("avrgym/").removesuffix("-v1")
+    facts = {"Success": _success_when(recording), "Force on the person": _force(recording)}
+    told = [tag("p", f"The participant was told: {goal}")] if goal else []
+    more = tag("p", tag("a", "More about this trial", href=f"#trial-{number}"))
+    return tag(
+        "div", tag("h3", name), picture or Markup(), *told, definitions(facts), _ratings(recording), more
+    )
+
+
+def _success_when(recording: Recording) -> str:
+    control, summary = recording.topics["/control"], summarise(recording)
+    first = next((record.step for _, record in control if record.success), None)
+    return _success(recording, summary) if first is None else f"yes, after {first * CONTROL_STEP_S:.0f} s"
+
+
+def _force(recording: Recording) -> str:
+    forces = [record.force_on_person_n for _, record in recording.topics["/control"]]
+    if not forces:
+        return "not recorded"
+    return f"at most {quantity(max(forces), 'N', digits=1)}, mean {quantity(fmean(forces), 'N', digits=1)}"
+
+
+def _ratings(recording: Recording) -> Markup:
+    """What the participant answered, in a line each."""
+    asked = [(_asked(recording, answer), answer.item) for _, answer in recording.topics["/answers"]]
+    return listing([f"{value}: {text or item}" for (text, _, value), item in asked])
 
 
 # One trial

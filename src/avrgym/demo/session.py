@@ -1,10 +1,14 @@
-"""One whole session of a simulated participant, and its report."""
+"""One whole session of a simulated participant in all tasks, and its report."""
 
 from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from avrgym.demo.report import write_report
+from avrgym.demo.report import telling_moment_s, write_report
+from avrgym.recording.files import read_recording
+from avrgym.replay.pictures import draw_moment
+from avrgym.replay.trial import ReplayError
 from avrgym.vr.emulation.headset import BrowserAttendance, BrowserMissingError, EmulatedHeadset
 from avrgym.vr.emulation.in_process import InProcessClient
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
@@ -13,8 +17,15 @@ from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
 
-ENVIRONMENT = "avrgym/FeedingJaco-v1"
-FREE_MOVEMENT_S = 4.0
+ENVIRONMENTS = (
+    "avrgym/FeedingJaco-v1",
+    "avrgym/DrinkingPR2-v1",
+    "avrgym/ScratchItchJaco-v1",
+    "avrgym/BedBathingPR2-v1",
+)
+"""Every task, with one robot or the other; who lies down does so last, since they are measured anew."""
+FREE_MOVEMENT_S, COUNTDOWN_S, TRIAL_STEPS = 1.0, 2.0, 120
+"""Short, so that all is over within two minutes."""
 
 
 @dataclass(frozen=True)
@@ -27,23 +38,25 @@ class DemoResult:
 
 
 def run_demo(out: Path, seed: int, say: Callable[[str], None]) -> DemoResult:
-    """Run a practice trial and a trial, answer the questionnaire, and write the report into ``out``."""
+    """Run a trial of each task, answer the questionnaire, and write the report into ``out``."""
     plan = SessionPlan(
         trials=[
-            TrialPlan(ENVIRONMENT, "revised", seed=2 * seed, practice=True),
-            TrialPlan(ENVIRONMENT, "revised", seed=2 * seed + 1, practice=False),
+            TrialPlan(environment, "revised", seed=len(ENVIRONMENTS) * seed + number, practice=False)
+            for number, environment in enumerate(ENVIRONMENTS)
         ],
         sex="woman",
         free_movement_s=FREE_MOVEMENT_S,
         simulated=True,
+        trial_steps=TRIAL_STEPS,
+        countdown_s=COUNTDOWN_S,
     )
     policies = load_policies(plan)
     participant = SimulatedParticipant(draw_traits(plan.sex, seed), seed)
     pictures = out / "pictures"
     pictures.mkdir(parents=True)
 
-    def make_session(send: Callable[[Message], None]) -> Session:
-        return Session(plan, policies, out / "recordings", send, identifier="demo")
+    def make_session(send: Callable[[Message], None], workers: Executor | None = None) -> Session:
+        return Session(plan, policies, out / "recordings", send, identifier="demo", workers=workers)
 
     without_browser = None
     try:
@@ -52,17 +65,36 @@ def run_demo(out: Path, seed: int, say: Callable[[str], None]) -> DemoResult:
         without_browser = str(error)
         say(f"no browser: {error}; running the same session in process")
         taken, recordings = [], _in_process(make_session, participant, say)
-    report = write_report(out, recordings, taken, "Demonstration with a simulated participant")
+    moments = _draw_moments(recordings, pictures, say)
+    report = write_report(out, recordings, taken, "Demonstration with a simulated participant", moments)
     return DemoResult(report, recordings, without_browser)
 
 
+def _draw_moments(recordings: list[Path], folder: Path, say: Callable[[str], None]) -> dict[Path, Path]:
+    """A picture of each recording from beside, where pictures can be drawn."""
+    drawn: dict[Path, Path] = {}
+    for path in recordings:
+        recording, out = read_recording(path), folder / f"{path.stem}-from-beside.jpg"
+        try:
+            draw_moment(recording, telling_moment_s(recording), out)
+        except (ReplayError, RuntimeError) as error:
+            say(f"no picture of {path.name} from beside: {error}")
+            break
+        drawn[path] = out
+    return drawn
+
+
 def _in_browser(
-    make_session: Callable[[Callable[[Message], None]], Session],
+    make_session: Callable[[Callable[[Message], None], Executor], Session],
     participant: SimulatedParticipant,
     pictures: Path,
     say: Callable[[str], None],
 ) -> tuple[list[Path], list[Path]]:
-    with LiveServer(make_session, "127.0.0.1", 0) as server, EmulatedHeadset(server.url) as headset:
+    with (
+        ThreadPoolExecutor(1) as workers,
+        LiveServer(lambda send: make_session(send, workers), "127.0.0.1", 0) as server,
+        EmulatedHeadset(server.url) as headset,
+    ):
         say(f"the server listens on http://{server.host}:{server.port}, a headset is emulated in Chromium")
         taken = BrowserAttendance(headset, server.session, participant, pictures, say).run()
         return taken, list(server.session.recordings)

@@ -60,6 +60,7 @@ HEAD_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
 
 PLACE_M, OPENING_M, MOUTH_OPEN = 1.2, 0.06, 0.7
 """What the whole ranges of stored places and openings stand for, and how wide an open mouth is."""
+ARM = ("upper_arm", "forearm")
 CROWN_SHARE = 0.5
 """How much of the torso's stretch the head takes, above the mouth: its collision sphere rises by so much."""
 
@@ -79,8 +80,8 @@ class Shape:
 def add_appearance(spec: mujoco.MjSpec, person: Person, posture: Posture, *, open_mouth: bool) -> None:
     """Add the skins of a person whose bodies are in the scene; they lie in bed without shoes."""
     _add_materials(spec, person)
-    pos, q = bind_frames(person.sex, person.torso_height_m)
-    for name, shape in shapes(person.sex, person.torso_height_m, open_mouth=open_mouth):
+    pos, q = bind_frames(person.sex, person.torso_height_m, person.arm_scale)
+    for name, shape in shapes(person, open_mouth=open_mouth):
         if name == ("feet" if posture.shoes else "shoes"):
             continue
         skin = spec.add_skin(name=PREFIX + name, material=_material(name), group=VISUAL_GROUP)
@@ -127,24 +128,29 @@ def _bind(skin: mujoco.MjsSkin, shape: Shape, pos: Mapping[str, Array], q: Mappi
     skin.vertweight = [shape.weights[of_body].tolist() for of_body in held]
 
 
-def shapes(sex: Sex, torso_height_m: float, *, open_mouth: bool) -> Iterator[tuple[str, Shape]]:
-    """All parts of a body by name, as long as the torso height makes it."""
+def shapes(person: Person, *, open_mouth: bool) -> Iterator[tuple[str, Shape]]:
+    """All parts of a body by name, as long as the torso height and the arms' scale make it."""
     for name in PARTS:
-        drawn, opening = _drawn(sex)[name]
+        drawn, opening = _drawn(person.sex)[name]
         vertices = drawn.vertices + (MOUTH_OPEN if open_mouth else 0.0) * opening
-        yield name, _stretched(drawn, vertices, sex, torso_height_m)
+        yield name, _stretched(drawn, vertices, person)
 
 
-def _stretched(drawn: Shape, vertices: Array, sex: Sex, torso_height_m: float) -> Shape:
-    reference_m = PROPORTIONS[sex].torso_height
-    h = torso_height_m / reference_m
-    old_pos, q = bind_frames(sex, reference_m)
-    new_pos, _ = bind_frames(sex, torso_height_m)
+def _stretched(drawn: Shape, vertices: Array, person: Person) -> Shape:
+    reference_m = PROPORTIONS[person.sex].torso_height
+    h = person.torso_height_m / reference_m
+    old_pos, q = bind_frames(person.sex, reference_m)
+    new_pos, _ = bind_frames(person.sex, person.torso_height_m, person.arm_scale)
     placed = np.zeros((len(vertices), 3))
     for number, body in enumerate(BODIES):
         weight = np.where(drawn.bodies == number, drawn.weights, 0.0).sum(axis=1, keepdims=True)
         local = transforms.rotate(transforms.conjugate(q[body]), vertices - old_pos[body])
-        placed += weight * (new_pos[body] + transforms.rotate(q[body], _lengthened(local, body, h)))
+        placed += weight * (
+            new_pos[body]
+            + transforms.rotate(
+                q[body], _lengthened(local, body, h * (person.arm_scale if body.endswith(ARM) else 1.0))
+            )
+        )
     return Shape(placed, drawn.uv, drawn.faces, drawn.bodies, drawn.weights)
 
 

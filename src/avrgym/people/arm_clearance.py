@@ -63,7 +63,7 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[Array, A
         the ends of their axes (N, G, 2, 3), world frame, and their radii (N, G), metres; a sphere is a capsule
         whose axis is a point.
     """
-    layout = human.layout(people.is_woman, people.torso_height_m, posture)
+    layout = human.layout_of(people, posture)
     pos_w, q_w = human.body_frames(people, posture)
     segments: list[Array] = []
     for name, geom in GEOMS.items():

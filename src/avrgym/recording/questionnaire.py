@@ -8,6 +8,7 @@ import numpy as np
 
 from avrgym.recording.instruments.instrument import Instrument
 from avrgym.recording.instruments.registry import INSTRUMENTS
+from avrgym.texts.texts import Texts
 
 MOMENTS = ("before_session", "after_trial", "after_session")
 SESSION_MOMENTS = ("before_session", "after_session")
@@ -24,6 +25,20 @@ class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_default
     low: str
     high: str
     labels: tuple[str, ...] = ()
+
+
+def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
+    """Items in a participant's language."""
+    return tuple(
+        msgspec.structs.replace(
+            item,
+            text=texts.translate(item.text),
+            low=texts.translate(item.low),
+            high=texts.translate(item.high),
+            labels=tuple(texts.translate(label) for label in item.labels),
+        )
+        for item in items
+    )
 
 
 class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

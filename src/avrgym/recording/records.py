@@ -81,6 +81,15 @@ class Command(Record, frozen=True):
     action: list[float]
 
 
+class Placement(Record, frozen=True):
+    """Where the simulated world stands in ``local-floor`` from now on, after a participant has slid on their seat.
+
+    Until then it stands where the metadata say.
+    """
+
+    xr_from_world: Pose
+
+
 class Control(Record, frozen=True):
     """One control step of the robot. ``reward_terms`` are not weighted; ``reward`` is their weighted sum.
 
@@ -183,6 +192,7 @@ TOPICS: dict[str, type[Record]] = {
     "/latency": Latency,
     "/streams": Stream,
     "/samples": StreamSamples,
+    "/placement": Placement,
 }
 
 _encoder = msgspec.json.Encoder()

@@ -412,7 +412,7 @@ class _PersonFields:
             self._force_range = batch.expand("actuator_forcerange")
 
     def write(self, ids: Ids, people: People) -> None:
-        layout = human.layout(people.is_woman, people.torso_height_m, self._posture)
+        layout = human.layout_of(people, self._posture)
         for name, body in self._bodies.items():
             self._body_pos[ids, body] = layout.body_pos[name]
         for name, geom in self._geoms.items():
@@ -437,7 +437,11 @@ class _PersonFields:
 
     def _write_dynamics(self, ids: Ids, people: People) -> None:
         for row, world in enumerate(ids):
-            inertia = _inertia(human.SEXES[int(people.is_woman[row])], float(people.torso_height_m[row]))
+            inertia = _inertia(
+                human.SEXES[int(people.is_woman[row])],
+                float(people.torso_height_m[row]),
+                float(people.arm_scale[row]),
+            )
             for name, field in self._inertia.items():
                 field[world, self._ids] = inertia[name]
         torque = people.strength_share[:, None] * human.TORQUE_N_M
@@ -450,9 +454,9 @@ INERTIAL_FIELDS = ("body_mass", "body_inertia", "body_ipos", "body_iquat")
 
 
 @lru_cache(maxsize=1024)
-def _inertia(sex: human.Sex, torso_height_m: float) -> dict[str, Array]:
+def _inertia(sex: human.Sex, torso_height_m: float, arm_scale: float) -> dict[str, Array]:
     """The inertial model fields of a person's bodies, in the order of ``human.BODIES``."""
-    model = human.person_model(Person(sex, torso_height_m), moving=True)
+    model = human.person_model(Person(sex, torso_height_m, arm_scale=arm_scale), moving=True)
     bodies = [model.body(human.PREFIX + name).id for name in human.BODIES]
     return {name: getattr(model, name)[bodies] for name in INERTIAL_FIELDS}
 

@@ -33,7 +33,7 @@ class Said:
     """Something to say to a participant: the key of its text under ``session``, and what stands in its braces."""
 
     key: str
-    values: Mapping[str, str] = field(default_factory=dict[str, str])
+    values: "Mapping[str, str | Said]" = field(default_factory=dict[str, "str | Said"])
 
 
 class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -51,8 +51,8 @@ class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Texts:
     """All texts in one language, a tag such as ``de``, which is written from left to right (``ltr``) or not (``rtl``).
 
-    ``decimal`` is its decimal mark. ``session`` is what the server says, ``page`` what the client does; ``sentences`` are translations, by the sentences
-    that tasks, questionnaires and designs have.
+    ``decimal`` is its decimal mark. ``session`` is what the server says, ``page`` what the client does; ``sentences``
+    are translations, by the sentences that tasks, questionnaires and designs have.
     """
 
     language: str
@@ -65,8 +65,10 @@ class Texts:
 
     def say(self, said: Said) -> str:
         """What is said to somebody in VR."""
-        values = {name: _NUMBER.sub(rf"\1{self.decimal}\2", value) for name, value in said.values.items()}
-        return self.session[said.key].format_map(values)
+        return self.session[said.key].format_map({name: self._put(value) for name, value in said.values.items()})
+
+    def _put(self, value: str | Said) -> str:
+        return self.say(value) if isinstance(value, Said) else _NUMBER.sub(rf"\1{self.decimal}\2", value)
 
     def say_on_page(self, said: Said) -> str:
         """What is said to somebody who has no headset."""

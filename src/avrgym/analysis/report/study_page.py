@@ -19,6 +19,7 @@ from avrgym.analysis.page import (
     write_page,
 )
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
+from avrgym.analysis.report.headsets import headset_checks
 from avrgym.analysis.report.latency import METHOD as OF_LATENCY
 from avrgym.analysis.report.latency import latency
 from avrgym.analysis.report.models import METHODS as OF_MODELS
@@ -58,7 +59,14 @@ def write_study_page(path: Path, analysis: Analysis, drawings: Sequence[Drawing]
         path,
         analysis.design.title,
         header,
-        [plan_section(analysis), *nobody, *sections, _facts(analysis), _problems(analysis), _methods()],
+        [
+            plan_section(analysis),
+            *nobody,
+            *sections,
+            _facts(analysis),
+            _problems(analysis),
+            _methods(analysis),
+        ],
     )
 
 
@@ -222,7 +230,7 @@ METHODS = (
 )
 
 
-def _methods() -> Markup:
+def _methods(analysis: Analysis) -> Markup:
     more = (
         "docs/analysis.md in AVR Gym's repository says more, and how to recompute every number from tables/. What a "
         "publication needs besides stands in reporting/index.html."
@@ -231,6 +239,7 @@ def _methods() -> Markup:
         "section",
         tag("h2", "Methods"),
         listing((*METHODS, *OF_MODELS, OF_LATENCY)),
+        headset_checks(analysis.headsets),
         tag("p", more),
         id="methods",
     )

@@ -21,6 +21,7 @@ from avrgym.models.human.frames import (
     body_rotation,
     body_rotations,
     layout,
+    layout_of,
     mass_shares,
 )
 from avrgym.models.human.joints import (
@@ -76,6 +77,7 @@ __all__ = [
     "body_rotations",
     "joint_angles",
     "layout",
+    "layout_of",
     "let_targets_glide",
     "mass_shares",
     "person_model",

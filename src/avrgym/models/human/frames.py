@@ -89,14 +89,28 @@ class Layout:
     site_pos: Mapping[str, Array]
 
 
-def layout(is_woman: NDArray[np.bool_], torso_height_m: Array, posture: Posture = SEATED) -> Layout:
-    """Where everything is in N people; lengths along the body scale with the torso height, radii do not."""
+def layout(
+    is_woman: NDArray[np.bool_],
+    torso_height_m: Array,
+    posture: Posture = SEATED,
+    arm_scale: Array | float = 1.0,
+) -> Layout:
+    """Where everything is in N people; lengths along the body scale with the torso height, radii do not.
+
+    Upper arms and forearms are ``arm_scale`` (N,) times as long as that makes them.
+    """
     p = proportions_of(is_woman)
     h = torso_height_m / p.torso_height
-    return Layout(_body_positions(p, h, posture), *_geoms(p, h), _sites(p, h))
+    arm_h = arm_scale * h
+    return Layout(_body_positions(p, h, arm_h, posture), *_geoms(p, h, arm_h), _sites(p, h))
 
 
-def _body_positions(p: Proportions, h: Array, posture: Posture) -> dict[str, Array]:
+def layout_of(people: People, posture: Posture = SEATED) -> Layout:
+    """``layout`` of people."""
+    return layout(people.is_woman, people.torso_height_m, posture, people.arm_scale)
+
+
+def _body_positions(p: Proportions, h: Array, arm_h: Array, posture: Posture) -> dict[str, Array]:
     shoulder_z = (p.chest_rise + p.shoulder_rise) * h
     positions = {
         "hips": posture.hips(p),
@@ -106,8 +120,8 @@ def _body_positions(p: Proportions, h: Array, posture: Posture) -> dict[str, Arr
     for side, sign in (("right", -1.0), ("left", 1.0)):
         positions |= {
             f"{side}_upper_arm": _vector(sign * p.shoulder_side, 0.0, shoulder_z),
-            f"{side}_forearm": _vector(0.0, 0.0, -p.upper_arm_length * h),
-            f"{side}_hand": _vector(0.0, 0.0, -(p.forearm_radius + p.forearm_length * h)),
+            f"{side}_forearm": _vector(0.0, 0.0, -p.upper_arm_length * arm_h),
+            f"{side}_hand": _vector(0.0, 0.0, -(p.forearm_radius + p.forearm_length * arm_h)),
             f"{side}_thigh": _vector(sign * p.thigh_side, 0.0, -p.hips_drop * h),
             f"{side}_shin": _vector(0.0, 0.0, -p.thigh_length * h),
             f"{side}_foot": _vector(0.0, 0.0, -p.shin_length * h),
@@ -115,7 +129,10 @@ def _body_positions(p: Proportions, h: Array, posture: Posture) -> dict[str, Arr
     return positions
 
 
-def _geoms(p: Proportions, h: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+ARM = "upper_arm", "forearm"
+
+
+def _geoms(p: Proportions, h: Array, arm_h: Array) -> tuple[dict[str, Array], dict[str, Array]]:
     """Capsules lie along the axis that ``GEOMS`` names; their size is radius, half length, 0."""
     zero = np.zeros_like(h)
     chest_z = p.chest_rise * h
@@ -142,7 +159,7 @@ def _geoms(p: Proportions, h: Array) -> tuple[dict[str, Array], dict[str, Array]
     }
     for side in ("right", "left"):
         for part in ("upper_arm", "forearm", "thigh", "shin"):
-            length = getattr(p, f"{part}_length") * h
+            length = getattr(p, f"{part}_length") * (arm_h if part in ARM else h)
             position[f"{side}_{part}"] = _vector(zero, zero, -0.5 * length)
             size[f"{side}_{part}"] = _vector(getattr(p, f"{part}_radius"), 0.5 * length, zero)
         position[f"{side}_hand"] = _vector(zero, zero, -p.hand_radius)
@@ -220,7 +237,7 @@ def body_rotation(body: str, joint_angles_rad: Array, posture: Posture = SEATED)
 
 def body_frames(people: People, posture: Posture = SEATED) -> tuple[dict[str, Array], dict[str, Array]]:
     """World frames of all bodies of N people: positions (N, 3) and quaternions (N, 4) by body name."""
-    local_pos = layout(people.is_woman, people.torso_height_m, posture).body_pos
+    local_pos = layout_of(people, posture).body_pos
     local_q = body_rotations(people.joint_angles_rad, posture)
     pos_w, q_w = {"hips": local_pos["hips"]}, {"hips": local_q["hips"]}
     for body, parent in PARENTS.items():
@@ -235,12 +252,14 @@ _STANDING = Posture(hips_pos_w=(0.0, 0.0, 0.0), hips_deg=0.0, thigh_deg=0.0, shi
 BIND_RAD = joint_angles(right_shoulder_y=42.0, left_shoulder_y=-42.0, right_elbow_x=-45.0, left_elbow_x=-45.0)
 
 
-def bind_frames(sex: Sex, torso_height_m: float) -> tuple[dict[str, Array], dict[str, Array]]:
+def bind_frames(
+    sex: Sex, torso_height_m: float, arm_scale: float = 1.0
+) -> tuple[dict[str, Array], dict[str, Array]]:
     """Where the skin is bound to the bodies: standing, hips at the origin, arms half raised and half bent.
 
     Positions (3,) and quaternions (4,) by body name.
     """
-    pos, q = body_frames(People.of([Person(sex, torso_height_m, BIND_RAD)]), _STANDING)
+    pos, q = body_frames(People.of([Person(sex, torso_height_m, BIND_RAD, arm_scale=arm_scale)]), _STANDING)
     return {body: pos[body][0] for body in BODIES}, {body: q[body][0] for body in BODIES}
 
 

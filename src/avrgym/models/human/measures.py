@@ -14,6 +14,7 @@ from avrgym.models.sexes import Sex
 
 Array = NDArray[np.float64]
 TORSO_HEIGHT_RANGE_M = (0.40, 0.75)
+ARM_SCALE_RANGE = (0.8, 1.25)
 
 
 @dataclass(frozen=True)

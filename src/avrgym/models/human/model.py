@@ -13,11 +13,11 @@ from avrgym.models.human.frames import (
     Layout,
     Posture,
     body_rotations,
-    layout,
+    layout_of,
 )
 from avrgym.models.human.joints import ARMATURE_KG_M2, JOINTS, SERVO_INERTIA_KG_M2, X, Y
 from avrgym.models.human.measures import PROPORTIONS, Array
-from avrgym.models.human.person import Person
+from avrgym.models.human.person import People, Person
 from avrgym.models.parts import CAPSULE, SPHERE, add_collision
 
 PREFIX = "person/"
@@ -37,7 +37,7 @@ def add_person(spec: mujoco.MjSpec, person: Person, posture: Posture = SEATED, *
     A moving person has the 20 driven joints, each with a position servo of limited torque, weightless by
     gravity compensation (muscle tone holds the posture). A static one is welded in its pose.
     """
-    frames = layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]), posture)
+    frames = layout_of(People.of([person]), posture)
     rotations = body_rotations(person.joint_angles_rad[None], posture)
     bodies: dict[str, mujoco.MjsBody] = {}
     for name, parent in PARENTS.items():

@@ -1,13 +1,13 @@
 """Whom a robot meets: one person, or many as arrays."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models.human.joints import JOINTS, SEATED_RAD
-from avrgym.models.human.measures import TORSO_HEIGHT_RANGE_M, Array
+from avrgym.models.human.measures import ARM_SCALE_RANGE, TORSO_HEIGHT_RANGE_M, Array
 from avrgym.models.sexes import SEXES, Sex
 
 SKIN_TONES: Mapping[str, tuple[float, float, float]] = {
@@ -25,6 +25,8 @@ SKIN_TONES: Mapping[str, tuple[float, float, float]] = {
 class Person:
     """One person: sex, torso height (hip bone to head centre), joint angles (20,) in radians, tone of the skin.
 
+    ``arm_scale``: by how much upper arms and forearms are longer than those of most people of this torso height.
+
     Raises:
         ValueError: when a value is outside what the model allows.
     """
@@ -33,6 +35,7 @@ class Person:
     torso_height_m: float = 0.54
     joint_angles_rad: Array = field(default_factory=lambda: SEATED_RAD.copy())
     skin_tone: str = "fair"
+    arm_scale: float = 1.0
 
     def __post_init__(self) -> None:
         if self.sex not in SEXES:
@@ -40,10 +43,18 @@ class Person:
         if self.skin_tone not in SKIN_TONES:
             raise ValueError(f"unknown skin tone {self.skin_tone!r}; there are {', '.join(SKIN_TONES)}")
         check_torso_height(self.torso_height_m)
+        check_arm_scale(self.arm_scale)
         if np.shape(self.joint_angles_rad) != (len(JOINTS),):
             raise ValueError(
                 f"joint angles must have shape ({len(JOINTS)},), not {np.shape(self.joint_angles_rad)}"
             )
+
+
+def check_arm_scale(arm_scale: float) -> None:
+    """Raise ``ValueError`` for arms that no adult has."""
+    low, high = ARM_SCALE_RANGE
+    if not low <= arm_scale <= high:
+        raise ValueError(f"arms {arm_scale:.2f} times as long as most are outside {low:g} to {high:g}")
 
 
 def check_torso_height(torso_height_m: float) -> None:
@@ -58,7 +69,7 @@ class People:
     """N people as arrays: ``is_woman`` (N,) bool, ``torso_height_m`` (N,), ``joint_angles_rad`` (N, 20).
 
     Impairments: ``range_share`` and ``strength_share`` (N,) of the joints' ranges and torques, ``tremor_rad``
-    (N, 20) by which the joints' targets tremble either way.
+    (N, 20) by which the joints' targets tremble either way. ``arm_scale`` (N,) as of ``Person``.
     """
 
     is_woman: NDArray[np.bool_]
@@ -67,26 +78,35 @@ class People:
     range_share: Array
     strength_share: Array
     tremor_rad: Array
+    arm_scale: Array
 
     @classmethod
     def of(cls, persons: Iterable[Person]) -> "People":
         """Stack single persons."""
         persons = list(persons)
-        return cls.unimpaired(
+        people = cls.unimpaired(
             np.array([person.sex == "woman" for person in persons]),
             np.array([person.torso_height_m for person in persons], float),
             np.stack([np.asarray(person.joint_angles_rad, float) for person in persons]),
         )
+        return replace(people, arm_scale=np.array([person.arm_scale for person in persons], float))
 
     @classmethod
     def unimpaired(
         cls, is_woman: NDArray[np.bool_], torso_height_m: Array, joint_angles_rad: Array
     ) -> "People":
-        """People with full ranges and strength and without tremor."""
+        """People with full ranges and strength, without tremor, and with arms as most have them."""
         full = np.ones(len(is_woman))
-        return cls(is_woman, torso_height_m, joint_angles_rad, full, full, np.zeros_like(joint_angles_rad))
+        return cls(
+            is_woman, torso_height_m, joint_angles_rad, full, full, np.zeros_like(joint_angles_rad), full
+        )
 
     def person(self, index: int) -> Person:
         """One of them."""
         sex = SEXES[int(self.is_woman[index])]
-        return Person(sex, float(self.torso_height_m[index]), self.joint_angles_rad[index].copy())
+        return Person(
+            sex,
+            float(self.torso_height_m[index]),
+            self.joint_angles_rad[index].copy(),
+            arm_scale=float(self.arm_scale[index]),
+        )

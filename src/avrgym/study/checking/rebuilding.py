@@ -216,6 +216,7 @@ class _Rebuilding:
             process=0,
             opened_at=_stored(kept[0].began),
             closed_at=now(),
+            headset_check=kept[-1].recording.metadata.get("headset_check"),
         )
 
     def _insert_attempt(

@@ -81,6 +81,8 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     A trial whose person was held for more than ``max_held_share`` of the time in which the robot helped enters no
     analysis; a design that does not say counts all. ``force_guard``: arms that press too hard draw back; a design that
     does not say has none, as studies that began without it. ``streams`` are exchanged with other devices.
+    ``headset_check``: sessions of people begin with a check of the headset; of a design that does not say they do not.
+    ``measure_reach``: people stretch their arms when they are measured, and their bodies' arms become as long.
     """
 
     title: Annotated[str, msgspec.Meta(min_length=1)]
@@ -97,6 +99,8 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     languages: Names = ("en",)
     max_held_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 1.0
     force_guard: bool = False
+    headset_check: bool = False
+    measure_reach: bool = False
     consent: Consent
     inclusion: tuple[InclusionQuestion, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from msgspec.structs import replace
-
-from avrgym.recording.questionnaire import Item, Questionnaire
+from avrgym.recording.questionnaire import Questionnaire
 from avrgym.study.design.wrong import Wrong, check_unique
 from avrgym.tasks.registry import TASKS
-from avrgym.texts.texts import FOLDER, Texts, TextsError, read_texts
+from avrgym.texts.texts import FOLDER, TextsError, read_texts
 
 ENGLISH = "en"
 """In which AVR Gym's own sentences are: tasks, and the instruments whose words it brings."""
@@ -42,20 +40,6 @@ def check_languages(design: Design, folder: Path) -> None:
                 ("languages", index),
                 f"no translation into {language} of {named}{more}; allowed: a line for each under [sentences] of {where}",
             )
-
-
-def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
-    """Items in a participant's language."""
-    return tuple(
-        replace(
-            item,
-            text=texts.translate(item.text),
-            low=texts.translate(item.low),
-            high=texts.translate(item.high),
-            labels=tuple(texts.translate(label) for label in item.labels),
-        )
-        for item in items
-    )
 
 
 def _own(design: Design) -> Iterator[str]:

@@ -9,10 +9,9 @@ from typing import Self
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Person
 from avrgym.recording.outcomes import Metrics
-from avrgym.recording.questionnaire import Item
+from avrgym.recording.questionnaire import Item, translate
 from avrgym.recording.records import Answer
 from avrgym.study.checking.preflight import load_study_policy
-from avrgym.study.design.languages import translate
 from avrgym.study.people.participants import texts_of, withdraw
 from avrgym.study.sessions.storing import Storing
 from avrgym.study.sessions.watch import Watch
@@ -25,7 +24,7 @@ from avrgym.study.storage.answers import (
 )
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt, pseudonym_of
-from avrgym.study.storage.sessions import close_session, open_session, skip_trial, tell
+from avrgym.study.storage.sessions import close_session, open_session, skip_trial, store_headset_check, tell
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.study.storage.texts import check_line
@@ -34,7 +33,7 @@ from avrgym.texts.texts import Texts
 from avrgym.vr.protocol.messages import Command, Language, Send
 from avrgym.vr.session import events
 from avrgym.vr.session.events import Observer, SessionEvent
-from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
+from avrgym.vr.session.plan import HeadsetCheckPlan, Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.preparation import AtOnce
 from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
@@ -89,11 +88,14 @@ class StudyVisit:
         """Whether somebody elsewhere has ended the session."""
         return self._watch.called_off
 
-    def plan(self, furniture: RealFurniture | None = None) -> SessionPlan:
-        """What remains to be run; ``StudyError`` when nothing does, as after a crash at the very end."""
+    def plan(self, furniture: RealFurniture | None = None, *, headset_check: bool = False) -> SessionPlan:
+        """What remains to be run; ``StudyError`` when nothing does, as after a crash at the very end.
+
+        The arguments are those of ``plan_session``.
+        """
         if not self.store.remaining_trials(self.pseudonym):
             raise StudyError(f"{self.pseudonym} has completed every trial")
-        return plan_session(self.store, self.pseudonym, furniture)
+        return plan_session(self.store, self.pseudonym, furniture, headset_check=headset_check)
 
     def session(
         self,
@@ -192,13 +194,17 @@ def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
     return over + remaining
 
 
-def plan_session(store: Store, pseudonym: str, furniture: RealFurniture | None = None) -> SessionPlan:
+def plan_session(
+    store: Store, pseudonym: str, furniture: RealFurniture | None = None, *, headset_check: bool = False
+) -> SessionPlan:
     """What a session of a participant runs now; there must be a trial that remains.
 
-    ``furniture`` is what the participant really sits and lies on, the design's unless given.
+    ``furniture`` is what the participant really sits and lies on, the design's unless given. ``headset_check``: the
+    headset of a person is checked also where the design does not say so.
     """
     participant, design = store.participant(pseudonym), store.design
     texts = texts_of(store, participant)
+    checked = headset_check or design.headset_check
     trials = trials_in_order(store, pseudonym)
     made = [attempt.trial for attempt in store.attempts(pseudonym)]
     return SessionPlan(
@@ -212,6 +218,8 @@ def plan_session(store: Store, pseudonym: str, furniture: RealFurniture | None =
         force_guard=design.force_guard,
         stop_rules=design.rules,
         texts=texts,
+        measure_reach=design.measure_reach and not participant.simulated,
+        headset_check=HeadsetCheckPlan() if checked and not participant.simulated else None,
         first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
     )
 
@@ -258,6 +266,8 @@ class Keeper:
                 self._begin(happened)
             case events.AnswerChanged():
                 change_answer(self._store, self._running().id, happened.answer)
+            case events.HeadsetChecked():
+                store_headset_check(self._store, self._session.id, happened.check)
             case events.Answered():
                 record_answer(self._store, self._running().id, happened.answer)
             case events.TrialEnded():

@@ -45,15 +45,16 @@ class StudySessions:
         furniture: RealFurniture | None = None,
         storing: Executor | None = None,
         streams: Streams | None = None,
+        headset_check: bool = False,
     ) -> None:
         """Wait for a participant of a study, or begin the session of the ``first`` at once.
 
         ``furniture`` is what participants really sit and lie on here, the design's unless given. ``send``,
-        ``workers`` and ``streams`` are as for ``Session``, ``storing`` as for ``StudyVisit``. Raises what
-        ``begin`` does.
+        ``workers`` and ``streams`` are as for ``Session``, ``storing`` as for ``StudyVisit``, ``headset_check`` as for
+        ``plan_session``. Raises what ``begin`` does.
         """
         self._store, self._send, self._workers, self._storing = store, send, workers, storing
-        self._streams = streams
+        self._streams, self._headset_check = streams, headset_check
         self._ended: Future[None] | None = None
         self._retry_at_s: float | None = None
         self._visit: StudyVisit | None = None
@@ -178,7 +179,7 @@ class StudySessions:
         """The trials that remain; ``None`` where a crash left only the last questions."""
         if visit.items("after_session") and not self._store.remaining_trials(visit.pseudonym):
             return None
-        plan = visit.plan(self._furniture)
+        plan = visit.plan(self._furniture, headset_check=self._headset_check)
         return visit.session(plan, self._send, self._workers, self._scenes, self._streams)
 
     def _questions_of(self, visit: StudyVisit, when: str) -> SessionQuestions | None:

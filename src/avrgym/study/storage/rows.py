@@ -2,8 +2,12 @@
 
 import re
 from dataclasses import dataclass
+from typing import Any
+
+import msgspec
 
 from avrgym.models.human import Sex
+from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.recording.outcomes import Metrics
 from avrgym.recording.records import Answer
 from avrgym.study.storage.states import StudyError
@@ -74,6 +78,12 @@ class StudySession:
     process: int
     opened_at: str
     closed_at: str | None
+    headset_check: dict[str, Any] | None
+
+    @property
+    def headset(self) -> HeadsetCheck | None:
+        """What the latest check of the headset measured, if there was one."""
+        return None if self.headset_check is None else msgspec.convert(self.headset_check, HeadsetCheck)
 
     @property
     def folder(self) -> str:

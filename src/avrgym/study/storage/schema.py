@@ -82,9 +82,11 @@ SESSION = Table(
     Column("process", Integer, nullable=False),
     Column("opened_at", String, nullable=False),
     Column("closed_at", String),
+    Column("headset_check", JSON(none_as_null=True)),
     _salt(),
     UniqueConstraint("participant", "number"),
 )
+"""``headset_check``: the figures of the latest check of the headset, as ``recording.headset_check`` has them."""
 
 TRIAL = Table(
     "trial",

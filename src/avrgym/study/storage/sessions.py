@@ -2,8 +2,10 @@
 
 import os
 
+import msgspec
 import sqlalchemy as sa
 
+from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.study.storage import ledger, schema
 from avrgym.study.storage.attempts import NOTHING, finish_attempt, whole_metrics
@@ -83,6 +85,15 @@ def tell(store: Store, session_id: int, name: str, detail: str = "", attempt_id:
             )
             event["attempt"] = attempt.id
         record_event(connection, name, detail, event)
+
+
+def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> None:
+    """Store what a check of the headset measured; the latest of a session counts, and events tell of all."""
+    with store.database.write() as connection:
+        session = find_open_session(connection, session_id)
+        ledger.update(connection, schema.SESSION, session.id, headset_check=msgspec.to_builtins(check))
+        detail = f"{check.words()} {check.figures()}"
+        record_event(connection, "headset checked", detail, about(session))
 
 
 def end_open_sessions(

@@ -75,10 +75,10 @@ MARKERS = RINGS * AROUND
 
 def init_state(people: People, uniforms: Array) -> BedBathingState:
     """All markers, none of them wiped: rings 3 cm apart, as many around as fit 3 cm apart."""
-    size = human.layout(people.is_woman, people.torso_height_m, RECLINED).geom_size
+    size = human.layout_of(people, RECLINED).geom_size
     radius = np.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
     length = 2.0 * np.stack([size[limb][:, 1] for limb in LIMBS], axis=1)[..., None]
-    rings, around = length // MARKER_SPACING_M, 2.0 * np.pi * radius // MARKER_SPACING_M
+    rings, around = np.minimum(length // MARKER_SPACING_M, RINGS), 2.0 * np.pi * radius // MARKER_SPACING_M
     ring, spot = np.divmod(np.arange(MARKERS), AROUND)
     along = 0.5 * length + (ring - 0.5 * (rings - 1.0)) * MARKER_SPACING_M
     angle = 2.0 * np.pi * spot / around

@@ -53,7 +53,7 @@ class ScratchItchState:
 def init_state(people: People, uniforms: Array) -> ScratchItchState:
     """An itch on the upper arm or the forearm with equal chance, uniform along it and around it."""
     limb = (uniforms[:, 3] < 0.5).astype(np.intp)
-    layout = human.layout(people.is_woman, people.torso_height_m)
+    layout = human.layout_of(people)
     sizes = np.stack([layout.geom_size[name] for name in LIMBS], axis=1)[np.arange(len(limb)), limb]
     radius, length = sizes[:, 0], 2.0 * sizes[:, 1]
     along = length * (ALONG[0] + (ALONG[1] - ALONG[0]) * uniforms[:, 4])

@@ -126,7 +126,7 @@ class EmulatedHeadset:
         return path
 
 
-PICTURE_AFTER_S = {"free_before": 2.0, "trial": 1.2, "questionnaire": 0.5}
+PICTURE_AFTER_S = {"trial": 4.0}
 """In which phases, and how long after their beginning, a picture is taken of what the participant sees."""
 
 
@@ -187,7 +187,10 @@ class BrowserAttendance:
         frame = self._participant.frame(now_s, moving=name != "calibration")
         self._headset.set_poses(frame, right=question is None)
         self._take_picture(now_s)
-        if name in ("calibration", "check", "paused") and now_s - self._phase_began > CALIBRATION_S:
+        if (
+            name in ("headset", "calibration", "check", "paused")
+            and now_s - self._phase_began > CALIBRATION_S
+        ):
             self._headset.pull_trigger("right")
             self._phase_began = now_s
         if question is not None and question["item"] != self._asked and self._headset.call("buttons"):

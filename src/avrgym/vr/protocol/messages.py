@@ -147,6 +147,22 @@ class Latency(Message, records.Latency, frozen=True, tag="latency"):
     """How long the frames of the last second took from pose to picture."""
 
 
+class HeadsetFrames(Message, frozen=True, tag="headset_frames"):
+    """The frames of the last second while the headset is checked: milliseconds from each to the next, and on what.
+
+    ``device`` is what the browser says that it is, ``profiles`` what it says of the controllers; ``display_hz`` is the
+    display's rate, where it tells.
+    """
+
+    device: Annotated[str, msgspec.Meta(max_length=512)]
+    emulated: bool
+    profiles: Annotated[list[Annotated[str, msgspec.Meta(max_length=128)]], msgspec.Meta(max_length=4)]
+    display_hz: Annotated[float, msgspec.Meta(gt=0, le=1000)] | None
+    intervals_ms: Annotated[
+        list[Annotated[float, msgspec.Meta(gt=0, le=60_000)]], msgspec.Meta(max_length=512)
+    ]
+
+
 ClientMessage = (
     Hello
     | Tracking
@@ -161,6 +177,7 @@ ClientMessage = (
     | Back
     | ChooseBody
     | Latency
+    | HeadsetFrames
 )
 
 # From the experimenter ---------------------------------------------------------------------------------------
@@ -207,7 +224,10 @@ ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody | D
 
 PhaseName = Literal[
     "waiting",
+    "headset",
+    "headset_check",
     "calibration",
+    "reach",
     "loading",
     "check",
     "ready",
@@ -277,6 +297,16 @@ class Scene(Message, frozen=True, tag="scene"):
     eyes: Vector3
     skeleton: Skeleton
     xr_from_world: XRPose
+
+
+class Placed(Message, frozen=True, tag="placed"):
+    """The world goes from where it stands to another place in ``local-floor``, evenly, within so many seconds.
+
+    So it follows a participant who has slid on their seat.
+    """
+
+    xr_from_world: XRPose
+    seconds: float
 
 
 class Upcoming(Message, frozen=True, tag="upcoming"):
@@ -441,6 +471,7 @@ ServerMessage = (
     | Language
     | Body
     | Scene
+    | Placed
     | Upcoming
     | Passed
     | StateChange

@@ -15,6 +15,7 @@ from avrgym.geometry.elementary import fingerprint_of_c_library
 from avrgym.models import human
 from avrgym.recording import records
 from avrgym.recording.files import RecordingError, RecordingWriter
+from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.simulation.world_version import WORLD_VERSION
 from avrgym.system.files import make_private_folder
 from avrgym.vr.protocol.messages import XRPose
@@ -209,14 +210,21 @@ def versions() -> dict[str, str]:
 
 
 def configuration(
-    plan: SessionPlan, index: int, attempt: int, world: LiveWorld, xr_from_world: XRPose, session: str
+    plan: SessionPlan,
+    index: int,
+    attempt: int,
+    world: LiveWorld,
+    xr_from_world: XRPose,
+    session: str,
+    headset: HeadsetCheck | None = None,
 ) -> dict[str, Any]:
     """All that an attempt at the plan's trial ``index`` is run with, in plain values.
 
     ``start_rad`` are the joint angles of the person that the episode began with, ``start`` is all else that it
-    began with: replay draws nothing.
+    began with: replay draws nothing. ``headset_check`` stands there where the headset was checked before.
     """
     trial = plan.trials[index]
+    checked = {} if headset is None else {"headset_check": msgspec.to_builtins(headset)}
     return {
         "session": session,
         "environment": trial.environment,
@@ -232,6 +240,7 @@ def configuration(
             "sex": world.person.sex,
             "torso_height_m": world.person.torso_height_m,
             "skin_tone": world.person.skin_tone,
+            **({} if world.person.arm_scale == 1.0 else {"arm_scale": world.person.arm_scale}),
         },
         "start_rad": world.person.joint_angles_rad.tolist(),
         "start": world.start,
@@ -240,6 +249,7 @@ def configuration(
         "xr_from_world": {"position": xr_from_world.position, "orientation": xr_from_world.orientation},
         "language": plan.texts.language,
         "force_guard": plan.force_guard,
+        **checked,
         "furniture": msgspec.to_builtins(plan.furniture),
         "reward_weights": dict(world.task.weights),
         "items": [msgspec.to_builtins(item) for item in plan.items_after(trial)],

@@ -12,7 +12,9 @@ def take_message(phase: Phase, message: Received) -> Phase:
         case messages.Tracking():
             phase.take_tracking(message)
         case messages.Latency():
-            phase.state.take_latency(message)
+            phase.take_latency(message)
+        case messages.HeadsetFrames():
+            phase.take_frames(message)
         case messages.SceneLoaded():
             phase.state.worlds.show(message.url)
         case messages.Entered():

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from avrgym.models.human import Sex
+from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.recording.records import Answer
 from avrgym.vr.protocol.messages import PhaseName
@@ -33,11 +34,37 @@ class PhaseEntered(SessionEvent):
 
 
 @dataclass(frozen=True)
+class HeadsetChecked(SessionEvent):
+    """The headset was checked."""
+
+    check: HeadsetCheck
+
+
+@dataclass(frozen=True)
+class HeadsetCheckSkipped(SessionEvent):
+    """The experimenter went on without the headset's check."""
+
+
+@dataclass(frozen=True)
 class Calibrated(SessionEvent):
     """The participant's place is known; ``measured``: so is now their torso height, by measuring it."""
 
     torso_height_m: float
     measured: bool
+
+
+@dataclass(frozen=True)
+class ReachMeasured(SessionEvent):
+    """The participant's arms are so many times as long as those of most people of their torso height."""
+
+    arm_scale: float
+
+
+@dataclass(frozen=True)
+class SeatFollowed(SessionEvent):
+    """The participant has slid on their seat, and the virtual one follows by so much."""
+
+    way_m: float
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,15 @@ class TrialPlan:
 
 
 @dataclass(frozen=True)
+class HeadsetCheckPlan:
+    """How long a headset is checked: at rest, with the arms being stretched, and while the participant moves."""
+
+    at_rest_s: float = 10.0
+    stretched_s: float = 10.0
+    moving_s: float = 40.0
+
+
+@dataclass(frozen=True)
 class SessionPlan:
     """A session: its trials in order, the body model, and who takes part.
 
@@ -40,6 +49,8 @@ class SessionPlan:
     felt and successes heard. ``furniture`` is what the participant really sits and lies on. ``force_guard``: arms that
     press too hard draw back, see ``policies.force_guard``. ``stop_rules``: at which answers the session pauses or ends.
     ``texts``: what the participant reads, in their language, in which goals and items stand already.
+    ``headset_check``: before all else the headset is checked so. ``measure_reach``: who is measured also stretches
+    their arms, which become as long as theirs.
     """
 
     trials: Sequence[TrialPlan]
@@ -56,6 +67,8 @@ class SessionPlan:
     force_guard: bool = True
     stop_rules: StopRules = field(default_factory=StopRules)
     texts: Texts = ENGLISH
+    headset_check: HeadsetCheckPlan | None = None
+    measure_reach: bool = False
 
     def __post_init__(self) -> None:
         if not 1 <= self.first_trial <= len(self.trials):

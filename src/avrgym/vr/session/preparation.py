@@ -19,11 +19,12 @@ class BodyKey:
     sex: Sex
     torso_height_m: float
     skin_tone: str
+    arm_scale: float
 
     @classmethod
     def of(cls, person: Person) -> Self:
         """That of a person."""
-        return cls(person.sex, person.torso_height_m, person.skin_tone)
+        return cls(person.sex, person.torso_height_m, person.skin_tone, person.arm_scale)
 
 
 @dataclass(frozen=True)

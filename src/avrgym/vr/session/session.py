@@ -158,6 +158,7 @@ class Session:
         send(state.language_message())
         send(state.body_message())
         send(state.scene_message())
+        state.tell_placed(send)
         self._announce(send)
 
     def receive(self, message: Received, now_s: float) -> None:
@@ -250,6 +251,8 @@ class Session:
         """Move the person to the newest tracking frame, or hold them when it is stale."""
         state, attempt = self._state, self._state.storage.attempt
         followed = state.tracking.follow(self.world, state.now_s)
+        if self._phase.in_place:
+            state.follow_seat()
         if followed.turned:
             name, detail = _TRACKING_LOST if followed.lost else _TRACKING_FOUND
             state.record_event(name, detail)

@@ -3,6 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, field, replace
 
+import msgspec
 import numpy as np
 
 from avrgym.models import human
@@ -10,6 +11,7 @@ from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.policies.force_guard import ACTS, RESTS
 from avrgym.recording import records
 from avrgym.recording.files import RecordingError
+from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.recording.latency import is_whole, percentiles_ms
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.recording.stop_rules import Verdict
@@ -43,8 +45,9 @@ class SessionState:
     ``trial`` counts the plan's trials from 0. ``person`` is whose body the participant has; ``height_known``: its
     torso height is theirs, ``calibrated_for``: the posture that they have taken place in. ``on_hold`` is whether the
     experimenter, or a stop rule, lets no trial begin; ``held_because`` is the rule's reason, ``ending``: the rule ends
-    the session. ``ready_for`` is the trial that the participant last said they are ready for. ``now_s`` is the time since
-    the session began.
+    the session. ``ready_for`` is the trial that the participant last said they are ready for. ``headset`` is its latest
+    check; ``headset_checked``: it was found ready, or the check was skipped. ``now_s`` is the time since the session
+    began.
     """
 
     plan: SessionPlan
@@ -63,6 +66,8 @@ class SessionState:
     held_because: str = ""
     ending: bool = False
     ready_for: int = -1
+    headset: HeadsetCheck | None = None
+    headset_checked: bool = False
     now_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -128,6 +133,30 @@ class SessionState:
         if scene != self._told_scene:
             self._told_scene = scene
             self.send(scene)
+            self.tell_placed(self.send)
+
+    def tell_placed(self, send: Send) -> None:
+        """Say where the world goes, if it follows who has slid on their seat."""
+        placed = self.tracking.placed
+        if placed is not None:
+            send(placed)
+
+    def follow_seat(self) -> None:
+        """Let the seat follow who has slid on it; recorded are the beginning, and every place on the way."""
+        before = self.tracking.registration
+        glide = self.tracking.follow_seat(self.world.joint_targets_rad)
+        if glide is not None:
+            way_m = float(np.linalg.norm(glide.shift_w))
+            self.record_event("seat_followed", f"{way_m:.2f} m")
+            self.sink.tell(events.SeatFollowed(self.now_s, way_m))
+            self.tell_placed(self.send)
+        after = self.tracking.registration
+        if after is not None and after is not before:
+            place = after.xr_from_world()
+            self._told_scene = msgspec.structs.replace(self._told_scene, xr_from_world=place)
+            if self.storage.attempt is not None:
+                pose = records.Pose(list(place.position), list(place.orientation))
+                self.storage.attempt.record("/placement", records.Placement(pose), self.now_s)
 
     def obey(self, verdict: Verdict) -> None:
         """Let no further trial begin, because of an answer; what is asked now is asked to its end."""
@@ -153,6 +182,11 @@ class SessionState:
         self.height_known = True
         self.tracking.place_again(self.person)
 
+    def give_arm_scale(self, arm_scale: float) -> None:
+        """Change the length of the body's arms; ``ValueError`` for arms that no adult has."""
+        self.person = replace(self.person, arm_scale=arm_scale)
+        self.sink.tell(events.ReachMeasured(self.now_s, arm_scale))
+
     def correct_torso_height(self, torso_height_m: float) -> bool:
         """Whether the body has the torso height that the experimenter gave; if not, they are told why."""
         try:
@@ -177,7 +211,8 @@ class SessionState:
             self.report(str(error))
             return False
         if chosen.sex == self.person.sex:
-            chosen = replace(chosen, torso_height_m=self.person.torso_height_m)
+            measured = self.person
+            chosen = replace(chosen, torso_height_m=measured.torso_height_m, arm_scale=measured.arm_scale)
         else:
             self.height_known = False
         self.person = chosen
@@ -187,12 +222,12 @@ class SessionState:
 
     # How late pictures are ---------------------------------------------------------------------------------------
 
-    def take_latency(self, told: messages.Latency) -> None:
-        """Record what the client tells of the last second; those who watch see the percentiles of some."""
+    def take_latency(self, told: messages.Latency) -> records.Latency | None:
+        """Record what the client tells of the last second, if it is whole; those who watch see percentiles."""
         latency = records.Latency(*(getattr(told, name) for name in records.Latency.__struct_fields__))
         if not is_whole(latency):
             self.report("a latency needs an entry of each stage for each frame")
-            return
+            return None
         self._latencies.append(latency)
         self.latency = [
             messages.StageLatency(stage, **shares)
@@ -200,6 +235,7 @@ class SessionState:
         ]
         if self.storage.attempt is not None:
             self.storage.attempt.record("/latency", latency, self.now_s)
+        return latency
 
     # Attempts ----------------------------------------------------------------------------------------------------
 
@@ -210,7 +246,7 @@ class SessionState:
         place = self.tracking.registration.xr_from_world()
         attempt = self.storage.begin(
             trial + 1,
-            lambda number: configuration(plan, trial, number, world, place, identifier),
+            lambda number: configuration(plan, trial, number, world, place, identifier, self.headset),
             self.current.earlier_attempts + 1,
             self.now_s,
         )

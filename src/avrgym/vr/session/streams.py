@@ -79,7 +79,7 @@ class StreamRecording:
             state.record_event("stream_found" if present else "stream_lost", name)
             state.sink.tell((StreamFound if present else StreamLost)(state.now_s, name))
             if not present:
-                state.problem(
+                state.report(
                     f"the stream {name} has vanished; the session goes on without it", "experimenter"
                 )
 

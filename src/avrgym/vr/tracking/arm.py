@@ -66,7 +66,7 @@ class ArmLengths:
     def of(cls, person: Person) -> "ArmLengths":
         """Those of a person."""
         p = PROPORTIONS[person.sex]
-        scale = person.torso_height_m / p.torso_height
+        scale = person.arm_scale * (person.torso_height_m / p.torso_height)
         return cls(p.upper_arm_length * scale, p.forearm_radius + p.forearm_length * scale, p.hand_radius)
 
 

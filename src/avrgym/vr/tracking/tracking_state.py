@@ -1,16 +1,23 @@
 """The tracking of one stay in VR: its frames, where the participant's floor lies, what pose their body follows."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
 from avrgym.models.human import SEATED, Person, Posture
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Part, XRPose
-from avrgym.vr.protocol.webxr import Registration, register
+from avrgym.vr.protocol.webxr import Registration, head_pose, register
 from avrgym.vr.tracking.body import BodyPose, resting_head_centre
 from avrgym.vr.tracking.frames import Frame, TrackingFeed, body_pose
 from avrgym.vr.tracking.jumps import PARTS, Limbs
-from avrgym.vr.tracking.world import LiveWorld
+from avrgym.vr.tracking.sliding import LOOK_EVERY_TICKS, Glide, Sliding
+from avrgym.vr.tracking.world import TICK_S, LiveWorld
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -44,6 +51,9 @@ class TrackingState:
         self._pose: BodyPose | None = None
         self._resting: XRPose | None = None
         self._posture = SEATED
+        self._sliding: Sliding | None = None
+        self._ticks = 0
+        self._glide: Glide | None = None
 
     def take(self, tracking: messages.Tracking, now_s: float) -> Frame:
         """Take a frame that arrives now."""
@@ -88,11 +98,12 @@ class TrackingState:
         """Keep the participant's place for a person of another torso height."""
         if self._resting is not None:
             self.registration = register(self._resting, resting_head_centre(person, self._posture))
-            self._pose = None
+            self._sliding = Sliding(person, self._posture)
+            self._pose = self._glide = None
 
     def forget_place(self) -> None:
         """Let the next usable frame say where the participant is."""
-        self.registration = self._pose = self._resting = None
+        self.registration = self._pose = self._resting = self._sliding = self._glide = None
 
     def steady_head(self, now_s: float) -> XRPose:
         """The headset at rest; see ``TrackingFeed.steady_head``."""
@@ -106,6 +117,55 @@ class TrackingState:
         if newest is not None and not stale and self.registration is not None:
             self._move(world, self.registration, newest, now_s)
         return Followed(arrived, None if stale else newest, stale, turned, self._limbs.held, held_before)
+
+    # Who slides on the seat ----------------------------------------------------------------------------------------
+
+    @property
+    def placed(self) -> messages.Placed | None:
+        """Where the world goes to stand in the participant's room, if it moves."""
+        if self._glide is None or self.registration is None:
+            return None
+        there = replace(self.registration, origin_w=self.registration.origin_w + self._glide.shift_w)
+        return messages.Placed(there.xr_from_world(), self._glide.seconds)
+
+    def follow_seat(self, joint_angles_rad: Array) -> Glide | None:
+        """Let the seat follow who has slid on it, by what a tick allows; call it once a tick after ``follow``.
+
+        ``joint_angles_rad`` (20,) is where the body was brought. Gives how the seat will follow, when it begins to.
+        """
+        if self._glide is not None:
+            self._go_on(self._glide)
+            return None
+        self._ticks += 1
+        if (
+            self._ticks % LOOK_EVERY_TICKS
+            or self._sliding is None
+            or self._followed is None
+            or self._resting is None
+        ):
+            return None
+        if self.lost or "head" in self._limbs.held:
+            self._sliding.forget()
+            return None
+        assert self.registration is not None
+        assert self._followed.tracking.head is not None
+        head = head_pose(self.registration, self._followed.tracking.head)
+        self._glide = self._sliding.look(head, joint_angles_rad)
+        return self._glide
+
+    def _go_on(self, glide: Glide) -> None:
+        """Move the participant's floor by a tick's share of what is left of the way."""
+        assert self.registration is not None
+        assert self._resting is not None
+        share = min(TICK_S / glide.seconds, 1.0)
+        step_w = share * glide.shift_w
+        step_xr = transforms.rotate(transforms.conjugate(self.registration.q_w), -step_w)
+        x, y, z = (np.array(self._resting.position) + step_xr).tolist()
+        self._resting = XRPose((x, y, z), self._resting.orientation)
+        self.registration = replace(self.registration, origin_w=self.registration.origin_w + step_w)
+        self._pose = None
+        left_s = glide.seconds - TICK_S
+        self._glide = Glide(glide.shift_w - step_w, left_s) if share < 1.0 else None
 
     def _move(self, world: LiveWorld, registration: Registration, newest: Frame, now_s: float) -> None:
         """Give the body its targets; arms go on towards theirs while no new frame comes."""

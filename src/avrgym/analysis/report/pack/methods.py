@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import fmean, stdev
 
+from avrgym.analysis.headset_rows import headset_words
 from avrgym.analysis.latency_rows import total_of
 from avrgym.analysis.page import count
 from avrgym.analysis.reading.flow import Flow
@@ -34,7 +35,7 @@ def methods(analysis: Analysis, flow: Flow) -> Sections:
             *_orders(flow),
             blinding(analysis.design),
         ],
-        "Apparatus": list(_apparatus(analysis)),
+        "Apparatus": list(_apparatus(analysis, flow)),
         "Procedure": [description(analysis.design), *_inclusion(analysis)],
         "Measures": list(_measures(analysis)),
         "Analysis": list(_analysis(analysis)),
@@ -95,9 +96,10 @@ def _orders(flow: Flow) -> Iterator[str]:
     yield f"Orders given: {given}." if given else "No order has been given yet."
 
 
-def _apparatus(analysis: Analysis) -> Iterator[str]:
+def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
     design, seat = analysis.design, analysis.design.furniture
     software = versions()
+    checked = headset_words([row for row in analysis.headsets if row.simulated is flow.simulated])
     yield (
         f"AVR Gym {software['avrgym']} simulated the robots ({', '.join(design.robots)}) and the person's body with "
         f"MuJoCo {software['mujoco']} (as of this analysis; the report lists recordings of other versions). "
@@ -109,6 +111,8 @@ def _apparatus(analysis: Analysis) -> Iterator[str]:
         f"A force guard drew back arms that pressed too hard: {'yes' if design.force_guard else 'no'}."
     )
     yield _latency(analysis)
+    if checked:
+        yield checked
 
 
 def _latency(analysis: Analysis) -> str:

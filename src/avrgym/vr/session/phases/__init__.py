@@ -6,6 +6,14 @@ Phases follow each other in circles: their modules find each other here.
 """
 
 from avrgym.vr.protocol.messages import PhaseName
+from avrgym.vr.session.phases.checking import (
+    CheckAtRest,
+    CheckBegins,
+    CheckMoving,
+    CheckResult,
+    CheckSenses,
+    CheckStretched,
+)
 from avrgym.vr.session.phases.halted import Finished, Paused, RecordingFailed
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.phases.preparing import (
@@ -15,6 +23,8 @@ from avrgym.vr.session.phases.preparing import (
     LoadCalibration,
     LoadCheck,
     LoadTrial,
+    ReachAhead,
+    ReachAside,
     Storing,
     Waiting,
 )
@@ -28,14 +38,17 @@ from avrgym.vr.session.phases.running import (
     Trial,
 )
 
+Enters = CheckBegins | Calibration | LoadCalibration
+"""What may follow when the participant enters VR."""
 Begins = LoadTrial | Calibration | Storing | Paused | RecordingFailed | AskReady | FreeBefore
 """What may follow when a trial shall begin."""
 Loaded = Begins | Check
 """What may follow when a world is shown."""
 
 PHASES: tuple[type[Phase], ...] = (
-    Waiting, Calibration, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, AskReady, FreeBefore, Countdown,
-    Trial, Retreat, FreeAfter, Questionnaire, Confirm, Paused, RecordingFailed, Finished,
+    Waiting, CheckBegins, CheckAtRest, CheckStretched, CheckMoving, CheckSenses, CheckResult, Calibration, ReachAhead,
+    ReachAside, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, AskReady, FreeBefore, Countdown, Trial, Retreat,
+    FreeAfter, Questionnaire, Confirm, Paused, RecordingFailed, Finished,
 )  # fmt: skip
 """All phases, in the order of a session."""
 

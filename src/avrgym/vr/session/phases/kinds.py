@@ -13,13 +13,16 @@ from avrgym.vr.session.state import UNTRACKED_S
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 
-
 class Ongoing(Phase):
     """Any phase but the last."""
 
-    def enter_vr(self) -> phases.Calibration | phases.LoadCalibration:
-        self.state.abandon("interrupted")
-        return self._calibrate_again()
+    def enter_vr(self) -> phases.Enters:
+        state = self.state
+        state.abandon("interrupted")
+        if state.plan.headset_check is None or state.headset_checked:
+            return self._calibrate_again()
+        state.tracking, state.calibrated_for = TrackingState(), None
+        return phases.CheckBegins(state)
 
     def leave_vr(self) -> phases.Waiting:
         self.state.abandon("interrupted")
@@ -63,7 +66,7 @@ class Ongoing(Phase):
         return self._begin_trial() if more else self._finish("finished")
 
     def _begin_trial(self) -> phases.Begins:
-        """Begin the next attempt, once its world is made, the participant is in place, ready and tracked, and nobody pauses."""
+        """Begin the next attempt once its world is made, the participant is ready and tracked, and nobody pauses."""
         state = self.state
         if state.storage.completing is not None:
             return phases.Storing(state)
@@ -100,7 +103,7 @@ class Ongoing(Phase):
 class InVR(Ongoing):
     """The participant is in VR."""
 
-    def reset_origin(self) -> phases.Calibration | phases.LoadCalibration:
+    def reset_origin(self) -> phases.Enters:
         return self.enter_vr()
 
 

@@ -49,6 +49,13 @@ class Phase:
         """Take a tracking frame."""
         self.state.tracking.take(tracking, self.state.now_s)
 
+    def take_latency(self, latency: messages.Latency) -> None:
+        """Take how late the pictures of the last second were."""
+        self.state.take_latency(latency)
+
+    def take_frames(self, drawn: messages.HeadsetFrames) -> None:
+        """Take when the frames of the last second were drawn."""
+
     def enter_vr(self) -> Phase:
         """They entered VR, or play without a headset."""
         return self

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from statistics import median
 from typing import Self
 
 from avrgym.models import human
@@ -12,10 +14,12 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.phases.kinds import InVR, Ongoing, Resting
 from avrgym.vr.session.state import SessionState
-from avrgym.vr.tracking.calibration import measure_torso_height
-
+from avrgym.vr.tracking.calibration import arm_length_m, measure_arm_scale, measure_torso_height
+from avrgym.vr.tracking.frames import body_pose
 
 _PUT_ON = Said("waiting")
+REACH_S, REACH_FRAMES = 5.0, 60
+"""So long is each pose, of which the last frames count."""
 
 
 class Waiting(Ongoing):
@@ -59,7 +63,7 @@ class Calibration(InVR):
             self.state.tell_scene()
         return self
 
-    def ready(self) -> LoadCheck | Self:
+    def ready(self) -> LoadCheck | ReachAhead | Self:
         """Seat the participant: height, place and direction from the last half second of tracking."""
         state = self.state
         measured, posture = not state.height_known, state.world.scene_config.posture
@@ -74,6 +78,68 @@ class Calibration(InVR):
         state.calibrated_for = posture
         state.tracking.place(head, state.person, posture)
         state.sink.tell(events.Calibrated(state.now_s, state.person.torso_height_m, measured))
+        return ReachAhead(state) if measured and state.plan.measure_reach else LoadCheck(state)
+
+
+class Reaching(InVR, ABC):
+    """The participant stretches their arms, which says how long they are; the trigger leaves that out."""
+
+    name = "reach"
+    seconds = REACH_S
+    awaits_ready = True
+
+    def __init__(self, state: SessionState, reached_m: Sequence[float] = ()) -> None:
+        super().__init__(state)
+        self._reached_m, self._seen_m = tuple(reached_m), list[float]()
+
+    def take_tracking(self, tracking: messages.Tracking) -> None:
+        """Take a frame; what is seen at the end counts."""
+        state = self.state
+        frame = state.tracking.take(tracking, state.now_s)
+        if not frame.usable or state.tracking.registration is None:
+            return
+        pose = body_pose(state.tracking.registration, frame.tracking)
+        length_m = arm_length_m(state.person, state.world.scene_config.posture, pose)
+        if length_m is not None:
+            self._seen_m = [*self._seen_m[1 - REACH_FRAMES :], length_m]
+
+    def ready(self) -> LoadCheck:
+        """Go on with arms as most people have them."""
+        return LoadCheck(self.state)
+
+    @property
+    def _all_m(self) -> tuple[float, ...]:
+        """The distances of the poses so far, this one's included; nothing where it was not seen."""
+        return (*self._reached_m, median(self._seen_m)) if self._seen_m else ()
+
+
+class ReachAhead(Reaching):
+    """The arms are stretched to the front."""
+
+    says = Said("reach_ahead")
+
+    def time_over(self) -> ReachAside | LoadCheck:
+        if self._all_m:
+            return ReachAside(self.state, self._all_m)
+        self.state.explain(Said("reach_unseen"))
+        return LoadCheck(self.state)
+
+
+class ReachAside(Reaching):
+    """The arms are stretched out to the sides."""
+
+    says = Said("reach_aside")
+
+    def time_over(self) -> LoadCheck:
+        state = self.state
+        if not self._all_m:
+            state.explain(Said("reach_unseen"))
+            return LoadCheck(state)
+        try:
+            state.give_arm_scale(measure_arm_scale(state.person, self._all_m))
+        except ValueError as error:
+            state.explain(Said("reach_unlikely"))
+            state.report(str(error))
         return LoadCheck(state)
 
 

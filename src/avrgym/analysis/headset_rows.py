@@ -1,0 +1,102 @@
+"""What checks of headsets measured at the beginning of sessions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from avrgym.analysis.page import count
+from avrgym.recording.headset_check import HeadsetCheck
+from avrgym.study.storage.rows import Participant, StudySession
+from avrgym.study.storage.store import Store
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeadsetRow:
+    """The latest check of the headset in one session; see ``recording.headset_check``.
+
+    ``latency_p50_ms`` and ``latency_p95_ms`` are from pose to picture; ``faults`` in words, empty where it was ready.
+    """
+
+    participant: str
+    simulated: bool
+    session: int
+    device: str
+    emulated: bool
+    profiles: str
+    display_hz: float | None
+    frame_rate_hz: float
+    dropped_share: float
+    latency_p50_ms: float | None
+    latency_p95_ms: float | None
+    head_jitter_mm: float | None
+    left_with: str
+    left_jitter_mm: float | None
+    left_reach_m: float | None
+    right_with: str
+    right_jitter_mm: float | None
+    right_reach_m: float | None
+    haptics: bool | None
+    sound: bool | None
+    go: bool
+    faults: str
+
+
+def headset_rows(store: Store) -> list[HeadsetRow]:
+    """Those of all sessions that began with a check, in their order."""
+    return [
+        _row(participant, session, session.headset)
+        for participant in store.participants()
+        for session in store.sessions(participant.pseudonym)
+        if session.headset is not None
+    ]
+
+
+def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -> HeadsetRow:
+    total = check.latency_ms.get("total_ms", {})
+    return HeadsetRow(
+        participant=participant.pseudonym,
+        simulated=participant.simulated,
+        session=session.number,
+        device=check.device,
+        emulated=check.emulated,
+        profiles=" ".join(check.profiles),
+        display_hz=check.display_hz,
+        frame_rate_hz=check.frame_rate_hz,
+        dropped_share=check.dropped_share,
+        latency_p50_ms=total.get("p50"),
+        latency_p95_ms=total.get("p95"),
+        head_jitter_mm=check.head.jitter_mm,
+        left_with=check.left.with_,
+        left_jitter_mm=check.left.jitter_mm,
+        left_reach_m=check.left.reach_m,
+        right_with=check.right.with_,
+        right_jitter_mm=check.right.jitter_mm,
+        right_reach_m=check.right.reach_m,
+        haptics=check.haptics,
+        sound=check.sound,
+        go=check.go,
+        faults=check.fault_words,
+    )
+
+
+def headset_words(rows: Sequence[HeadsetRow]) -> str:
+    """What a methods section says of them; empty where no session began with a check."""
+    if not rows:
+        return ""
+    ready, emulated = sum(row.go for row in rows), sum(row.emulated for row in rows)
+    latencies = [row.latency_p50_ms for row in rows if row.latency_p50_ms is not None]
+    jitters = [row.head_jitter_mm for row in rows if row.head_jitter_mm is not None]
+    held = sorted({name for row in rows for name in (row.left_with, row.right_with)})
+    figures = [
+        f"{median(row.frame_rate_hz for row in rows):.0f} frames a second",
+        f"{100.0 * median(row.dropped_share for row in rows):.1f} % of frames dropped",
+        *([f"{median(latencies):.0f} ms from pose to picture"] if latencies else []),
+        *([f"{median(jitters):.2f} mm of jitter of the head at rest"] if jitters else []),
+    ]
+    made_up = f" {count(emulated, 'check')} ran on an emulated headset, which says nothing about one." * bool(
+        emulated
+    )
+    return (
+        f"The headset was checked at the beginning of {count(len(rows), 'session')} and found ready in {ready} "
+        f"(medians: {', '.join(figures)}; hands tracked with: {', '.join(held)}).{made_up}"
+    )

@@ -1,0 +1,173 @@
+"""What a check of the headset measured, and whether a session may go on with it: in words, with what to do.
+
+The limits are ours. A display of fewer than 60 Hz flickers; a dropped frame is seen, and one in twenty is more than
+people bear for half an hour; hands that tremble by more than the limits seem to be somebody else's.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import msgspec
+
+from avrgym.recording.latency import STAGE_WORDS
+from avrgym.texts.texts import ENGLISH, Said
+
+SLOWEST_DISPLAY_HZ = 60.0
+MOST_DROPPED = 0.05
+LATEST_MS = 100.0
+LEAST_TRACKED = 0.95
+MOST_JITTER_MM = {"head": 1.0, "controller": 2.0, "hand": 5.0}
+"""By what is tracked; a bare hand is seen by cameras alone."""
+LEAST_FRAMES = 30
+
+
+class TrackedPart(msgspec.Struct, frozen=True):
+    """How head or a hand is tracked.
+
+    ``with_``: a ``headset``, a ``controller``, the bare ``hand``, a ``mouse``, or ``none``. ``share`` of the frames in
+    which it was tracked. ``jitter_mm``: how far it strays at rest from parabolas through half a second, root mean
+    square. ``reach_m``: how far from the head a hand was tracked.
+    """
+
+    with_: str = msgspec.field(name="with")
+    share: float
+    jitter_mm: float | None = None
+    reach_m: float | None = None
+
+
+class HeadsetCheck(msgspec.Struct, frozen=True):
+    """The figures of a check.
+
+    ``device`` is what the browser says that it is, ``profiles`` what it says of controllers, ``emulated``: there was no
+    headset. ``display_hz`` is ``None`` where the headset does not tell. ``seconds`` were measured, in which so many
+    ``frames`` were drawn, at ``frame_rate_hz`` and with ``dropped_share`` missing. ``latency_ms``: percentiles by stage
+    as of ``recording.latency``. ``haptics`` and ``sound``: the participant felt and heard them; ``None`` where nobody
+    asked.
+    """
+
+    device: str
+    emulated: bool
+    profiles: list[str]
+    display_hz: float | None
+    seconds: float
+    frames: int
+    frame_rate_hz: float
+    dropped_share: float
+    latency_ms: Mapping[str, Mapping[str, float]]
+    head: TrackedPart
+    left: TrackedPart
+    right: TrackedPart
+    haptics: bool | None = None
+    sound: bool | None = None
+
+    @property
+    def go(self) -> bool:
+        """Whether a session may begin."""
+        return not self.faults()
+
+    def faults(self) -> list[Said]:
+        """What keeps a session from beginning, each with what to do."""
+        return [*_frame_faults(self), *_latency_faults(self), *_tracking_faults(self), *_sense_faults(self)]
+
+    def verdict(self, most: int) -> Said:
+        """What the participant reads: whether they can go on, or so many faults at most and how many more there are."""
+        faults = self.faults()
+        if not faults:
+            return Said("headset_ready")
+        told = _in_a_row(faults[:most])
+        if len(faults) > most:
+            told = Said("more_faults", {"faults": told, "more": str(len(faults) - most)})
+        return Said("headset_not_ready", {"faults": told})
+
+    def words(self) -> str:
+        """Go or no-go, with all faults, for experimenters."""
+        return f"No-go. {self.fault_words}" if self.faults() else "Go: the headset is ready."
+
+    @property
+    def fault_words(self) -> str:
+        """All faults, in English."""
+        return " ".join(ENGLISH.say(fault) for fault in self.faults())
+
+    def figures(self) -> str:
+        """All that was measured, in one line."""
+        total = self.latency_ms.get("total_ms")
+        return "; ".join(
+            [
+                f"{self.frame_rate_hz:.0f} frames a second" + _of_display(self.display_hz),
+                f"{100.0 * self.dropped_share:.1f} % dropped",
+                "latency not measured"
+                if total is None
+                else f"pose to picture {total['p50']:.0f} ms, 95 % within {total['p95']:.0f} ({_stages(self)})",
+                *(_part_words(name, part) for name, part in _parts(self)),
+                f"buzz {_felt(self.haptics, 'felt')}, chime {_felt(self.sound, 'heard')}",
+            ]
+        )
+
+
+def _in_a_row(said: Sequence[Said]) -> Said:
+    first, *rest = said
+    return Said("one_after_another", {"first": first, "rest": _in_a_row(rest)}) if rest else first
+
+
+def _of_display(display_hz: float | None) -> str:
+    return "" if display_hz is None else f" of {display_hz:.0f}"
+
+
+def _stages(check: HeadsetCheck) -> str:
+    return ", ".join(f"{words} {check.latency_ms[stage]['p50']:.0f}" for stage, words in STAGE_WORDS.items())
+
+
+def _felt(answer: bool | None, verb: str) -> str:
+    return "not asked" if answer is None else verb if answer else f"not {verb}"
+
+
+def _parts(check: HeadsetCheck) -> tuple[tuple[str, TrackedPart], ...]:
+    return ("head", check.head), ("left hand", check.left), ("right hand", check.right)
+
+
+def _part_words(name: str, part: TrackedPart) -> str:
+    jitter = "" if part.jitter_mm is None else f", jitter {part.jitter_mm:.2f} mm"
+    reach = "" if part.reach_m is None else f", reach {part.reach_m:.2f} m"
+    return f"{name} ({part.with_}) tracked {100.0 * part.share:.0f} %{jitter}{reach}"
+
+
+def _frame_faults(check: HeadsetCheck) -> Iterator[Said]:
+    if check.frames < LEAST_FRAMES:
+        yield Said("fault_no_pictures")
+        return
+    display_hz = check.display_hz or check.frame_rate_hz
+    if display_hz < SLOWEST_DISPLAY_HZ:
+        yield Said("fault_display", {"hz": f"{display_hz:.0f}", "least_hz": f"{SLOWEST_DISPLAY_HZ:.0f}"})
+    if check.dropped_share > MOST_DROPPED:
+        shares = {"percent": check.dropped_share, "most_percent": MOST_DROPPED}
+        yield Said("fault_dropped", {name: f"{100.0 * share:.0f}" for name, share in shares.items()})
+
+
+def _latency_faults(check: HeadsetCheck) -> Iterator[Said]:
+    total = check.latency_ms.get("total_ms")
+    if total is None:
+        yield Said("fault_no_answer")
+    elif total["p95"] > LATEST_MS:
+        slowest = max(STAGE_WORDS, key=lambda stage: check.latency_ms[stage]["p95"])
+        values = {"ms": f"{total['p95']:.0f}", "most_ms": f"{LATEST_MS:.0f}"}
+        yield Said("fault_late", values | {"advice": Said(f"advice_{slowest.removesuffix('_ms')}")})
+
+
+def _tracking_faults(check: HeadsetCheck) -> Iterator[Said]:
+    for name, part in _parts(check):
+        tracked = {"part": Said(f"part_{name.replace(' ', '_')}")}
+        if part.with_ == "mouse":
+            yield Said("fault_mouse", tracked)
+            continue
+        if part.share < LEAST_TRACKED:
+            shares = {"percent": f"{100.0 * part.share:.0f}", "least_percent": f"{100.0 * LEAST_TRACKED:.0f}"}
+            yield Said("fault_untracked", tracked | shares)
+        limit_mm = MOST_JITTER_MM.get("head" if name == "head" else part.with_)
+        if limit_mm is not None and part.jitter_mm is not None and part.jitter_mm > limit_mm:
+            yield Said("fault_jitter", tracked | {"mm": f"{part.jitter_mm:.1f}", "most_mm": f"{limit_mm:g}"})
+
+
+def _sense_faults(check: HeadsetCheck) -> Iterator[Said]:
+    if check.haptics is False:
+        yield Said("fault_haptics")
+    if check.sound is False:
+        yield Said("fault_sound")

@@ -1,0 +1,137 @@
+"""Measures a headset from what its client sends: frames drawn, latency, and tracked poses."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.recording.headset_check import HeadsetCheck, TrackedPart
+from avrgym.recording.latency import percentiles_ms
+from avrgym.recording.records import Latency
+from avrgym.vr.protocol.messages import HeadsetFrames, Tracking, XRPose
+
+Array = NDArray[np.float64]
+Take = Callable[[Tracking], XRPose | None]
+
+WINDOW_S = 0.5
+LEAST_IN_WINDOW = 5
+LATE = 1.5
+"""A frame later than so many periods of the display was preceded by others that were dropped."""
+_HEAD: Take = lambda frame: frame.head  # noqa: E731
+_LEFT: Take = lambda frame: frame.left  # noqa: E731
+_RIGHT: Take = lambda frame: frame.right  # noqa: E731
+
+
+class HeadsetMeasurement:
+    """Takes what the client sends while the headset is checked; ``stretching``: the arms are being stretched out."""
+
+    def __init__(self) -> None:
+        self._seconds = 0.0
+        self._tracked: list[Tracking] = []
+        self._at_rest: list[Tracking] = []
+        self._stretched: list[Tracking] = []
+        self._drawn: list[HeadsetFrames] = []
+        self._latencies: list[Latency] = []
+
+    def take_tracking(self, tracking: Tracking, *, at_rest: bool, stretching: bool) -> None:
+        """Take a tracking frame."""
+        self._tracked.append(tracking)
+        if at_rest:
+            self._at_rest.append(tracking)
+        if stretching:
+            self._stretched.append(tracking)
+
+    def take_latency(self, latency: Latency) -> None:
+        """Take the latencies of some frames."""
+        self._latencies.append(latency)
+
+    def take_frames(self, drawn: HeadsetFrames) -> None:
+        """Take when frames were drawn."""
+        self._drawn.append(drawn)
+
+    @property
+    def has_motors(self) -> bool:
+        """Whether a hand holds a controller, which can buzz."""
+        newest = self._tracked[-1] if self._tracked else None
+        return newest is not None and "controller" in (newest.left_modality, newest.right_modality)
+
+    def result(self, *, haptics: bool | None, sound: bool | None) -> HeadsetCheck:
+        """All that was measured, with the participant's answers."""
+        newest = self._tracked[-1] if self._tracked else None
+        told = self._drawn[-1] if self._drawn else None
+        intervals_ms = np.array([ms for each in self._drawn for ms in each.intervals_ms])
+        display_hz = told.display_hz if told else None
+        return HeadsetCheck(
+            device=told.device if told else "",
+            emulated=told.emulated if told else False,
+            profiles=told.profiles if told else [],
+            display_hz=display_hz,
+            seconds=float(intervals_ms.sum()) / 1000.0,
+            frames=len(intervals_ms),
+            frame_rate_hz=1000.0 / float(intervals_ms.mean()) if len(intervals_ms) else 0.0,
+            dropped_share=dropped_share(intervals_ms, display_hz),
+            latency_ms=percentiles_ms(self._latencies),
+            head=self._part("headset" if newest and newest.head else "none", _HEAD),
+            left=self._part(newest.left_modality if newest else "none", _LEFT, hand=True),
+            right=self._part(newest.right_modality if newest else "none", _RIGHT, hand=True),
+            haptics=haptics,
+            sound=sound,
+        )
+
+    def _part(self, modality: str, take: Take, *, hand: bool = False) -> TrackedPart:
+        tracked = sum(take(frame) is not None for frame in self._tracked)
+        return TrackedPart(
+            with_=modality,
+            share=tracked / len(self._tracked) if self._tracked else 0.0,
+            jitter_mm=jitter_mm(self._at_rest, take),
+            reach_m=_reach_m(self._stretched, take) if hand else None,
+        )
+
+
+def dropped_share(intervals_ms: Array, display_hz: float | None) -> float:
+    """The share of a display's frames that were not drawn anew, from the times (N,) between those that were.
+
+    Of a headset that does not tell its rate the median interval counts as the display's.
+    """
+    if not len(intervals_ms):
+        return 0.0
+    period_ms = 1000.0 / display_hz if display_hz else float(np.median(intervals_ms))
+    shown = np.where(intervals_ms > LATE * period_ms, np.rint(intervals_ms / period_ms), 1.0).sum()
+    return float(1.0 - len(intervals_ms) / shown)
+
+
+def jitter_mm(frames: Sequence[Tracking], take: Take) -> float | None:
+    """How far a part strays at rest, mm: root mean square about a parabola, the median of half seconds.
+
+    What sways slowly is no jitter: the parabola takes it out. ``None`` where no half second has enough frames.
+    """
+    poses = [(frame.client_time_ms / 1000.0, take(frame)) for frame in frames]
+    seen = [(time_s, pose.position) for time_s, pose in poses if pose is not None]
+    if not seen:
+        return None
+    times_s = np.array([time_s for time_s, _ in seen])
+    positions = np.array([position for _, position in seen])
+    windows = np.floor((times_s - times_s[0]) / WINDOW_S)
+    strays = [
+        _stray_m(times_s[windows == window], positions[windows == window])
+        for window in np.unique(windows)
+        if (windows == window).sum() >= LEAST_IN_WINDOW
+    ]
+    return 1000.0 * float(np.median(strays)) if strays else None
+
+
+def _stray_m(times_s: Array, positions: Array) -> float:
+    """Root mean square distance of positions (N, 3) from the parabola that they follow in time, metres."""
+    design = np.vander(times_s - times_s.mean(), 3)
+    left = positions - design @ np.linalg.lstsq(design, positions, rcond=None)[0]
+    return float(np.sqrt((left * left).sum() / (len(times_s) - design.shape[1])))
+
+
+def _reach_m(frames: Sequence[Tracking], take: Take) -> float | None:
+    """How far from the head the part came, metres."""
+    distances = [
+        float(np.linalg.norm(np.subtract(pose.position, frame.head.position)))
+        for frame in frames
+        if (pose := take(frame)) is not None and frame.head is not None
+    ]
+    return max(distances, default=None)

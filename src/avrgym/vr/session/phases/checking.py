@@ -1,0 +1,215 @@
+"""The phases in which the headset is checked, before anybody is measured."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Self
+
+from avrgym.recording.questionnaire import Item, translate
+from avrgym.texts.texts import Said
+from avrgym.vr.protocol import messages
+from avrgym.vr.session import events, phases
+from avrgym.vr.session.headset_measuring import HeadsetMeasurement
+from avrgym.vr.session.phases.kinds import InVR
+from avrgym.vr.session.plan import HeadsetCheckPlan
+from avrgym.vr.session.questions import Questions
+from avrgym.vr.session.state import SessionState
+
+YES = 1
+FAULTS_SHOWN = 2
+"""More would be too small to read; events, database and terminal tell all."""
+BUZZ = Item(
+    "haptics",
+    "Do you feel a buzz in your hands, every second?",
+    points=2,
+    low="yes",
+    high="no",
+    labels=("yes", "no"),
+)
+CHIME = Item(
+    "sound", "Do you hear a chime, every second?", points=2, low="yes", high="no", labels=("yes", "no")
+)
+SIGNAL_EVERY_S = 1.0
+SIGNAL_S = 0.5
+
+
+class Checking(InVR):
+    """The headset is checked; the experimenter may skip that."""
+
+    moves = True
+
+    def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
+        super().__init__(state)
+        self._measurement = measurement
+
+    def take_tracking(self, tracking: messages.Tracking) -> None:
+        """The first frame says where the participant is: what is drawn then is what a trial draws."""
+        frame = self.state.tracking.take(tracking, self.state.now_s)
+        if frame.usable and self.state.tracking.registration is None:
+            assert tracking.head is not None
+            self.state.tracking.place(tracking.head, self.state.person, self.state.world.scene_config.posture)
+            self.state.tell_scene()
+
+    def skip(self) -> phases.Calibration | phases.LoadCalibration:
+        self.state.headset_checked = True
+        self.state.sink.tell(events.HeadsetCheckSkipped(self.state.now_s))
+        return self._calibrate_again()
+
+
+class CheckBegins(Checking):
+    """The participant gets ready; their trigger begins the check, and shows that it works."""
+
+    name = "headset"
+    says = Said("headset_check")
+    awaits_ready = True
+    moves = False
+
+    def __init__(self, state: SessionState) -> None:
+        super().__init__(state, HeadsetMeasurement())
+
+    def ready(self) -> CheckAtRest | Self:
+        if not self.state.worlds.is_shown:
+            return self._refuse("loading")
+        return CheckAtRest(self.state, self._measurement)
+
+
+class Measuring(Checking, ABC):
+    """Something is measured for a while."""
+
+    name = "headset_check"
+    at_rest = stretching = False
+
+    @property
+    def _durations(self) -> HeadsetCheckPlan:
+        assert self.state.plan.headset_check is not None
+        return self.state.plan.headset_check
+
+    def take_tracking(self, tracking: messages.Tracking) -> None:
+        super().take_tracking(tracking)
+        self._measurement.take_tracking(tracking, at_rest=self.at_rest, stretching=self.stretching)
+
+    def take_latency(self, latency: messages.Latency) -> None:
+        taken = self.state.take_latency(latency)
+        if taken is not None:
+            self._measurement.take_latency(taken)
+
+    def take_frames(self, drawn: messages.HeadsetFrames) -> None:
+        self._measurement.take_frames(drawn)
+
+    @abstractmethod
+    def time_over(self) -> CheckStretched | CheckMoving | CheckSenses | CheckResult:
+        """What is measured then."""
+
+
+class CheckAtRest(Measuring):
+    """How much the tracking trembles."""
+
+    says = Said("headset_at_rest")
+    at_rest = True
+
+    def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
+        super().__init__(state, measurement)
+        self.seconds = self._durations.at_rest_s
+
+    def time_over(self) -> CheckStretched:
+        return CheckStretched(self.state, self._measurement)
+
+
+class CheckStretched(Measuring):
+    """How far hands are tracked."""
+
+    says = Said("headset_stretched")
+    stretching = True
+
+    def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
+        super().__init__(state, measurement)
+        self.seconds = self._durations.stretched_s
+
+    def time_over(self) -> CheckMoving:
+        return CheckMoving(self.state, self._measurement)
+
+
+class CheckMoving(Measuring):
+    """Whether pictures keep up with movement."""
+
+    says = Said("headset_moving")
+
+    def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
+        super().__init__(state, measurement)
+        self.seconds = self._durations.moving_s
+
+    def time_over(self) -> CheckSenses | CheckResult:
+        plan = self.state.plan
+        asked = [BUZZ] * (plan.haptics and self._measurement.has_motors) + [CHIME] * plan.sounds
+        if asked:
+            return CheckSenses(self.state, self._measurement, asked)
+        return CheckResult(self.state, self._measurement, {})
+
+
+class CheckSenses(Checking):
+    """The participant says whether they feel and hear what they are meant to."""
+
+    name = "headset_check"
+    says = Said("questionnaire")
+
+    def __init__(self, state: SessionState, measurement: HeadsetMeasurement, asked: list[Item]) -> None:
+        super().__init__(state, measurement)
+        self._asked, self._answers = asked, dict[str, bool]()
+        self._questions = Questions(translate(asked, state.plan.texts))
+        self._next_s, self._ends_s = state.now_s + SIGNAL_EVERY_S, 0.0
+
+    @property
+    def question(self) -> messages.Question:
+        return self._questions.question()
+
+    def wait(self) -> Self:
+        """Buzz or chime again and again, until that is answered."""
+        now_s, buzzes = self.state.now_s, len(self._answers) < len(self._asked) and self._is_asked(BUZZ)
+        if now_s >= self._next_s:
+            self._next_s, self._ends_s = now_s + SIGNAL_EVERY_S, now_s + SIGNAL_S
+            self.state.send(messages.Feedback(buzzes, buzzes, 0 if buzzes else 1))
+        elif 0.0 < self._ends_s <= now_s:
+            self._ends_s = 0.0
+            self.state.send(messages.Feedback(left_touched=False, right_touched=False, events=0))
+        return self
+
+    def answer(self, answer: messages.Answer) -> CheckResult | Self:
+        try:
+            given = self._questions.take(answer)
+        except ValueError as error:
+            self.state.send(self.question)
+            self._refuse("not_an_answer")
+            return self._report(str(error))
+        self._answers[given.item] = given.value == YES
+        if self._questions.done:
+            return CheckResult(self.state, self._measurement, self._answers)
+        self.state.send(self.question)
+        return self
+
+    def _is_asked(self, item: Item) -> bool:
+        return self._asked[len(self._answers)] is item
+
+
+class CheckResult(Checking):
+    """Everybody is told whether the headset is ready, and what to do if it is not."""
+
+    name = "headset"
+    awaits_ready = True
+    moves = False
+
+    def __init__(
+        self, state: SessionState, measurement: HeadsetMeasurement, answers: dict[str, bool]
+    ) -> None:
+        super().__init__(state, measurement)
+        self._check = measurement.result(haptics=answers.get(BUZZ.id), sound=answers.get(CHIME.id))
+        self.says = self._check.verdict(FAULTS_SHOWN)
+
+    def entered(self) -> None:
+        self.state.headset = self._check
+        self.state.sink.tell(events.HeadsetChecked(self.state.now_s, self._check))
+
+    def ready(self) -> CheckBegins | phases.Calibration | phases.LoadCalibration:
+        if not self._check.go:
+            return CheckBegins(self.state)
+        self.state.headset_checked = True
+        return self._calibrate_again()

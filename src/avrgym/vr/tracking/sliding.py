@@ -1,0 +1,89 @@
+"""Who slides on their seat: seat and room follow, once they have come to rest.
+
+The simulated hips stay where they are, and the torso only bends. So the head of somebody who has slid cannot come
+where it is tracked: it is farther from the hips than the torso is long. That tells sliding from leaning, which leaves
+the head where the torso reaches.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models.human import Person, Posture
+from avrgym.vr.protocol import axes
+from avrgym.vr.protocol.webxr import Pose
+from avrgym.vr.tracking.body import HEAD, WAIST, resting_head_centre, skeleton
+
+Array = NDArray[np.float64]
+
+LOOK_EVERY_TICKS = 10
+LOOKS_AT_REST = 11
+"""The looks of one second."""
+STEADY_M = 0.03
+SLID_M = 0.02
+"""A head that rests farther than this from where the torso brings it has slid."""
+FARTHEST_M = 0.6
+HIGHEST_M = 0.1
+"""Who has gone farther, or is so much higher than at rest, has left the seat."""
+GLIDE_M_S = 0.05
+"""So fast the room follows: slowly, since everything that is seen moves."""
+
+
+@dataclass(frozen=True)
+class Glide:
+    """By how much (3,) the participant's floor moves in the world, evenly, and how long that takes."""
+
+    shift_w: Array
+    seconds: float
+
+
+class Sliding:
+    """Watches where the head of a person rests in a posture."""
+
+    def __init__(self, person: Person, posture: Posture) -> None:
+        measures = skeleton(person, posture)
+        w, x, y, z = measures.hips_q_w
+        self._hips_axes_w = axes.of_quaternion(np.array([w, x, y, z]))
+        self._waist_w = np.array(measures.hips_pos_w) + self._hips_axes_w @ np.array(measures.waist)
+        self._neck_t, self._head_centre_m = np.array(measures.neck), measures.head_centre_m
+        self._rest_w = resting_head_centre(person, posture)
+        self._seen: deque[Array] = deque(maxlen=LOOKS_AT_REST)
+
+    def look(self, head: Pose, joint_angles_rad: Array) -> Glide | None:
+        """How to follow a head that is tracked at a pose and solved with these angles (20,); ``None``: not at all."""
+        self._seen.append(head.pos_w)
+        if len(self._seen) < LOOKS_AT_REST or np.ptp(np.array(self._seen), axis=0).max() > STEADY_M:
+            return None
+        missed_m = float(np.linalg.norm(head.pos_w - self.head_centre_w(joint_angles_rad)))
+        if missed_m <= SLID_M or head.pos_w[2] - self._rest_w[2] > HIGHEST_M:
+            return None
+        return self._glide(head)
+
+    def forget(self) -> None:
+        """What was seen before says nothing of what comes."""
+        self._seen.clear()
+
+    def head_centre_w(self, joint_angles_rad: Array) -> Array:
+        """Where joint angles (20,) bring the head's centre, (3,)."""
+        waist, head = joint_angles_rad[WAIST].tolist(), joint_angles_rad[HEAD].tolist()
+        torso_axes_w = self._hips_axes_w @ axes.of_xyz(*waist)
+        up_w = (torso_axes_w @ axes.of_xyz(*head))[:, 2]
+        return self._waist_w + torso_axes_w @ self._neck_t + self._head_centre_m * up_w
+
+    def _glide(self, head: Pose) -> Glide | None:
+        """The shortest way straight back, over the floor, that brings the head joints within the torso's length."""
+        away = (head.pos_w - self._rest_w) * [1.0, 1.0, 0.0]
+        far_m = float(np.linalg.norm(away))
+        if far_m <= SLID_M:
+            return None
+        direction = away / far_m
+        neck_w = head.pos_w - self._head_centre_m * axes.of_quaternion(head.q_w)[:, 2] - self._waist_w
+        along_m = float(neck_w @ direction)
+        too_far = float(neck_w @ neck_w - self._neck_t @ self._neck_t)
+        way_m = along_m - np.sqrt(max(along_m * along_m - too_far, 0.0))
+        if not SLID_M < way_m <= FARTHEST_M:
+            return None
+        self.forget()
+        return Glide(-way_m * direction, way_m / GLIDE_M_S)

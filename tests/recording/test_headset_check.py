@@ -1,0 +1,100 @@
+"""Laws of a headset check's verdict: each fault in words, with what to do, and nothing else keeps a session waiting."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from avrgym.recording.headset_check import HeadsetCheck, TrackedPart
+from avrgym.recording.latency import STAGES
+from avrgym.texts.texts import read_texts, shipped
+
+READY = HeadsetCheck(
+    device="test",
+    emulated=False,
+    profiles=["a-controller"],
+    display_hz=90.0,
+    seconds=60.0,
+    frames=5400,
+    frame_rate_hz=90.0,
+    dropped_share=0.001,
+    latency_ms={stage: {"p50": 5.0, "p95": 8.0, "p99": 10.0} for stage in ("total_ms", *STAGES)},
+    head=TrackedPart("headset", 1.0, 0.2),
+    left=TrackedPart("controller", 1.0, 0.4, 0.62),
+    right=TrackedPart("hand", 0.97, 4.0, 0.6),
+    haptics=True,
+    sound=True,
+)
+
+
+def but(**changes: Any) -> HeadsetCheck:
+    return msgspec.structs.replace(READY, **changes)
+
+
+def late(stage: str) -> dict[str, dict[str, float]]:
+    far = {
+        stage: {"p50": 150.0, "p95": 190.0, "p99": 200.0},
+        "total_ms": {"p50": 160.0, "p95": 200.0, "p99": 210.0},
+    }
+    return {**READY.latency_ms, **far}
+
+
+def test_a_headset_without_faults_is_ready() -> None:
+    assert READY.go
+    assert READY.words() == "Go: the headset is ready."
+    for asked_nobody in (None, True):
+        assert but(haptics=asked_nobody, sound=asked_nobody).go
+
+
+FAULTS = [
+    (but(frames=0), "drew no pictures", "put it on"),
+    (but(display_hz=50.0), "50 Hz", "higher rate"),
+    (but(display_hz=None, frame_rate_hz=45.0), "45 Hz", "higher rate"),
+    (but(dropped_share=0.2), "20 % of the frames", "close other programs"),
+    (but(latency_ms={}), "No pose came back", "connection"),
+    (but(latency_ms=late("up_ms")), "200 ms after poses", "USB cable"),
+    (but(latency_ms=late("simulate_ms")), "200 ms after poses", "server's computer"),
+    (but(head=TrackedPart("headset", 1.0, 3.0)), "head trembles by 3.0 mm", "light the room"),
+    (but(left=TrackedPart("controller", 1.0, 4.0)), "left hand trembles", "hold still"),
+    (but(right=TrackedPart("none", 0.0)), "right hand is tracked 0 %", "switch controllers on"),
+    (but(right=TrackedPart("mouse", 1.0)), "follows a mouse", "enter VR"),
+    (but(haptics=False), "not felt", "vibration"),
+    (but(sound=False), "not heard", "volume"),
+]
+ALL = [READY, *(check for check, *_ in FAULTS)]
+
+
+@pytest.mark.parametrize(
+    ("check", "what", "what_to_do"),
+    FAULTS,
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_each_fault_is_told_alone_with_what_to_do(check: HeadsetCheck, what: str, what_to_do: str) -> None:
+    assert len(check.faults()) == 1
+    assert not check.go
+    assert what in check.fault_words
+    assert what_to_do in check.fault_words
+    assert check.words() == f"No-go. {check.fault_words}"
+
+
+def test_who_reads_in_vr_is_told_the_first_faults_and_how_many_more_there_are() -> None:
+    bad = but(haptics=False, sound=False, dropped_share=0.2)
+    assert len(bad.faults()) == 3
+    for texts in map(read_texts, shipped()):
+        told, third = texts.say(bad.verdict(2)), texts.say(bad.faults()[2])
+        assert all(texts.say(fault) in told for fault in bad.faults()[:2])
+        assert "1" in told
+        assert third not in told
+        assert third in texts.say(bad.verdict(3))
+        assert all(texts.say(each.verdict(9)) for each in ALL)
+
+
+def test_a_bare_hand_may_tremble_more_than_a_controller() -> None:
+    assert but(left=TrackedPart("hand", 1.0, 4.0)).go
+    assert not but(left=TrackedPart("controller", 1.0, 4.0)).go
+
+
+def test_a_check_comes_back_from_where_it_is_stored_as_it_was() -> None:
+    for check in (READY, but(display_hz=None, haptics=None, latency_ms={})):
+        assert msgspec.convert(msgspec.json.decode(msgspec.json.encode(check)), HeadsetCheck) == check
+        assert check.figures()

@@ -1,0 +1,102 @@
+"""Whether sessions begin with a check of the headset stands in the design; what it measured stays with the session."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from analysed import take_part
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.study import analyse
+from avrgym.recording.headset_check import HeadsetCheck, TrackedPart
+from avrgym.recording.latency import STAGES
+from avrgym.study.design.design import default_text, parse_design
+from avrgym.study.sessions.live import StudyVisit, plan_session
+from avrgym.study.storage.sessions import store_headset_check
+from avrgym.study.storage.store import Store
+from avrgym.vr.session import events
+from studies import make_study
+
+LINE = "headset_check = true\n"
+CHECK = HeadsetCheck(
+    device="Browser of the headset",
+    emulated=False,
+    profiles=["some-controller"],
+    display_hz=72.0,
+    seconds=60.0,
+    frames=4320,
+    frame_rate_hz=71.9,
+    dropped_share=0.002,
+    latency_ms={stage: {"p50": 31.0, "p95": 44.0, "p99": 50.0} for stage in ("total_ms", *STAGES)},
+    head=TrackedPart("headset", 1.0, 0.31),
+    left=TrackedPart("controller", 1.0, 0.52, 0.61),
+    right=TrackedPart("controller", 1.0, 0.48, 0.63),
+    haptics=True,
+    sound=True,
+)
+
+
+def test_new_studies_check_headsets_and_those_that_do_not_say_do_not() -> None:
+    assert parse_design(default_text()).headset_check
+    assert not parse_design(default_text().replace(LINE, "")).headset_check
+
+
+@pytest.mark.parametrize(
+    ("design", "simulated", "asked", "checks"),
+    [
+        ("true", False, False, True),
+        ("true", True, False, False),
+        ("true", True, True, False),
+        ("false", False, False, False),
+        ("false", False, True, True),
+    ],
+)
+def test_people_s_headsets_are_checked_as_design_or_server_say(
+    tmp_path: Path, design: str, simulated: bool, asked: bool, checks: bool
+) -> None:
+    with Store(make_study(tmp_path / "study", headset_check=design)) as store:
+        plan = plan_session(store, take_part(store, simulated=simulated), headset_check=asked)
+    assert (plan.headset_check is not None) is checks
+
+
+def test_a_check_is_stored_with_its_session_and_printed_in_the_methods(tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "study")
+    with Store(folder) as store:
+        unchecked, pseudonym = take_part(store), take_part(store, simulated=False)
+        for who in (unchecked, pseudonym):
+            with StudyVisit(store, who) as visit:
+                if who == pseudonym:
+                    shaky = msgspec.structs.replace(CHECK, head=TrackedPart("headset", 1.0, 4.0))
+                    for check in (shaky, CHECK):
+                        visit._observer()(events.HeadsetChecked(1.0, check))
+        assert [session.headset for session in store.sessions(unchecked)] == [None]
+        assert [session.headset for session in store.sessions(pseudonym)] == [CHECK]
+        told = [each.detail for each in store.events() if each.name == "headset checked"]
+        assert "No-go. At rest the head trembles by 4.0 mm" in told[0]
+        assert told[1].startswith("Go: the headset is ready. 72 frames a second of 72; 0.2 % dropped")
+        assert not store.database.faults()
+        write_analysis(analyse(store), store.folder, tmp_path / "out")
+    page = (tmp_path / "out/report/index.html").read_text()
+    methods = page[page.index('id="methods"') :]
+    for shown in ("Checks of the headset", "some-controller", "0.2 %", "0.52 (controller)", "sub-002"):
+        assert shown in methods
+    pack = (tmp_path / "out/reporting/methods.md").read_text()
+    assert "checked at the beginning of 1 session and found ready in 1 (medians: 72 frames a second" in pack
+    assert (tmp_path / "out/tables/headset_checks.csv").is_file()
+
+
+def test_a_study_without_checks_says_nothing_of_them(tmp_path: Path) -> None:
+    with Store(make_study(tmp_path / "study")) as store:
+        with StudyVisit(store, take_part(store)):
+            pass
+        write_analysis(analyse(store), store.folder, tmp_path / "out")
+    assert "Checks of the headset" not in (tmp_path / "out/report/index.html").read_text()
+    assert not (tmp_path / "out/tables/headset_checks.csv").exists()
+
+
+def test_a_check_of_a_session_that_is_over_is_refused(tmp_path: Path) -> None:
+    with Store(make_study(tmp_path / "study")) as store:
+        with StudyVisit(store, take_part(store)) as visit:
+            pass
+        with pytest.raises(Exception, match="must be open"):
+            store_headset_check(store, visit.stored.id, CHECK)

@@ -1,0 +1,44 @@
+"""The check of the headset in a real browser: what a participant sees, answers, and is told."""
+
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from avrgym.recording.latency import STAGES
+from avrgym.vr.session import events
+from avrgym.vr.session.plan import HeadsetCheckPlan
+from journey import Journey, await_that
+from visit import driving, plan
+
+pytestmark = pytest.mark.usefixtures("unhurried")
+
+
+def test_the_emulated_headset_is_measured_and_told_what_it_lacks(tmp_path: Path) -> None:
+    """No frame rate is asserted: the emulated headset draws in software."""
+    checked = replace(plan(), headset_check=HeadsetCheckPlan(at_rest_s=1.5, stretched_s=0.5, moving_s=1.5))
+    with ExitStack() as opened:
+        journey = Journey(tmp_path, checked, driving(checked), opened)
+        headset, session = journey.headset, journey.session
+        headset.set_poses(journey.participant.frame(0.0, moving=False))
+        headset.enter_vr()
+        await_that(lambda: session.phase == "headset")
+        while session.phase == "headset":
+            headset.await_frames(5)
+            headset.pull_trigger("right")
+        for item, value in (("haptics", 2), ("sound", 1)):
+            journey.await_buttons(item)
+            headset.answer(value)
+        journey.await_phase("headset")
+        headset.page.get_by_text("The buzz was not felt").first.wait_for(state="attached")
+        headset.screenshot(tmp_path / "result.png")
+        (check,) = [each.check for each in journey.observed if isinstance(each, events.HeadsetChecked)]
+    assert check.emulated
+    assert "Chrome" in check.device
+    assert check.profiles
+    assert check.frames > 0
+    assert set(check.latency_ms) == {"total_ms", *STAGES}
+    assert check.head.jitter_mm == pytest.approx(0.0, abs=0.01)
+    assert (check.left.with_, check.right.with_) == ("controller", "controller")
+    assert (check.haptics, check.sound) == (False, True)

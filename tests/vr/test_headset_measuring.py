@@ -1,0 +1,160 @@
+"""Laws of the check of the headset: what is measured, when, and what a session makes of it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from avrgym.recording.latency import STAGES
+from avrgym.vr.protocol.messages import (
+    Answer,
+    Command,
+    Entered,
+    Feedback,
+    HeadsetFrames,
+    Latency,
+    OriginReset,
+    Phase,
+    Question,
+    Ready,
+    Tracking,
+    XRPose,
+)
+from avrgym.vr.session import events
+from avrgym.vr.session.headset_measuring import dropped_share, jitter_mm
+from avrgym.vr.session.plan import HeadsetCheckPlan
+from visit import Visit, plan
+
+CHECKED = replace(plan(), headset_check=HeadsetCheckPlan(at_rest_s=1.2, stretched_s=0.3, moving_s=0.4))
+FRAMES = HeadsetFrames("a browser", True, ["a-controller"], 90.0, [1000.0 / 90.0] * 90)
+LATENCY = Latency([1, 2], *[[2.0, 3.0]] * len(STAGES))
+
+
+def head(frame: Tracking) -> XRPose | None:
+    return frame.head
+
+
+def tracked(positions: NDArray[np.float64], rate_hz: float = 90.0) -> list[Tracking]:
+    """Frames of a head at these places (N, 3)."""
+    return [
+        Tracking(i, 1000.0 * i / rate_hz, XRPose((x, y, z), (0.0, 0.0, 0.0, 1.0)), None, None, "none", "none")
+        for i, (x, y, z) in enumerate(positions.tolist())
+    ]
+
+
+# What is measured ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("noise_mm", [0.1, 1.0, 5.0])
+def test_jitter_is_the_tracking_s_noise_whatever_the_head_sways(noise_mm: float) -> None:
+    random, times_s = np.random.default_rng(1), np.arange(900) / 90.0
+    sway = np.stack([0.02 * np.sin(2.0 * np.pi * 0.2 * times_s), 0.01 * times_s, 0.0 * times_s], axis=1)
+    noise = random.normal(0.0, noise_mm / 1000.0 / np.sqrt(3.0), (900, 3))
+    assert jitter_mm(tracked(sway + noise), head) == pytest.approx(noise_mm, rel=0.25)
+
+
+def test_nothing_seen_has_no_jitter() -> None:
+    assert jitter_mm([], head) is None
+    assert jitter_mm(tracked(np.zeros((3, 3))), head) is None
+
+
+@pytest.mark.parametrize("display_hz", [90.0, None])
+def test_a_frame_that_takes_as_long_as_three_has_dropped_two(display_hz: float | None) -> None:
+    period_ms = 1000.0 / 90.0
+    early_or_late = np.array([0.9, 1.1] * 48)
+    assert dropped_share(period_ms * early_or_late, display_hz) == 0.0
+    assert dropped_share(period_ms * np.append(early_or_late, [3.0, 1.0]), display_hz) == pytest.approx(0.02)
+    assert dropped_share(np.array([]), display_hz) == 0.0
+
+
+# What a session makes of it -------------------------------------------------------------------------------------
+
+
+def check(visit: Visit, haptics: int = 1, sound: int = 1) -> None:
+    """From entering VR, or from a failed check, to its result."""
+    visit.tick(5)
+    visit.tell(Ready())
+    while visit.phase == "headset_check" and not visit.said(Question):
+        visit.tick()
+        visit.tell(FRAMES, LATENCY)
+    for value in (haptics, sound):
+        visit.tick(110)
+        visit.tell(Answer(visit.said(Question)[-1].item, value, 1.0))
+    assert visit.phase == "headset"
+
+
+def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, CHECKED)
+    visit.tell(Entered())
+    check(visit)
+    result = next(each for each in visit.observed if isinstance(each, events.HeadsetChecked)).check
+    assert result.go, result.words()
+    assert result.emulated
+    assert result.frame_rate_hz == pytest.approx(90.0)
+    assert result.left.reach_m is not None
+    assert result.head.share == 1.0
+    assert result.latency_ms["total_ms"]["p50"] == pytest.approx(2.5 * len(STAGES))
+    assert "ready" in visit.said(Phase)[-1].text
+    visit.tell(Ready())
+    assert visit.phase == "calibration"
+    visit.tick(20)
+    visit.tell(Ready())
+    visit.until("trial")
+    visit.leave()
+    (recording,) = visit.recordings()
+    assert recording.metadata["headset_check"]["display_hz"] == 90.0
+
+
+def test_who_feels_no_buzz_is_told_and_checks_again(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, CHECKED)
+    visit.tell(Entered())
+    check(visit, haptics=2)
+    assert "not felt" in visit.said(Phase)[-1].text
+    visit.tell(Ready())
+    assert visit.phase == "headset"
+    assert not any(isinstance(each, events.Calibrated) for each in visit.observed)
+    visit.tell(Command("skip"))
+    assert visit.phase == "calibration"
+    visit.tell(OriginReset())
+    assert visit.phase == "calibration"
+
+
+def test_hands_buzz_then_a_chime_sounds(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, CHECKED)
+    visit.tell(Entered())
+    check(visit)
+    felt = visit.said(Feedback)
+    assert [each.left_touched and each.right_touched for each in felt] == [True, False, False]
+    assert [each.events for each in felt] == [0, 0, 1]
+
+
+def test_the_experimenter_may_skip_the_check_at_any_time(tmp_path: Path) -> None:
+    for ticks in (0, 150):
+        visit = Visit(tmp_path / str(ticks), CHECKED)
+        visit.tell(Entered())
+        visit.tick(5)
+        visit.tell(Ready())
+        visit.tick(ticks)
+        visit.tell(Command("skip"))
+        assert visit.phase == "calibration"
+        assert any(isinstance(each, events.HeadsetCheckSkipped) for each in visit.observed)
+
+
+def test_without_a_check_nothing_is_checked_and_nothing_recorded(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, plan())
+    visit.go_to("trial")
+    visit.leave()
+    assert not {"headset", "headset_check"} & set(visit.phases)
+    assert "headset_check" not in visit.recordings()[0].metadata
+
+
+def test_the_check_waits_for_the_scene_that_it_measures_with(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, CHECKED)
+    visit.loads = False
+    visit.tell(Entered())
+    visit.tick(5)
+    visit.tell(Ready())
+    assert visit.phase == "headset"
+    assert "scene" in visit.problems[-1]
