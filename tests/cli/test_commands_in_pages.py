@@ -28,7 +28,7 @@ from places import DATA, ROOT
 
 SMALLER = {"--episodes": "1", "--steps": "1", "--participants": "2", "--simulations": "4"}
 ENDLESS = ("serve", "view")
-SET_UP = {"make", ".", "mkdir", "cd", "pip"}
+SET_UP = {"make", ".", "mkdir", "cd", "pip", "python3"}
 ANSWERS = "y\ny\ny\nn\ny\nn\n"
 """To the consent of the paper's protocol and its inclusion questions."""
 RECORDING = DATA / "recordings-of-0.1.0" / "ScratchItchJaco.mcap"

@@ -27,9 +27,9 @@ def blocks(page: Path) -> list[Block]:
 
 
 def commands(text: str) -> list[list[str]]:
-    """The words of each line of a block of shell commands, comments left out."""
+    """The words of each line of a block of shell commands, comments and where output goes left out."""
     lines = text.replace("\\\n", " ").splitlines()
-    return [words for line in lines if (words := shlex.split(line, comments=True))]
+    return [words for line in lines if (words := shlex.split(line.partition(" > ")[0], comments=True))]
 
 
 def name_of(page: Path) -> str:

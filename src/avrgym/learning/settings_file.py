@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from math import isfinite
 from pathlib import Path
 from typing import get_type_hints
 
@@ -27,6 +28,11 @@ def read_settings(path: Path, environment: str) -> TrainingSettings:
     unknown = ", ".join(said.keys() - usual.keys())
     if unknown:
         raise ValueError(f"{path}: no training setting is called {unknown}; allowed: {', '.join(usual)}")
+    for name, value in said.items():
+        if not all(
+            isfinite(each) for each in (value if is_array(value) else [value]) if isinstance(each, float)
+        ):
+            raise ValueError(f"{path}: {name}: expected a finite number")
     try:
         return msgspec.convert(usual | said, TrainingSettings)
     except msgspec.ValidationError as error:
