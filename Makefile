@@ -73,7 +73,7 @@ $(DONE)/demo: pyproject.toml $(DONE)/python
 $(DONE)/test: pyproject.toml $(DONE)/python
 	@echo 'Installing AVR Gym with what training and the checks need'
 	@$(PIP_INSTALL) '$(TORCH)'
-	@$(PIP_INSTALL) -e '.[browser,train,postgresql,export,video,onnx,pettingzoo,lsl,dev,docs]'
+	@$(PIP_INSTALL) -e '.[browser,train,postgresql,export,video,onnx,pettingzoo,lsl,foxglove,dev,docs]'
 	@touch $(DONE)/demo $@
 
 $(DONE)/node: $(DONE)/python

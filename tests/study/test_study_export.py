@@ -1,6 +1,7 @@
 """Exports, opened again by the tools that read their formats."""
 
 import csv
+import importlib.util
 import json
 import subprocess
 import sys
@@ -14,12 +15,14 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
+from avrgym.robots.registry import find_robot
 from avrgym.study.export import FORMATS, export_study
 from avrgym.study.export.tables import neutral, write_csv
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
+from avrgym.tasks.registry import TASKS
 from studies import OBSERVATION, STEPS, TORSO_HEIGHT_M, record, run_participant, small_study, take_in
 
 NAME = "Ada Unverwechselbar"
@@ -89,7 +92,7 @@ def test_an_export_that_fails_leaves_nothing(
 
 
 def test_an_unknown_format_is_refused(store: Store, tmp_path: Path) -> None:
-    with pytest.raises(StudyError, match="unknown format 'xlsx'; allowed: csv, bids, hdf5, lerobot"):
+    with pytest.raises(StudyError, match="unknown format 'xlsx'; allowed: csv, bids, hdf5, lerobot, minari"):
         export_study(store, "xlsx", tmp_path / "out")
 
 
@@ -236,6 +239,19 @@ def test_bids_has_what_other_devices_sent(exports: dict[str, Path]) -> None:
     ]
 
 
+def test_pybids_and_mne_bids_open_an_export(exports: dict[str, Path]) -> None:
+    """The latter reads no motion, and finds none because it wants ``tracksys`` elsewhere than BIDS."""
+    bids = pytest.importorskip("bids", reason="`pip install pybids` brings what reads the export")
+    layout = bids.BIDSLayout(exports["bids"], validate=True)
+    assert (layout.get_subjects(), layout.get_tasks()) == (["001", "002"], ["Feeding"])
+    assert len(layout.get(suffix="motion", extension=".tsv")) == 8
+    (heart,) = layout.get(subject="001", run=1, suffix="physio", recording="heart", extension=".tsv.gz")
+    assert heart.get_metadata()["SamplingFrequency"] == 100.0
+    mne_bids = pytest.importorskip("mne_bids", reason="`pip install mne-bids` brings what reads the export")
+    for key, values in {"subject": ["001", "002"], "session": ["01"], "task": ["Feeding"]}.items():
+        assert mne_bids.get_entity_vals(exports["bids"], key) == values
+
+
 def test_bids_tables_lead_to_the_runs_and_their_conditions(exports: dict[str, Path]) -> None:
     folder = exports["bids"]
     participants = table(folder / "participants.tsv")
@@ -270,19 +286,67 @@ def test_hdf5_has_robomimic_s_structure(exports: dict[str, Path]) -> None:
         with h5py.File(path) as file:
             data: Any = file["data"]
             masks: Any = file["mask"]
-            assert json.loads(data.attrs["env_args"])["env_name"] == f"avrgym/{path.stem}-v1"
+            made_by = "avrgym.envs.old_gym"
+            assert json.loads(data.attrs["env_args"])["env_name"] == f"{made_by}:avrgym/{path.stem}-v1"
             assert sorted(data) == [f"demo_{number}" for number in range(len(data))]
             for demo in data.values():
                 assert demo["actions"].shape == (STEPS, 7)
                 assert demo["obs/observation"][:].tolist() == [OBSERVATION] * STEPS
+                assert demo["obs/flat"] == demo["obs/observation"]
                 assert demo["next_obs/observation"].shape == demo["obs/observation"].shape
                 assert demo["rewards"].shape == (STEPS,)
                 assert demo["dones"][:].tolist() == [False] * (STEPS - 1) + [True]
                 assert demo.attrs["num_samples"] == STEPS
                 assert demo.attrs["simulated"] == (demo.attrs["participant"] == "sub-001")
             assert data.attrs["total"] == STEPS * len(data)
-            masked = {name.decode() for mask in masks.values() for name in mask}
-            assert masked == set(data)
+            filters = {name: {demo.decode() for demo in mask} for name, mask in masks.items()}
+            for one, other in (
+                ("simulated", "people"),
+                ("practice", "not_practice"),
+                ("policy_original", "policy_revised"),
+            ):
+                assert filters[one] | filters[other] == set(data)
+                assert not filters[one] & filters[other]
+            assert filters["practice"] == {name for name, demo in data.items() if demo.attrs["practice"]}
+            assert filters["success"] == set(data)
+            assert "failure" not in filters
+
+
+def test_robomimic_makes_the_environment_of_an_export(exports: dict[str, Path]) -> None:
+    for package in ("gym", "robomimic"):
+        if importlib.util.find_spec(package) is None:
+            pytest.skip(f"{package} is not installed (`pip install robomimic gym==0.26.2` brings both)")
+    program = """
+import sys
+import robomimic.utils.env_utils as made, robomimic.utils.file_utils as files, robomimic.utils.obs_utils as seen
+meta = files.get_env_metadata_from_dataset(sys.argv[1])
+seen.initialize_obs_utils_with_obs_specs({"obs": {"low_dim": ["flat"], "rgb": []}})
+environment = made.create_env_from_metadata(meta)
+observation = environment.reset()["flat"]
+after, reward, done, _ = environment.step([0.0] * environment.action_dimension)
+print("SAW", observation.shape, after["flat"].shape, float(reward) < 0, done, environment.is_success())
+"""
+    command = [sys.executable, "-W", "ignore", "-c", program, exports["hdf5"] / "FeedingJaco.hdf5"]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "SAW (25,) (25,) True False {'task': False}" in result.stdout, result.stderr
+
+
+# Minari
+
+
+def test_minari_opens_an_export(exports: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    minari = pytest.importorskip("minari", reason="`pip install minari` brings what reads the export")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(exports["minari"]))
+    for scene in SCENES:
+        dataset = minari.load_dataset(f"avrgym/{scene}/study-v0")
+        assert dataset.env_spec.id == f"avrgym/{scene}-v1"
+        assert dataset.total_steps == STEPS * dataset.total_episodes
+        for episode in dataset.iterate_episodes():
+            assert episode.observations.tolist() == [OBSERVATION] * (STEPS + 1)
+            assert episode.actions.shape == (STEPS, 7)
+            assert episode.truncations.tolist() == [False] * (STEPS - 1) + [True]
+            assert not episode.terminations.any()
+            assert episode.infos["success"].tolist()[-1]
 
 
 # LeRobot
@@ -298,6 +362,9 @@ def test_lerobot_datasets_are_described_by_their_metadata(exports: dict[str, Pat
     assert len(frames) == info["total_frames"] == STEPS * info["total_episodes"]
     for name, feature in info["features"].items():
         assert np.atleast_1d(frames[name].iloc[0]).shape == tuple(feature["shape"])
+    assert info["features"]["action"]["names"] == list(
+        TASKS["Feeding"].scene(find_robot(scene[7:])).arm.joints
+    )
     schema = pq.read_schema(folder / "data" / "chunk-000" / "file-000.parquet")
     assert str(schema.field("action").type) == "fixed_size_list<element: float>[7]"
     episodes: Any = pd.read_parquet(folder / "meta" / "episodes" / "chunk-000" / "file-000.parquet")

@@ -53,6 +53,10 @@ def replay(
         Path | None,
         typer.Option(help="On the page of --html, a second recording beside it.", metavar="OTHER"),
     ] = None,
+    mcap: Annotated[
+        Path | None,
+        typer.Option(help="Write it in 3D for Foxglove and Rerun.", metavar="OUT.mcap"),
+    ] = None,
     first_person: Annotated[
         bool, typer.Option("--first-person", help="Videos and pictures with the participant's eyes.")
     ] = False,
@@ -91,7 +95,9 @@ def replay(
                 _write_gif(recording, gif, first_person)
             if frames is not None and out is not None:
                 _draw_strip(recording, frames, out, first_person)
-            if not (verify or regions) and all(each is None for each in (html, video, gif, frames)):
+            if mcap is not None:
+                _write_mcap(recording, mcap)
+            if not (verify or regions) and all(each is None for each in (html, video, gif, frames, mcap)):
                 _show(recording, port)
         if html is not None:
             _write_page([(file, recording), *_named(compare)], html)
@@ -192,6 +198,23 @@ def _write_gif(recording: "Recording", gif: Path, first_person: bool) -> None:
     with _progress(recording, "rendering") as advance:
         write_gif(recording, gif, first_person=first_person, progress=advance)
     say(f"animation {gif}")
+
+
+def _write_mcap(recording: "Recording", mcap: Path) -> None:
+    try:
+        from avrgym.replay.foxglove import write_foxglove
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"{error.name} is missing; `pip install avrgym[foxglove]` brings what --mcap needs"
+        ) from error
+    with _progress(recording, "stepping again") as advance:
+        write_foxglove(recording, mcap, advance)
+    when = (
+        f"{recording.began_at:%Y-%m-%d %H:%M:%S} UTC"
+        if recording.began_at
+        else "an unknown day, taken for 1970"
+    )
+    say(f"3D        {mcap}, {mcap.stat().st_size / 1e6:.1f} MB, from {when}")
 
 
 def _draw_strip(recording: "Recording", count: int, out: Path, first_person: bool) -> None:

@@ -235,7 +235,7 @@ def rebuild(folder: Folder) -> None:
 def export(
     folder: Folder,
     out: Annotated[Path, typer.Option(help="A folder for the export; it must not hold anything yet.")],
-    data_format: Annotated[str, typer.Option("--format", help="csv, bids, hdf5 or lerobot.")],
+    data_format: Annotated[str, typer.Option("--format", help="csv, bids, hdf5, lerobot or minari.")],
     skip_damaged: Annotated[
         bool,
         typer.Option(

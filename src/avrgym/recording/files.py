@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cached_property
 from io import FileIO
 from pathlib import Path
@@ -29,6 +30,8 @@ CLOSE_TIMEOUT_S = 10.0
 
 _CONFIGURATION = "configuration"
 _OUTCOME = "outcome"
+_ORIGIN = "origin"
+"""When the recording began, by the computer's calendar."""
 
 
 class RecordingError(Exception):
@@ -108,6 +111,7 @@ class RecordingWriter:
         try:
             self._mcap.start(profile="", library="avrgym")
             self._mcap.add_metadata(_CONFIGURATION, _to_text(metadata))
+            self._mcap.add_metadata(_ORIGIN, _to_text({"began_at": datetime.now(UTC).isoformat()}))
         except BaseException:
             self._disk.close()
             self.path.unlink()
@@ -203,13 +207,15 @@ class _Disk:
 class Recording:
     """What a file holds: its messages (topic, log_time_ns, record) in the order of writing.
 
-    ``complete``: the trial ended with an outcome and nothing is missing.
+    ``complete``: the trial ended with an outcome and nothing is missing. ``began_at``: when the trial did, in UTC;
+    recordings of earlier versions do not tell it.
     """
 
     metadata: dict[str, Any]
     outcome: dict[str, Any] | None
     messages: list[tuple[str, int, Any]]
     complete: bool
+    began_at: datetime | None = None
 
     @property
     def end(self) -> AttemptEnd | None:
@@ -252,7 +258,15 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
         outcome=outcome,
         messages=messages,
         complete=whole and gapless and outcome is not None,
+        began_at=_began_at(metadata.get(_ORIGIN, {})),
     )
+
+
+def _began_at(origin: Mapping[str, Any]) -> datetime | None:
+    try:
+        return datetime.fromisoformat(origin["began_at"])
+    except (KeyError, TypeError, ValueError):
+        return None
 
 
 def read_configuration(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -106,8 +106,13 @@ def _later(timeline: Timeline, by_s: float) -> Timeline:
 
 def render_recorded(recording: Recording) -> bytes:
     """The scene of a recording as a GLB file."""
+    return render_scene(*recorded_scene(recording))
+
+
+def recorded_scene(recording: Recording) -> tuple[str, Person]:
+    """The environment of a recording, and the person in it at rest."""
     environment, body = recording.metadata["environment"], recording.metadata["person"]
-    return render_scene(environment, resting(environment, Person(**body)))
+    return environment, resting(environment, Person(**body))
 
 
 def _facts(recording: Recording, trial: Trial) -> dict[str, str]:

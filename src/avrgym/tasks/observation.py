@@ -120,6 +120,16 @@ class Observation:
         return np.concatenate(parts, axis=-1)
 
 
+def number_names(observation: Observation) -> list[str]:
+    """A name for every number of an observation, such as ``tool_from_torso_m_x``."""
+    ends = {1: ("",), 3: ("_x", "_y", "_z"), 4: ("_w", "_x", "_y", "_z")}
+    return [
+        f"{entry.name}{end}"
+        for entry in observation.entries
+        for end in ends.get(entry.size) or [f"_{number + 1}" for number in range(entry.size)]
+    ]
+
+
 def arm_angles(scene: SceneConfig) -> Entry:
     """The angles of the moving arm's joints."""
     return angles("arm_angles_rad", len(scene.arm.joints), lambda state, _: state.arm_angles_rad)

@@ -14,6 +14,7 @@ FORMATS: Mapping[str, str] = {
     "bids": "bids",
     "hdf5": "robomimic",
     "lerobot": "lerobot",
+    "minari": "minari",
 }
 """Format to the module that writes it."""
 LEFT_OUT = "left_out.csv"

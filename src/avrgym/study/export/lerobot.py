@@ -13,9 +13,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from avrgym.robots.registry import find_robot
 from avrgym.study.export import NOTICE
 from avrgym.study.export.trials import ExportedAttempt, scenes
 from avrgym.study.storage.store import Store
+from avrgym.tasks.observation import number_names
+from avrgym.tasks.registry import TASKS
 
 VERSION = "v3.0"
 STEPS_PER_S = 10
@@ -136,6 +139,7 @@ def _task_table(tasks: Sequence[str]) -> pa.Table:
 
 
 def _info(attempts: Sequence[ExportedAttempt], whole: Columns, tasks: int) -> dict[str, Any]:
+    names = _names(attempts[0])
     return {
         "codebase_version": VERSION,
         "robot_type": attempts[0].robot,
@@ -149,13 +153,21 @@ def _info(attempts: Sequence[ExportedAttempt], whole: Columns, tasks: int) -> di
         "splits": {"train": f"0:{len(attempts)}"},
         "data_path": f"data/{PATTERN}",
         "video_path": None,
-        "features": {name: _feature(values) for name, values in whole.items()},
+        "features": {name: _feature(values, names.get(name)) for name, values in whole.items()},
     }
 
 
-def _feature(values: NDArray[Any]) -> dict[str, Any]:
+def _feature(values: NDArray[Any], names: Sequence[str] | None) -> dict[str, Any]:
     shape = list(values.shape[1:]) or [1]
-    return {"dtype": values.dtype.name, "shape": shape, "names": None}
+    fit = names is not None and len(names) == shape[0]
+    return {"dtype": values.dtype.name, "shape": shape, "names": list(names) if names and fit else None}
+
+
+def _names(exported: ExportedAttempt) -> dict[str, list[str]]:
+    """What the numbers of a feature are; a recording of another version may have others, which stay without names."""
+    task = TASKS[exported.task]
+    scene = task.scene(find_robot(exported.robot))
+    return {"observation.state": number_names(task.observation(scene)), "action": list(scene.arm.joints)}
 
 
 def _write_json(path: Path, values: Mapping[str, Any]) -> None:

@@ -1,7 +1,10 @@
 """A study as demonstrations in robomimic's HDF5 structure, one file for each environment.
 
 https://robomimic.github.io/docs/datasets/overview.html describes it. The last sample's next observation repeats
-its observation, since nothing was observed after the last step.
+its observation, since nothing was observed after the last step. robomimic calls the observation of such environments
+``flat``; it stands under that name and under ``observation``, once.
+
+``create_env_from_metadata`` makes the environments by way of ``avrgym.envs.old_gym``.
 """
 
 import json
@@ -16,8 +19,10 @@ from avrgym.study.export.trials import ExportedAttempt, scenes
 from avrgym.study.storage.store import Store
 
 GYM_TYPE = 2
-"""robomimic's number for environments of Gymnasium."""
-OBSERVATION = "observation"
+"""robomimic's number for environments of gym."""
+MADE_BY = "avrgym.envs.old_gym"
+"""The module that gym imports before it makes one."""
+OBSERVATION, ALSO = "observation", "flat"
 
 
 def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
@@ -31,16 +36,38 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> N
 def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt]) -> None:
     data = file.create_group("data")
     environment = attempts[0].trial.environment
-    data.attrs["env_args"] = json.dumps({"env_name": environment, "type": GYM_TYPE, "env_kwargs": {}})
+    data.attrs["env_args"] = json.dumps(
+        {"env_name": f"{MADE_BY}:{environment}", "type": GYM_TYPE, "env_kwargs": {}}
+    )
     data.attrs["notice"] = NOTICE
     data.attrs["total"] = sum(
         _write_demonstration(data.create_group(f"demo_{number}"), exported)
         for number, exported in enumerate(attempts)
     )
-    for name, simulated in (("simulated", True), ("people", False)):
-        chosen = [f"demo_{i}" for i, e in enumerate(attempts) if e.participant.simulated == simulated]
-        if chosen:
-            file[f"mask/{name}"] = np.array(chosen, dtype="S")
+    for name, chosen in _masks(attempts).items():
+        if any(chosen):
+            demonstrations = [f"demo_{number}" for number, is_in in enumerate(chosen) if is_in]
+            file[f"mask/{name}"] = np.array(demonstrations, dtype="S")
+
+
+def _masks(attempts: Sequence[ExportedAttempt]) -> dict[str, list[bool]]:
+    """Which demonstrations are in each of robomimic's filters."""
+    practice = [exported.trial.practice for exported in attempts]
+    simulated = [exported.participant.simulated for exported in attempts]
+    success = [bool(exported.attempt.metrics.success) for exported in attempts]
+    policies = dict.fromkeys(exported.trial.policy for exported in attempts)
+    return {
+        "simulated": simulated,
+        "people": [not each for each in simulated],
+        "practice": practice,
+        "not_practice": [not each for each in practice],
+        "success": success,
+        "failure": [not each for each in success],
+        **{
+            f"policy_{name.replace('/', '_')}": [e.trial.policy == name for e in attempts]
+            for name in policies
+        },
+    }
 
 
 def _write_demonstration(group: h5py.Group, exported: ExportedAttempt) -> int:
@@ -57,4 +84,6 @@ def _write_demonstration(group: h5py.Group, exported: ExportedAttempt) -> int:
     group["success"] = np.array([control.success for control in steps])
     group[f"obs/{OBSERVATION}"] = observations
     group[f"next_obs/{OBSERVATION}"] = np.concatenate([observations[1:], observations[-1:]])
+    for place in ("obs", "next_obs"):
+        group[f"{place}/{ALSO}"] = group[f"{place}/{OBSERVATION}"]
     return len(steps)

@@ -5,6 +5,8 @@ import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 
+import mujoco
+
 from avrgym.models.human import Person
 from avrgym.models.scene import build_spec
 from avrgym.robots.registry import find_robot
@@ -18,9 +20,14 @@ SCENES_KEPT = 10
 
 def render_scene(environment_id: str, person: Person) -> bytes:
     """The GLB of an environment with a person in it."""
+    return export_glb(shown_model(environment_id, person))
+
+
+def shown_model(environment_id: str, person: Person) -> mujoco.MjModel:
+    """The model of an environment with a person in it, with its appearance."""
     task, robot = find_environment(environment_id)
     scene = TASKS[task].scene(find_robot(robot))
-    return export_glb(build_spec(scene, person, moving=True, appearance=True).compile())
+    return build_spec(scene, person, moving=True, appearance=True).compile()
 
 
 class SceneRenderer:

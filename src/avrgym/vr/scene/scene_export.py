@@ -79,7 +79,7 @@ class _Export:
         self._joints: dict[tuple[str, bool], int] = {}
 
     def run(self) -> bytes:
-        carried = _geoms_by_carrier(self._model)
+        carried = geoms_by_carrier(self._model)
         for bodies in _alike(self._model, carried):
             self._add_copies(bodies, carried.pop(bodies[0]))
             for body in bodies[1:]:
@@ -231,7 +231,7 @@ class _Export:
         return {"baseColorTexture": {"index": self._glb.add_texture(encoded.getvalue(), "image/jpeg")}}
 
 
-def _geoms_by_carrier(model: mujoco.MjModel) -> dict[int, list[int]]:
+def geoms_by_carrier(model: mujoco.MjModel) -> dict[int, list[int]]:
     """Visual geoms by the body that carries them: the outermost one that they cannot move against."""
     found: dict[int, list[int]] = {}
     for geom in range(model.ngeom):

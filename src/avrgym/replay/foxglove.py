@@ -1,0 +1,264 @@
+"""A recorded trial as an MCAP file that Foxglove and Rerun show in 3D without a plug-in. Needs the extra ``foxglove``.
+
+Beside all that the recording holds it has Foxglove's well-known schemas
+(https://docs.foxglove.dev/docs/visualization/message-schemas), as protocol buffers because Rerun reads no others:
+
+- ``/tf``: where every body is, as often as live clients are told; one that has not moved is not repeated;
+- ``/scene``: what bodies look like, as triangles, for Foxglove;
+- ``/surfaces/BODY``: the same as points, for Rerun, which shows no triangles of this kind;
+- ``/tracked/head``, ``/tracked/left``, ``/tracked/right``: the tracked poses, in the headset's own space;
+- ``/log``: phases, events and answers in words.
+
+All of it follows from the recording, so that no live session has to write it. Times are those of the calendar.
+"""
+
+import io
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.timestamp_pb2 import Timestamp
+from mcap.writer import CompressionType, Writer
+from mcap_protobuf.schema import register_schema
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.recording.files import Recording
+from avrgym.recording.records import TOPICS, TrackingFrame, encode, json_schema
+from avrgym.replay.output import check_new
+from avrgym.replay.timeline import recorded_scene, timeline_of
+from avrgym.system.files import write_whole
+from avrgym.vr.protocol.messages import XRPose
+from avrgym.vr.scene.rendering import shown_model
+from avrgym.vr.scene.surfaces import Surface, body_surfaces
+
+Array = NDArray[np.float64]
+
+WORLD, TRACKING = "world", "local_floor"
+"""The frames: the simulated world, z up; and that of tracked poses, y up, which the headset gives."""
+TRACKED = ("head", "left", "right")
+POINTS = 40_000
+"""On all surfaces together."""
+FIELDS = {"x": 0, "y": 4, "z": 8, "red": 12, "green": 13, "blue": 14, "alpha": 15}
+"""Where the numbers of a point lie among its bytes."""
+POINT_BYTES = 16
+NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
+"""Times of recordings that do not say when they began count from here."""
+
+
+def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]) -> None:
+    """Write a trial into a new file.
+
+    Args:
+        recording: of the trial.
+        out: a new file that ends in .mcap.
+        progress: told after each recorded state.
+
+    Raises:
+        ValueError: for another ending, or a recording that cannot be stepped again.
+        FileExistsError: when there is such a file.
+    """
+    check_new(out, (".mcap",))
+    timeline, poses = timeline_of(recording, progress)
+    began = recording.began_at or NO_DATE
+    data = io.BytesIO()
+    log = _Log(data, round(began.timestamp() * 1e9), _described(recording, began))
+    surfaces = body_surfaces(shown_model(*recorded_scene(recording)))
+    log.write("/scene", 0.0, SceneUpdate(entities=[_entity(log, *each) for each in surfaces.items()]))
+    for body, cloud in _clouds(surfaces):
+        log.write(f"/surfaces/{body.replace('/', '_')}", 0.0, _point_cloud(log, body, cloud))
+    frames = np.frombuffer(poses, "<f4").reshape(len(timeline.frames_s), -1, 7).astype(float)
+    for time_s, moved in _moves(
+        timeline.frames_s, frames[:, : len(timeline.scene.bodies)], timeline.scene.bodies
+    ):
+        log.write(
+            "/tf", time_s, FrameTransforms(transforms=[_transform(log, time_s, *each) for each in moved])
+        )
+    log.write(
+        "/tf", 0.0, FrameTransforms(transforms=[_transform(log, 0.0, TRACKING, _tracking_space(recording))])
+    )
+    for time_ns, frame in recording.topics["/tracking"]:
+        _write_tracked(log, time_ns / 1e9, frame)
+    for happening in timeline.happenings:
+        time = log.timestamp(happening.time_s)
+        log.write("/log", happening.time_s, Log(timestamp=time, level="INFO", message=happening.words))
+    for topic, time_ns, record in recording.messages:
+        log.write_record(topic, time_ns, record)
+    log.finish()
+    write_whole(out, data.getvalue())
+
+
+class _Log:
+    """An MCAP file on the way; its times are given in seconds from the beginning of the trial."""
+
+    def __init__(self, data: io.BytesIO, began_ns: int, described: dict[str, str]) -> None:
+        self._began_ns = began_ns
+        self._mcap = Writer(data, compression=CompressionType.ZSTD)
+        self._mcap.start(profile="", library="avrgym")
+        self._mcap.add_metadata("trial", described)
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+
+    def timestamp(self, time_s: float) -> Timestamp:
+        """A time of the trial by the calendar."""
+        stamp = Timestamp()
+        stamp.FromNanoseconds(self._at_ns(time_s))
+        return stamp
+
+    def write(self, topic: str, time_s: float, message: Any) -> None:
+        """Write a message of one of Foxglove's schemas."""
+        name = message.DESCRIPTOR.full_name
+        if name not in self._schemas:
+            self._schemas[name] = register_schema(self._mcap, type(message))
+        self._add(topic, "protobuf", self._schemas[name], self._at_ns(time_s), message.SerializeToString())
+
+    def write_record(self, topic: str, time_ns: int, record: Any) -> None:
+        """Write a record as the recording has it."""
+        if topic not in self._schemas:
+            name = f"avrgym.{TOPICS[topic].__name__}"
+            self._schemas[topic] = self._mcap.register_schema(name, "jsonschema", json_schema(topic))
+        self._add(topic, "json", self._schemas[topic], self._began_ns + time_ns, encode(record))
+
+    def finish(self) -> None:
+        """Write the end."""
+        self._mcap.finish()
+
+    def _at_ns(self, time_s: float) -> int:
+        return self._began_ns + round(time_s * 1e9)
+
+    def _add(self, topic: str, encoding: str, schema: int, time_ns: int, data: bytes) -> None:
+        if topic not in self._channels:
+            self._channels[topic] = self._mcap.register_channel(topic, encoding, schema)
+        self._mcap.add_message(self._channels[topic], time_ns, data, time_ns)
+
+
+def _described(recording: Recording, began: datetime) -> dict[str, str]:
+    facts = {
+        name: recording.metadata[name]
+        for name in ("environment", "policy", "simulated", "practice", "session")
+    }
+    return {**{name: str(fact) for name, fact in facts.items()}, "began_at": began.isoformat()}
+
+
+def _entity(log: _Log, body: str, surfaces: Sequence[Surface]) -> SceneEntity:
+    """What a body looks like; it stays, and moves with the body's frame."""
+    triangles = [
+        TriangleListPrimitive(
+            pose=Pose(orientation=Quaternion(w=1.0)),
+            points=[Point3(x=x, y=y, z=z) for x, y, z in surface.vertices.tolist()],
+            indices=surface.faces.ravel().tolist(),
+            **_colours(surface),
+        )
+        for surface in surfaces
+    ]
+    return SceneEntity(
+        timestamp=log.timestamp(0.0), frame_id=body, id=body, frame_locked=True, triangles=triangles
+    )
+
+
+def _colours(surface: Surface) -> Mapping[str, Any]:
+    """One colour where all vertices have the same, else one for each."""
+    colours = [Color(r=r, g=g, b=b, a=a) for r, g, b, a in surface.rgba.tolist()]
+    one = bool((surface.rgba == surface.rgba[0]).all())
+    return {"color": colours[0]} if one else {"colors": colours}
+
+
+def _clouds(surfaces: Mapping[str, Sequence[Surface]]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+    """Points (P, ``POINT_BYTES``) on the surfaces of each body, equally dense everywhere and the same every time."""
+    areas = {body: [_areas(surface) for surface in own] for body, own in surfaces.items()}
+    density = POINTS / sum(area.sum() for own in areas.values() for area in own)
+    generator = np.random.default_rng(0)
+    for body, own in surfaces.items():
+        drawn = [
+            _points(surface, area, int(np.ceil(density * area.sum())), generator)
+            for surface, area in zip(own, areas[body], strict=True)
+        ]
+        yield body, np.concatenate(drawn)
+
+
+def _areas(surface: Surface) -> Array:
+    corners = surface.vertices[surface.faces]
+    return (
+        np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2.0
+    )
+
+
+def _points(surface: Surface, areas: Array, count: int, generator: np.random.Generator) -> NDArray[np.uint8]:
+    faces = surface.faces[generator.choice(len(areas), count, p=areas / areas.sum())]
+    shares = generator.dirichlet((1.0, 1.0, 1.0), count)[:, :, None]
+    places = (surface.vertices[faces] * shares).sum(axis=1).astype("<f4")
+    colours = np.round(255.0 * (surface.rgba[faces] * shares).sum(axis=1)).astype(np.uint8)
+    return np.concatenate([places.view(np.uint8).reshape(count, 12), colours], axis=1)
+
+
+def _point_cloud(log: _Log, body: str, points: NDArray[np.uint8]) -> PointCloud:
+    kinds = PackedElementField.NumericType
+    return PointCloud(
+        timestamp=log.timestamp(0.0),
+        frame_id=body,
+        pose=Pose(orientation=Quaternion(w=1.0)),
+        point_stride=POINT_BYTES,
+        fields=[
+            PackedElementField(name=name, offset=offset, type=kinds.FLOAT32 if offset < 12 else kinds.UINT8)
+            for name, offset in FIELDS.items()
+        ],
+        data=points.tobytes(),
+    )
+
+
+def _moves(
+    times_s: Sequence[float], frames: Array, bodies: Sequence[str]
+) -> Iterator[tuple[float, list[tuple[str, Array]]]]:
+    """For each time the bodies that are elsewhere than before with their poses (7,); at first all of them."""
+    before = np.full_like(frames[0], np.nan)
+    for time_s, poses in zip(times_s, frames, strict=True):
+        moved = np.flatnonzero((poses != before).any(axis=1)).tolist()
+        before = poses
+        if moved:
+            yield time_s, [(bodies[number], poses[number]) for number in moved]
+
+
+def _transform(log: _Log, time_s: float, frame: str, pose: Array) -> FrameTransform:
+    """Where a frame lies in the world: x, y, z, w, x, y, z."""
+    x, y, z, qw, qx, qy, qz = pose.tolist()
+    return FrameTransform(
+        timestamp=log.timestamp(time_s),
+        parent_frame_id=WORLD,
+        child_frame_id=frame,
+        translation=Vector3(x=x, y=y, z=z),
+        rotation=Quaternion(x=qx, y=qy, z=qz, w=qw),
+    )
+
+
+def _tracking_space(recording: Recording) -> Array:
+    """Where the space of tracked poses lies in the world (7,)."""
+    there = XRPose(**recording.metadata["xr_from_world"])
+    x, y, z, w = there.orientation
+    return np.concatenate(transforms.invert(np.array(there.position), np.array([w, x, y, z])))
+
+
+def _write_tracked(log: _Log, time_s: float, frame: TrackingFrame) -> None:
+    for part in TRACKED:
+        pose = getattr(frame, part)
+        if pose is None:
+            continue
+        (x, y, z), (qx, qy, qz, qw) = pose.position, pose.orientation
+        placed = Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+        message = PoseInFrame(timestamp=log.timestamp(time_s), frame_id=TRACKING, pose=placed)
+        log.write(f"/tracked/{part}", time_s, message)

@@ -1,0 +1,79 @@
+"""A study as Minari datasets (https://minari.farama.org), one for each environment, in its HDF5 format.
+
+Set ``MINARI_DATASETS_PATH`` to the folder; then ``minari.load_dataset("avrgym/FeedingJaco/study-v0")`` opens one. Of
+the last step's next observation nothing is known: it repeats the last one. Trials end by time, so all are truncated.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import h5py
+import numpy as np
+
+from avrgym.study.export import NOTICE
+from avrgym.study.export.trials import ExportedAttempt, scenes
+from avrgym.study.storage.store import Store
+
+WRITTEN_FOR = "0.5"
+"""The version of Minari whose format it is."""
+
+
+def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
+    """Write the datasets of completed attempts into a folder."""
+    (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
+    for scene, attempts in scenes(completed).items():
+        data = folder / "avrgym" / scene / "study-v0" / "data"
+        data.mkdir(parents=True)
+        with h5py.File(data / "main_data.hdf5", "x", track_order=True) as file:
+            shapes = [
+                _write_episode(file.create_group(f"episode_{number}"), number, exported)
+                for number, exported in enumerate(attempts)
+            ]
+        described = _metadata(store, scene, attempts, shapes)
+        (data / "metadata.json").write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
+
+
+def _write_episode(group: h5py.Group, number: int, exported: ExportedAttempt) -> tuple[int, int, int]:
+    """Write one trial; how many steps it has, and how many numbers observation and action have."""
+    steps = [control for _, control in exported.control_steps()]
+    observations = np.array([control.observation for control in steps])
+    actions = np.array([control.action for control in steps], np.float32)
+    group["observations"] = np.concatenate([observations, observations[-1:]])
+    group["actions"] = actions
+    group["rewards"] = np.array([control.reward for control in steps])
+    group["terminations"] = np.zeros(len(steps), bool)
+    group["truncations"] = np.arange(1, len(steps) + 1) == len(steps)
+    succeeded = [control.success for control in steps]
+    group["infos/success"] = np.array(succeeded[:1] + succeeded)
+    group.attrs.update({"id": number, "seed": exported.trial.seed, "total_steps": len(steps)})
+    for name, value in exported.labels().items():
+        group.attrs[name] = "" if value is None else value
+    return len(steps), observations.shape[1], actions.shape[1]
+
+
+def _metadata(
+    store: Store, scene: str, attempts: Sequence[ExportedAttempt], shapes: Sequence[tuple[int, int, int]]
+) -> dict[str, Any]:
+    _, observed, acted = shapes[0]
+    policies = dict.fromkeys(exported.trial.policy for exported in attempts)
+    return {
+        "dataset_id": f"avrgym/{scene}/study-v0",
+        "data_format": "hdf5",
+        "total_episodes": len(attempts),
+        "total_steps": sum(steps for steps, _, _ in shapes),
+        "observation_space": _box(observed, float("inf"), "float64"),
+        "action_space": _box(acted, 1.0, "float32"),
+        "env_spec": gymnasium.spec(attempts[0].trial.environment).to_json(),
+        "algorithm_name": ", ".join(policies),
+        "description": f"{store.design.title}. {NOTICE}",
+        "minari_version": f"~={WRITTEN_FOR}",
+    }
+
+
+def _box(size: int, bound: float, dtype: str) -> str:
+    """A space of so many numbers within ± a bound, as Minari writes it."""
+    ends = {"low": [-bound] * size, "high": [bound] * size}
+    return json.dumps({"type": "Box", "dtype": dtype, "shape": [size], **ends})

@@ -1,0 +1,84 @@
+"""What each body of a scene looks like by itself: triangles with colours, for viewers that move rigid things only.
+
+A person's skin is cut where one body ends and the next one begins, each triangle going with the body that moves most
+of it.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.vr.scene.meshes import geom_mesh, pose_matrix
+from avrgym.vr.scene.scene_export import geoms_by_carrier
+from avrgym.vr.scene.skins import Skin, skins_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles (F, 3) of vertices (V, 3) in metres, in the frame of the body, with colours (V, 4) from 0 to 1."""
+
+    vertices: Array
+    faces: NDArray[np.int64]
+    rgba: Array
+
+
+def body_surfaces(model: mujoco.MjModel) -> dict[str, list[Surface]]:
+    """The surfaces of every body of a model that was built with its appearance, by the body's name."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    found: dict[str, list[Surface]] = {}
+    for carrier, geoms in geoms_by_carrier(model).items():
+        from_world = np.linalg.inv(pose_matrix(data.xpos[carrier], data.xquat[carrier]))
+        found[model.body(carrier).name] = [_of_geom(model, data, geom, from_world) for geom in geoms]
+    for skin in skins_of(model):
+        colours = _skin_colours(model, skin)
+        for body, surface in _cut(skin, colours):
+            found.setdefault(body, []).append(surface)
+    return found
+
+
+def _of_geom(model: mujoco.MjModel, data: mujoco.MjData, geom: int, from_world: Array) -> Surface:
+    body = model.geom_bodyid[geom]
+    mesh = geom_mesh(model, geom)
+    mesh.apply_transform(from_world @ pose_matrix(data.xpos[body], data.xquat[body]))
+    rgba = model.mat_rgba[model.geom_matid[geom]].astype(float)
+    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.tile(rgba, (len(mesh.vertices), 1)))
+
+
+def _skin_colours(model: mujoco.MjModel, skin: Skin) -> Array:
+    """The colour (V, 4) of each vertex: its material's, times that of the texture there."""
+    colours = model.mat_rgba[skin.materials].astype(float)
+    texture = int(model.mat_texid[skin.materials[0], mujoco.mjtTextureRole.mjTEXROLE_RGB])
+    if texture >= 0:
+        start, channels = model.tex_adr[texture], model.tex_nchannel[texture]
+        height, width = model.tex_height[texture], model.tex_width[texture]
+        pixels = model.tex_data[start : start + height * width * channels].reshape(height, width, channels)
+        row, column = (
+            np.clip(skin.uv[:, axis] * size, 0, size - 1).astype(int)
+            for axis, size in ((1, height), (0, width))
+        )
+        colours[:, :3] *= pixels[row, column, :3] / 255.0
+    return colours
+
+
+def _cut(skin: Skin, colours: Array) -> list[tuple[str, Surface]]:
+    """The parts of a skin by body, each in the frame of its body."""
+    bodies = list(dict.fromkeys(bone.body for bone in skin.bones))
+    of_bone = np.array([bodies.index(bone.body) for bone in skin.bones])
+    weights = np.zeros((len(skin.vertices), len(bodies)))
+    for place in range(skin.bone_of.shape[1]):
+        np.add.at(
+            weights, (np.arange(len(weights)), of_bone[skin.bone_of[:, place]]), skin.weight_of[:, place]
+        )
+    of_face = weights[skin.faces].sum(axis=1).argmax(axis=1)
+    parts: list[tuple[str, Surface]] = []
+    for number in np.unique(of_face):
+        used, faces = np.unique(skin.faces[of_face == number], return_inverse=True)
+        bind = next(bone.inverse_bind for bone in skin.bones if bone.body == bodies[number])
+        vertices = skin.vertices[used] @ bind[:3, :3].T + bind[:3, 3]
+        parts.append((bodies[number], Surface(vertices, faces.reshape(-1, 3), colours[used])))
+    return parts

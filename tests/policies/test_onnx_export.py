@@ -1,0 +1,68 @@
+"""Trained policies written as ONNX files."""
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli import app
+from avrgym.policies.onnx_export import onnx_model
+from avrgym.policies.registry import find
+from avrgym.policies.trained import Policy, packaged_policies
+from avrgym.tasks.registry import ENVIRONMENTS
+
+ENVIRONMENT = "avrgym/FeedingJaco-v1"
+
+
+@pytest.mark.parametrize(
+    "environment", sorted(environment for environment in ENVIRONMENTS if environment.startswith("avrgym/"))
+)
+def test_every_packaged_policy_acts_the_same_to_a_millionth(environment: str) -> None:
+    for name in packaged_policies(environment):
+        policy = find(name, environment)
+        assert isinstance(policy, Policy)
+        session = onnxruntime.InferenceSession(
+            onnx_model(policy).SerializeToString(), providers=["CPUExecutionProvider"]
+        )
+        spread = np.sqrt(policy.observation_variance)
+        seen = np.random.default_rng(0).normal(
+            policy.observation_mean, 3.0 * spread, (200, policy.observation_size)
+        )
+        (actions,) = session.run(None, {"observation": seen})
+        np.testing.assert_allclose(actions, np.clip(policy.mean(seen), -1, 1), rtol=0, atol=1e-6)
+
+
+def test_the_command_writes_what_a_policy_was_trained_on_and_never_overwrites(tmp_path: Path) -> None:
+    out = tmp_path / "feeding.onnx"
+    command = ["export", "policy", "revised", ENVIRONMENT, str(out)]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    model = onnx.load(out)
+    about = {entry.key: entry.value for entry in model.metadata_props}
+    assert (about["environment"], about["people"]) == (ENVIRONMENT, "revised")
+    before = out.read_bytes()
+    again = CliRunner().invoke(app, command)
+    assert again.exit_code != 0
+    assert "exists already; choose another name" in again.output
+    assert out.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("policy", "out", "words"),
+    [
+        (
+            "oracle",
+            "a.onnx",
+            "oracle is no trained policy; allowed: original, revised or a .safetensors file",
+        ),
+        ("revised", "a.pt", "the name must end in .onnx"),
+    ],
+    ids=["oracle", "ending"],
+)
+def test_what_cannot_be_written_is_refused(tmp_path: Path, policy: str, out: str, words: str) -> None:
+    result = CliRunner().invoke(app, ["export", "policy", policy, ENVIRONMENT, str(tmp_path / out)])
+    assert result.exit_code != 0
+    assert words in " ".join(result.output.split())
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,51 @@
+"""Which streams of other devices a study or a command chooses."""
+
+from pathlib import Path
+
+import pytest
+
+from avrgym.recording.streams import StreamChoice, stream_choice
+from avrgym.study.design.design import DesignError, default_text, parse_design
+from avrgym.study.storage.store import Store
+from pages import DOCS, blocks
+from studies import make_study
+
+DEFAULT = "[streams]\nsend = false\nreceive = {}\n"
+
+
+def test_a_study_exchanges_nothing_unless_it_says_so(tmp_path: Path) -> None:
+    with Store(make_study(tmp_path)) as store:
+        assert store.design.streams == StreamChoice()
+    assert parse_design(default_text().replace(DEFAULT, "")).streams == StreamChoice()
+
+
+def test_what_the_page_adds_to_a_study_is_a_design() -> None:
+    (added,) = (text for language, text in blocks(DOCS / "how_to" / "other_devices.md") if language == "toml")
+    streams = parse_design(default_text().replace(DEFAULT, added)).streams
+    assert streams.send
+    assert streams.receive == {"heart": "type='ECG'", "gaze": "name='Tracker' and hostname='lab-3'"}
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ('receive = { heart = "ECG" }', "'ECG' finds no stream; allowed: name='…'"),
+        ("receive = { heart = \"type='ECG' or true()\" }", "finds no stream"),
+        ('receive = { "my heart" = "type=\'ECG\'" }', "'my heart' is no name of a stream; allowed: a letter"),
+        ("recieve = {}", "unknown name 'recieve'; allowed: send, receive"),
+    ],
+    ids=["no query", "more than a query", "name", "field"],
+)
+def test_a_wrong_choice_is_told_with_its_line_and_what_is_allowed(line: str, words: str) -> None:
+    text = default_text().replace("receive = {}", line)
+    number = next(n for n, each in enumerate(text.splitlines(), start=1) if each == line)
+    with pytest.raises(DesignError) as refused:
+        parse_design(text)
+    assert str(refused.value).startswith(f"study.toml:{number}: ")
+    assert words in str(refused.value)
+
+
+def test_options_choose_the_same() -> None:
+    assert stream_choice(True, ["heart=type='ECG'"]) == StreamChoice(True, {"heart": "type='ECG'"})
+    with pytest.raises(ValueError, match="--receive heart: '' finds no stream; allowed: name="):
+        stream_choice(False, ["heart"])
