@@ -129,8 +129,10 @@ class SessionQuestions:
     def _take(self, answer: Answer) -> None:
         """Store an answer; what is none is refused."""
         asked = None if self._questions.done else self._questions.question()
-        if asked is None or answer.item != asked.item:
-            self._ask_again(f"{answer.item!r} is not asked now")
+        if asked is None:
+            self._explain("no_question")
+        elif answer.item != asked.item:
+            self._ask_again(f"{answer.item!r} is not asked now; {asked.item} is")
         elif answer.value == asked.given:
             self._go_on(answer)
         else:
@@ -148,8 +150,8 @@ class SessionQuestions:
             self.tick()
 
     def _ask_again(self, why: str) -> None:
-        self._send(Problem(why, "experimenter"))
         self._explain("not_an_answer")
+        self._send(Problem(why, "experimenter"))
         self._ask(self._send)
 
     def _explain(self, key: str) -> None:

@@ -126,8 +126,8 @@ class EmulatedHeadset:
         return path
 
 
-DONE, DONE_VALUE = "done", -2
-"""The button that confirms all answers; see the client's ``paint.ts``."""
+DONE = -2
+"""The value of the button that confirms all answers; see the client's ``paint.ts``."""
 PICTURE_AFTER_S = {"free_before": 2.0, "trial": 1.2, "questionnaire": 0.5}
 """In which phases, and how long after their beginning, a picture is taken of what the participant sees."""
 
@@ -192,9 +192,9 @@ class BrowserAttendance:
         if name in ("calibration", "check", "ready", "paused") and now_s - self._phase_began > CALIBRATION_S:
             self._headset.pull_trigger("right")
             self._phase_began = now_s
-        if name == "confirm" and self._asked != DONE and self._headset.call("buttons"):
-            self._asked = DONE
-            self._headset.answer(DONE_VALUE)
+        if name == "confirm" and self._asked != name and self._headset.call("buttons"):
+            self._asked = name
+            self._headset.answer(DONE)
         if question is not None and question["item"] != self._asked and self._headset.call("buttons"):
             self._asked = question["item"]
             experience = self._session.experience

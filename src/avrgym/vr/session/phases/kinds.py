@@ -13,7 +13,6 @@ from avrgym.vr.session.state import UNTRACKED_S
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 
-
 class Ongoing(Phase):
     """Any phase but the last."""
 

@@ -14,7 +14,6 @@ from avrgym.vr.session.phases.kinds import InVR, Ongoing, Resting
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.calibration import measure_torso_height
 
-
 _PUT_ON = Said("waiting")
 
 
