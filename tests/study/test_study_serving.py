@@ -98,7 +98,7 @@ def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store
     assert [type(message) for message in greeted] == [Welcome, Language, Phase]
     greeted.clear()
     loop.ask(loop.sessions.begin, first)
-    assert [type(message) for message in greeted] == [Welcome, Body, Scene, Phase]
+    assert [type(message) for message in greeted] == [Welcome, Language, Body, Scene, Phase]
     assert (loop.sessions.participant, len(loop.sessions.scenes)) == (first, 1)
     with pytest.raises(StudyError, match="the session of sub-001 runs; end it before another begins"):
         loop.ask(loop.sessions.begin, second)
@@ -107,7 +107,7 @@ def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store
     assert (loop.sessions.participant, store.sessions(first)[0].state) == (None, "closed")
     loop.ask(loop.sessions.begin, second)
     assert loop.sessions.participant == second
-    assert [type(message) for message in greeted] == 2 * [Welcome, Body, Scene, Phase]
+    assert [type(message) for message in greeted] == 2 * [Welcome, Language, Body, Scene, Phase]
 
 
 def test_sessions_are_on_the_furniture_that_was_given_last(store: Store, loop: Loop) -> None:
