@@ -19,6 +19,8 @@ FOLDER = "texts"
 LANGUAGE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
 """A language tag as HTML's ``lang`` has it (BCP 47)."""
 DIRECTIONS = ("ltr", "rtl")
+NAMED = 5
+"""As many missing keys are named; of more, how many there are."""
 _NUMBER = re.compile(r"^(\d+)\.(\d+)$")
 ON_PAGE = "_page"
 """A text whose key ends so is for somebody who takes part on the page, without a headset."""
@@ -160,7 +162,9 @@ def _check(texts: Texts, where: str) -> None:
         missing = [key for key in wanted if not found.get(key, "").strip()]
         unknown = [key for key in found if key not in wanted]
         if missing:
-            raise TextsError(f"{where} lacks {', '.join(missing)} in [{table}]; allowed: a text for each key of English")
+            more = f" and {len(missing) - NAMED} more" if len(missing) > NAMED else ""
+            lacking = f"{', '.join(missing[:NAMED])}{more}"
+            raise TextsError(f"{where} lacks {lacking} in [{table}]; allowed: a text for each key of English")
         if unknown:
             raise TextsError(f"{where}: unknown {unknown[0]} in [{table}]; allowed: {', '.join(wanted)}")
         for key, text in found.items():
