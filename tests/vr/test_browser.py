@@ -88,7 +88,15 @@ def test_a_participant_is_seated_fed_and_asked(journey: Journey) -> None:
     assert len(recording.topics["/physics"]) >= 10 * TRIAL_STEPS
     assert any(record.applied and record.right is not None for _, record in recording.topics["/tracking"])
     phases = [record.detail for _, record in recording.topics["/events"] if record.name == "phase"]
-    assert phases == ["free_before", "countdown", "trial", "retreat", "free_after", "questionnaire", "confirm"]
+    assert phases == [
+        "free_before",
+        "countdown",
+        "trial",
+        "retreat",
+        "free_after",
+        "questionnaire",
+        "confirm",
+    ]
 
 
 @pytest.mark.parametrize("seat_height_m", [0.45, 0.52])

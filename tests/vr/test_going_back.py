@@ -59,7 +59,9 @@ def test_answers_are_changed_until_they_are_confirmed(asked: Visit) -> None:
     ],
     ids=["left", "disconnected", "skip", "end"],
 )
-def test_who_does_not_confirm_loses_nothing(asked: Visit, how: Left | Disconnected | Command, phase: str) -> None:
+def test_who_does_not_confirm_loses_nothing(
+    asked: Visit, how: Left | Disconnected | Command, phase: str
+) -> None:
     asked.answer(1, 2, 3, 4)
     asked.tell(how)
     asked.tick()

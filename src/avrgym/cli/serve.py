@@ -102,7 +102,9 @@ def serve(
             if force_guard is not None:
                 raise ValueError(f"in a study force_guard in {study / 'study.toml'} says it, and no option")
             if language:
-                raise ValueError(f"in a study languages in {study / 'study.toml'} and enrolment say it, and no option")
+                raise ValueError(
+                    f"in a study languages in {study / 'study.toml'} and enrolment say it, and no option"
+                )
             _serve_study(study, participant, furniture, workers, address, port, certificate)
             return
         make_session = _free_session(

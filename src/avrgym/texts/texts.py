@@ -100,7 +100,9 @@ def normal(sentence: str) -> str:
 
 def shipped() -> list[str]:
     """The languages that AVR Gym brings."""
-    brought = (file.name.removesuffix(".toml") for file in files(__package__).iterdir() if _is_toml(file.name))
+    brought = (
+        file.name.removesuffix(".toml") for file in files(__package__).iterdir() if _is_toml(file.name)
+    )
     return sorted(brought)
 
 
@@ -118,7 +120,9 @@ def read_texts(language: str, folder: Path | None = None) -> Texts:
     added = _read_own(own) if own is not None and own.is_file() else File()
     where = str(own) if own is not None else f"{FOLDER}/{language}.toml in a study's folder"
     if brought == added == File():
-        raise TextsError(f"no texts in {language!r}: AVR Gym brings {', '.join(shipped())}; others stand in {where}")
+        raise TextsError(
+            f"no texts in {language!r}: AVR Gym brings {', '.join(shipped())}; others stand in {where}"
+        )
     texts = Texts(
         language,
         added.name or brought.name or language,
@@ -170,7 +174,9 @@ def _check(texts: Texts, where: str) -> None:
         for key, text in found.items():
             if _names(text) != (names := _names(wanted[key])):
                 allowed = ", ".join(f"{{{name}}}" for name in sorted(names)) or "none"
-                raise TextsError(f"{where}: {key} in [{table}] has other names in braces than English; allowed: {allowed}")
+                raise TextsError(
+                    f"{where}: {key} in [{table}] has other names in braces than English; allowed: {allowed}"
+                )
 
 
 def _names(text: str) -> set[str]:

@@ -130,7 +130,14 @@ class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def _enrol(board: Dashboard, new: Enrolment) -> dict[str, str]:
-    pseudonym = enrol(board.store, new.sex, age_years=new.age_years, language=new.language, name=new.name, contact=new.contact)
+    pseudonym = enrol(
+        board.store,
+        new.sex,
+        age_years=new.age_years,
+        language=new.language,
+        name=new.name,
+        contact=new.contact,
+    )
     return {"participant": pseudonym}
 
 

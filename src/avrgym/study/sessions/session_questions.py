@@ -92,7 +92,9 @@ class SessionQuestions:
 
     def _ask(self, send: Send) -> None:
         """Say where the questions stand: at one of them, or at their end."""
-        name, said = ("confirm", Said("confirm")) if self._questions.done else ("questionnaire", WORDS[self.when])
+        name, said = (
+            ("confirm", Said("confirm")) if self._questions.done else ("questionnaire", WORDS[self.when])
+        )
         texts = self._visit.texts
         send(Phase(name, texts.say(said), 0, 0, False, None, texts.say_on_page(said)))
         if not self._questions.done:

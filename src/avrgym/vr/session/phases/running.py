@@ -200,7 +200,9 @@ class Confirm(InPlace):
         self._questions.go_back()
         return Questionnaire(self.state, self._questions)
 
-    def enter_vr(self) -> phases.Calibration | phases.LoadCalibration | phases.Finished | phases.RecordingFailed:
+    def enter_vr(
+        self,
+    ) -> phases.Calibration | phases.LoadCalibration | phases.Finished | phases.RecordingFailed:
         return self._keep() or super().enter_vr()
 
     def leave_vr(self) -> phases.Waiting | phases.Finished | phases.RecordingFailed:
