@@ -7,7 +7,7 @@ import pytest
 from avrgym.recording.files import Recording
 from avrgym.vr.protocol.messages import Back, Command, Left, Question, Ready
 from avrgym.vr.protocol.received import Disconnected
-from avrgym.vr.session.events import Answered, AnswerChanged
+from avrgym.vr.session.events import AnswerChanged, Answered
 from visit import Visit, plan
 
 

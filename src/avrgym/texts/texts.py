@@ -53,8 +53,8 @@ class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Texts:
     """All texts in one language, a tag such as ``de``, which is written from left to right (``ltr``) or not (``rtl``).
 
-    ``decimal`` is its decimal mark. ``session`` is what the server says, ``page`` what the client does; ``sentences`` are translations, by the sentences
-    that tasks, questionnaires and designs have.
+    ``decimal`` is its decimal mark. ``session`` is what the server says, ``page`` what the client does; ``sentences``
+    are translations, by the sentences that tasks, questionnaires and designs have.
     """
 
     language: str

@@ -34,12 +34,12 @@ def enrol(
 ) -> str:
     """Take someone in and return their pseudonym; name and contact go into the key file and nowhere else.
 
-    Orders are balanced within each ``site``; without one it is the design's. They read the study in ``language``, one of
-    the design's, its first unless given.
+    Orders are balanced within each ``site``; without one it is the design's. They read the study in ``language``, one
+    of the design's, its first unless given.
 
     Raises:
-        StudyError: for an unknown body model or language, an impossible age, a simulated participant with a name, or a name,
-            contact or site that cannot be one.
+        StudyError: for an unknown body model or language, an impossible age, a simulated participant with a name, or a
+            name, contact or site that cannot be one.
     """
     if sex not in SEXES:
         raise StudyError(f"unknown body model {sex!r}; allowed: {', '.join(SEXES)}")

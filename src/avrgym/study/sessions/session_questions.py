@@ -25,9 +25,9 @@ WORDS = {"before_session": Said("questions_before"), "after_session": Said("ques
 
 
 class SessionQuestions:
-    """Asks one item after another, each when the answer before it is stored, until the participant confirms their answers.
+    """Asks one item after another, each when the answer before it is stored, until all answers are confirmed.
 
-    They may go back before. The experimenter may skip what is left, or end the session. ``verdict`` is what the study's
+    The participant may go back before. The experimenter may skip what is left, or end the session. ``verdict`` is what the study's
     stop rules say to the answers so far; what is asked is asked to its end.
     """
 

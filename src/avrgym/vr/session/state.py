@@ -43,8 +43,8 @@ class SessionState:
     ``trial`` counts the plan's trials from 0. ``person`` is whose body the participant has; ``height_known``: its
     torso height is theirs, ``calibrated_for``: the posture that they have taken place in. ``on_hold`` is whether the
     experimenter, or a stop rule, lets no trial begin; ``held_because`` is the rule's reason, ``ending``: the rule ends
-    the session. ``ready_for`` is the trial that the participant last said they are ready for. ``now_s`` is the time since
-    the session began.
+    the session. ``ready_for`` is the trial that the participant last was ready for. ``now_s`` is the time since the
+    session began.
     """
 
     plan: SessionPlan

@@ -215,6 +215,6 @@ class Confirm(InPlace):
         return self._keep() or super().end()
 
     def _keep(self) -> phases.Finished | phases.RecordingFailed | None:
-        """Complete the trial, whose answers are all there, before something else happens; what follows, if that does."""
+        """Complete the trial, whose answers are all there, before anything else happens; what follows, if that does."""
         following = self._complete_trial()
         return following if isinstance(following, phases.Finished | phases.RecordingFailed) else None
