@@ -324,6 +324,7 @@ export class App {
 
   /** Says why something on this page failed. */
   private explain(key: Key, error?: unknown): void {
+    if (error !== undefined) console.warn(error);
     const text = this.words.say(key, { reason: error === undefined ? "" : reasonOf(error) });
     this.showProblem({ type: "problem", message: text, role: "participant", page_message: "" });
   }

@@ -78,7 +78,7 @@ export class Connection {
       this.failures = 0;
       this.events.link("connected", 0);
     }
-    this.events.message(message);
+    if (this.welcomed) this.events.message(message);
   }
 
   private closed(socket: WebSocket, code: number): void {

@@ -1,8 +1,9 @@
+import { mayChooseBody } from "./bodychoice";
 import { Connection, type Link } from "./connection";
 import { isRunning, linkWords, phaseLabel } from "./display";
 import { Driving } from "./driving";
 import { element } from "./element";
-import type { CommandName, Phase, ServerMessage, Status } from "./messages";
+import type { Body, ChooseBody, CommandName, Phase, ServerMessage, Status } from "./messages";
 import { PHASE_WORDS, statusWords, timingWords } from "./status";
 import { ENGLISH } from "./words";
 
@@ -19,7 +20,10 @@ export class Live {
   private readonly connection: Connection;
   private readonly driving: Driving;
   private readonly buttons = [...document.querySelectorAll<HTMLButtonElement>("[data-command]")];
+  private readonly sex = element<HTMLSelectElement>("sex");
+  private readonly tone = element<HTMLSelectElement>("skin-tone");
   private phase: Phase | null = null;
+  private body: Body | null = null;
   private paused = false;
   private isWelcome = false;
 
@@ -35,6 +39,7 @@ export class Live {
     });
     for (const button of this.buttons)
       button.addEventListener("click", () => this.command(button.dataset["command"] as CommandName));
+    for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
     this.driving = new Driving(element("drive"), (message) => this.connection.send(message));
     window.addEventListener("keydown", (event) => this.key(event));
     element("picture").addEventListener("toggle", () => this.showPicture());
@@ -49,6 +54,7 @@ export class Live {
     if (message.type === "welcome") this.welcomed();
     if (message.type === "phase") this.phaseCame(message);
     if (message.type === "status") this.statusCame(message);
+    if (message.type === "body") this.bodyCame(message);
     if (message.type === "timing") element("watch-ticks").textContent = timingWords(message);
     if (message.type === "problem") this.events.problem(message.message);
   }
@@ -82,6 +88,19 @@ export class Live {
     return frame;
   }
 
+  private bodyCame(body: Body): void {
+    this.body = body;
+    if (this.tone.options.length === 0) this.tone.append(...body.skin_tones.map((tone) => new Option(tone, tone)));
+    this.sex.value = body.sex;
+    this.tone.value = body.skin_tone;
+    this.show();
+  }
+
+  private chooseBody(): void {
+    const sex = this.sex.value as ChooseBody["sex"];
+    this.connection.send({ type: "choose_body", sex, skin_tone: this.tone.value });
+  }
+
   private phaseCame(phase: Phase): void {
     this.phase = phase;
     this.show();
@@ -106,6 +125,8 @@ export class Live {
   private show(): void {
     const runs = isSession(this.phase) && this.phase.name !== "finished";
     for (const button of this.buttons) button.disabled = !runs;
+    element("body").hidden = !runs || !this.body;
+    element<HTMLFieldSetElement>("body").disabled = !mayChooseBody(this.phase);
     element("live").hidden = !isSession(this.phase) || this.phase.trials === 0;
     element("session-words").textContent = sessionWords(this.phase);
   }

@@ -9,6 +9,7 @@ import {
   progressWords,
   resultsTable,
   resultsWords,
+  scoresTable,
   trialsTable,
   type Table,
 } from "./dashboard-tables";
@@ -23,15 +24,21 @@ function field(form: HTMLFormElement, name: string): string {
 export class Dashboard {
   private overview: Overview | null = null;
   private chosen: string | null = null;
+  private person: Participant | null = null;
   private readonly shown = new Map<string, string>();
   private work = Promise.resolve();
 
   constructor(private readonly study: Study) {
     this.onSubmit("enrol", (form) => this.enrol(form));
-    this.onAct("consent", "consent", "is recorded", () => ({ version: this.overview!.consent.version }));
+    this.onAct("consent", "consent", "is recorded", () => ({ version: this.overview!.consent_version }));
     this.onAct("inclusion", "inclusion", "are recorded", (form) => ({ answers: this.inclusionAnswers(form) }));
     this.onAct("begin", "sessions", "has begun", (form) => ({ furniture: this.furnitureIn(form) }));
     this.onAct("note", "notes", "is stored", (form) => ({ text: field(form, "text") }));
+    this.onAct("edit-note", "edited-notes", "is changed", (form) => ({
+      id: Number(field(form, "id")),
+      text: field(form, "text"),
+    }));
+    element("edit-note").addEventListener("reset", () => (element("edit-note").hidden = true));
     this.onAct("identity", "identity", "are in the key file", (form) => ({
       name: field(form, "name"),
       contact: field(form, "contact"),
@@ -92,6 +99,7 @@ export class Dashboard {
     const pseudonym = await this.study.enrol({
       sex: field(form, "sex"),
       age_years: age ? Number(age) : null,
+      language: field(form, "language"),
       name: field(form, "name"),
       contact: field(form, "contact"),
     });
@@ -101,7 +109,7 @@ export class Dashboard {
   }
 
   private inclusionAnswers(form: HTMLFormElement): Record<string, boolean> {
-    const questions = Object.keys(this.overview!.inclusion);
+    const questions = Object.keys(this.person!.inclusion);
     return Object.fromEntries(questions.map((id) => [id, field(form, id) === "yes"]));
   }
 
@@ -120,16 +128,18 @@ export class Dashboard {
   }
 
   private showOverview(overview: Overview): void {
-    const { summary, consent, results, live, furniture } = overview;
+    const { summary, results, live, furniture, languages, warnings } = overview;
     document.title = `${summary.title} – AVR Gym`;
     element("title").textContent = summary.title;
     element("progress").textContent = progressWords(overview);
-    element("consent-text").textContent = paragraphs(consent.text);
-    element("consent-version").textContent = consent.version;
+    element("consent-version").textContent = overview.consent_version;
+    element("warnings").hidden = warnings.length === 0;
+    this.fill("warnings", warnings, () => warnings.map(line));
+    element("language-choice").hidden = Object.keys(languages).length < 2;
+    this.fill("language", languages, () => Object.entries(languages).map(([tag, name]) => new Option(name, tag)));
     element("results-words").textContent = resultsWords(overview.blinded);
     this.showTable("participants", participantsTable(summary.participants, live), (name) => this.chooser(name));
     this.showTable("results", resultsTable(results, Object.keys(overview.items)));
-    this.fill("questions", overview.inclusion, () => Object.entries(overview.inclusion).map(yesOrNo));
     this.showFurniture(furniture);
     this.fill("items", overview.items, () => Object.entries(overview.items).map(([id, text]) => line(`${id}: ${text}`)));
   }
@@ -153,11 +163,15 @@ export class Dashboard {
   }
 
   private showParticipant(person: Participant): void {
-    const { participant, state, trials, notes } = person;
+    const { participant, state, trials, notes, scores, language, direction } = person;
+    this.person = person;
     const inSession = this.overview?.live === participant;
     element("participant").hidden = false;
     element("participant-heading").textContent = participant;
     element("participant-words").textContent = participantWords(person, inSession);
+    element("consent-text").textContent = paragraphs(person.consent);
+    for (const id of ["consent-text", "questions"]) Object.assign(element(id), { lang: language, dir: direction });
+    this.fill("questions", person.inclusion, () => Object.entries(person.inclusion).map(yesOrNo));
     element("begin-button").textContent = beginWords(person);
     element("consent").hidden = state !== "enrolled";
     element("inclusion").hidden = state !== "consented";
@@ -165,7 +179,19 @@ export class Dashboard {
     element("trials-part").hidden = trials.length === 0;
     element("withdrawal-part").hidden = !person.may_become.includes("withdrawn");
     this.showTable("trials", trialsTable(trials));
-    this.fill("notes", notes, () => notes.map(({ at, text }) => line(`${moment(at)}: ${text}`)));
+    element("scores-part").hidden = scores.length === 0;
+    this.showTable("scores", scoresTable(scores));
+    this.fill("notes", notes, () => notes.map((note) => this.noteLine(note)));
+  }
+
+  private noteLine({ id, at, text }: Participant["notes"][number]): HTMLLIElement {
+    const item = line(`${moment(at)}: ${text} `);
+    const edit = document.createElement("button");
+    Object.assign(edit, { type: "button", className: "small", textContent: "Edit", id: `note-${id}` });
+    edit.setAttribute("aria-label", `Edit the note of ${moment(at)}`);
+    edit.addEventListener("click", () => editNote(id, text));
+    item.append(edit);
+    return item;
   }
 
   private showTable(id: string, table: Table, firstCell?: (text: string) => Node): void {
@@ -189,6 +215,7 @@ const NOUNS: Record<Action, string> = {
   inclusion: "the answers",
   sessions: "the session",
   notes: "the note",
+  "edited-notes": "the note",
   identity: "name and contact",
   withdrawal: "the withdrawal",
 };
@@ -197,6 +224,16 @@ const NOUNS: Record<Action, string> = {
 function hasFocusOrNoneHas(form: HTMLFormElement): boolean {
   const focused = document.activeElement;
   return focused === null || focused === document.body || form.contains(focused);
+}
+
+/** Opens the form in which a note is changed. */
+function editNote(id: number, text: string): void {
+  const form = element<HTMLFormElement>("edit-note");
+  form.hidden = false;
+  (form.elements.namedItem("id") as HTMLInputElement).value = String(id);
+  const area = form.elements.namedItem("text") as HTMLTextAreaElement;
+  area.value = text;
+  area.focus();
 }
 
 function line(text: string): HTMLLIElement {

@@ -40,8 +40,11 @@ export interface Overview {
     participants: ParticipantSummary[];
   };
   blinded: boolean;
-  consent: { version: string; text: string };
-  inclusion: Record<string, string>;
+  consent_version: string;
+  /** Names by tag. */
+  languages: Record<string, string>;
+  /** What is short, in words. */
+  warnings: string[];
   items: Record<string, string>;
   results: ConditionResults[];
   live: string | null;
@@ -60,6 +63,16 @@ export interface Trial {
   reward: number | null;
 }
 
+export interface Score {
+  moment: string;
+  position: number | null;
+  instrument: string;
+  scale: string;
+  score: number | null;
+  least: number;
+  most: number;
+}
+
 export interface Participant {
   participant: string;
   state: string;
@@ -68,14 +81,20 @@ export interface Participant {
   sex: string;
   age_years: number | null;
   identified: boolean;
+  language: string;
+  direction: string;
+  /** In the participant's language, as the inclusion questions are. */
+  consent: string;
+  inclusion: Record<string, string>;
   consented_at: string | null;
   consent_version: string | null;
+  scores: Score[];
   trials: Trial[];
   notes: { id: number; at: string; text: string }[];
 }
 
 /** What can be done to a participant; `study/dashboard/application.py` says what each takes. */
-export type Action = "identity" | "consent" | "inclusion" | "withdrawal" | "notes" | "sessions";
+export type Action = "identity" | "consent" | "inclusion" | "withdrawal" | "notes" | "edited-notes" | "sessions";
 
 /** The study behind the experimenter's token. Every call throws an `Error` with the server's words when it is refused. */
 export class Study {
@@ -89,7 +108,7 @@ export class Study {
     return this.call(`participants/${encodeURIComponent(pseudonym)}`) as Promise<Participant>;
   }
 
-  async enrol(somebody: { sex: string; age_years: number | null; name: string; contact: string }): Promise<string> {
+  async enrol(somebody: { sex: string; age_years: number | null; language: string; name: string; contact: string }): Promise<string> {
     const { participant } = (await this.call("participants", somebody)) as { participant: string };
     return participant;
   }

@@ -1,4 +1,4 @@
-import type { ConditionResults, Overview, Participant, ParticipantSummary, Trial } from "./dashboard-study";
+import type { ConditionResults, Overview, Participant, ParticipantSummary, Score, Trial } from "./dashboard-study";
 
 /** A table as plain texts. */
 export interface Table {
@@ -64,6 +64,20 @@ export function trialsTable(trials: Trial[]): Table {
   };
 }
 
+export function scoresTable(scores: Score[]): Table {
+  return {
+    caption: "",
+    head: ["Asked", "Instrument", "Scale", "Score", "Range"],
+    rows: scores.map((each) => [
+      each.position === null ? each.moment.replace("_", " the ") : `after trial ${each.position}`,
+      each.instrument,
+      each.scale,
+      each.score === null ? "too few answers" : String(Math.round(100 * each.score) / 100),
+      `${each.least} to ${each.most}`,
+    ]),
+  };
+}
+
 /** One row for each condition, with a column for each statement. */
 export function resultsTable(results: ConditionResults[], items: string[]): Table {
   const asked = items.filter((item) => results.some(({ answer_means }) => item in answer_means));
@@ -103,6 +117,7 @@ export function participantWords(person: Participant, inSession: boolean): strin
     person.simulated ? "simulated" : "",
     person.sex,
     person.age_years === null ? "" : `${person.age_years} years`,
+    `reads ${person.language}`,
     person.identified ? "name stored" : person.simulated ? "" : "no name stored",
     person.consented_at ? `consent version ${person.consent_version}, ${moment(person.consented_at)}` : "no consent yet",
   ];

@@ -1,6 +1,7 @@
 import { Matrix4, Quaternion, Vector3 } from "three";
 import { P_SPACE, XRDevice, metaQuest3 } from "iwer";
 import type { App } from "./app";
+import { confirmsAnswers } from "./display";
 import type { BodyPose } from "./body";
 import type { Phase, Question, XRPose } from "./messages";
 import { poseOf, type Poses } from "./tracking";
@@ -184,7 +185,7 @@ function aim(controller: Movable, point: Vector3): void {
 function shownButtons(app: App): EmulatedButton[] {
   if (!app.panel.mesh.visible) return [];
   return app.panel.buttons.map((button) => ({
-    item: app.questionnaire.question?.item ?? "body",
+    item: app.questionnaire.question?.item ?? (confirmsAnswers(app.phase) ? "confirm" : "body"),
     value: button.value,
     centre: app.panel.centreOf(button).toArray(),
   }));

@@ -31,6 +31,11 @@ const PERSON: Participant = {
   sex: "woman",
   age_years: 22,
   identified: true,
+  language: "en",
+  direction: "ltr",
+  consent: "",
+  inclusion: {},
+  scores: [],
   consented_at: null,
   consent_version: null,
   trials: [TRIAL],
@@ -76,7 +81,7 @@ describe("tables", () => {
 describe("words", () => {
   it("tell what comes next", () => {
     expect(participantWords(PERSON, false)).toBe(
-      "allocated; woman; 22 years; name stored; no consent yet. Next: begin.",
+      "allocated; woman; 22 years; reads en; name stored; no consent yet. Next: begin.",
     );
     expect(participantWords({ ...PERSON, state: "enrolled" }, false)).toMatch(/record their consent\.$/);
     expect(participantWords(PERSON, true)).toMatch(/Their session runs\.$/);

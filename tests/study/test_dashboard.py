@@ -33,6 +33,7 @@ BODIES: dict[str, Any] = {
     "inclusion": {"answers": {}},
     "withdrawal": {"reason": ""},
     "notes": {"text": "looked left"},
+    "edited-notes": {"id": 1, "text": "looked right"},
     "sessions": {},
 }
 

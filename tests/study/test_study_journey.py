@@ -12,7 +12,7 @@ from avrgym.cli.main import app
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.emulation.headset import EmulatedHeadset
+from avrgym.vr.emulation.headset import DONE, EmulatedHeadset
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from journey import PATIENCE_S, SEATING, await_buttons, await_phase, go_on, leave_out_triangles
 from limits import UNHURRIED
@@ -59,6 +59,7 @@ def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
         expect(dashboard.locator("#session-words")).to_contain_text("Trial 1 of 2: questionnaire")
         expect(dashboard.locator("#watch-steps")).to_contain_text("20 of 20")
         answer_all(headset)
+        go_on(headset, "ready")
         await_attempt(headset, 2)
         server.process.send_signal(signal.SIGKILL)
         expect(dashboard.locator("#server")).to_contain_text("Connection lost")
@@ -117,9 +118,10 @@ def take_in(dashboard: Page) -> None:
 def begin(dashboard: Page, headset: EmulatedHeadset, button: str) -> None:
     """Begin the session; the participant answers the question before it on their page."""
     dashboard.get_by_role("button", name=button).click()
-    expect(dashboard.locator("#session-words")).to_contain_text("Before the session")
+    expect(dashboard.locator("#session-words")).to_contain_text("the participant answers questions")
     headset.page.bring_to_front()
     headset.page.locator("#points").get_by_role("button", name="2").click()
+    headset.page.get_by_role("button", name="Done").click()
     await_phase(headset, "waiting")
 
 
@@ -136,6 +138,8 @@ def answer_all(headset: EmulatedHeadset) -> None:
     for item, value in ANSWERS.items():
         await_buttons(headset, item)
         headset.answer(value)
+    await_buttons(headset, "confirm")
+    headset.answer(DONE)
 
 
 def await_attempt(headset: EmulatedHeadset, trial: int) -> None:

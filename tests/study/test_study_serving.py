@@ -20,9 +20,11 @@ from avrgym.vr.protocol.messages import (
     Body,
     Command,
     Entered,
+    Language,
     Phase,
     Problem,
     Question,
+    Ready,
     Scene,
     ServerMessage,
     Welcome,
@@ -93,10 +95,10 @@ def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store
     loop.sessions.receive(Entered(), 0.0)
     loop.tick()
     assert (loop.sessions.participant, list(loop.sessions.scenes)) == (None, [])
-    assert [type(message) for message in greeted] == [Welcome, Phase]
+    assert [type(message) for message in greeted] == [Welcome, Language, Phase]
     greeted.clear()
     loop.ask(loop.sessions.begin, first)
-    assert [type(message) for message in greeted] == [Welcome, Body, Scene, Phase]
+    assert [type(message) for message in greeted] == [Welcome, Language, Body, Scene, Phase]
     assert (loop.sessions.participant, len(loop.sessions.scenes)) == (first, 1)
     with pytest.raises(StudyError, match="the session of sub-001 runs; end it before another begins"):
         loop.ask(loop.sessions.begin, second)
@@ -105,7 +107,7 @@ def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store
     assert (loop.sessions.participant, store.sessions(first)[0].state) == (None, "closed")
     loop.ask(loop.sessions.begin, second)
     assert loop.sessions.participant == second
-    assert [type(message) for message in greeted] == 2 * [Welcome, Body, Scene, Phase]
+    assert [type(message) for message in greeted] == 2 * [Welcome, Language, Body, Scene, Phase]
 
 
 def test_sessions_are_on_the_furniture_that_was_given_last(store: Store, loop: Loop) -> None:
@@ -154,7 +156,9 @@ def asked(heard: list[ServerMessage]) -> list[str]:
 
 
 def answer(loop: Loop, item: str, value: int) -> None:
+    """Answer what is asked; confirm the answers after the last."""
     loop.sessions.receive(Answer(item=item, value=value, response_time_s=2.5), loop.now_s)
+    loop.sessions.receive(Ready(), loop.now_s)
     loop.tick()
 
 
@@ -162,7 +166,7 @@ def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(askin
     loop, pseudonym = Loop(asking), take_in(asking)
     loop.sessions.greet(loop.heard.append, "participant", 0.0)
     loop.ask(loop.sessions.begin, pseudonym)
-    assert [type(message) for message in loop.heard[-3:]] == [Welcome, Phase, Question]
+    assert [type(message) for message in loop.heard[-4:]] == [Welcome, Language, Phase, Question]
     loop.sessions.receive(Entered(), loop.now_s)
     for item, value, problem in (
         ("strain", 2, "'strain' is not asked now; nausea is"),
@@ -177,7 +181,7 @@ def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(askin
         loop.sessions.receive(Answer(item="strain", value=4, response_time_s=2.5), loop.now_s)
     loop.sessions.receive(Command(name="skip"), loop.now_s)
     loop.tick()
-    assert [type(message) for message in loop.heard[-4:]] == [Welcome, Body, Scene, Phase]
+    assert [type(message) for message in loop.heard[-5:]] == [Welcome, Language, Body, Scene, Phase]
     loop.sessions.receive(Command(name="end"), loop.now_s)
     loop.tick()
     assert asked(loop.heard)[-1] == "effort"

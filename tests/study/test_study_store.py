@@ -171,7 +171,7 @@ def test_answers_about_a_session_are_kept_apart(kind: str, tmp_path: Path) -> No
         refused(store, lambda: record_session_answer(store, session.id, Answer("E1", 6, 1.0)), "from 1 to 5")
         record_session_answer(store, session.id, Answer("E1", 5, 1.0))
         refused(
-            store, lambda: record_session_answer(store, session.id, Answer("E1", 4, 1.0)), "never replaced"
+            store, lambda: record_session_answer(store, session.id, Answer("E1", 4, 1.0)), "answered already"
         )
         (answer,) = store.answers("sub-001")
         assert (answer.session, answer.attempt, answer.item, answer.value) == (session.id, None, "E1", 5)

@@ -20,7 +20,7 @@ from avrgym.models import human, robot
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.recording.files import read_recording
 from avrgym.recording.questionnaire import LIKERT_ITEMS
-from avrgym.vr.emulation.headset import EmulatedHeadset
+from avrgym.vr.emulation.headset import DONE, EmulatedHeadset
 from avrgym.vr.protocol.messages import Tracking
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
@@ -73,6 +73,8 @@ def test_a_participant_is_seated_fed_and_asked(journey: Journey) -> None:
         journey.await_buttons(item.id)
         headset.answer(value)
         given[item.id] = value
+    journey.await_buttons("confirm")
+    headset.answer(DONE)
     journey.await_phase("finished")
 
     recording = read_recording(journey.folder / "trial-01_attempt-1.mcap")
@@ -86,7 +88,15 @@ def test_a_participant_is_seated_fed_and_asked(journey: Journey) -> None:
     assert len(recording.topics["/physics"]) >= 10 * TRIAL_STEPS
     assert any(record.applied and record.right is not None for _, record in recording.topics["/tracking"])
     phases = [record.detail for _, record in recording.topics["/events"] if record.name == "phase"]
-    assert phases == ["free_before", "countdown", "trial", "retreat", "free_after", "questionnaire"]
+    assert phases == [
+        "free_before",
+        "countdown",
+        "trial",
+        "retreat",
+        "free_after",
+        "questionnaire",
+        "confirm",
+    ]
 
 
 @pytest.mark.parametrize("seat_height_m", [0.45, 0.52])

@@ -97,8 +97,8 @@ class Walk:
     )
     DISRUPTIONS: Sequence[Received] = (
         Entered(), Left(), Disconnected(), OriginReset(), Recalibrate(), Stop(), Ready(), Hello(4, "", "", True),
-        ChooseBody("woman", "fair"), ChooseBody("man", "dark"), ChooseTheirBody("woman", "blue"), Answer("L1", 4, 1.0), Back(),
-        CorrectTorsoHeight(0.55), CorrectTorsoHeight(5.0), *(Command(name) for name in COMMANDS),
+        ChooseBody("woman", "fair"), ChooseBody("man", "dark"), ChooseTheirBody("woman", "blue"), Answer("L1", 4, 1.0),
+        Back(), CorrectTorsoHeight(0.55), CorrectTorsoHeight(5.0), *(Command(name) for name in COMMANDS),
     )  # fmt: skip
 
     def __init__(self, folder: Path, seed: int) -> None:

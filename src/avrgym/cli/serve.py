@@ -135,7 +135,9 @@ def serve(
             if choice != stream_choice(False, []):
                 raise ValueError(f"in a study [streams] in {study / 'study.toml'} says it, and no option")
             if language:
-                raise ValueError(f"in a study languages in {study / 'study.toml'} and enrolment say it, and no option")
+                raise ValueError(
+                    f"in a study languages in {study / 'study.toml'} and enrolment say it, and no option"
+                )
             _serve_study(study, participant, furniture, workers, address, port, certificate, check=check)
             return
         streams = stack.enter_context(_streams(choice))

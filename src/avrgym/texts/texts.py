@@ -19,6 +19,8 @@ FOLDER = "texts"
 LANGUAGE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
 """A language tag as HTML's ``lang`` has it (BCP 47)."""
 DIRECTIONS = ("ltr", "rtl")
+NAMED = 5
+"""As many missing keys are named; of more, how many there are."""
 _NUMBER = re.compile(r"^(\d+)\.(\d+)$")
 ON_PAGE = "_page"
 """A text whose key ends so is for somebody who takes part on the page, without a headset."""
@@ -100,7 +102,9 @@ def normal(sentence: str) -> str:
 
 def shipped() -> list[str]:
     """The languages that AVR Gym brings."""
-    brought = (file.name.removesuffix(".toml") for file in files(__package__).iterdir() if _is_toml(file.name))
+    brought = (
+        file.name.removesuffix(".toml") for file in files(__package__).iterdir() if _is_toml(file.name)
+    )
     return sorted(brought)
 
 
@@ -118,7 +122,9 @@ def read_texts(language: str, folder: Path | None = None) -> Texts:
     added = _read_own(own) if own is not None and own.is_file() else File()
     where = str(own) if own is not None else f"{FOLDER}/{language}.toml in a study's folder"
     if brought == added == File():
-        raise TextsError(f"no texts in {language!r}: AVR Gym brings {', '.join(shipped())}; others stand in {where}")
+        raise TextsError(
+            f"no texts in {language!r}: AVR Gym brings {', '.join(shipped())}; others stand in {where}"
+        )
     texts = Texts(
         language,
         added.name or brought.name or language,
@@ -162,13 +168,17 @@ def _check(texts: Texts, where: str) -> None:
         missing = [key for key in wanted if not found.get(key, "").strip()]
         unknown = [key for key in found if key not in wanted]
         if missing:
-            raise TextsError(f"{where} lacks {', '.join(missing)} in [{table}]; allowed: a text for each key of English")
+            more = f" and {len(missing) - NAMED} more" if len(missing) > NAMED else ""
+            lacking = f"{', '.join(missing[:NAMED])}{more}"
+            raise TextsError(f"{where} lacks {lacking} in [{table}]; allowed: a text for each key of English")
         if unknown:
             raise TextsError(f"{where}: unknown {unknown[0]} in [{table}]; allowed: {', '.join(wanted)}")
         for key, text in found.items():
             if _names(text) != (names := _names(wanted[key])):
                 allowed = ", ".join(f"{{{name}}}" for name in sorted(names)) or "none"
-                raise TextsError(f"{where}: {key} in [{table}] has other names in braces than English; allowed: {allowed}")
+                raise TextsError(
+                    f"{where}: {key} in [{table}] has other names in braces than English; allowed: {allowed}"
+                )
 
 
 def _names(text: str) -> set[str]:

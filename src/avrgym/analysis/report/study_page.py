@@ -159,8 +159,8 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
     ]  # fmt: skip
     places = ("Site", "there") if any(row.site for row in people) else ()
     heads = (
-        "Participant", *places, "State", "Body", "Age", "Language", "Torso / m", "Sessions", "Trials completed", "missing",
-        "Attempts", "broken off",
+        "Participant", *places, "State", "Body", "Age", "Language", "Torso / m", "Sessions", "Trials completed",
+        "missing", "Attempts", "broken off",
     )  # fmt: skip
     caption = "Participants; who withdrew is counted here and in no analysis"
     left_out = [f"{row.participant}, trial {row.position}: {row.left_out}." for row in trials if row.left_out]

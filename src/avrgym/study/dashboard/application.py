@@ -17,6 +17,7 @@ from avrgym.policies.trained import PolicyError
 from avrgym.study.dashboard.views import overview, participant_view
 from avrgym.study.people.participants import (
     add_note,
+    edit_note,
     enrol,
     record_consent,
     record_inclusion,
@@ -79,6 +80,7 @@ class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     sex: Sex
     age_years: int | None = None
+    language: Line = ""
     name: Line = ""
     contact: Line = ""
 
@@ -114,6 +116,13 @@ class NewNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     text: Text
 
 
+class EditedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a note of this id shall say from now on."""
+
+    id: int
+    text: Text
+
+
 class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """That a session shall begin or go on, with other furniture than the one before if it is given."""
 
@@ -121,7 +130,14 @@ class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def _enrol(board: Dashboard, new: Enrolment) -> dict[str, str]:
-    pseudonym = enrol(board.store, new.sex, age_years=new.age_years, name=new.name, contact=new.contact)
+    pseudonym = enrol(
+        board.store,
+        new.sex,
+        age_years=new.age_years,
+        language=new.language,
+        name=new.name,
+        contact=new.contact,
+    )
     return {"participant": pseudonym}
 
 
@@ -155,6 +171,10 @@ def _note(board: Dashboard, pseudonym: str, note: NewNote) -> None:
     add_note(board.store, pseudonym, note.text, session)
 
 
+def _edit_note(board: Dashboard, pseudonym: str, note: EditedNote) -> None:
+    edit_note(board.store, pseudonym, note.id, note.text)
+
+
 def _begin(board: Dashboard, pseudonym: str, start: SessionStart) -> None:
     if board.live is None:
         raise StudyError("no sessions are run here; `avrgym serve --study DIR` runs them")
@@ -167,6 +187,7 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
     "inclusion": (InclusionAnswers, _include),
     "withdrawal": (Withdrawal, _withdraw),
     "notes": (NewNote, _note),
+    "edited-notes": (EditedNote, _edit_note),
     "sessions": (SessionStart, _begin),
 }
 """What is done to a participant, by the last part of the route: what is posted, and what it does."""

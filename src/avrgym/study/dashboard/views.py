@@ -1,30 +1,40 @@
 """What the experimenter's dashboard shows of a study: plain values, without names and without what must stay blind."""
 
+import shutil
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.recording.outcomes import Metrics
 from avrgym.study.checking.results import ConditionResults, summarise_results
 from avrgym.study.checking.summary import StudySummary, summarise_study
-from avrgym.study.design.design import Consent, Design
+from avrgym.study.design.design import Design
+from avrgym.study.export.scores import scores_of, uses_instruments
+from avrgym.study.export.trials import answers_of, attempts_of
+from avrgym.study.people.participants import texts_of
 from avrgym.study.storage.keyfile import read_key
-from avrgym.study.storage.rows import Note, Trial, TrialAttempt
+from avrgym.study.storage.rows import Note, Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import PARTICIPANT
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import find_environment
+from avrgym.texts.texts import read_texts
+
+SHORT_BYTES = 2_000_000_000
+"""Of free disk; a recorded trial of 20 s takes a few MB."""
 
 
 @dataclass(frozen=True)
 class Overview:
-    """The whole study. ``inclusion`` and ``items`` hold texts by id; ``live`` is whose session runs, ``furniture``
-    what the next participant really sits and lies on.
+    """The whole study. ``items`` hold texts by id; ``live`` is whose session runs, ``furniture`` what the next
+    participant really sits and lies on. ``languages`` hold names by tag; ``warnings`` what is short, in words.
     """
 
     summary: StudySummary
     blinded: bool
-    consent: Consent
-    inclusion: dict[str, str]
+    consent_version: str
+    languages: dict[str, str]
+    warnings: tuple[str, ...]
     items: dict[str, str]
     results: tuple[ConditionResults, ...]
     live: str | None
@@ -47,8 +57,24 @@ class TrialView:
 
 
 @dataclass(frozen=True)
+class ScoreView:
+    """A score of an instrument: what its answers at one moment, after a trial with its position, add up to."""
+
+    moment: str
+    position: int | None
+    instrument: str
+    scale: str
+    score: float | None
+    least: float
+    most: float
+
+
+@dataclass(frozen=True)
 class ParticipantView:
-    """One participant. ``identified``: the key file says who they are; ``may_become``: what may follow."""
+    """One participant. ``identified``: the key file says who they are; ``may_become``: what may follow.
+
+    ``consent`` and ``inclusion``, texts by id, are in their ``language``.
+    """
 
     participant: str
     state: str
@@ -57,8 +83,13 @@ class ParticipantView:
     sex: str
     age_years: int | None
     identified: bool
+    language: str
+    direction: str
+    consent: str
+    inclusion: dict[str, str]
     consented_at: str | None
     consent_version: str | None
+    scores: tuple[ScoreView, ...]
     trials: tuple[TrialView, ...]
     notes: tuple[Note, ...]
 
@@ -69,8 +100,9 @@ def overview(store: Store, live: str | None, furniture: RealFurniture) -> Overvi
     return Overview(
         summary=summarise_study(store),
         blinded=design.blind_experimenter,
-        consent=design.consent,
-        inclusion={question.id: question.text for question in design.inclusion},
+        consent_version=design.consent.version,
+        languages={language: read_texts(language, store.folder).name for language in design.languages},
+        warnings=tuple(_short(store)),
         items={name: item.text for name, item in design.items.items()},
         results=summarise_results(store),
         live=live,
@@ -80,7 +112,8 @@ def overview(store: Store, live: str | None, furniture: RealFurniture) -> Overvi
 
 def participant_view(store: Store, pseudonym: str) -> ParticipantView:
     """One participant; ``StudyError`` when there is none of this pseudonym."""
-    participant = store.participant(pseudonym)
+    participant, design = store.participant(pseudonym), store.design
+    texts = texts_of(store, participant)
     attempts = defaultdict[int, list[TrialAttempt]](list)
     for attempt in store.attempts(pseudonym):
         attempts[attempt.trial].append(attempt)
@@ -92,11 +125,35 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
         sex=participant.sex,
         age_years=participant.age_years,
         identified=pseudonym in read_key(store.folder),
+        language=texts.language,
+        direction=texts.direction,
+        consent=texts.translate(design.consent.text),
+        inclusion={question.id: texts.translate(question.text) for question in design.inclusion},
         consented_at=participant.consented_at,
         consent_version=participant.consent_version,
-        trials=tuple(_trial(store.design, trial, attempts[trial.id]) for trial in store.trials(pseudonym)),
+        scores=tuple(_scores(store, participant)),
+        trials=tuple(_trial(design, trial, attempts[trial.id]) for trial in store.trials(pseudonym)),
         notes=tuple(store.notes(pseudonym)),
     )
+
+
+def _short(store: Store) -> Iterator[str]:
+    """What will soon be short where sessions are recorded."""
+    free = shutil.disk_usage(store.folder).free
+    if free < SHORT_BYTES:
+        yield (
+            f"The disk of {store.folder} has {free / 1e9:.1f} GB left; recordings stop when it is full. "
+            "Make room before the next session."
+        )
+
+
+def _scores(store: Store, participant: Participant) -> Iterator[ScoreView]:
+    if not uses_instruments(store.design):
+        return
+    attempts = list(attempts_of(store, participant))
+    for score in scores_of(store, participant, answers_of(store, participant, attempts)):
+        row = score.columns()
+        yield ScoreView(**{name: row[name] for name in ScoreView.__dataclass_fields__})
 
 
 def _trial(design: Design, trial: Trial, attempts: list[TrialAttempt]) -> TrialView:

@@ -172,7 +172,12 @@ def parse_design(text: str, name: str = FILE, folder: Path = Path()) -> Design:
     ``folder`` is the study's, which holds the words of instruments that AVR Gym may not bring, and translations.
     """
     return parse(
-        text, name, Design, _TABLES, lambda design: _check(design, folder), lambda values: with_items(values, folder)
+        text,
+        name,
+        Design,
+        _TABLES,
+        lambda design: _check(design, folder),
+        lambda values: with_items(values, folder),
     )
 
 

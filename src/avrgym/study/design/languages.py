@@ -20,8 +20,8 @@ NAMED = 3
 def check_languages(design: Design, folder: Path) -> None:
     """Raise ``Wrong`` for the first language that has not all that participants of a design read.
 
-    ``folder`` is the study's. The first language is that of the design itself; its sentences need translations into each
-    of the others, and those that AVR Gym brings into each but English.
+    ``folder`` is the study's. The first language is that of the design itself; its sentences need translations into
+    each of the others, and those that AVR Gym brings into each but English.
     """
     check_unique(("languages",), design.languages)
     for index, language in enumerate(design.languages):
@@ -35,10 +35,10 @@ def check_languages(design: Design, folder: Path) -> None:
         if lacking:
             named = ", ".join(f'"{sentence}"' for sentence in lacking[:NAMED])
             more = f" and {len(lacking) - NAMED} more" if len(lacking) > NAMED else ""
-            where = f"{FOLDER}/{language}.toml in the study's folder"
+            allowed = f"a line for each under [sentences] of {FOLDER}/{language}.toml in the study's folder"
             raise Wrong(
                 ("languages", index),
-                f"no translation into {language} of {named}{more}; allowed: a line for each under [sentences] of {where}",
+                f"no translation into {language} of {named}{more}; allowed: {allowed}",
             )
 
 

@@ -106,17 +106,22 @@ class ExportedAttempt:
 def all_attempts(store: Store) -> Iterator[ExportedAttempt]:
     """Every attempt of every participant, in the order they began."""
     for participant in store.participants():
-        sessions = {session.id: session for session in store.sessions(participant.pseudonym)}
-        trials = {trial.id: trial for trial in store.trials(participant.pseudonym)}
-        answers = store.answers(participant.pseudonym)
-        for attempt in store.attempts(participant.pseudonym):
-            own = tuple(answer for answer in answers if answer.attempt == attempt.id)
-            if attempt.trial not in trials:
-                raise StudyError(
-                    f"{attempt} belongs to no trial of {participant}; `avrgym study check` says more"
-                )
-            session, trial = sessions[attempt.session], trials[attempt.trial]
-            yield ExportedAttempt(store, participant, session, trial, attempt, own)
+        yield from attempts_of(store, participant)
+
+
+def attempts_of(store: Store, participant: Participant) -> Iterator[ExportedAttempt]:
+    """Every attempt of a participant, in the order they began."""
+    sessions = {session.id: session for session in store.sessions(participant.pseudonym)}
+    trials = {trial.id: trial for trial in store.trials(participant.pseudonym)}
+    answers = store.answers(participant.pseudonym)
+    for attempt in store.attempts(participant.pseudonym):
+        own = tuple(answer for answer in answers if answer.attempt == attempt.id)
+        if attempt.trial not in trials:
+            raise StudyError(
+                f"{attempt} belongs to no trial of {participant}; `avrgym study check` says more"
+            )
+        session, trial = sessions[attempt.session], trials[attempt.trial]
+        yield ExportedAttempt(store, participant, session, trial, attempt, own)
 
 
 def completed_attempts(store: Store) -> Iterator[ExportedAttempt]:

@@ -12,7 +12,7 @@ from avrgym.study.design.design import Design
 from avrgym.study.design.wrong import NAME
 from avrgym.study.storage import keyfile, ledger, schema
 from avrgym.study.storage.remains import known_numbers
-from avrgym.study.storage.rows import Participant, StudySession, pseudonym_of
+from avrgym.study.storage.rows import Note, Participant, StudySession, pseudonym_of
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.sessions import end_open_sessions
 from avrgym.study.storage.states import TAKES_PART, StudyError
@@ -34,12 +34,12 @@ def enrol(
 ) -> str:
     """Take someone in and return their pseudonym; name and contact go into the key file and nowhere else.
 
-    Orders are balanced within each ``site``; without one it is the design's. They read the study in ``language``, one of
-    the design's, its first unless given.
+    Orders are balanced within each ``site``; without one it is the design's. They read the study in ``language``, one
+    of the design's, its first unless given.
 
     Raises:
-        StudyError: for an unknown body model or language, an impossible age, a simulated participant with a name, or a name,
-            contact or site that cannot be one.
+        StudyError: for an unknown body model or language, an impossible age, a simulated participant with a name, or a
+            name, contact or site that cannot be one.
     """
     if sex not in SEXES:
         raise StudyError(f"unknown body model {sex!r}; allowed: {', '.join(SEXES)}")
@@ -158,6 +158,21 @@ def add_note(store: Store, pseudonym: str, text: str, session: int | None = None
             raise StudyError(f"session {session} is not one of {participant}")
         note = {"at": now(), "participant": participant.number, "session": session, "text": text}
         ledger.insert(connection, schema.NOTE, **note)
+
+
+def edit_note(store: Store, pseudonym: str, note_id: int, text: str) -> None:
+    """Replace the text of a note on a participant; an event says that it was changed, and when.
+
+    What it said before is kept nowhere: it may have held a name by mistake. ``StudyError`` as ``add_note``, and for a
+    note that is not theirs.
+    """
+    check_note(text)
+    with store.write() as connection:
+        participant = find_participant(connection, pseudonym)
+        if not find_all(connection, Note, id=note_id, participant=participant.number):
+            raise StudyError(f"{pseudonym} has no note {note_id}")
+        ledger.update(connection, schema.NOTE, note_id, text=text)
+        record_event(connection, "note changed", f"note {note_id}", {"participant": participant.number})
 
 
 def _check_identity(name: str, contact: str) -> None:

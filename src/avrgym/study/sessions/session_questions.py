@@ -25,9 +25,9 @@ WORDS = {"before_session": Said("questions_before"), "after_session": Said("ques
 
 
 class SessionQuestions:
-    """Asks one item after another, each when the answer before it is stored, until the participant confirms their answers.
+    """Asks one item after another, each when the answer before it is stored, until all answers are confirmed.
 
-    They may go back before. The experimenter may skip what is left, or end the session. ``verdict`` is what the study's
+    The participant may go back before. The experimenter may skip what is left, or end the session. ``verdict`` is what the study's
     stop rules say to the answers so far; what is asked is asked to its end.
     """
 
@@ -92,7 +92,9 @@ class SessionQuestions:
 
     def _ask(self, send: Send) -> None:
         """Say where the questions stand: at one of them, or at their end."""
-        name, said = ("confirm", Said("confirm")) if self._questions.done else ("questionnaire", WORDS[self.when])
+        name, said = (
+            ("confirm", Said("confirm")) if self._questions.done else ("questionnaire", WORDS[self.when])
+        )
         texts = self._visit.texts
         send(Phase(name, texts.say(said), 0, 0, False, None, texts.say_on_page(said)))
         if not self._questions.done:
@@ -129,8 +131,10 @@ class SessionQuestions:
     def _take(self, answer: Answer) -> None:
         """Store an answer; what is none is refused."""
         asked = None if self._questions.done else self._questions.question()
-        if asked is None or answer.item != asked.item:
-            self._ask_again(f"{answer.item!r} is not asked now")
+        if asked is None:
+            self._explain("no_question")
+        elif answer.item != asked.item:
+            self._ask_again(f"{answer.item!r} is not asked now; {asked.item} is")
         elif answer.value == asked.given:
             self._go_on(answer)
         else:
@@ -148,8 +152,8 @@ class SessionQuestions:
             self.tick()
 
     def _ask_again(self, why: str) -> None:
-        self._send(Problem(why, "experimenter"))
         self._explain("not_an_answer")
+        self._send(Problem(why, "experimenter"))
         self._ask(self._send)
 
     def _explain(self, key: str) -> None:

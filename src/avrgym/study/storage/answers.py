@@ -44,7 +44,7 @@ def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
 
 
 def change_answer(store: Store, attempt_id: int, answer: Answer) -> None:
-    """Store that a participant went back and changed an answer of the attempt that runs; an event keeps the earlier one.
+    """Store that a participant went back and changed an answer of a running attempt; an event keeps the earlier one.
 
     Raises:
         StudyError: unless the attempt runs and the item was answered, or for an answer that is none.

@@ -69,7 +69,9 @@ PARTICIPANT = Table(
     Column("inclusion", JSON),
     _salt(),
 )
-"""``language`` is the one they read the study in; of who has none, the design's first. ``site`` is where someone takes part; ``site_number`` the number that they have there, in a merged study alone."""
+"""``language`` is the one they read the study in; of who has none, the design's first. ``site`` is where someone takes
+part; ``site_number`` the number that they have there, in a merged study alone.
+"""
 
 SESSION = Table(
     "session",

@@ -126,6 +126,8 @@ class EmulatedHeadset:
         return path
 
 
+DONE = -2
+"""The value of the button that confirms all answers; see the client's ``paint.ts``."""
 PICTURE_AFTER_S = {"trial": 4.0}
 """In which phases, and how long after their beginning, a picture is taken of what the participant sees."""
 
@@ -185,14 +187,15 @@ class BrowserAttendance:
     def _act(self, question: dict[str, Any] | None, now_s: float) -> None:
         name, _ = self._phase
         frame = self._participant.frame(now_s, moving=name != "calibration")
-        self._headset.set_poses(frame, right=question is None)
+        self._headset.set_poses(frame, right=question is None and name != "confirm")
         self._take_picture(now_s)
-        if (
-            name in ("headset", "calibration", "check", "paused")
-            and now_s - self._phase_began > CALIBRATION_S
-        ):
+        rests = name in ("headset", "calibration", "check", "ready", "paused")
+        if rests and now_s - self._phase_began > CALIBRATION_S:
             self._headset.pull_trigger("right")
             self._phase_began = now_s
+        if name == "confirm" and self._asked != name and self._headset.call("buttons"):
+            self._asked = name
+            self._headset.answer(DONE)
         if question is not None and question["item"] != self._asked and self._headset.call("buttons"):
             self._asked = question["item"]
             experience = self._session.experience

@@ -399,8 +399,9 @@ class Question(Message, frozen=True, tag="question"):
 class Problem(Message, frozen=True, tag="problem"):
     """What was wrong with a message or a measurement, and what is allowed. The session goes on.
 
-    ``page_message`` says it to somebody who takes part without a headset, where that differs. ``role``: whom it concerns. The participant never reads what was wrong with what the experimenter asked for; the
-    experimenter, who helps them, reads both.
+    ``page_message`` says it to somebody who takes part without a headset, where that differs. ``role``: whom it
+    concerns. The participant never reads what was wrong with what the experimenter asked for; the experimenter, who
+    helps them, reads both.
     """
 
     message: str

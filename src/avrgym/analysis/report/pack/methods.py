@@ -88,7 +88,9 @@ def _bodies(people: Sequence[ParticipantRow]) -> str:
 
 def _languages(people: Sequence[ParticipantRow]) -> str:
     read = Counter(row.language for row in people)
-    return f"All words were read in: {', '.join(f'{language} by {times}' for language, times in read.items())}."
+    return (
+        f"All words were read in: {', '.join(f'{language} by {times}' for language, times in read.items())}."
+    )
 
 
 def _orders(flow: Flow) -> Iterator[str]:

@@ -200,7 +200,9 @@ class Confirm(InPlace):
         self._questions.go_back()
         return Questionnaire(self.state, self._questions)
 
-    def enter_vr(self) -> phases.Calibration | phases.LoadCalibration | phases.Finished | phases.RecordingFailed:
+    def enter_vr(
+        self,
+    ) -> phases.Calibration | phases.LoadCalibration | phases.Finished | phases.RecordingFailed:
         return self._keep() or super().enter_vr()
 
     def leave_vr(self) -> phases.Waiting | phases.Finished | phases.RecordingFailed:
@@ -213,6 +215,6 @@ class Confirm(InPlace):
         return self._keep() or super().end()
 
     def _keep(self) -> phases.Finished | phases.RecordingFailed | None:
-        """Complete the trial, whose answers are all there, before something else happens; what follows, if that does."""
+        """Complete the trial, whose answers are all there, before anything else happens; what follows, if that does."""
         following = self._complete_trial()
         return following if isinstance(following, phases.Finished | phases.RecordingFailed) else None

@@ -1,0 +1,145 @@
+"""A study in several languages: what each participant reads, and what is stored of it."""
+
+import csv
+import hashlib
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from avrgym.study.checking.checks import check_study
+from avrgym.study.dashboard import views
+from avrgym.study.dashboard.views import overview, participant_view
+from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
+from avrgym.study.export import export_study
+from avrgym.study.people.participants import add_note, edit_note, enrol, record_consent, record_inclusion
+from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.texts.texts import normal, read_texts
+from avrgym.vr.protocol.messages import Back, Language, Phase, Question, Ready
+from studies import fitting_answers, make_study
+from visit import Visit
+
+GERMAN = read_texts("de")
+BOTH = '["en", "de"]'
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    quick = {"trial_steps": "3", "free_movement_s": "0.1", "practice_policy": '""'}
+    return make_study(tmp_path / "study", tasks='["Feeding"]', languages=BOTH, **quick)
+
+
+def take_in_german(store: Store) -> str:
+    pseudonym = enrol(store, "woman", language="de", simulated=True)
+    record_consent(store, pseudonym)
+    record_inclusion(store, pseudonym, fitting_answers(store))
+    return pseudonym
+
+
+def test_the_papers_study_is_there_in_every_language_brought_along(folder: Path) -> None:
+    assert read_design(folder / "study.toml").languages == ("en", "de")
+    for only in ("de", "en"):
+        text = default_text().replace('languages = ["en"]', f'languages = ["{only}"]')
+        assert parse_design(text).languages == (only,)
+
+
+@pytest.mark.parametrize(
+    ("languages", "change", "words"),
+    [
+        ('["en", "fr"]', {}, "no texts in 'fr'"),
+        ('["en", "en"]', {}, "en"),
+        ("[]", {}, "languages"),
+        ('["e n"]', {}, "no language"),
+        (
+            BOTH,
+            {"Eat the food": "Taste the food"},
+            'of "Taste the food from the spoon."; allowed: a line for each',
+        ),
+        (BOTH, {"strongly": "very strongly"}, '"very strongly disagree"'),
+        (
+            '["de"]',
+            {"[database]": '[[questionnaires]]\nuse = "ssq"\nwhen = "after_session"\n[database]'},
+            "and 17 more",
+        ),
+    ],
+    ids=["unknown", "twice", "none", "no tag", "goal", "ends", "instrument"],
+)
+def test_what_lacks_a_translation_is_named_with_its_line(
+    tmp_path: Path, languages: str, change: dict[str, str], words: str
+) -> None:
+    text = default_text().replace('languages = ["en"]', f"languages = {languages}")
+    for before, after in change.items():
+        text = text.replace(before, after)
+    line = next(n for n, each in enumerate(text.splitlines(), 1) if each.startswith("languages"))
+    with pytest.raises(DesignError, match=re.escape(words)) as refused:
+        parse_design(text, folder=tmp_path)
+    assert str(refused.value).startswith(f"study.toml:{line}: ")
+
+
+def test_a_participant_reads_one_language_throughout(folder: Path, tmp_path: Path) -> None:
+    with Store(folder) as store:
+        with pytest.raises(StudyError, match="allowed: en, de"):
+            enrol(store, "woman", language="fr")
+        pseudonym = take_in_german(store)
+        read = GERMAN.translate(store.design.consent.text)
+        assert store.participant(pseudonym).consent_sha256 == hashlib.sha256(read.encode()).hexdigest()
+        with StudyVisit(store, pseudonym) as visit:
+            plan = replace(visit.plan(), countdown_s=0.1)
+            attended = Visit(Path(), plan, make=lambda send: visit.session(plan, send))
+            attended.session.greet(attended.heard.append, "participant", 0.0)
+            attended.go_to("questionnaire")
+            attended.content = False
+            attended.answer(2)
+            attended.tell(Back())
+            attended.answer(3, 4, 5, 6)
+            attended.tell(Ready())
+            attended.until("ready")
+            attended.leave()
+        assert attended.said(Language)[-1].language == "de"
+        asked = {question.text for question in attended.said(Question)}
+        assert asked == {GERMAN.translate(item.text) for item in store.design.items.values()}
+        assert not asked & {item.text for item in store.design.items.values()}
+        assert attended.said(Phase)[-1].text.startswith("Durchgang 2 von 4: Essen Sie")
+        answers = [(each.item, each.value) for each in store.answers(pseudonym)]
+        assert answers == [("L1", 3), ("L2", 4), ("L3", 5), ("L4", 6)]
+        changes = [event.detail for event in store.events() if event.name == "answer changed"]
+        assert changes == ["L1 from 2 to 3"]
+        assert not [each for each in check_study(store) if each.wrong]
+        export_study(store, tmp_path / "csv", "csv")
+    with open(tmp_path / "csv" / "participants.csv", newline="") as file:
+        assert [row["language"] for row in csv.DictReader(file)] == ["de"]
+
+
+def test_the_dashboard_shows_consent_in_the_participants_language(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And warns of a full disk."""
+    with Store(folder) as store:
+        pseudonym = take_in_german(store)
+        seen = participant_view(store, pseudonym)
+        assert (seen.language, seen.direction) == ("de", "ltr")
+        assert seen.consent == GERMAN.sentences[normal(store.design.consent.text)]
+        assert seen.inclusion["epilepsy"] == "Hatten Sie schon einmal Epilepsie?"
+        whole = overview(store, None, store.design.furniture)
+        assert (whole.languages, whole.warnings) == ({"en": "English", "de": "Deutsch"}, ())
+        monkeypatch.setattr(views, "SHORT_BYTES", 1 << 60)
+        (warning,) = overview(store, None, store.design.furniture).warnings
+        assert "GB left" in warning
+
+
+def test_a_note_is_changed_and_its_former_words_are_nowhere(folder: Path) -> None:
+    with Store(folder) as store:
+        first, second = take_in_german(store), take_in_german(store)
+        add_note(store, first, "Ada looked left")
+        (note,) = store.notes(first)
+        for whose, number, text in ((second, note.id, "x"), (first, note.id + 1, "x"), (first, note.id, "")):
+            with pytest.raises(StudyError):
+                edit_note(store, whose, number, text)
+        edit_note(store, first, note.id, "They looked left")
+        assert [each.text for each in store.notes(first)] == ["They looked left"]
+        assert "Ada" not in json.dumps([event.detail for event in store.events()])
+        assert not [each for each in check_study(store) if each.wrong]

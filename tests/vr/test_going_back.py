@@ -1,0 +1,95 @@
+"""Answers can be changed until they are confirmed; the last one that was given counts."""
+
+from pathlib import Path
+
+import pytest
+
+from avrgym.recording.files import Recording
+from avrgym.vr.protocol.messages import Back, Command, Left, Question, Ready
+from avrgym.vr.protocol.received import Disconnected
+from avrgym.vr.session.events import AnswerChanged, Answered
+from visit import Visit, plan
+
+
+@pytest.fixture
+def asked(tmp_path: Path) -> Visit:
+    """Somebody who has moved on to the first question, and confirms nothing by themselves."""
+    visit = Visit(tmp_path, plan(seeds=(3, 4)))
+    visit.go_to("questionnaire")
+    visit.content = False
+    return visit
+
+
+def recorded(recording: Recording) -> list[tuple[str, int]]:
+    return [(answer.item, answer.value) for _, answer in recording.topics["/answers"]]
+
+
+def test_answers_are_changed_until_they_are_confirmed(asked: Visit) -> None:
+    asked.tell(Back())
+    assert "no earlier question" in asked.problems[-1]
+    asked.answer(1, 2)
+    asked.tell(Back())
+    question: Question = asked.said(Question)[-1]
+    assert (question.item, question.number, question.given) == ("L2", 2, 2)
+    asked.answer(5, 3, 4)
+    assert asked.phase == "confirm"
+    asked.tell(Back(), Back())
+    assert (asked.phase, asked.said(Question)[-1].item) == ("questionnaire", "L3")
+    asked.answer(3, 6)  # the first as before
+    changed = [each.answer for each in asked.observed if isinstance(each, AnswerChanged)]
+    assert [(each.item, each.value) for each in changed] == [("L2", 5), ("L4", 6)]
+    assert sum(isinstance(each, Answered) for each in asked.observed) == 6
+    asked.tell(Ready())
+    asked.until("ready")
+    asked.tick(200)
+    assert (asked.phase, asked.session.trial) == ("ready", 1)
+    first = asked.recordings()[0]
+    assert first.complete
+    assert recorded(first) == [("L1", 1), ("L2", 2), ("L2", 5), ("L3", 3), ("L4", 4), ("L4", 6)]
+    asked.leave()
+
+
+@pytest.mark.parametrize(
+    ("how", "phase"),
+    [
+        (Left(), "waiting"),
+        (Disconnected(), "waiting"),
+        (Command("skip"), "ready"),
+        (Command("end"), "finished"),
+    ],
+    ids=["left", "disconnected", "skip", "end"],
+)
+def test_who_does_not_confirm_loses_nothing(
+    asked: Visit, how: Left | Disconnected | Command, phase: str
+) -> None:
+    asked.answer(1, 2, 3, 4)
+    asked.tell(how)
+    asked.tick()
+    assert asked.phase == phase
+    (recording,) = asked.recordings()
+    assert recording.outcome is not None
+    assert (recording.outcome["result"], len(recorded(recording))) == ("completed", 4)
+    asked.leave()
+
+
+def test_who_repeats_a_trial_gives_its_answers_anew(asked: Visit) -> None:
+    asked.answer(1, 2, 3, 4)
+    asked.tell(Command("repeat"))
+    assert asked.recordings()[0].outcome is not None
+    asked.content = True
+    asked.until("questionnaire")
+    assert asked.said(Question)[-1].given is None
+    asked.leave()
+
+
+def test_no_trial_begins_before_its_participant_is_ready(tmp_path: Path) -> None:
+    """After practice too; what the trial is about is read before it begins."""
+    visit = Visit(tmp_path, plan(seeds=(3, 4), practice=True))
+    visit.go_to("trial")
+    visit.content = False
+    visit.until("ready")
+    visit.tick(300)
+    assert (visit.phase, len(visit.session.recordings)) == ("ready", 1)
+    visit.tell(Ready())
+    visit.until("trial")
+    visit.leave()
