@@ -9,6 +9,7 @@
     meter.bytes += bytes - (sizes.get(thing) ?? 0);
     sizes.set(thing, bytes);
   };
+  meter.largest = () => [...sizes.values()].sort((a, b) => b - a).slice(0, 12);
   const GL = WebGL2RenderingContext.prototype;
   const around = (name, before) => {
     const original = GL[name];
