@@ -253,9 +253,9 @@ export interface Passed {
  * `held` are the parts of the body that are not, and will not come, where they are tracked: something is in their
  * way, or they are not tracked. Their owner sees them where they are simulated.
  *
- * `joint_targets` come in steps of 1e-5 rad, one row a joint; `poses` in steps of 0.1 mm and 5e-5, one row of x, y,
- * z, w, x, y, z a body or mark. Rows that are as before are left out, but for the first state: each row begins with how
- * many were, then come its differences in zigzag; all are varints as in Protocol Buffers. */
+ * `joint_targets` come in steps of 1e-5 rad, one row a joint; `poses` in steps of 0.1 mm and 5e-5, one row of x,
+ * y, z, w, x, y, z a body or mark. Rows that are as before are left out, but for the first state: each row begins
+ * with how many were, then come its differences in zigzag; all are varints as in Protocol Buffers. */
 export interface StateChange {
   type: "state";
   sequence: number;
