@@ -30,7 +30,7 @@ test: setup lint ## every check: linters, types, the client's tests, the tests
 	cd client && npm test
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
-soak: setup ## crashes and sessions for half an hour: nothing is lost, memory stays flat
+soak: setup ## crashes, and sessions of up to an hour: nothing is lost, memory stays flat
 	.venv/bin/python -m pytest -s tests/soak/*.py
 
 setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install all that development and training need

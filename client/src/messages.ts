@@ -289,12 +289,16 @@ export interface Passed {
   sent_s: number;
 }
 
-/** How the world differs from the state that this connection was sent before; after a scene, from nothing.
+/** The world at one instant: how it differs from the state that this connection was sent before.
  *
- * `joint_targets` in steps of 1e-5 rad, one row a joint; `poses` in steps of 0.1 mm and 5e-5, one row of x, y, z,
- * w, x, y, z a body or mark. Rows that are as before are left out, but for the first state: each row begins with how
- * many were, then come its differences in zigzag; all are varints as in Protocol Buffers. The other fields are those
- * of the state itself. */
+ * After a scene it differs from nothing. `tracking_sequence` is the newest tracking frame that this state already
+ * follows, -1 before the first; `joint_targets` are the angles that the person's joints are driven to for it.
+ * `held` are the parts of the body that are not, and will not come, where they are tracked: something is in their
+ * way, or they are not tracked. Their owner sees them where they are simulated.
+ *
+ * `joint_targets` come in steps of 1e-5 rad, one row a joint; `poses` in steps of 0.1 mm and 5e-5, one row of x,
+ * y, z, w, x, y, z a body or mark. Rows that are as before are left out, but for the first state: each row begins
+ * with how many were, then come its differences in zigzag; all are varints as in Protocol Buffers. */
 export interface StateChange {
   type: "state";
   sequence: number;

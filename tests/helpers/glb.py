@@ -1,10 +1,12 @@
 """Reads the GLB files that ``avrgym.vr.scene.glb`` writes."""
 
+import io
 import json
 import struct
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 KINDS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -33,6 +35,11 @@ class GlbFile:
         packed = rows.reshape(-1, stride)[:, : width * kind.itemsize]
         values = np.ascontiguousarray(packed).view(kind)
         return values / np.iinfo(kind).max if about.get("normalized") else values
+
+    def image_size(self, view: int) -> tuple[int, int]:
+        """Width and height of the picture in a buffer's view, pixels."""
+        start, length = self["bufferViews"][view]["byteOffset"], self["bufferViews"][view]["byteLength"]
+        return Image.open(io.BytesIO(self._binary[start : start + length])).size
 
     def primitives(self) -> list[dict[str, Any]]:
         return [primitive for mesh in self["meshes"] for primitive in mesh["primitives"]]

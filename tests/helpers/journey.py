@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from avrgym.vr.emulation.headset import EmulatedHeadset
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
@@ -94,8 +95,20 @@ class Journey:
     ``observed`` is what the session told its observer; recordings go into ``folder``.
     """
 
-    def __init__(self, folder: Path, plan: SessionPlan, policies: Policies, opened: ExitStack) -> None:
-        """Start server and browser; ``opened`` closes them."""
+    def __init__(
+        self,
+        folder: Path,
+        plan: SessionPlan,
+        policies: Policies,
+        opened: ExitStack,
+        *,
+        draws: bool = False,
+        **browser: Any,
+    ) -> None:
+        """Start server and browser; ``opened`` closes them.
+
+        ``draws``: the page fills triangles from the beginning on. ``browser``: arguments of ``EmulatedHeadset``.
+        """
         self.folder = folder
         self.observed: list[session_events.SessionEvent] = []
         workers = opened.enter_context(ThreadPoolExecutor(1))
@@ -106,8 +119,11 @@ class Journey:
             )
 
         self.server = opened.enter_context(LiveServer(make, "127.0.0.1", 0))
-        self.headset = opened.enter_context(EmulatedHeadset(self.server.url, width=320, height=180))
-        leave_out_triangles(self.headset)
+        self.headset = opened.enter_context(
+            EmulatedHeadset(self.server.url, **({"width": 320, "height": 180} | browser))
+        )
+        if not draws:
+            leave_out_triangles(self.headset)
         self.participant = SimulatedParticipant(draw_traits(plan.sex, 5), 5, plan.furniture)
 
     @property

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -252,12 +253,13 @@ _STANDING = Posture(hips_pos_w=(0.0, 0.0, 0.0), hips_deg=0.0, thigh_deg=0.0, shi
 BIND_RAD = joint_angles(right_shoulder_y=42.0, left_shoulder_y=-42.0, right_elbow_x=-45.0, left_elbow_x=-45.0)
 
 
+@lru_cache(maxsize=8)
 def bind_frames(
     sex: Sex, torso_height_m: float, arm_scale: float = 1.0
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Where the skin is bound to the bodies: standing, hips at the origin, arms half raised and half bent.
 
-    Positions (3,) and quaternions (4,) by body name.
+    Positions (3,) and quaternions (4,) by body name, to be read only: who asks again is given the same.
     """
     pos, q = body_frames(People.of([Person(sex, torso_height_m, BIND_RAD, arm_scale=arm_scale)]), _STANDING)
     return {body: pos[body][0] for body in BODIES}, {body: q[body][0] for body in BODIES}

@@ -5,7 +5,7 @@ It proves the logic of client, protocol and session. It says nothing about comfo
 
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +44,17 @@ def find_chromium() -> str | None:
 class EmulatedHeadset:
     """A page of the client in headless Chromium whose headset and controllers Python moves."""
 
-    def __init__(self, url: str, width: int = 640, height: int = 360) -> None:
+    def __init__(
+        self, url: str, width: int = 640, height: int = 360, query: str = "", script: str = ""
+    ) -> None:
         """Open the page of a server's address in a window that a software renderer can keep up with.
+
+        Args:
+            url: the participant's address.
+            width: of both eyes' pictures together, pixels.
+            height: of the pictures, pixels.
+            query: what else to ask of the page, as ``&detail=full``, to draw all that a real headset draws.
+            script: runs before the page's own scripts do.
 
         Raises:
             BrowserMissingError: when Playwright or Chromium is missing.
@@ -68,7 +77,9 @@ class EmulatedHeadset:
             ) from error
         self.page = self._browser.new_page(viewport={"width": width, "height": height})
         self.page.set_default_timeout(1000 * PATIENCE_S)
-        self.page.goto(url.replace("/#", "/?emulate=1#"))
+        if script:
+            self.page.add_init_script(script)
+        self.page.goto(url.replace("/#", f"/?emulate=1{query}#"))
         self.page.wait_for_function("() => window.avrgymEmulator !== undefined")
 
     def __enter__(self) -> "EmulatedHeadset":
@@ -129,7 +140,7 @@ class EmulatedHeadset:
 DONE = -2
 """The value of the button that confirms all answers; see the client's ``paint.ts``."""
 PICTURE_AFTER_S = {"trial": 4.0}
-"""In which phases, and how long after their beginning, a picture is taken of what the participant sees."""
+"""What a demonstration shows of what the participant sees."""
 
 
 class BrowserAttendance:
@@ -146,11 +157,15 @@ class BrowserAttendance:
         participant: SimulatedParticipant,
         pictures: Path,
         say: Callable[[str], None],
+        picture_after_s: Mapping[str, float] = PICTURE_AFTER_S,
     ) -> None:
-        """``pictures`` is the folder for what the participant sees; ``say`` is told of each phase."""
+        """``pictures`` is the folder for what the participant sees; ``say`` is told of each phase.
+
+        ``picture_after_s``: in which phases, and how long after their beginning, a picture is taken.
+        """
         self.taken: list[Path] = []
         self._headset, self._session, self._participant = headset, session, participant
-        self._folder, self._say = pictures, say
+        self._folder, self._say, self._picture_after_s = pictures, say, picture_after_s
         self._phase: tuple[str, int] = ("", 0)
         self._phase_began = self._changed_s = 0.0
         self._asked = ""
@@ -204,7 +219,10 @@ class BrowserAttendance:
     def _take_picture(self, now_s: float) -> None:
         name, trial = self._phase
         path = self._folder / f"trial-{trial:02}-{name}.png"
-        if now_s - self._phase_began > PICTURE_AFTER_S.get(name, PATIENCE_S) and path not in self.taken:
+        if (
+            now_s - self._phase_began > self._picture_after_s.get(name, PHASE_LIMIT_S)
+            and path not in self.taken
+        ):
             self.taken.append(self._headset.screenshot(path))
 
 
