@@ -1,3 +1,4 @@
+import type { BareHandsTracked } from "./barehands";
 import { Connection, type Link } from "./connection";
 import { awaitsReady, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
 import { DrawnFrames } from "./drawnframes";
@@ -151,7 +152,7 @@ export class App {
     if (message.type === "placed") return this.world.move(message, performance.now());
     if (message.type === "upcoming") return this.fetchAhead(message.url);
     if (message.type === "welcome") this.welcomed(message);
-    if (message.type === "body") this.body = message;
+    if (message.type === "body") this.bodyCame(message);
     if (message.type === "scene") void this.sceneCame(message);
     if (message.type === "phase") this.phaseCame(message);
     if (message.type === "question" && !this.watches) this.questionnaire.show(message, performance.now());
@@ -192,6 +193,11 @@ export class App {
     } catch (error) {
       this.showProblem(`The scene could not be loaded: ${words(error)}.`);
     }
+  }
+
+  private bodyCame(body: Body): void {
+    this.body = body;
+    this.world.hands.colour(body);
   }
 
   private phaseCame(phase: Phase): void {
@@ -319,7 +325,7 @@ export class App {
     this.countDown();
     const space = this.view.renderer.xr.getReferenceSpace();
     if (frame && space && this.presenting) {
-      this.updateWorld(timeMs, this.immersive.read(frame, space, timeMs));
+      this.updateWorld(timeMs, this.immersive.read(frame, space, timeMs), this.immersive.bareHands);
       this.session.watchButtons(frame.session.inputSources);
       this.immersive.frame(frame, space);
     } else this.updateWorld(timeMs, this.flat.playing ? this.flat.poses : null);
@@ -345,9 +351,9 @@ export class App {
     if (frames) this.send(frames);
   }
 
-  private updateWorld(timeMs: number, poses: Poses | null): void {
+  private updateWorld(timeMs: number, poses: Poses | null, bareHands?: BareHandsTracked): void {
     const lagMs = this.immersive.numbering.ageMs(this.lastState?.tracking_sequence ?? -1, timeMs);
-    this.world.update(timeMs, poses, lagMs);
+    this.world.update(timeMs, poses, lagMs, bareHands);
   }
 
   private playFrame(): void {
