@@ -54,7 +54,7 @@ export class BareHands {
     this.hands[side].joints.visible = this.hands[side].bones.visible = false;
   }
 
-  /** Draws a hand: its joints go with it from where it is tracked to where it is drawn; `floor` is that of `local-floor`. */
+  /** Draws a hand: its joints go along as its centre goes from where it is tracked to where it is drawn; `floor` is that of `local-floor`. */
   draw(side: Side, { matrices, radii }: HandJoints, floor: Matrix4, tracked: Pose, drawn: Pose): void {
     const { joints, bones } = this.hands[side];
     carry.copy(matrixOf(drawn, drawnMatrix)).multiply(matrixOf(tracked, trackedMatrix).invert());

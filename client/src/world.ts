@@ -1,4 +1,4 @@
-import { Group, Vector3 } from "three";
+import { Group, Quaternion, Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { BareHands, NO_BARE_HANDS, type BareHandsTracked } from "./barehands";
 import { Content } from "./content";
@@ -121,7 +121,9 @@ export class World {
     if (!joints || !tracked) return this.hands.hide(side);
     const [x, y, z, ...q] = this.drawn.subarray(at, at + POSE);
     const [w, qx, qy, qz] = q;
-    const drawn: Pose = { position: [x!, y!, z!], q: [w!, qx!, qy!, qz!] };
+    const turn = new Quaternion(qx, qy, qz, w);
+    const centre = new Vector3(0, 0, -this.shown!.skeleton.hand_m).applyQuaternion(turn).add({ x: x!, y: y!, z: z! });
+    const drawn: Pose = { position: centre.toArray(), q: [w!, qx!, qy!, qz!] };
     this.hands.draw(side, joints, this.root.matrix, tracked, drawn);
   }
 
