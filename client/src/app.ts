@@ -1,3 +1,4 @@
+import type { BareHandsTracked } from "./barehands";
 import { Connection, type Link } from "./connection";
 import { awaitsReady, confirmsAnswers, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
 import { DrawnFrames } from "./drawnframes";
@@ -160,7 +161,7 @@ export class App {
     if (message.type === "upcoming") return this.fetchAhead(message.url);
     if (message.type === "welcome") this.welcomed(message);
     if (message.type === "language") this.speak(wordsOf(message));
-    if (message.type === "body") this.body = message;
+    if (message.type === "body") this.bodyCame(message);
     if (message.type === "scene") void this.sceneCame(message);
     if (message.type === "phase") this.phaseCame(message);
     if (message.type === "question" && !this.watches) this.questionnaire.show(message, performance.now());
@@ -202,6 +203,11 @@ export class App {
     } catch (error) {
       this.explain("scene_not_loaded", error);
     }
+  }
+
+  private bodyCame(body: Body): void {
+    this.body = body;
+    this.world.hands.colour(body);
   }
 
   private phaseCame(phase: Phase): void {
@@ -358,7 +364,7 @@ export class App {
     this.countDown();
     const space = this.view.renderer.xr.getReferenceSpace();
     if (frame && space && this.presenting) {
-      this.updateWorld(timeMs, this.immersive.read(frame, space, timeMs));
+      this.updateWorld(timeMs, this.immersive.read(frame, space, timeMs), this.immersive.bareHands);
       this.session.watchButtons(frame.session.inputSources);
       this.immersive.frame(frame, space);
     } else this.updateWorld(timeMs, this.flat.playing ? this.flat.poses : null);
@@ -384,9 +390,9 @@ export class App {
     if (frames) this.send(frames);
   }
 
-  private updateWorld(timeMs: number, poses: Poses | null): void {
+  private updateWorld(timeMs: number, poses: Poses | null, bareHands?: BareHandsTracked): void {
     const lagMs = this.immersive.numbering.ageMs(this.lastState?.tracking_sequence ?? -1, timeMs);
-    this.world.update(timeMs, poses, lagMs);
+    this.world.update(timeMs, poses, lagMs, bareHands);
   }
 
   private playFrame(): void {

@@ -37,6 +37,8 @@ interface Copies {
   at: number[];
 }
 
+/** Not 0: a matrix that cannot be inverted has no normals. */
+const FOLDED = 1e-3;
 /** How the names of the robot's bodies begin, its tool's among them. */
 const ROBOT = "robot/";
 
@@ -73,6 +75,13 @@ export class Content {
   /** From inside, the participant's own head is not drawn, but it still casts its shadow. */
   seeFromInside(inside: boolean): void {
     for (const material of this.heads) material.colorWrite = material.depthWrite = !inside;
+  }
+
+  /** Folds a body's skin into the joint that carries it, or unfolds it. */
+  fold(body: string, folded: boolean): void {
+    const at = this.poseOf(body);
+    for (const follower of this.followers)
+      if (follower.at === at) follower.node.scale.setScalar(folded ? FOLDED : 1);
   }
 
   dispose(): void {

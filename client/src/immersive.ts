@@ -1,4 +1,5 @@
 import { Quaternion, Vector3 } from "three";
+import type { BareHandsTracked } from "./barehands";
 import type { Connection } from "./connection";
 import type { Panel } from "./panel";
 import { Pointer } from "./pointer";
@@ -38,6 +39,11 @@ export class Immersive {
     if (this.panel.visible) this.placePanel(frame.getViewerPose(space));
     if (this.panel.buttons.length > 0) this.point(frame, space);
     else this.stopPointing();
+  }
+
+  /** The fingers of bare hands in the latest frame. */
+  get bareHands(): BareHandsTracked {
+    return this.reader.bareHands;
   }
 
   stopPointing(): void {

@@ -1,3 +1,4 @@
+import { JOINTS, type BareHandsTracked, type HandJoints } from "./barehands";
 import type { Modality, Tracking, XRPose } from "./messages";
 
 export const HIGHEST_RATE_HZ = 90;
@@ -30,6 +31,10 @@ export class Reader {
   private readonly left = emptyPose();
   private readonly right = emptyPose();
   private readonly poses: Poses = { ...UNTRACKED };
+  private readonly leftJoints = noJoints();
+  private readonly rightJoints = noJoints();
+  /** The fingers of bare hands in the frame that was read last. */
+  readonly bareHands: BareHandsTracked = { left: null, right: null };
 
   read(frame: XRFrame, space: XRReferenceSpace): Poses {
     const { poses } = this;
@@ -41,6 +46,8 @@ export class Reader {
     poses.right = right && fill(this.right, sourcePose(frame, space, right));
     poses.left_modality = modality(left);
     poses.right_modality = modality(right);
+    this.bareHands.left = fillJoints(this.leftJoints, frame, space, poses.left && left);
+    this.bareHands.right = fillJoints(this.rightJoints, frame, space, poses.right && right);
     return poses;
   }
 }
@@ -104,6 +111,32 @@ function sourcePose(frame: XRFrame, space: XRReferenceSpace, source: XRInputSour
   if (!source.hand) return frame.getPose(source.gripSpace!, space);
   const wrist = source.hand.get("wrist");
   return wrist && frame.getJointPose?.(wrist, space);
+}
+
+function noJoints(): HandJoints {
+  return { matrices: new Float32Array(16 * JOINTS), radii: new Float32Array(JOINTS) };
+}
+
+/** What WebXR Hand Input adds to frames, which the browsers' types leave out. */
+interface FrameOfJoints extends XRFrame {
+  fillPoses?(spaces: XRJointSpace[], base: XRReferenceSpace, matrices: Float32Array): boolean;
+  fillJointRadii?(spaces: XRJointSpace[], radii: Float32Array): boolean;
+}
+
+const jointsOf = new WeakMap<XRHand, XRJointSpace[]>();
+
+/** The joints of a bare hand, all of which must be tracked. */
+function fillJoints(
+  joints: HandJoints,
+  frame: FrameOfJoints,
+  space: XRReferenceSpace,
+  source: XRInputSource | null,
+): HandJoints | null {
+  if (!source?.hand || !frame.fillPoses || !frame.fillJointRadii) return null;
+  const spaces = jointsOf.get(source.hand) ?? [...source.hand.values()];
+  jointsOf.set(source.hand, spaces);
+  const filled = frame.fillPoses(spaces, space, joints.matrices) && frame.fillJointRadii(spaces, joints.radii);
+  return filled ? joints : null;
 }
 
 function modality(source: XRInputSource | null): Modality {

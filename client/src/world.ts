@@ -1,9 +1,11 @@
-import { Group, Vector3 } from "three";
+import { Group, Quaternion, Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { BareHands, NO_BARE_HANDS, type BareHandsTracked } from "./barehands";
 import { Content } from "./content";
 import { POSE, StateBuffer } from "./interpolation";
 import { bodyPose } from "./devices";
-import type { BodyPose } from "./body";
+import { PERSON } from "./anatomy";
+import type { BodyPose, Pose, Side } from "./body";
 import type { Placed, Scene, XRPose } from "./messages";
 import { OwnBody } from "./ownbody";
 import type { State } from "./states";
@@ -17,12 +19,14 @@ interface Glide {
   lastsMs: number;
 }
 
+const SIDES = ["left", "right"] as const;
 const loader = new GLTFLoader();
 
 /** The simulated world: its root stands where the server says, its bodies follow the states. */
 export class World {
   /** Carries the transform from the simulation's z-up world to WebXR's `local-floor`. */
   readonly root = uprightRoot();
+  readonly hands = new BareHands();
   private content: Content | null = null;
   private states: StateBuffer | null = null;
   private own: OwnBody | null = null;
@@ -34,6 +38,10 @@ export class World {
   private shown: Scene | null = null;
   private seenFromInside = false;
   private glide: Glide | null = null;
+
+  constructor() {
+    this.root.add(this.hands.group);
+  }
 
   /** Replaces the scene; until the new one is here, the earlier one stays as it is. */
   async load(scene: Scene, glb: Promise<ArrayBuffer>): Promise<void> {
@@ -72,7 +80,7 @@ export class World {
    *
    * `lagMs` is the age of the pose that the newest state follows.
    */
-  update(nowMs: number, poses: Poses | null, lagMs: number): void {
+  update(nowMs: number, poses: Poses | null, lagMs: number, bareHands: BareHandsTracked = NO_BARE_HANDS): void {
     this.goOn(nowMs);
     if (this.shown !== this.newest || !this.states?.draw(nowMs / 1000, this.simulated)) return;
     this.drawn.set(this.simulated);
@@ -80,6 +88,7 @@ export class World {
     if (this.tracked) this.own?.draw(this.drawn, this.tracked, nowMs, lagMs);
     else this.own?.rest();
     this.content?.place(this.drawn);
+    for (const side of SIDES) this.drawHand(side, bareHands);
   }
 
   /** Draws these poses at once. */
@@ -102,6 +111,21 @@ export class World {
   around(eyes: Vector3): Float32Array {
     this.root.updateMatrixWorld();
     return this.content?.surfaces.around(eyes) ?? new Float32Array();
+  }
+
+  private drawHand(side: Side, bareHands: BareHandsTracked): void {
+    const body = `${PERSON.prefix}${side}_hand`;
+    const joints = bareHands[side];
+    const tracked = this.tracked?.[side];
+    const at = this.shown!.bodies.indexOf(body) * POSE;
+    this.content?.fold(body, !!(joints && tracked));
+    if (!joints || !tracked) return this.hands.hide(side);
+    const [x, y, z, ...q] = this.drawn.subarray(at, at + POSE);
+    const [w, qx, qy, qz] = q;
+    const turn = new Quaternion(qx, qy, qz, w);
+    const centre = new Vector3(0, 0, -this.shown!.skeleton.hand_m).applyQuaternion(turn).add({ x: x!, y: y!, z: z! });
+    const drawn: Pose = { position: centre.toArray(), q: [w!, qx!, qy!, qz!] };
+    this.hands.draw(side, joints, this.root.matrix, tracked, drawn);
   }
 
   private goOn(nowMs: number): void {

@@ -41,7 +41,7 @@ class _Body:
 
 
 def examples(rng: np.random.Generator, count: int) -> Iterator[dict[str, Any]]:
-    """Of three bodies, two with arms of unusual length: poses all over the joints' ranges, near the start, of nobody's."""
+    """Of three bodies, two with unusual arms: poses all over the joints' ranges, near the start, and of nobody's."""
     bodies = [_body(*each) for each in BODIES]
     for number in range(count):
         start = SEATED_RAD + rng.uniform(0.0, 1.0) * (rng.uniform(LOWER_RAD, UPPER_RAD) - SEATED_RAD)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from avrgym.analysis.page import count
 from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
@@ -93,10 +92,14 @@ def headset_words(rows: Sequence[HeadsetRow]) -> str:
         *([f"{median(latencies):.0f} ms from pose to picture"] if latencies else []),
         *([f"{median(jitters):.2f} mm of jitter of the head at rest"] if jitters else []),
     ]
-    made_up = f" {count(emulated, 'check')} ran on an emulated headset, which says nothing about one." * bool(
+    made_up = f" {_count(emulated, 'check')} ran on an emulated headset, which says nothing about one." * bool(
         emulated
     )
     return (
-        f"The headset was checked at the beginning of {count(len(rows), 'session')} and found ready in {ready} "
+        f"The headset was checked at the beginning of {_count(len(rows), 'session')} and found ready in {ready} "
         f"(medians: {', '.join(figures)}; hands tracked with: {', '.join(held)}).{made_up}"
     )
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
