@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import pytest
 
 from avrgym.cli import progress
-from avrgym.cli.progress import duration, progress_bar
+from avrgym.cli.progress import Pace, duration, progress_bar
 from avrgym.cli.terminal import print_table
 
 STOPPED = """
@@ -95,11 +95,25 @@ def test_work_of_unknown_length_says_how_much_is_done(monkeypatch: pytest.Monkey
             bar.show(8)
     assert out.getvalue().splitlines() == [
         "reading: 3 files",
-        "reading again: 6 of 12 files (50 %)",
-        "reading again: 7 of 12 files (58 %), 0.05 a second, 2 min left",
-        "reading again: 8 of 12 files (67 %), 0.05 a second, 80 s left",
+        "reading again: 6 of 12 files (50 %), 0.15 a second, 40 s left",
+        "reading again: 7 of 12 files (58 %), 0.1 a second, 50 s left",
+        "reading again: 8 of 12 files (67 %), 0.083 a second, 48 s left",
         "reading: done in 80 s",
     ]
+
+
+def test_what_was_done_before_is_no_speed() -> None:
+    pace = Pace()
+    for now_s, done in ((5.0, 1000.0), (10.0, 1010.0), (10.5, 1011.0), (15.0, 1020.0)):
+        pace.see(now_s, done)
+    assert pace.per_s == pytest.approx(2.0)
+
+
+def test_the_rate_is_that_of_the_latest_minutes() -> None:
+    pace = Pace()
+    for second in range(0, 4000, 2):
+        pace.see(float(second), min(second, 2000) * 10.0 + max(second - 2000, 0) * 1.0)
+    assert pace.per_s == pytest.approx(1.0)
 
 
 def test_a_table_in_a_file_has_no_colours(monkeypatch: pytest.MonkeyPatch) -> None:
