@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from avrgym.cli.options import PEOPLE, Impairment, Seed, chosen_environments
+from avrgym.cli.options import PEOPLE, Engine, Impairment, Seed, chosen_environments
 from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
@@ -20,6 +20,7 @@ from avrgym.cli.terminal import (
 )
 from avrgym.people.distributions import DISTRIBUTIONS, NAMED
 from avrgym.policies.names import CHOICES
+from avrgym.simulation.engines.engine import THREADS, check_engine
 from avrgym.tasks.registry import ENVIRONMENTS, find_environment, sizes
 
 
@@ -55,10 +56,12 @@ def train(
         bool, typer.Option("--resume", help="Go on with the training in the folder, as it was configured.")
     ] = False,
     seed: Seed = 0,
+    engine: Engine = THREADS,
 ) -> None:
     """Train a policy with PPO. Needs the extra `train`."""
     with plain_errors():
         find_environment(env)
+        check_engine(engine)
         try:
             from avrgym.learning import training
         except ModuleNotFoundError as error:
@@ -80,7 +83,7 @@ def train(
             if resume:
                 training.resume(folder, tell)
             else:
-                configuration = training.configuration_for(env, people, steps, seed, impairment)
+                configuration = training.configuration_for(env, people, steps, seed, impairment, engine)
                 training.train(configuration, folder, tell)
     say(f"policy    {folder / 'policy.safetensors'}")
 
@@ -143,6 +146,7 @@ def evaluate(
     force_guard: Annotated[
         bool, typer.Option("--force-guard", help="Draw back arms that press too hard, as live sessions do.")
     ] = False,
+    engine: Engine = THREADS,
     regions: Annotated[
         bool, typer.Option("--regions", help="Show the forces by region of the body too.")
     ] = False,
@@ -174,6 +178,7 @@ def evaluate(
                 jobs=jobs,
                 allow_other_environment=allow_other_environment,
                 force_guard=force_guard,
+                engine=engine,
             )
         rows = [asdict(each) for each in metrics]
         if cross_play:

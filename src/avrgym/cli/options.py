@@ -7,6 +7,7 @@ import typer
 from avrgym.people import distributions
 from avrgym.people.impairments import IMPAIRMENTS
 from avrgym.policies.names import CHOICES
+from avrgym.simulation.engines.engine import ENGINES
 from avrgym.tasks.registry import ENVIRONMENTS, find_environment
 
 PEOPLE = distributions.CHOICES
@@ -15,6 +16,7 @@ Impairment = Annotated[
     str, typer.Option(help=f"What keeps people from moving as they want: {', '.join(IMPAIRMENTS)}.")
 ]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
+Engine = Annotated[str, typer.Option(help=f"Where physics runs: {ENGINES}.")]
 
 
 def chosen_environments(environments: list[str] | None, every: bool) -> list[str]:

@@ -36,6 +36,7 @@ from avrgym.learning.stable_baselines import (
 )
 from avrgym.people.distributions import NAMED, people_name
 from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.simulation.engines.engine import THREADS
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 from avrgym.tasks.episodes import Episodes
@@ -62,6 +63,7 @@ class TrainingConfiguration(TrainingSettings):
     steps: int = 2_000_000
     seed: int = 0
     threads: int = 0
+    engine: str = THREADS
 
     @property
     def update_steps(self) -> int:
@@ -93,7 +95,12 @@ class TrainingConfiguration(TrainingSettings):
 
 
 def configuration_for(
-    environment: str, people: str, steps: int, seed: int, impairment: str = "none"
+    environment: str,
+    people: str,
+    steps: int,
+    seed: int,
+    impairment: str = "none",
+    engine: str = THREADS,
 ) -> TrainingConfiguration:
     """How we train in an environment.
 
@@ -107,6 +114,7 @@ def configuration_for(
         impairment=impairment,
         steps=steps,
         seed=seed,
+        engine=engine,
         **vars(TASKS[task].training),
     )
 
@@ -326,6 +334,7 @@ def _environment(configuration: TrainingConfiguration, people: str) -> SB3Vector
         people=people,
         impairment=configuration.impairment,
         num_threads=configuration.threads,
+        engine=configuration.engine,
     )
     env = SB3VectorEnv(native)
     env.detour_weight_per_m = configuration.detour_weight_per_m

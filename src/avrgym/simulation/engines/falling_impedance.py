@@ -7,12 +7,11 @@ damping that make the same of it.
 """
 
 # Warp's own language, and a package that is there only with the extra ``gpu``.
-# pyright: basic, reportMissingImports=false
+# pyright: basic, reportMissingImports=false, reportInvalidTypeForm=false
 
 from typing import Any
 
 import warp as wp
-
 
 Five = wp.types.vector(length=5, dtype=wp.float32)
 
@@ -34,7 +33,7 @@ def _fix(
     if first <= last or given[0] > 0.0 or given[1] > 0.0:
         return
     share = wp.clamp(wp.abs(distance[contact] - margin[contact]) / at[2], 0.0, 1.0)
-    gone = float(0.0)
+    gone = 0.0
     if share <= middle:
         gone = middle * wp.pow(share / middle, power)
     else:

@@ -5,7 +5,7 @@ models to the device. Warp compiles its kernels when a scene is stepped for the 
 """
 
 from copy import copy
-from dataclasses import fields
+from dataclasses import Field, fields
 from functools import cache
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -45,7 +45,7 @@ class _Libraries(NamedTuple):
 
 
 @cache
-def _libraries() -> _Libraries:
+def libraries() -> _Libraries:
     """What the extra brings.
 
     Raises:
@@ -53,7 +53,7 @@ def _libraries() -> _Libraries:
     """
     try:
         warp, torch = import_module("warp"), import_module("torch")
-        warp.config.quiet = True
+        warp.config.log_level = warp.LOG_ERROR
         return _Libraries(warp, import_module("mujoco_warp"), torch)
     except ModuleNotFoundError as error:
         raise RuntimeError(
@@ -73,7 +73,7 @@ class Warp:
             ValueError: for a device that there is not, or more worlds than there is memory for.
             RuntimeError: where the extra is not installed.
         """
-        self._warp, self._mujoco_warp, self._torch = _libraries()
+        self._warp, self._mujoco_warp, self._torch = libraries()
         self._device = _find_device(self._warp, device)
         self.device, self._num_worlds = str(self._device.name), num_worlds
         self._capacity = Capacity.of(model)
@@ -151,7 +151,7 @@ class Warp:
         model.opt.disableflags &= ~int(
             mujoco.mjtDisableBit.mjDSBL_MIDPHASE
         )  # which Warp refuses to be asked for
-        names = [each.name for each in fields(self._mujoco_warp.Model) if each.name in MODEL_FIELDS]
+        names = [each.name for each in fields(self._mujoco_warp.Model) if _has_worlds(each)]
         varying = [name for name in names if self.batch.expanded(name) is not None]
         with self._warp.ScopedDevice(self._device):
             self._model = self._mujoco_warp.put_model(model, dict.fromkeys(varying, self._num_worlds))
@@ -181,7 +181,7 @@ class Warp:
 
     def _bytes_per_world(self, model: mujoco.MjModel) -> int:
         one = self._made(model, 1)
-        parts = [*vars(one).values(), *vars(one.contact).values(), *vars(one.efc).values()]
+        parts: list[Any] = [*vars(one).values(), *vars(one.contact).values(), *vars(one.efc).values()]
         return sum(int(part.capacity) for part in parts if isinstance(part, self._warp.array))
 
     def _free_bytes(self) -> int | None:
@@ -200,6 +200,11 @@ class Warp:
         tensor[rows] = self._torch.as_tensor(values, dtype=tensor.dtype, device=self._place).reshape(
             len(values), *tensor.shape[1:]
         )
+
+
+def _has_worlds(field: Field[Any]) -> bool:
+    """Whether a field of Warp's model may differ between worlds, and MuJoCo's may; others count for no step of ours."""
+    return field.name in MODEL_FIELDS and tuple(getattr(field.type, "shape", ()))[:1] == ("*",)
 
 
 class Capacity(NamedTuple):
