@@ -121,19 +121,23 @@ class Warp:
         self._check_overflow()
 
     def _run(self, substeps: int) -> None:
-        """On a GPU the steps are captured once as a graph; nothing that they read ever moves."""
+        """On a GPU the first steps, which load the kernels, are captured as a graph for all later ones.
+
+        None of the memory that they read ever moves.
+        """
         if not self._device.is_cuda:
             self._launch(substeps)
             return
         stream = self._warp.get_stream(self._device)
         torchs = self._torch.cuda.current_stream(self._place)
         stream.wait_stream(self._warp.stream_from_torch(torchs))
-        if substeps not in self._graphs:
-            self._launch(0)  # loads all kernels, which cannot be done while capturing
+        if substeps in self._graphs:
+            self._warp.capture_launch(self._graphs[substeps], stream=stream)
+        else:
+            self._launch(substeps)
             with self._warp.ScopedCapture(self._device) as capture:
                 self._launch(substeps)
             self._graphs[substeps] = capture.graph
-        self._warp.capture_launch(self._graphs[substeps], stream=stream)
         torchs.wait_stream(self._warp.stream_to_torch(stream))
 
     def _launch(self, substeps: int) -> None:
@@ -148,9 +152,8 @@ class Warp:
     def _make_model(self) -> None:
         """The model on the device, with a row for each world in every field that the batch has such rows of."""
         model = copy(self.batch.model)
-        model.opt.disableflags &= ~int(
-            mujoco.mjtDisableBit.mjDSBL_MIDPHASE
-        )  # which Warp refuses to be asked for
+        no_trees_of_geoms = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)  # Warp has none and refuses the flag
+        model.opt.disableflags &= ~no_trees_of_geoms
         names = [each.name for each in fields(self._mujoco_warp.Model) if _has_worlds(each)]
         varying = [name for name in names if self.batch.expanded(name) is not None]
         with self._warp.ScopedDevice(self._device):
