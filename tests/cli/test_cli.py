@@ -23,6 +23,7 @@ from visit import ENVIRONMENT, drive
 FIGURES = [
     "env", "policy", "people", "impairment", "episodes", "reward_mean", "reward_std", "success_rate",
     "success_ci95", "force_mean_newton", "episodes_over_limit", "guard_interventions",
+    "engine", "device",
 ]  # fmt: skip
 PROGRAM = get_command(app)
 

@@ -44,7 +44,7 @@ class Evaluation:
 
     ``force_regions`` are the forces by region of the body, ``episodes_over_limit`` counts the episodes in which any
     region bore more than its limits allow, see ``RegionLoads``. ``guard_interventions`` is how often a force guard drew
-    the arm back, per episode; ``None`` without one.
+    the arm back, per episode; ``None`` without one. ``engine`` and ``device`` say where physics ran.
     """
 
     env: str
