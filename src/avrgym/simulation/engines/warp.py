@@ -29,7 +29,7 @@ from avrgym.system.memory import available_bytes
 Ids = NDArray[np.intp]
 
 CONTACTS, CONTACTS_PER_PARTICLE = 96, 8
-"""What a world has room for, and how much more for each particle: twice the most that was seen."""
+"""What a world has room for, and how much more for each particle: twice the most that was seen in drinking."""
 ROWS_PER_CONTACT = 4
 """Of the pyramid that stands for a contact's friction cone."""
 SENSOR_CONTACTS = 96
