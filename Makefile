@@ -18,10 +18,10 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test format lint docs bench soak setup client clean
+.PHONY: help demo test test-engines format lint docs bench soak setup client clean
 
 help: ## list the targets
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
 
 demo: $(DONE)/demo $(DONE)/chromium $(CLIENT) ## a whole session of a simulated participant, then its report
 	@.venv/bin/avrgym demo
@@ -32,6 +32,9 @@ test: setup lint ## every check: linters, types, the client's tests, the tests
 
 soak: setup ## crashes, and sessions of up to an hour: nothing is lost, memory stays flat
 	.venv/bin/python -m pytest -s tests/soak/*.py
+
+test-engines: $(DONE)/gpu ## every scene on MuJoCo Warp beside threads; compiles its kernels for half an hour
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest tests/simulation/test_engines.py tests/engines/*.py
 
 setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install all that development and training need
 
@@ -75,6 +78,11 @@ $(DONE)/test: pyproject.toml $(DONE)/python
 	@$(PIP_INSTALL) '$(TORCH)'
 	@$(PIP_INSTALL) -e '.[browser,train,postgresql,export,video,onnx,pettingzoo,lsl,foxglove,dev,docs]'
 	@touch $(DONE)/demo $@
+
+$(DONE)/gpu: $(DONE)/test
+	@echo 'Installing MuJoCo Warp'
+	@$(PIP_INSTALL) -e '.[gpu]'
+	@touch $@
 
 $(DONE)/node: $(DONE)/python
 	@if node -e '$(NODE_IS_NEW)' 2>/dev/null && npm --version >/dev/null 2>&1; \

@@ -23,6 +23,7 @@ from visit import ENVIRONMENT, drive
 FIGURES = [
     "env", "policy", "people", "impairment", "episodes", "reward_mean", "reward_std", "success_rate",
     "success_ci95", "force_mean_newton", "episodes_over_limit", "guard_interventions",
+    "engine", "device",
 ]  # fmt: skip
 PROGRAM = get_command(app)
 
@@ -196,10 +197,11 @@ def test_bench_sim_measures_whole_episodes_against_bare_physics(tmp_path: Path) 
     assert result.exit_code == 0
     (row,) = json.loads(file.read_text())
     assert list(row) == [
-        "env", "num_envs", "threads", "steps_per_second", "reset_ms_per_env", "physics_steps_per_second", "ratio",
+        "env", "engine", "device", "num_envs", "threads", "steps_per_second", "reset_ms_per_env",
+        "physics_steps_per_second", "ratio",
     ]  # fmt: skip
-    assert (row["env"], row["num_envs"]) == (ENVIRONMENT, 2)
-    assert all(row[name] > 0 for name in list(row)[2:])
+    assert [row[name] for name in list(row)[:4]] == [ENVIRONMENT, "threads", "cpu", 2]
+    assert all(row[name] > 0 for name in list(row)[3:])
 
 
 # What the user can mend --------------------------------------------------------------------------------------

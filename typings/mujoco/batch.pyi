@@ -7,6 +7,8 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+MODEL_FIELDS: frozenset[str]
+
 class Batch:
     model: mujoco.MjModel
     state: NDArray[np.float64]

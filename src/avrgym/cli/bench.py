@@ -7,10 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from avrgym.cli.options import chosen_environments
+from avrgym.cli.options import Engine, chosen_environments
 from avrgym.cli.progress import duration, progress_bar
 from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, say, write_json
 from avrgym.policies.names import CHOICES
+from avrgym.simulation.engines.names import THREADS
 
 Row = dict[str, Any]
 app = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine.")
@@ -22,6 +23,7 @@ def bench_sim(
         list[str] | None, typer.Option(help="An environment id, again for more; without one, all.")
     ] = None,
     num_envs: Annotated[int, typer.Option(help="Worlds stepped together.", min=1)] = 64,
+    engine: Engine = THREADS,
     json_file: JsonFile = None,
 ) -> None:
     """Measure whole episodes against their bare physics.
@@ -32,7 +34,7 @@ def bench_sim(
 
     def row(environment: str) -> Row:
         with progress_bar(f"measuring {environment}", RUNS, "runs") as bar:
-            return asdict(measure_simulation(environment, num_envs, bar.advance))
+            return asdict(measure_simulation(environment, num_envs, bar.advance, engine))
 
     with plain_errors():
         _tabulate(env, not env, row, json_file)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.options import PEOPLE, Impairment, Seed, chosen_environments
+from avrgym.cli.options import PEOPLE, Engine, Impairment, Seed, chosen_environments
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
     Jobs,
@@ -24,6 +24,7 @@ from avrgym.cli.terminal import (
 )
 from avrgym.people.names import NAMES
 from avrgym.policies.names import CHOICES
+from avrgym.simulation.engines.names import THREADS
 
 if TYPE_CHECKING:
     from avrgym.learning import training
@@ -79,9 +80,11 @@ def train(
         typer.Option("--help-config", help="Print the environment's training settings, and train nothing."),
     ] = False,
     seed: Seed = 0,
+    engine: Engine = THREADS,
 ) -> None:
     """Train a policy with PPO. Needs the extra `train`."""
     from avrgym.learning.settings_file import read_settings, settings_text
+    from avrgym.simulation.engines.engine import check_engine
     from avrgym.tasks.registry import find_environment
 
     with plain_errors():
@@ -94,6 +97,7 @@ def train(
                 "a training goes on with the settings it began with; --resume goes without --config"
             )
         settings = None if config is None else read_settings(config, env)
+        check_engine(engine)
         training = _training()
         folder = out or Path("runs") / _run_name(env, people, impairment, seed)
         if resume:
@@ -105,7 +109,7 @@ def train(
                 training.resume(folder, tell, steps)
         else:
             configuration = training.configuration_for(
-                env, people, steps or STEPS, seed, impairment, settings
+                env, people, steps or STEPS, seed, impairment, settings, engine
             )
             with _shown(env, configuration.whole_steps, folder) as tell:
                 training.train(configuration, folder, tell)
@@ -206,6 +210,7 @@ def evaluate(
     force_guard: Annotated[
         bool, typer.Option("--force-guard", help="Draw back arms that press too hard, as live sessions do.")
     ] = False,
+    engine: Engine = THREADS,
     regions: Annotated[
         bool, typer.Option("--regions", help="Show the forces by region of the body too.")
     ] = False,
@@ -237,6 +242,7 @@ def evaluate(
                 jobs=jobs,
                 allow_other_environment=allow_other_environment,
                 force_guard=force_guard,
+                engine=engine,
             )
         rows = [asdict(each) for each in metrics]
         if cross_play:

@@ -6,6 +6,7 @@ import typer
 
 from avrgym.people import names
 from avrgym.policies.names import CHOICES
+from avrgym.simulation.engines.names import ENGINES
 
 PEOPLE = names.CHOICES
 Policy = Annotated[str, typer.Option(help=f"Who drives: {CHOICES}.")]
@@ -13,6 +14,7 @@ Impairment = Annotated[
     str, typer.Option(help=f"What keeps people from moving as they want: {', '.join(names.IMPAIRMENTS)}.")
 ]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
+Engine = Annotated[str, typer.Option(help=f"Where physics runs: {ENGINES}.")]
 
 
 def chosen_environments(environments: list[str] | None, every: bool) -> list[str]:

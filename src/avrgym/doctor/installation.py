@@ -15,7 +15,7 @@ from avrgym.vr.server.web import HOW_TO_GET_PAGES, PAGES, ServerError, check_pag
 
 SHOWN = ("mujoco", "numpy", "gymnasium")
 """The packages whose versions most reports of bugs need."""
-EXTRAS = ("train", "browser", "onnx", "export", "video", "pettingzoo", "postgresql")
+EXTRAS = ("train", "gpu", "browser", "onnx", "export", "video", "pettingzoo", "postgresql")
 
 
 def python(running: str, asked: str | None = None) -> Finding:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from statistics import median
 from time import perf_counter
 
@@ -10,6 +11,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from avrgym.models.scene import SUBSTEPS
+from avrgym.simulation.engines.names import THREADS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import EPISODE_STEPS
 
@@ -28,6 +30,8 @@ class SimulationSpeed:
     """
 
     env: str
+    engine: str
+    device: str
     num_envs: int
     threads: int
     steps_per_second: float
@@ -44,16 +48,17 @@ class _Run:
 
 
 def measure_simulation(
-    environment_id: str, num_envs: int, progress: Callable[[], None] = lambda: None
+    environment_id: str, num_envs: int, progress: Callable[[], None] = lambda: None, engine: str = THREADS
 ) -> SimulationSpeed:
     """Measure an environment, ``RUNS`` times; ``progress`` is told after each run.
 
     Raises:
-        ValueError: for an unknown environment or fewer than one world, naming what is allowed.
+        ValueError: for an unknown environment or engine, or fewer than one world, naming what is allowed.
+        RuntimeError: where what the engine needs is not installed.
     """
     if num_envs < 1:
         raise ValueError(f"{num_envs} environments; at least 1 is needed")
-    episodes = Episodes(environment_id, num_envs, distribution="revised")
+    episodes = Episodes(environment_id, num_envs, distribution="revised", engine=engine)
     _run(episodes, seed=0, steps=2)
     runs: list[_Run] = []
     for seed in range(RUNS):
@@ -62,6 +67,8 @@ def measure_simulation(
     steps = num_envs * EPISODE_STEPS
     return SimulationSpeed(
         env=environment_id,
+        engine=episodes.simulation.engine.name,
+        device=episodes.simulation.engine.device,
         num_envs=num_envs,
         threads=episodes.simulation.batch.nthread,
         steps_per_second=median(steps / (run.reset_s + run.episode_s) for run in runs),
@@ -73,29 +80,42 @@ def measure_simulation(
 
 def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     """One episode of all worlds, then its physics alone."""
-    worlds = episodes.simulation.num_worlds
-    actions = np.random.default_rng(seed).uniform(-1.0, 1.0, (steps, worlds, episodes.action_size))
-    generators = [np.random.default_rng([seed, world]) for world in range(worlds)]
+    engine = episodes.simulation.engine
+    actions = np.random.default_rng(seed).uniform(
+        -1.0, 1.0, (steps, episodes.simulation.num_worlds, episodes.action_size)
+    )
     began = perf_counter()
-    episodes.begin(np.arange(worlds), generators)
+    _begin(episodes, seed)
     reset_s = perf_counter() - began
-    bare = _bare(episodes.simulation.batch)
+    apart = _bare(engine.batch) if engine.name == THREADS else None
     began = perf_counter()
     commands: list[Array] = []
     for action in actions:
         episodes.step(action)
         commands.append(episodes.simulation.controls())
     episode_s = perf_counter() - began
-    ctrl = bare.bind("ctrl")
+    if apart is None:  # another set of worlds would take the device's memory twice
+        _begin(episodes, seed)
+        return _Run(reset_s, episode_s, _physics_s(engine.now.ctrl, engine.step, commands))
+    return _Run(reset_s, episode_s, _physics_s(apart.bind("ctrl"), partial(apart.step, None), commands))
+
+
+def _begin(episodes: Episodes, seed: int) -> None:
+    worlds = np.arange(episodes.simulation.num_worlds)
+    episodes.begin(worlds, [np.random.default_rng([seed, world]) for world in worlds.tolist()])
+
+
+def _physics_s(ctrl: Array, step: Callable[[int], None], commands: list[Array]) -> float:
+    """How long control steps under these commands take, without anything that reads what comes of them."""
     began = perf_counter()
     for command in commands:
         ctrl[:] = command
-        bare.step(nstep=SUBSTEPS)
-    return _Run(reset_s, episode_s, perf_counter() - began)
+        step(SUBSTEPS)
+    return perf_counter() - began
 
 
 def _bare(batch: Batch) -> Batch:
-    """The worlds of a batch as they are, without anything that reads them."""
+    """The worlds of a batch as they are, apart from it."""
     bare = Batch(batch.get_model(0), batch.nsim, batch.nthread, persistent=True)
     bare.set_models([batch.get_model(world) for world in range(batch.nsim)])
     bare.state[:] = batch.state

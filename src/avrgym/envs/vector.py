@@ -23,6 +23,7 @@ from avrgym.envs.vector_conventions import (
     reset_mask,
 )
 from avrgym.models.human import Person
+from avrgym.simulation.engines.names import THREADS
 from avrgym.system.plain_values import is_array
 from avrgym.tasks.episodes import Episodes, Step, checked_actions
 from avrgym.tasks.known import EPISODE_STEPS
@@ -54,11 +55,13 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
         num_threads: int = 0,
         max_episode_steps: int = EPISODE_STEPS,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        engine: str = THREADS,
     ) -> None:
-        """See ``Episodes`` for people, person, impairment and threads.
+        """See ``Episodes`` for people, person, impairment, threads and engine.
 
         Raises:
             ValueError: for an unknown name or a number out of range, naming what is allowed.
+            RuntimeError: where what the engine needs is not installed.
         """
         check_render_mode(render_mode, environment_id)
         _check_count("num_envs", num_envs)
@@ -75,6 +78,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
             person=person,
             impairment=impairment,
             num_threads=num_threads,
+            engine=engine,
         )
         self.single_observation_space, self.single_action_space = spaces_of(self.episodes)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

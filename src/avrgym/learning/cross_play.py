@@ -7,6 +7,8 @@ from avrgym.learning.evaluation import Evaluation, Progress, evaluate_all
 from avrgym.people.distributions import find_distribution
 from avrgym.people.impairments import find_impairment
 from avrgym.policies import registry
+from avrgym.simulation.engines.engine import check_engine
+from avrgym.simulation.engines.names import THREADS
 from avrgym.tasks.registry import TASKS, find_environment
 
 
@@ -22,6 +24,7 @@ def cross_play(
     jobs: int | None = None,
     allow_other_environment: bool = False,
     force_guard: bool = False,
+    engine: str = THREADS,
 ) -> list[Evaluation]:
     """A row for each group of people, policy and environment; arguments as of ``evaluate_all``.
 
@@ -31,6 +34,7 @@ def cross_play(
         ValueError: for an unknown name, before anything is run, naming what is allowed.
     """
     find_impairment(impairment)
+    check_engine(engine)
     for whom in people:
         find_distribution(whom, TASKS)
     for environment_id in environment_ids:
@@ -52,6 +56,7 @@ def cross_play(
             jobs=jobs,
             allow_other_environment=allow_other_environment,
             force_guard=force_guard,
+            engine=engine,
         )
     ]
 

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from avrgym.models.scene import SUBSTEPS
 from avrgym.policies import registry
 from avrgym.policies.force_guard import ForceGuard
+from avrgym.simulation.engines.engine import check_engine
+from avrgym.simulation.engines.names import THREADS
 from avrgym.simulation.region_forces import RegionFigures, RegionLoads, RegionWatch, summed_up
 from avrgym.system.jobs import cores, report, run_all
 from avrgym.tasks.episodes import Episodes, Step
@@ -34,6 +36,7 @@ class Results(NamedTuple):
     force_n: Array
     loads: RegionLoads
     interventions: NDArray[np.intp]
+    device: str
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class Evaluation:
 
     ``force_regions`` are the forces by region of the body, ``episodes_over_limit`` counts the episodes in which any
     region bore more than its limits allow, see ``RegionLoads``. ``guard_interventions`` is how often a force guard drew
-    the arm back, per episode; ``None`` without one.
+    the arm back, per episode; ``None`` without one. ``engine`` and ``device`` say where physics ran.
     """
 
     env: str
@@ -57,6 +60,8 @@ class Evaluation:
     force_mean_newton: float
     episodes_over_limit: int
     guard_interventions: float | None
+    engine: str
+    device: str
     force_regions: dict[str, RegionFigures]
 
 
@@ -71,6 +76,7 @@ class _Batch:
     seed: int
     episodes: range
     threads: int
+    engine: str
     allow_other_environment: bool
     force_guard: bool
 
@@ -84,10 +90,11 @@ def evaluate(
     progress: Progress = lambda steps: None,
     *,
     impairment: str = "none",
+    engine: str = THREADS,
 ) -> Evaluation:
     """Run episodes of 200 steps in this process, and sum them up; see ``evaluate_all``."""
     asked = [environment_id], policy, people, episodes, seed, progress
-    return evaluate_all(*asked, impairment=impairment, jobs=1)[0]
+    return evaluate_all(*asked, impairment=impairment, jobs=1, engine=engine)[0]
 
 
 def evaluate_all(
@@ -102,6 +109,7 @@ def evaluate_all(
     jobs: int | None = None,
     allow_other_environment: bool = False,
     force_guard: bool = False,
+    engine: str = THREADS,
 ) -> list[Evaluation]:
     """Run episodes of 200 steps in each environment, and sum them up.
 
@@ -113,10 +121,12 @@ def evaluate_all(
         seed: of the episodes; another seed gives other people and starts.
         progress: told again and again how many environment steps were made since it was told last.
         impairment: a name in ``people.impairments.IMPAIRMENTS``.
-        jobs: how many processes share the work and the cores; without it one for each core that has enough to do.
+        jobs: how many processes share the work and the cores; without it one for each core that has enough to do,
+            and one alone for a device.
             It changes no figure.
         allow_other_environment: whether to run a policy that was trained for another environment.
         force_guard: whether a ``ForceGuard`` stands between policy and arm.
+        engine: where physics runs. What is reported of a policy is measured on threads.
 
     Raises:
         ValueError: for an unknown name, a policy that cannot run there or fewer than one episode, naming what is
@@ -128,8 +138,9 @@ def evaluate_all(
     for environment_id in environment_ids:
         find_environment(environment_id)
         registry.find(policy, environment_id, allow_other_environment=allow_other_environment)
+    check_engine(engine)
     every = len(environment_ids) * episodes
-    jobs = jobs or min(cores(), max(1, every // WORTH_A_PROCESS))
+    jobs = jobs or (min(cores(), max(1, every // WORTH_A_PROCESS)) if engine == THREADS else 1)
     size = min(MAX_WORLDS, -(-every // jobs))
     threads = max(1, cores() // jobs)
     split = _split(episodes, size)
@@ -144,6 +155,7 @@ def evaluate_all(
             threads=threads,
             allow_other_environment=allow_other_environment,
             force_guard=force_guard,
+            engine=engine,
         )
         for environment_id in environment_ids
         for numbers in split
@@ -179,6 +191,7 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
         impairment=batch.impairment,
         num_threads=batch.threads,
         by_region=True,
+        engine=batch.engine,
     )
     generators = [np.random.default_rng([EVALUATION_STREAM, batch.seed, number]) for number in batch.episodes]
     return _run(world, batch, generators, progress)
@@ -204,6 +217,8 @@ def _sum_up(batch: _Batch, results: list[Results]) -> Evaluation:
         force_mean_newton=float(force.mean()),
         episodes_over_limit=int(loads.over_limit.any(axis=-1).sum()),
         guard_interventions=float(interventions.mean()) if batch.force_guard else None,
+        engine=batch.engine.partition(":")[0],
+        device=results[0].device,
         force_regions=summed_up(loads),
     )
 
@@ -234,7 +249,7 @@ def _run(
             force += step.force_on_person_n / EPISODE_STEPS
             progress(count)
     interventions = np.zeros(count, dtype=np.intp) if guard is None else guard.interventions
-    return Results(reward, success, force, watch.loads(), interventions)
+    return Results(reward, success, force, watch.loads(), interventions, world.simulation.engine.device)
 
 
 def _step(world: Episodes, asked: Array, watch: RegionWatch, guard: ForceGuard | None) -> Step:

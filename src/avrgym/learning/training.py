@@ -37,6 +37,7 @@ from avrgym.learning.stable_baselines import (
 )
 from avrgym.people.distributions import NAMED, people_name
 from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.simulation.engines.names import THREADS
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 from avrgym.tasks.episodes import Episodes
@@ -63,6 +64,7 @@ class TrainingConfiguration(TrainingSettings):
     steps: int = 2_000_000
     seed: int = 0
     threads: int = 0
+    engine: str = THREADS
 
     @property
     def update_steps(self) -> int:
@@ -105,6 +107,7 @@ def configuration_for(
     seed: int,
     impairment: str = "none",
     settings: TrainingSettings | None = None,
+    engine: str = THREADS,
 ) -> TrainingConfiguration:
     """How we train in an environment; ``settings`` stand for the task's own.
 
@@ -117,6 +120,7 @@ def configuration_for(
         impairment=impairment,
         steps=steps,
         seed=seed,
+        engine=engine,
         **vars(settings or settings_of(environment)),
     )
 
@@ -386,6 +390,7 @@ def _environment(configuration: TrainingConfiguration, people: str) -> SB3Vector
         people=people,
         impairment=configuration.impairment,
         num_threads=configuration.threads,
+        engine=configuration.engine,
     )
     env = SB3VectorEnv(native)
     env.detour_weight_per_m = configuration.detour_weight_per_m

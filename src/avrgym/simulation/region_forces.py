@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
+import mujoco
 import numpy as np
-from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from avrgym.geometry.transforms import norm
@@ -21,11 +21,10 @@ Array = NDArray[np.float64]
 
 
 class RegionForces:
-    """Reads the sensors that ``scene.add_region_sensors`` added, in every world of a batch."""
+    """Reads the sensors that ``scene.add_region_sensors`` added, from the live sensor data (N, S) of worlds."""
 
-    def __init__(self, batch: Batch) -> None:
-        model = batch.get_model(0)
-        self._sensordata = batch.bind("sensordata")
+    def __init__(self, model: mujoco.MjModel, sensordata: Array) -> None:
+        self._sensordata = sensordata
         self._columns = np.stack(
             [
                 int(model.sensor(region_sensor(geom)).adr[0]) + np.arange(3 * GEOM_CONTACTS)

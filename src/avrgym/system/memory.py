@@ -1,6 +1,7 @@
-"""What a process does with memory that it no longer uses."""
+"""How much memory there is, and what a process does with what it no longer uses."""
 
 import ctypes
+import os
 import platform
 from functools import cache
 
@@ -20,3 +21,11 @@ def return_large_blocks() -> None:
     """
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, LARGE_BYTES)
+
+
+def available_bytes() -> int | None:
+    """How much memory the system could give now; ``None`` where it does not say."""
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return None

@@ -18,6 +18,7 @@ from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.names import Impairment
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
+from avrgym.simulation.engines.names import THREADS
 from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
 from avrgym.simulation.world_version import WORLD_VERSION, check_world_version
 from avrgym.simulation.worlds import Ids, Simulation, Start, State
@@ -90,6 +91,7 @@ class Episodes:
         world_version: int = WORLD_VERSION,
         by_region: bool = False,
         steered: bool = False,
+        engine: str = THREADS,
     ) -> None:
         """Compile the scene.
 
@@ -105,9 +107,12 @@ class Episodes:
                 drawn again.
             steered: whether people go where ``steer_people`` has them go, in place of moving by themselves.
             by_region: whether forces are measured by region of the body, see ``Simulation.region_force_n``.
+            engine: where physics runs, one of ``simulation.engines.engine.ENGINES``.
 
         Raises:
-            ValueError: for an unknown environment, distribution, impairment or version, naming what there is.
+            ValueError: for an unknown environment, distribution, impairment, version or engine, naming what there is,
+                or for more worlds than there is memory for.
+            RuntimeError: where what the engine needs is not installed.
         """
         check_world_version(world_version)
         task, robot = find_environment(environment_id)
@@ -138,6 +143,7 @@ class Episodes:
             gives_way=world_version > 1,
             by_region=by_region,
             gliding=self._moved_by_themselves and (steered or self._partners is not None),
+            engine=engine,
         )
         self._room = None if world_version == 1 else self._room_of_scene(led=moving and person is not None)
         self.people = distributions.repeat(person or Person(), num_worlds)

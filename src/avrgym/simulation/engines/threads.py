@@ -1,0 +1,33 @@
+"""MuJoCo on the host's threads: to the bit the same on any number of them."""
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from avrgym.simulation.engines.engine import Arrays, check_host_memory
+from avrgym.simulation.engines.names import THREADS
+
+Ids = NDArray[np.intp]
+
+
+class Threads:
+    """An ``Engine`` whose worlds are those of its batch."""
+
+    name, device = THREADS, "cpu"
+
+    def __init__(self, model: mujoco.MjModel, num_worlds: int, num_threads: int) -> None:
+        """Make the worlds; 0 threads are one per core."""
+        check_host_memory(num_worlds, model)
+        self.batch = Batch(model, num_worlds, num_threads, persistent=True)
+        self.now = Arrays.of(self.batch)
+
+    def take_over(self, ids: Ids) -> None:
+        """Nothing: they are there."""
+
+    def hand_back(self, ids: Ids) -> None:
+        """Nothing: they are there."""
+
+    def step(self, substeps: int) -> None:
+        """See ``Engine``."""
+        self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)

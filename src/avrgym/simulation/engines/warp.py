@@ -1,0 +1,235 @@
+"""MuJoCo Warp: the worlds of a batch stepped on a GPU, in single precision. Needs the extra ``gpu``.
+
+Episodes begin on the host, in double precision; ``take_over`` brings the worlds with all that differs between their
+models to the device. Warp compiles its kernels when a scene is stepped for the first time and keeps them on disk.
+"""
+
+from copy import copy
+from dataclasses import Field, fields
+from functools import cache
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from mujoco.batch import MODEL_FIELDS, Batch
+from numpy.typing import NDArray
+
+from avrgym.models.contacts import PARTICLE
+from avrgym.simulation.engines.engine import NAMES, WRITTEN, Arrays, check_host_memory, check_memory
+from avrgym.simulation.engines.names import WARP
+from avrgym.system.memory import available_bytes
+
+Ids = NDArray[np.intp]
+
+CONTACTS, CONTACTS_PER_PARTICLE = 96, 8
+"""What a world has room for, and how much more for each particle: twice the most that was seen in drinking."""
+ROWS_PER_CONTACT = 4
+"""Of the pyramid that stands for a contact's friction cone."""
+SENSOR_CONTACTS = 96
+"""Among how many contacts a sensor finds the strongest."""
+HARMLESS = ("ITERATIONS", "LS_ITERATIONS")
+"""What Warp counts as overflow and is none: the solver stopped at its limit, as it does on threads."""
+
+
+class _Libraries(NamedTuple):
+    warp: Any
+    mujoco_warp: Any
+    torch: Any
+
+
+@cache
+def libraries() -> _Libraries:
+    """What the extra brings.
+
+    Raises:
+        RuntimeError: where it is not installed.
+    """
+    try:
+        warp, torch = import_module("warp"), import_module("torch")
+        warp.config.log_level = warp.LOG_ERROR
+        return _Libraries(warp, import_module("mujoco_warp"), torch)
+    except ModuleNotFoundError as error:
+        raise RuntimeError(
+            f"{error.name} is missing; `pip install avrgym[gpu]` brings what the engine warp needs"
+        ) from error
+
+
+class Warp:
+    """An ``Engine`` whose ``now`` are copies on the host, made anew in each step."""
+
+    name = WARP
+
+    def __init__(self, model: mujoco.MjModel, num_worlds: int, num_threads: int, device: str) -> None:
+        """Make the worlds on a device, by Warp's name of it; without one on the first GPU.
+
+        Raises:
+            ValueError: for a device that there is not, or more worlds than there is memory for.
+            RuntimeError: where the extra is not installed.
+        """
+        self._warp, self._mujoco_warp, self._torch = libraries()
+        self._device = _find_device(self._warp, device)
+        self.device, self._num_worlds = str(self._device.name), num_worlds
+        self._capacity = Capacity.of(model)
+        check_host_memory(num_worlds, model)
+        check_memory(num_worlds, self._bytes_per_world(model), self._free_bytes(), self.device)
+        self.batch = Batch(model, num_worlds, num_threads)
+        self._host, self._warm_start = Arrays.of(self.batch), self.batch.bind("qacc_warmstart")
+        self._data = self._made(model, num_worlds)
+        host = self._host
+        self.now = Arrays(**{name: getattr(host, name).copy() for name in NAMES})
+        self._there = {name: self._tensor(name).view(getattr(host, name).shape) for name in NAMES}
+        self._model: Any = None
+        self._varying: dict[str, Any] = {}
+        self._graphs: dict[int, Any] = {}
+
+    def take_over(self, ids: Ids) -> None:
+        """See ``Engine``."""
+        if self._model is None:
+            self._make_model()
+        rows = self._torch.as_tensor(ids, device=self._place)
+        for name, field in self._varying.items():
+            values = self.batch.expanded(name)
+            assert values is not None
+            self._put(field, rows, values[ids])
+        self._put(self._tensor("qacc_warmstart"), rows, self._warm_start[ids])
+        for name in NAMES:
+            values = getattr(self._host, name)[ids]
+            self._put(self._there[name], rows, values)
+            getattr(self.now, name)[ids] = values
+
+    def hand_back(self, ids: Ids) -> None:
+        """See ``Engine``; what follows from positions and velocities is computed anew."""
+        for name in WRITTEN:
+            getattr(self._host, name)[ids] = getattr(self.now, name)[ids]
+        self._warm_start[ids] = self._tensor("qacc_warmstart").cpu().numpy()[ids]
+        self.batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
+
+    def step(self, substeps: int) -> None:
+        """See ``Engine``."""
+        for name in WRITTEN:
+            self._there[name].copy_(self._torch.as_tensor(getattr(self.now, name)))
+        self._run(substeps)
+        for name in NAMES:
+            getattr(self.now, name)[:] = self._there[name].cpu().numpy()
+        self._check_overflow()
+
+    def _run(self, substeps: int) -> None:
+        """On a GPU the first steps, which load the kernels, are captured as a graph for all later ones.
+
+        None of the memory that they read ever moves.
+        """
+        if not self._device.is_cuda:
+            self._launch(substeps)
+            return
+        stream = self._warp.get_stream(self._device)
+        torchs = self._torch.cuda.current_stream(self._place)
+        stream.wait_stream(self._warp.stream_from_torch(torchs))
+        if substeps in self._graphs:
+            self._warp.capture_launch(self._graphs[substeps], stream=stream)
+        else:
+            self._launch(substeps)
+            with self._warp.ScopedCapture(self._device) as capture:
+                self._launch(substeps)
+            self._graphs[substeps] = capture.graph
+        torchs.wait_stream(self._warp.stream_to_torch(stream))
+
+    def _launch(self, substeps: int) -> None:
+        simulation, model, data = self._mujoco_warp, self._model, self._data
+        with self._warp.ScopedDevice(self._device):
+            for _ in range(substeps):
+                simulation.step(model, data)
+            simulation.fwd_kinematics(model, data)
+            simulation.com_vel(model, data)
+            simulation.sensor_vel(model, data)
+
+    def _make_model(self) -> None:
+        """The model on the device, with a row for each world in every field that the batch has such rows of."""
+        model = copy(self.batch.model)
+        no_trees_of_geoms = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)  # Warp has none and refuses the flag
+        model.opt.disableflags &= ~no_trees_of_geoms
+        names = [each.name for each in fields(self._mujoco_warp.Model) if _has_worlds(each)]
+        varying = [name for name in names if self.batch.expanded(name) is not None]
+        with self._warp.ScopedDevice(self._device):
+            self._model = self._mujoco_warp.put_model(model, dict.fromkeys(varying, self._num_worlds))
+        self._model.opt.contact_sensor_maxmatch = SENSOR_CONTACTS
+        self._model.opt.warn_overflow = 0
+        self._model.callback.contactfilter = import_module("avrgym.simulation.engines.falling_impedance").fix
+        self._varying = {name: self._warp.to_torch(getattr(self._model, name)) for name in varying}
+
+    def _made(self, model: mujoco.MjModel, num_worlds: int) -> Any:
+        with self._warp.ScopedDevice(self._device):
+            return self._mujoco_warp.make_data(
+                model, num_worlds, nconmax=self._capacity.contacts, njmax=self._capacity.rows
+            )
+
+    def _check_overflow(self) -> None:
+        """Raise ``RuntimeError`` where a buffer was too small: what follows from there is no physics."""
+        flags = self._data.overflow.numpy()
+        kinds = [kind for kind in self._mujoco_warp.OverflowType if kind.name not in HARMLESS]
+        counts = {kind.name: int(((flags & kind.value) != 0).sum()) for kind in kinds}
+        told = ", ".join(f"{name} in {count}" for name, count in counts.items() if count)
+        if told:
+            self._data.overflow.zero_()
+            raise RuntimeError(
+                f"buffers of the engine warp overflowed: {told} of {len(flags)} worlds; each has room for "
+                f"{self._capacity.contacts} contacts and {self._capacity.rows} rows of constraints"
+            )
+
+    def _bytes_per_world(self, model: mujoco.MjModel) -> int:
+        one = self._made(model, 1)
+        parts: list[Any] = [*vars(one).values(), *vars(one.contact).values(), *vars(one.efc).values()]
+        return sum(int(part.capacity) for part in parts if isinstance(part, self._warp.array))
+
+    def _free_bytes(self) -> int | None:
+        return int(self._device.free_memory) if self._device.is_cuda else available_bytes()
+
+    @property
+    def _place(self) -> str:
+        """The device by PyTorch's name."""
+        return str(self._warp.device_to_torch(self._device))
+
+    def _tensor(self, name: str) -> Any:
+        """The memory of one of the data's arrays (N, ...) as a tensor."""
+        return self._warp.to_torch(getattr(self._data, name))
+
+    def _put(self, tensor: Any, rows: Any, values: NDArray[Any]) -> None:
+        tensor[rows] = self._torch.as_tensor(values, dtype=tensor.dtype, device=self._place).reshape(
+            len(values), *tensor.shape[1:]
+        )
+
+
+def _has_worlds(field: Field[Any]) -> bool:
+    """Whether a field of Warp's model may differ between worlds, and MuJoCo's may; others count for no step of ours."""
+    return field.name in MODEL_FIELDS and tuple(getattr(field.type, "shape", ()))[:1] == ("*",)
+
+
+class Capacity(NamedTuple):
+    """What each world has room for on average, contacts, and at most, rows of constraints."""
+
+    contacts: int
+    rows: int
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> "Capacity":
+        """Enough for a scene."""
+        contacts = CONTACTS + CONTACTS_PER_PARTICLE * int((model.geom_contype == PARTICLE.contype).sum())
+        return cls(contacts, ROWS_PER_CONTACT * contacts + 2 * int(model.njnt))
+
+
+def _find_device(warp: Any, name: str) -> Any:
+    """The device of that name, or the first GPU.
+
+    Raises:
+        ValueError: naming the devices there are.
+    """
+    if not name and not warp.is_cuda_available():
+        raise ValueError(
+            "the engine warp needs a CUDA device, and there is none here; `warp:cpu` runs it on the processor, "
+            "far slower than threads do"
+        )
+    try:
+        return warp.get_device(name or "cuda:0")
+    except ValueError as error:
+        known = ", ".join(str(device) for device in warp.get_devices())
+        raise ValueError(f"the engine warp has no device {name!r}; allowed: {known}") from error

@@ -1,0 +1,71 @@
+"""Addresses in a scene's model of everything that is read or written, found once by name."""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models import human, robot
+from avrgym.models.scene import (
+    EFFECTOR_VELOCITY_SENSOR,
+    ROBOT_CONTACT_SENSOR,
+    ROBOT_FORCE_SENSOR,
+    TOOL,
+    TOOL_CONTACT_SENSOR,
+    TOOL_FORCE_SENSOR,
+    TOOL_VELOCITY_SENSOR,
+    SceneConfig,
+)
+
+Ids = NDArray[np.intp]
+
+
+class Names:
+    """The addresses in one model."""
+
+    def __init__(self, model: mujoco.MjModel, scene: SceneConfig) -> None:
+        arm = [robot.PREFIX + joint for joint in scene.arm.joints]
+        self.arm_qpos = _qpos(model, arm)
+        self.arm_ctrl = actuators(model, arm)
+        self.arm_act = np.array([model.actuator(name).actadr[0] for name in arm])
+        self.robot_base = model.body(robot.PREFIX + scene.robot.base).id
+        self.robot_torso = model.body(robot.PREFIX + scene.robot.torso).id
+        self.tool = model.body(TOOL).id
+        self.pad = model.body(robot.PREFIX + scene.tool.pad).id
+        self.head = model.body(human.PREFIX + "head").id
+        self.right_arm = np.array([model.body(human.PREFIX + name).id for name in human.RIGHT_ARM])
+        self.placed = {name: model.body(name).id for name in scene.movable}
+        self.head_centre = model.site(human.PREFIX + "head_centre").id
+        self.mouth = model.site(human.PREFIX + "mouth").id
+        self.person_geoms = np.array([model.geom(human.PREFIX + name).id for name in human.GEOMS])
+        driven = [human.PREFIX + name for name in human.JOINTS if model.nu > len(arm)]
+        self.person_qpos, self.person_ctrl = _qpos(model, driven), actuators(model, driven)
+        self.person_act = np.array([model.actuator(name).actadr[0] for name in driven], dtype=np.intp)
+        particles = scene.tool.particles.bodies if scene.tool.particles else ()
+        self.particle_qpos = np.array(
+            [[model.joint(f"{body}_{axis}").qposadr[0] for axis in "xyz"] for body in particles],
+            dtype=np.intp,
+        ).reshape(-1, 3)
+        self.particle_dof = np.array(
+            [[model.joint(f"{body}_{axis}").dofadr[0] for axis in "xyz"] for body in particles], dtype=np.intp
+        ).reshape(-1, 3)
+        self.robot_force = _sensor(model, ROBOT_FORCE_SENSOR)
+        self.tool_force = _sensor(model, TOOL_FORCE_SENSOR)
+        self.robot_contacts = _sensor(model, ROBOT_CONTACT_SENSOR)
+        self.tool_contacts = _sensor(model, TOOL_CONTACT_SENSOR)
+        self.effector_velocity = _sensor(model, EFFECTOR_VELOCITY_SENSOR)
+        self.tool_velocity = _sensor(model, TOOL_VELOCITY_SENSOR)
+
+
+def _qpos(model: mujoco.MjModel, joints: Sequence[str]) -> Ids:
+    return np.array([model.joint(name).qposadr[0] for name in joints], dtype=np.intp)
+
+
+def actuators(model: mujoco.MjModel, names: Sequence[str]) -> Ids:
+    return np.array([model.actuator(name).id for name in names], dtype=np.intp)
+
+
+def _sensor(model: mujoco.MjModel, name: str) -> slice:
+    sensor = model.sensor(name)
+    return slice(int(sensor.adr[0]), int(sensor.adr[0] + sensor.dim[0]))

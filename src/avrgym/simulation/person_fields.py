@@ -1,0 +1,86 @@
+"""What of the model differs from world to world: the people in it."""
+
+from functools import lru_cache
+
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from avrgym.models import human, yielding
+from avrgym.models.human import People, Person
+from avrgym.models.scene import SceneConfig
+from avrgym.simulation.names import actuators
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.intp]
+
+
+class PersonFields:
+    """Per-world model fields of the people."""
+
+    def __init__(self, batch: Batch, scene: SceneConfig, moving: bool, *, gives_way: bool) -> None:
+        model = batch.get_model(0)
+        self._posture, self._moving, self._gives_way = scene.posture, moving, gives_way
+        self._bodies = {name: model.body(human.PREFIX + name).id for name in human.BODIES}
+        self._geoms = {name: model.geom(human.PREFIX + name).id for name in human.GEOMS}
+        self._sites = {name: model.site(human.PREFIX + name).id for name in human.SITE_BODY}
+        self._body_pos, self._body_quat = batch.expand("body_pos"), batch.expand("body_quat")
+        self._geom_pos, self.geom_size = batch.expand("geom_pos"), batch.expand("geom_size")
+        self._site_pos = batch.expand("site_pos")
+        self._ids = np.array([*self._bodies.values()])
+        self._inverse_mass = batch.expand("body_invweight0")
+        self._mass_share = human.mass_shares()
+        self._mass = batch.expand("body_mass")
+        if moving:
+            self._inertia = {name: batch.expand(name) for name in INERTIAL_FIELDS}
+            self._actuators = actuators(model, [human.PREFIX + name for name in human.JOINTS])
+            self._force_range = batch.expand("actuator_forcerange")
+
+    def write(self, ids: Ids, people: People) -> None:
+        layout = human.layout_of(people, self._posture)
+        for name, body in self._bodies.items():
+            self._body_pos[ids, body] = layout.body_pos[name]
+        for name, geom in self._geoms.items():
+            self._geom_pos[ids, geom] = layout.geom_pos[name]
+            self.geom_size[ids, geom] = layout.geom_size[name]
+        for name, site in self._sites.items():
+            self._site_pos[ids, site] = layout.site_pos[name]
+        if self._moving:
+            self._write_dynamics(ids, people)
+        else:
+            rotations = human.body_rotations(people.joint_angles_rad, self._posture)
+            for name, body in self._bodies.items():
+                self._body_quat[ids, body] = rotations[name]
+            self._mass[np.ix_(ids, self._ids)] = (
+                np.where(people.is_woman, human.WOMAN.mass, human.MAN.mass)[:, None] * self._mass_share
+            )
+
+    def give_way(self, ids: Ids) -> None:
+        """Soften the contacts of people whose constants were just computed anew, unless they are as in version 1."""
+        if self._gives_way:
+            self._inverse_mass[ids[:, None], self._ids, 0] += yielding.INVERSE_MASS_PER_KG
+
+    def _write_dynamics(self, ids: Ids, people: People) -> None:
+        for row, world in enumerate(ids):
+            inertia = _inertia(
+                human.SEXES[int(people.is_woman[row])],
+                float(people.torso_height_m[row]),
+                float(people.arm_scale[row]),
+            )
+            for name, field in self._inertia.items():
+                field[world, self._ids] = inertia[name]
+        torque = people.strength_share[:, None] * human.TORQUE_N_M
+        if self._gives_way:
+            torque = yielding.muscle_torque_n_m(torque, people.tremor_rad)
+        self._force_range[ids[:, None], self._actuators] = np.stack([-torque, torque], axis=-1)
+
+
+INERTIAL_FIELDS = ("body_mass", "body_inertia", "body_ipos", "body_iquat")
+
+
+@lru_cache(maxsize=1024)
+def _inertia(sex: human.Sex, torso_height_m: float, arm_scale: float) -> dict[str, Array]:
+    """The inertial model fields of a person's bodies, in the order of ``human.BODIES``."""
+    model = human.person_model(Person(sex, torso_height_m, arm_scale=arm_scale), moving=True)
+    bodies = [model.body(human.PREFIX + name).id for name in human.BODIES]
+    return {name: getattr(model, name)[bodies] for name in INERTIAL_FIELDS}

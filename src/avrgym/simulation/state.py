@@ -1,0 +1,75 @@
+"""How worlds begin, and what tasks see of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.models.human import People
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RightArm:
+    """The frames of upper arm, forearm and hand: shoulder, elbow and wrist; (N, 3, 3) and (N, 3, 4), world frame."""
+
+    right_arm_pos_w: Array
+    right_arm_q_w: Array
+
+
+@dataclass(frozen=True)
+class State(RightArm):
+    """What tasks see of N worlds at one instant; metres, seconds, radians, newtons, world frame.
+
+    Positions are (N, 3), quaternions (N, 4). ``robot_pos_w`` is the robot's torso, or its base where it has none. The
+    pad is what of the tool touches people, see ``Tool``. ``placed_pos_w`` holds the furniture that every episode
+    places, by body. ``particle_*`` have shape (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the axes' ends of the
+    G capsules of the person's body, in the order of ``human.GEOMS``, and ``person_radius_m`` (N, G) their radii.
+    ``tool_contact_*`` (N, ``TOOL_CONTACTS``, …) are the tool's strongest contacts with the person; force zero where
+    there is none; normals point from the tool to the person.
+
+    Forces on the person, (N,): ``robot_force_n`` and ``tool_force_n`` are the lengths of the net forces of robot with
+    tool and of the tool, in which what presses from two sides cancels out. ``total_force_n`` and ``links_force_n``
+    add up the lengths of the forces of single contacts, of the robot with its tool and of its links alone.
+    """
+
+    robot_pos_w: Array
+    arm_angles_rad: Array
+    effector_velocity_w: Array
+    tool_velocity_w: Array
+    tool_pos_w: Array
+    tool_q_w: Array
+    pad_pos_w: Array
+    pad_q_w: Array
+    head_pos_w: Array
+    head_q_w: Array
+    mouth_pos_w: Array
+    placed_pos_w: Mapping[str, Array]
+    particle_pos_w: Array
+    particle_velocity_w: Array
+    person_segment_w: Array
+    person_radius_m: Array
+    robot_force_n: Array
+    tool_force_n: Array
+    total_force_n: Array
+    links_force_n: Array
+    tool_contact_pos_w: Array
+    tool_contact_normal_w: Array
+    tool_contact_force_n: Array
+
+
+@dataclass(frozen=True)
+class Start:
+    """How n worlds begin.
+
+    The people; the robot's base, (n, 3) and (n, 4); the arm's angles (n, J); places (n, 3) of the scene's
+    movable furniture.
+    """
+
+    people: People
+    robot_pos_w: Array
+    robot_q_w: Array
+    arm_angles_rad: Array
+    placed_pos_w: Mapping[str, Array]

@@ -1,0 +1,49 @@
+"""The same worlds on two engines."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from avrgym.tasks.episodes import Episodes, Step
+from avrgym.tasks.task import Controller
+
+WARP = "warp:cpu"
+
+
+def on_both(environment: str, worlds: int, people: str = "revised", seed: int = 3) -> list[Episodes]:
+    """Episodes on threads and on Warp's own processor device that have begun alike."""
+    both = [
+        Episodes(environment, worlds, distribution=people, engine=engine, num_threads=1)
+        for engine in ("threads", WARP)
+    ]
+    for episodes in both:
+        episodes.begin(np.arange(worlds), [np.random.default_rng([seed, world]) for world in range(worlds)])
+    return both
+
+
+class Compared(NamedTuple):
+    """What the same actions gave on threads and on Warp."""
+
+    threads: Step
+    warp: Step
+    angles_rad: float
+    """How far apart the arms' joints are at most."""
+
+
+def step_both(both: list[Episodes], expert: Controller, steps: int) -> Iterator[Compared]:
+    """Both driven by who sees the threads' worlds."""
+    threads, warp = both
+    for _ in range(steps):
+        action = np.asarray(expert(threads.observe()), float)
+        first, second = threads.step(action), warp.step(action)
+        apart = np.abs(threads.simulation.arm_angles_rad() - warp.simulation.arm_angles_rad()).max()
+        yield Compared(first, second, float(apart))
+
+
+def put_in_the_same_state(both: list[Episodes]) -> None:
+    """Bring Warp's worlds to where those on threads are."""
+    threads, warp = (episodes.simulation for episodes in both)
+    for world in range(threads.num_worlds):
+        warp.restore(threads.integration_state(world), world)
+    both[1].task_state = both[0].task_state
