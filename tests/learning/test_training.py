@@ -323,7 +323,7 @@ def test_the_exported_policy_acts_as_the_model_does(rng):
     observations = np.concatenate([native.episodes.observe(), rng.uniform(-3, 3, (200, 25))])
     normalised = np.asarray(env.normalize_obs(observations))
     expected, _ = model.predict(normalised, deterministic=True)
-    exported = export_policy(model, TINY, 0.0, [])
+    exported = export_policy(model, env, TINY, 0.0, [])
     assert_allclose(np.clip(exported.mean(observations), -1.0, 1.0), expected, atol=1e-5)
     assert exported.action_deviation == pytest.approx(np.exp(TINY.log_std[0]))
     assert np.abs(normalised).max() == 5.0
