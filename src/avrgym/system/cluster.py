@@ -260,7 +260,7 @@ def connected(address: str, most_jobs: int | None = None) -> Generator[Cluster]:
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     try:
         ray.init(address=address, **quiet)
-    except (OSError, RuntimeError, ValueError) as error:
+    except Exception as error:  # Ray raises many kinds, also the bare one
         raise RuntimeError(f"no Ray cluster at {address}: {_first_line(error)}") from error
     try:
         yield Cluster(address, most_jobs)
