@@ -1,11 +1,12 @@
 """The commands about environments, people and policies: ``envs``, ``train``, ``fit-people`` and ``evaluate``."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from avrgym.cli.cluster import Address, on_cluster
 from avrgym.cli.options import PEOPLE, Impairment, Seed, chosen_environments
 from avrgym.cli.terminal import (
     Jobs,
@@ -55,10 +56,27 @@ def train(
         bool, typer.Option("--resume", help="Go on with the training in the folder, as it was configured.")
     ] = False,
     seed: Seed = 0,
+    worlds: Annotated[
+        int | None, typer.Option(help="Worlds of an update; without it the task's own number.", min=1)
+    ] = None,
+    cluster: Address = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            help="Workers of the cluster; without it one for each 64 worlds, and core. Changes no weight.",
+            min=1,
+        ),
+    ] = None,
 ) -> None:
     """Train a policy with PPO. Needs the extra `train`."""
     with plain_errors():
         find_environment(env)
+        if jobs is not None and cluster is None:
+            raise ValueError(
+                "--jobs goes with --cluster: without one, threads of this process step the worlds"
+            )
+        if resume and worlds is not None:
+            raise ValueError("--worlds belongs to a new training: this one goes on as it was configured")
         try:
             from avrgym.learning import training
         except ModuleNotFoundError as error:
@@ -71,17 +89,19 @@ def train(
             if stored.environment != env:
                 raise ValueError(f"{folder} holds a training of {stored.environment}, not of {env}")
             steps = stored.steps
-        with progress_bar(env, steps) as bar:
+        with on_cluster(cluster, jobs) as workers, progress_bar(env, steps) as bar:
 
             def tell(now: "training.Progress") -> None:
                 words = f"{env}  reward {now.reward_mean:.1f}  success {now.success_rate:.1%}"
                 bar.show(now.steps, words=words)
 
             if resume:
-                training.resume(folder, tell)
+                training.resume(folder, tell, cluster=workers)
             else:
                 configuration = training.configuration_for(env, people, steps, seed, impairment)
-                training.train(configuration, folder, tell)
+                if worlds is not None:
+                    configuration = replace(configuration, worlds=worlds)
+                training.train(configuration, folder, tell, cluster=workers)
     say(f"policy    {folder / 'policy.safetensors'}")
 
 
@@ -134,6 +154,7 @@ def evaluate(
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
     seed: Seed = 0,
     jobs: Jobs = None,
+    cluster: Address = None,
     allow_other_environment: Annotated[
         bool,
         typer.Option(
@@ -162,7 +183,7 @@ def evaluate(
         policies = policy or (["original", "revised"] if cross_play else ["revised"])
         groups = people or ([*DISTRIBUTIONS] if cross_play else ["revised"])
         steps = len(chosen) * len(policies) * len(groups) * episodes * EPISODE_STEPS
-        with progress_bar(", ".join(policies), steps) as bar:
+        with on_cluster(cluster, jobs) as workers, progress_bar(", ".join(policies), steps) as bar:
             metrics = evaluate_each(
                 chosen,
                 policies,
@@ -172,6 +193,7 @@ def evaluate(
                 bar.advance,
                 impairment=impairment,
                 jobs=jobs,
+                cluster=workers,
                 allow_other_environment=allow_other_environment,
                 force_guard=force_guard,
             )

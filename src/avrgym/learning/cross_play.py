@@ -1,13 +1,16 @@
 """Every policy with every group of people: who gets on with whom."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from avrgym.learning.evaluation import Evaluation, Progress, evaluate_all
 from avrgym.people.distributions import find_distribution
 from avrgym.people.impairments import find_impairment
 from avrgym.policies import registry
 from avrgym.tasks.registry import TASKS, find_environment
+
+if TYPE_CHECKING:
+    from avrgym.system.cluster import Cluster
 
 
 def cross_play(
@@ -20,6 +23,7 @@ def cross_play(
     *,
     impairment: str = "none",
     jobs: int | None = None,
+    cluster: "Cluster | None" = None,
     allow_other_environment: bool = False,
     force_guard: bool = False,
 ) -> list[Evaluation]:
@@ -50,6 +54,7 @@ def cross_play(
             progress,
             impairment=impairment,
             jobs=jobs,
+            cluster=cluster,
             allow_other_environment=allow_other_environment,
             force_guard=force_guard,
         )

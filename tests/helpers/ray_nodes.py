@@ -1,0 +1,43 @@
+"""A Ray cluster of several nodes on this machine, each of its own processes."""
+
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+os.environ["RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO"] = "0"
+os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+
+_PORTS = (
+    "metrics_agent_port",
+    "runtime_env_agent_port",
+    "dashboard_agent_listen_port",
+    "metrics_export_port",
+)
+
+
+def add_node(nodes: Any, cores: int) -> Any:
+    """One more node, ports chosen free."""
+    return nodes.add_node(num_cpus=cores, include_dashboard=False, **{name: _free_port() for name in _PORTS})
+
+
+@contextmanager
+def ray_nodes(*cores: int) -> Iterator[Any]:
+    """A cluster whose head node has no cores, with a node of so many each beside it."""
+    from ray.cluster_utils import Cluster
+
+    nodes = Cluster()
+    try:
+        add_node(nodes, 0)
+        for count in cores:
+            add_node(nodes, count)
+        yield nodes
+    finally:
+        nodes.shutdown()
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
