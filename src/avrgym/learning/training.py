@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
+import numpy as np
 
 from avrgym.learning.configuration import (
     CONFIGURATION_FILE,
@@ -29,7 +30,9 @@ from avrgym.people.impairments import find_impairment
 from avrgym.policies.trained import Policy
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
-from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.system.memory import memory_bytes
+from avrgym.tasks.registry import TASKS, find_environment, sizes
+from avrgym.tasks.task import EPISODE_STEPS
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
@@ -114,6 +117,7 @@ def _check(configuration: TrainingConfiguration, people: str, cluster: "Cluster 
     find_environment(configuration.environment)
     find_distribution(people, TASKS)
     find_impairment(configuration.impairment)
+    _check_memory(configuration, cluster)
     if cluster is None:
         return
     if configuration.learning_version == STEPWISE:
@@ -122,6 +126,19 @@ def _check(configuration: TrainingConfiguration, people: str, cluster: "Cluster 
             "resume it without --cluster"
         )
     cluster.need(-(-configuration.worlds // _parts(configuration, cluster)) * WORLD_BYTES)
+
+
+def _check_memory(configuration: TrainingConfiguration, cluster: "Cluster | None") -> None:
+    """Refuse more worlds than this computer could hold, or their episodes where a cluster has the worlds."""
+    observation, action = sizes(configuration.environment)
+    each = EPISODE_STEPS * (3 * observation + 2 * action + 8) * np.dtype(np.float32).itemsize
+    needed = configuration.worlds * (each if cluster else WORLD_BYTES)
+    there = memory_bytes()
+    if needed > there:
+        raise ValueError(
+            f"{configuration.worlds} worlds would take {needed / 2**30:.1f} GiB of this computer's memory, which has "
+            f"{there / 2**30:.1f}: at most {there * configuration.worlds // needed} have room"
+        )
 
 
 def _parts(configuration: TrainingConfiguration, cluster: "Cluster") -> int:

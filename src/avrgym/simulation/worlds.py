@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -157,7 +158,8 @@ class Simulation:
         self._act, self._ctrl = self.batch.bind("act"), self.batch.bind("ctrl")
         self._qfrc_applied = self.batch.bind("qfrc_applied")
         self._xpos, self._xquat = self.batch.bind("xpos"), self.batch.bind("xquat")
-        self._site_xpos, self._sensordata = self.batch.bind("site_xpos"), self.batch.bind("sensordata")
+        self._site_xpos, self._measured = self.batch.bind("site_xpos"), self.batch.bind("sensordata")
+        self._sensordata = self._measured
         self._geom_xpos, self._geom_xmat = self.batch.bind("geom_xpos"), self.batch.bind("geom_xmat")
         self._segment_w = np.zeros((num_worlds, len(human.GEOMS), 2, 3))
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
@@ -187,6 +189,7 @@ class Simulation:
         self._place_particles(ids)
         self.batch.forward(ids)
         self._segment_w[ids] = self._person_segments(ids)
+        self._sensordata = self._measured
 
     def geoms(self, ids: Ids) -> Geoms:
         """All geoms of worlds ``ids`` (n,), as they are."""
@@ -238,6 +241,7 @@ class Simulation:
     def step(self, substeps: int = SUBSTEPS) -> None:
         """Advance all worlds by physics steps; forces are of the last one, positions of its end."""
         self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+        self._sensordata = self._measured
 
     def park(self, gone: NDArray[np.bool_]) -> None:
         """Take particles (N, K) out of play."""
@@ -331,6 +335,35 @@ class Simulation:
         self.batch.state[world] = state
         self.batch.forward(np.array([world]), stage=mujoco.mjtStage.mjSTAGE_VEL)
 
+    def saved(self) -> dict[str, dict[str, NDArray[Any]]]:
+        """All that the next steps of all worlds depend on, and what they show now."""
+        return {
+            "fields": {name: array.copy() for name, array in self._expanded().items()},
+            "worlds": {
+                "state": self.batch.state.copy(),
+                "segment_w": self._segment_w.copy(),
+                "sensordata": self._sensordata.copy(),
+            },
+        }
+
+    def go_on_from(self, saved: Mapping[str, Mapping[str, NDArray[Any]]]) -> None:
+        """Put all worlds into what ``saved`` gave in a simulation made alike."""
+        for again in (False, True):  # constants follow from the fields, of which some are then changed
+            for name, array in self._expanded().items():
+                array[:] = saved["fields"][name]
+            if not again:
+                self.batch.set_const()
+        self.batch.state[:] = saved["worlds"]["state"]
+        self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
+        self._segment_w[:] = saved["worlds"]["segment_w"]
+        self._sensordata = saved["worlds"]["sensordata"].copy()  # forces are of a step that is not made again
+
+    def _expanded(self) -> dict[str, NDArray[Any]]:
+        """The model's fields of which every world has its own, by name."""
+        names = [name for name in dir(self.model) if isinstance(getattr(self.model, name, None), np.ndarray)]
+        names += [f"opt.{name}" for name in dir(self.model.opt) if not name.startswith("_")]
+        return {name: self.batch.expand(name) for name in names if _is_expanded(self.batch, name)}
+
     def qpos(self, world: int) -> Array:
         """The joint coordinates (nq,) of one world."""
         return self._qpos[world].copy()
@@ -351,6 +384,13 @@ class Simulation:
         centre = self._geom_xpos[ids][:, geoms]
         reach = axis * self._person.geom_size[ids][:, geoms, 1:2]
         return np.stack([centre - reach, centre + reach], axis=2)
+
+
+def _is_expanded(batch: Batch, name: str) -> bool:
+    try:
+        return batch.expanded(name) is not None
+    except (AttributeError, KeyError, TypeError, ValueError):  # none that a batch knows
+        return False
 
 
 class _Names:

@@ -1,7 +1,9 @@
 """What a process does with memory that it no longer uses."""
 
 import ctypes
+import os
 import platform
+import sys
 from functools import cache
 
 LARGE_BYTES = 4 << 20
@@ -20,3 +22,10 @@ def return_large_blocks() -> None:
     """
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, LARGE_BYTES)
+
+
+def memory_bytes() -> int:
+    """How much memory this computer has."""
+    if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return sys.maxsize

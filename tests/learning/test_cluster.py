@@ -1,0 +1,138 @@
+"""A cluster gives what one process gives, whoever dies meanwhile; on several nodes of this machine."""
+
+import os
+import signal
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+ray = pytest.importorskip("ray", reason="clusters are an extra, too large for every computer")
+pytest.importorskip("stable_baselines3", reason="training is an extra")
+
+import torch
+
+from avrgym.learning import training
+from avrgym.learning.evaluation import evaluate_all
+from avrgym.learning.training import TrainingConfiguration, resume, train
+from avrgym.system.cluster import Cluster, connected
+from ray_nodes import ray_nodes
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
+FEEDING = "avrgym/FeedingJaco-v1"
+TINY = TrainingConfiguration(
+    environment="avrgym/ScratchItchJaco-v1",
+    people="participants",
+    steps=4 * 5 * 200,
+    seed=4,
+    worlds=5,
+    epochs=2,
+    minibatch=250,
+    threads=1,
+    imitation_rounds=1,
+    imitation_share=0.5,
+    hard_share=0.5,
+    critic_updates=1,
+)
+
+
+@pytest.fixture(scope="module")
+def nodes() -> Iterator[Any]:
+    with ray_nodes(1, 1) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def cluster(nodes: Any) -> Iterator[Cluster]:
+    with connected(nodes.address, 2) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A training of one process."""
+    out = tmp_path_factory.mktemp("runs") / "whole"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "MEASURED_EPISODES", 1)
+        train(TINY, out)
+    return out
+
+
+@pytest.fixture(autouse=True)
+def _measured_shortly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
+
+
+def assert_same(out: Path, whole: Path) -> None:
+    """All that the next update would depend on, bit for bit."""
+    one, other = (torch.load(folder / "checkpoint.pt", weights_only=True) for folder in (out, whole))
+    for part in ("policy", "observations", "returns"):
+        for name, value in one[part].items():
+            assert_array_equal(np.asarray(value), np.asarray(other[part][name]), err_msg=name)
+
+
+def where() -> tuple[int, str]:
+    """Process and node of this call."""
+    return os.getpid(), ray.get_runtime_context().get_node_id()
+
+
+def refuse(number: int) -> None:
+    """Fail."""
+    raise ValueError(f"{number} is refused")
+
+
+def test_a_cluster_and_kills_of_workers_change_no_weight(whole, cluster, tmp_path) -> None:
+    """A worker dies in the middle of each update; unequal parts."""
+    killed: list[int] = []
+
+    def kill(progress: training.Progress) -> None:
+        for process, _ in cluster.run_all(where, [(), ()])[:1]:
+            os.kill(process, signal.SIGKILL)
+            killed.append(process)
+
+    train(TINY, tmp_path / "shared", kill, cluster=cluster)
+    assert len(set(killed)) >= 2
+    assert_same(tmp_path / "shared", whole)
+
+
+def test_a_training_goes_on_elsewhere(whole, cluster, tmp_path) -> None:
+    """Begun on a cluster, ended in one process."""
+
+    class Killed(Exception):
+        pass
+
+    def kill(progress: training.Progress) -> None:
+        if progress.steps >= 3000:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train(TINY, tmp_path / "cut", kill, cluster=cluster)
+    resume(tmp_path / "cut")
+    assert_same(tmp_path / "cut", whole)
+
+
+def test_rows_are_the_same_from_a_cluster(cluster) -> None:
+    told: list[int] = []
+    rows = evaluate_all([FEEDING], "revised", "revised", 3, 7, told.append, cluster=cluster)
+    assert rows == evaluate_all([FEEDING], "revised", "revised", 3, 7, jobs=1)
+    assert sum(told) == 3 * 200
+
+
+def test_the_error_of_a_call_is_told(cluster) -> None:
+    with pytest.raises(ValueError, match="2 is refused"):
+        cluster.run_all(refuse, [(2,)])
+
+
+def test_what_does_not_fit_is_refused_before_anything_is_written(cluster, tmp_path) -> None:
+    with pytest.raises(RuntimeError, match="a worker would need .* let more workers share the worlds"):
+        cluster.need(1 << 60)
+    with pytest.raises(ValueError, match="worlds would take .* of this computer's memory"):
+        train(replace(TINY, worlds=10**9), tmp_path / "many", cluster=cluster)
+    old = replace(TINY, learning_version=1)
+    with pytest.raises(ValueError, match="begun by an earlier version"):
+        train(old, tmp_path / "old", cluster=cluster)
+    assert not list(tmp_path.iterdir())
