@@ -16,20 +16,17 @@ from avrgym.policies.trained import Policy, PolicyMetadata
 
 UPDATES, WORLDS, RUNNERS = map(int, sys.argv[1:] or (100, 64, 2))
 ENVIRONMENT, STEPS = "avrgym/FeedingJaco-v1", 200 * WORLDS * max(1, RUNNERS)
-config = (
-    PPOConfig()
-    .environment(  # RLlib takes for granted that episodes begin in the step after an end
-        f"avrgym:{ENVIRONMENT}", env_config={"people": "original", "autoreset_mode": "NextStep"}
-    )
-    .env_runners(
-        num_env_runners=RUNNERS,
-        num_envs_per_env_runner=WORLDS,
-        gym_env_vectorize_mode="vector_entry_point",  # the native worlds, stepped together
-    )
-    .rl_module(model_config=DefaultModelConfig(fcnet_hiddens=[64, 64], fcnet_activation="tanh"))
-    .training(
-        lr=3e-4, gamma=0.97, lambda_=0.95, train_batch_size_per_learner=STEPS, minibatch_size=STEPS // 20
-    )
+config = PPOConfig().environment(
+    f"avrgym:{ENVIRONMENT}", env_config={"people": "original", "autoreset_mode": "NextStep"}
+)  # RLlib takes for granted that an episode begins in the step after an end
+config.env_runners(
+    num_env_runners=RUNNERS,
+    num_envs_per_env_runner=WORLDS,
+    gym_env_vectorize_mode="vector_entry_point",  # the native worlds, stepped together
+)
+config.rl_module(model_config=DefaultModelConfig(fcnet_hiddens=[64, 64], fcnet_activation="tanh"))
+config.training(
+    lr=3e-4, gamma=0.97, lambda_=0.95, train_batch_size_per_learner=STEPS, minibatch_size=STEPS // 20
 )
 ray.init(include_dashboard=False, log_to_driver=False, configure_logging=False)
 algorithm = config.build_algo()
@@ -37,12 +34,8 @@ for update in range(1, UPDATES + 1):
     episodes = algorithm.train()["env_runners"]
     print(f"{update * STEPS:9,} steps  reward {episodes.get('episode_return_mean', np.nan):7.1f}")
 module = algorithm.get_module()
-layers = [
-    layer
-    for part in (module.encoder.actor_encoder, module.pi)
-    for layer in part.modules()
-    if isinstance(layer, torch.nn.Linear)
-]
+parts = [*module.encoder.actor_encoder.modules(), *module.pi.modules()]
+layers = [part for part in parts if isinstance(part, torch.nn.Linear)]
 joints = layers[-1].out_features // 2  # its last layer gives means, then deviations
 weights, biases = ([getattr(layer, name).detach().numpy() for layer in layers] for name in ("weight", "bias"))
 policy = Policy(

@@ -24,19 +24,15 @@ worlds = gym.make_vec("avrgym/FeedingJaco-v1", num_envs=WORLDS, people="original
 inputs, outputs = worlds.single_observation_space.shape[0], worlds.single_action_space.shape[0]
 
 
-def network(size: int, *last: nn.Module) -> nn.Module:
-    return nn.Sequential(
-        nn.Linear(inputs, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, size), *last
-    )
+def network(size, *last):
+    inner = [nn.Linear(inputs, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh()]
+    return nn.Sequential(*inner, nn.Linear(64, size), *last)
 
 
-mean_and_deviation = network(2 * outputs, NormalParamExtractor(scale_mapping="biased_softplus_0.4"))
-actor = ProbabilisticActor(
-    TensorDictModule(mean_and_deviation, in_keys=["observation"], out_keys=["loc", "scale"]),
-    in_keys=["loc", "scale"],
-    distribution_class=IndependentNormal,
-    return_log_prob=True,
-)
+scaled = NormalParamExtractor(scale_mapping="biased_softplus_0.4")
+module = TensorDictModule(network(2 * outputs, scaled), in_keys=["observation"], out_keys=["loc", "scale"])
+how = {"distribution_class": IndependentNormal, "return_log_prob": True}
+actor = ProbabilisticActor(module, in_keys=["loc", "scale"], **how)
 critic = ValueOperator(network(1), in_keys=["observation"])
 advantage = GAE(gamma=0.97, lmbda=0.95, value_network=critic)
 loss = ClipPPOLoss(actor, critic, entropy_bonus=False)
@@ -45,32 +41,23 @@ for update in range(1, UPDATES + 1):
     observation, _ = worlds.reset(seed=update * WORLDS)
     steps = []
     for _ in range(STEPS):  # every world's whole episode
-        step = TensorDict({"observation": torch.as_tensor(observation, dtype=torch.float32)}, [WORLDS])
+        step = TensorDict({"observation": torch.as_tensor(observation).float()}, [WORLDS])
         with torch.no_grad():
             actor(step)
         observation, reward, _, cut, infos = worlds.step(step["action"].numpy())
-        after = (
-            np.stack(infos["final_obs"]) if cut.all() else observation
-        )  # an end is followed by a beginning
-        step["next"] = TensorDict(
-            {
-                "observation": torch.as_tensor(after, dtype=torch.float32),
-                "reward": torch.as_tensor(reward, dtype=torch.float32)[:, None],
-                "terminated": torch.zeros(WORLDS, 1, dtype=torch.bool),  # cut off, not over
-                "done": torch.as_tensor(cut)[:, None],
-            },
-            [WORLDS],
-        )
+        after = np.stack(infos["final_obs"]) if cut.all() else observation
+        step["next", "observation"] = torch.as_tensor(after).float()
+        step["next", "reward"] = torch.as_tensor(reward).float()[:, None]
+        step["next", "done"] = torch.as_tensor(cut)[:, None]
+        step["next", "terminated"] = torch.zeros(WORLDS, 1, dtype=torch.bool)  # cut off, not over
         steps.append(step)
     episodes = torch.stack(steps, dim=1)  # (worlds, steps)
     with torch.no_grad():
-        advantage(episodes)
-    rows = episodes.reshape(-1)
+        rows = advantage(episodes).reshape(-1)
     for chosen in (part for _ in range(EPOCHS) for part in torch.randperm(len(rows)).split(MINIBATCH)):
-        told = loss(rows[chosen])
+        lost = loss(rows[chosen])
         optimizer.zero_grad()
-        (told["loss_objective"] + told["loss_critic"]).backward()
+        (lost["loss_objective"] + lost["loss_critic"]).backward()
         optimizer.step()
-    fed = infos["final_info"]["success"].mean()
-    total = episodes["next", "reward"].sum(dim=1).mean()
+    fed, total = infos["final_info"]["success"].mean(), episodes["next", "reward"].sum(dim=1).mean()
     print(f"{update * WORLDS * STEPS:9,} steps  reward {total:7.1f}  success {fed:.0%}")

@@ -4,10 +4,12 @@ import os
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 os.environ["RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO"] = "0"
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+os.environ["RAY_worker_niceness"] = "0"
 
 _PORTS = (
     "metrics_agent_port",
@@ -27,6 +29,7 @@ def ray_nodes(*cores: int) -> Iterator[Any]:
     """A cluster whose head node has no cores, with a node of so many each beside it."""
     from ray.cluster_utils import Cluster
 
+    os.environ["PYTHONPATH"] = str(Path(__file__).parent)  # where workers find what tests have them do
     nodes = Cluster()
     try:
         add_node(nodes, 0)
@@ -35,6 +38,23 @@ def ray_nodes(*cores: int) -> Iterator[Any]:
         yield nodes
     finally:
         nodes.shutdown()
+
+
+def kill_node(node: Any) -> None:
+    """Kill a node's processes, workers and all, at once."""
+    node.kill_raylet(check_alive=False)
+
+
+def where() -> tuple[int, str]:
+    """Process and node of a call."""
+    import ray
+
+    return os.getpid(), ray.get_runtime_context().get_node_id()
+
+
+def refuse(number: int) -> None:
+    """Fail."""
+    raise ValueError(f"{number} is refused")
 
 
 def _free_port() -> int:
