@@ -7,9 +7,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 os.environ["RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO"] = "0"
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-os.environ["RAY_worker_niceness"] = "0"
+os.environ["RAY_worker_niceness"] = "0"  # noqa: SIM112  as Ray spells it
 
 _PORTS = (
     "metrics_agent_port",
@@ -43,6 +45,17 @@ def ray_nodes(*cores: int) -> Iterator[Any]:
 def kill_node(node: Any) -> None:
     """Kill a node's processes, workers and all, at once."""
     node.kill_raylet(check_alive=False)
+
+
+def assert_same_training(out: Path, whole: Path) -> None:
+    """All that the next update of two trainings would depend on, bit for bit."""
+    import torch
+
+    one, other = (torch.load(folder / "checkpoint.pt", weights_only=True) for folder in (out, whole))
+    assert one["steps"] == other["steps"]
+    for part in ("policy", "observations", "returns"):
+        for name, value in one[part].items():
+            assert np.array_equal(np.asarray(value), np.asarray(other[part][name])), name
 
 
 def where() -> tuple[int, str]:

@@ -8,19 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
 pytest.importorskip("ray", reason="clusters are an extra, too large for every computer")
-torch = pytest.importorskip("torch", reason="training is an extra")
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 from avrgym.learning import training
 from avrgym.learning.evaluation import evaluate_all
 from avrgym.learning.training import TrainingConfiguration, resume, train
 from avrgym.system.cluster import Cluster, connected
-from ray_nodes import ray_nodes, refuse, where
+from ray_nodes import assert_same_training, ray_nodes, refuse, where
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
 FEEDING = "avrgym/FeedingJaco-v1"
@@ -67,14 +64,6 @@ def _measured_shortly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
 
 
-def assert_same(out: Path, whole: Path) -> None:
-    """All that the next update would depend on, bit for bit."""
-    one, other = (torch.load(folder / "checkpoint.pt", weights_only=True) for folder in (out, whole))
-    for part in ("policy", "observations", "returns"):
-        for name, value in one[part].items():
-            assert_array_equal(np.asarray(value), np.asarray(other[part][name]), err_msg=name)
-
-
 def test_a_cluster_and_kills_of_workers_change_no_weight(whole, cluster, tmp_path) -> None:
     """A worker dies in the middle of each part; the parts are not equal."""
     killed: set[int] = set()
@@ -86,7 +75,7 @@ def test_a_cluster_and_kills_of_workers_change_no_weight(whole, cluster, tmp_pat
 
     train(TINY, tmp_path / "shared", kill, cluster=cluster)
     assert len(killed) >= 2
-    assert_same(tmp_path / "shared", whole)
+    assert_same_training(tmp_path / "shared", whole)
 
 
 def test_a_training_goes_on_elsewhere(whole, cluster, tmp_path) -> None:
@@ -102,7 +91,7 @@ def test_a_training_goes_on_elsewhere(whole, cluster, tmp_path) -> None:
     with pytest.raises(Killed):
         train(TINY, tmp_path / "cut", kill, cluster=cluster)
     resume(tmp_path / "cut")
-    assert_same(tmp_path / "cut", whole)
+    assert_same_training(tmp_path / "cut", whole)
 
 
 def test_rows_are_the_same_from_a_cluster(cluster) -> None:
