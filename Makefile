@@ -18,10 +18,10 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test format lint docs bench soak setup client clean
+.PHONY: help demo test test-engines format lint docs bench soak setup client clean
 
 help: ## list the targets
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
 
 demo: $(DONE)/demo $(DONE)/chromium $(CLIENT) ## a whole session of a simulated participant, then its report
 	@.venv/bin/avrgym demo
@@ -30,8 +30,12 @@ test: setup lint ## every check: linters, types, the client's tests, the tests
 	cd client && npm test
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
+test-engines: setup $(DONE)/cluster ## what needs Ray: training on clusters, RLlib, TorchRL
+	.venv/bin/python -m pytest -s tests/learning/test_cluster.py tests/soak/soak_cluster.py
+	.venv/bin/python -m pytest tests/cli/test_examples.py -k 'rllib or torchrl'
+
 soak: setup ## crashes and sessions for half an hour: nothing is lost, memory stays flat
-	.venv/bin/python -m pytest -s tests/soak/*.py
+	.venv/bin/python -m pytest -s $(filter-out tests/soak/soak_cluster.py,$(wildcard tests/soak/*.py))
 
 setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install all that development and training need
 
@@ -75,6 +79,12 @@ $(DONE)/test: pyproject.toml $(DONE)/python
 	@$(PIP_INSTALL) '$(TORCH)'
 	@$(PIP_INSTALL) -e '.[browser,train,postgresql,export,video,onnx,pettingzoo,dev,docs]'
 	@touch $(DONE)/demo $@
+
+# Hundreds of megabytes that nothing but clusters and two examples need.
+$(DONE)/cluster: pyproject.toml $(DONE)/test
+	@echo 'Installing Ray and TorchRL'
+	@$(PIP_INSTALL) '$(TORCH)' -e '.[cluster]' 'ray[rllib]' torchrl
+	@touch $@
 
 $(DONE)/node: $(DONE)/python
 	@if node -e '$(NODE_IS_NEW)' 2>/dev/null && npm --version >/dev/null 2>&1; \

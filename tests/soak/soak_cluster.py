@@ -84,7 +84,7 @@ def test_nodes_are_killed_in_the_middle_of_updates(tmp_path: Path) -> None:
 
         def kill(progress: Progress) -> None:
             if len(killed) < NODES_KILLED:
-                killed.append([*nodes.worker_nodes][0])
+                killed.append(next(iter(nodes.worker_nodes)))
                 threading.Timer(0.2, kill_node, (killed[-1],)).start()
                 nodes.worker_nodes.remove(killed[-1])
                 add_node(nodes, 1)
