@@ -31,10 +31,12 @@ test: setup lint ## every check: linters, types, the client's tests, the tests
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 soak: setup ## crashes, and sessions of up to an hour: nothing is lost, memory stays flat
-	.venv/bin/python -m pytest -s tests/soak/*.py
+	.venv/bin/python -m pytest -s $(filter-out tests/soak/soak_cluster.py,$(wildcard tests/soak/*.py))
 
-test-engines: $(DONE)/gpu ## every scene on MuJoCo Warp beside threads; compiles its kernels for half an hour
+test-engines: setup $(DONE)/gpu $(DONE)/cluster ## what needs MuJoCo Warp or Ray; compiles kernels for half an hour
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest tests/simulation/test_engines.py tests/engines/*.py
+	.venv/bin/python -m pytest -s tests/learning/test_cluster.py tests/soak/soak_cluster.py
+	.venv/bin/python -m pytest tests/cli/test_examples.py -k 'rllib or torchrl'
 
 setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install all that development and training need
 
@@ -82,6 +84,12 @@ $(DONE)/test: pyproject.toml $(DONE)/python
 $(DONE)/gpu: $(DONE)/test
 	@echo 'Installing MuJoCo Warp'
 	@$(PIP_INSTALL) -e '.[gpu]'
+	@touch $@
+
+# Hundreds of megabytes that nothing but clusters and two examples need.
+$(DONE)/cluster: pyproject.toml $(DONE)/test
+	@echo 'Installing Ray and TorchRL'
+	@$(PIP_INSTALL) '$(TORCH)' -e '.[cluster]' 'ray[rllib]' torchrl
 	@touch $@
 
 $(DONE)/node: $(DONE)/python

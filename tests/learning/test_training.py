@@ -1,14 +1,14 @@
 import json
 import runpy
 import shutil
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from places import ROOT
+from places import DATA, ROOT
 
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 
@@ -18,6 +18,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.learning import training
+from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
 from avrgym.learning.settings_file import read_settings, settings_of, settings_text
 from avrgym.learning.stable_baselines import SB3VectorEnv
 from avrgym.learning.training import (
@@ -30,7 +31,8 @@ from avrgym.learning.training import (
     stored_configuration,
     train,
 )
-from avrgym.policies.trained import Policy
+from avrgym.policies.trained import Policy, find_policy
+from avrgym.system.carried import Carried
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.scratch_itch.detour import around_arm_m
@@ -242,9 +244,12 @@ def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(told, whole, tm
     assert_goes_on(LONG, told, whole, tmp_path, monkeypatch)
 
 
-def test_a_training_with_hard_episodes_that_was_cut_off_goes_on_with_the_same(tmp_path, monkeypatch):
-    uncut = train_whole(HARD, tmp_path / "whole")
-    assert_goes_on(HARD, 2, uncut, tmp_path, monkeypatch)
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_training_with_hard_episodes_that_was_cut_off_goes_on_with_the_same(version, tmp_path, monkeypatch):
+    """Also one of the version in which the normaliser learned at every step."""
+    hard = replace(HARD, learning_version=version)
+    uncut = train_whole(hard, tmp_path / "whole")
+    assert_goes_on(hard, 2, uncut, tmp_path, monkeypatch)
     assert json.loads(torch.load(uncut[0] / "checkpoint.pt", weights_only=True)["notes"])["hard"]
 
 
@@ -378,6 +383,53 @@ def test_an_unknown_environment_leaves_nothing_behind(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_training_of_before_goes_on_as_it_was_begun(tmp_path):
+    shutil.copy(DATA / "training-of-0.1.0" / "configuration.json", tmp_path)
+    assert stored_configuration(tmp_path).learning_version == 1
+    (tmp_path / "configuration.json").write_text(json.dumps({"environment": FEEDING, "learning_version": 3}))
+    with pytest.raises(ValueError, match="learning version 3; allowed: 1 and 2"):
+        stored_configuration(tmp_path)
+
+
+@pytest.mark.parametrize("sizes", [(5,), (2, 3), (1, 1, 3)])
+def test_who_makes_an_update_s_episodes_changes_none_of_them(sizes):
+    """Parts beside each other give what one gives; with an expert in some worlds and without."""
+    policy = Policy.load(find_policy("revised", SCRATCHING))
+    by_expert = np.array([True, False, False, True, False])
+    for how in ({"noise": (3, 400)}, {"by_expert": by_expert}):
+        whole, parts = (
+            Rollout.joined([roll_out(policy, order) for order in orders_of(split, how)])
+            for split in ((5,), sizes)
+        )
+        for field in fields(Rollout):
+            assert_array_equal(getattr(parts, field.name), getattr(whole, field.name), err_msg=field.name)
+        assert whole.nbytes == sum(getattr(whole, field.name).nbytes for field in fields(Rollout))
+
+
+def orders_of(split: tuple[int, ...], how: dict) -> list[Order]:
+    """Of five worlds, in parts of these sizes."""
+    place = Place(SCRATCHING, Carried.of("participants"), "tremor", 1)
+    ends = np.cumsum(split)
+    return [
+        Order(
+            place=place,
+            first=int(end - size),
+            episodes=np.arange(50, 55)[end - size : end],
+            noise=how.get("noise"),
+            by_expert=how["by_expert"][end - size : end] if "by_expert" in how else None,
+            force_weight_per_n=0.1,
+            detour_weight_per_m=5.0,
+        )
+        for size, end in zip(split, ends, strict=True)
+    ]
+
+
+def test_more_worlds_than_memory_are_refused_and_nothing_is_written(tmp_path):
+    with pytest.raises(ValueError, match=r"worlds would take .* of this computer's memory.*: at most"):
+        train(replace(TINY, worlds=10**9), tmp_path / "many")
+    assert not (tmp_path / "many").exists()
+
+
 # The exported policy
 
 
@@ -392,7 +444,7 @@ def test_the_exported_policy_acts_as_the_model_does(rng):
     observations = np.concatenate([native.episodes.observe(), rng.uniform(-3, 3, (200, 25))])
     normalised = np.asarray(env.normalize_obs(observations))
     expected, _ = model.predict(normalised, deterministic=True)
-    exported = export_policy(model, TINY, 0.0, [])
+    exported = export_policy(model, env, TINY, 0.0, [])
     assert_allclose(np.clip(exported.mean(observations), -1.0, 1.0), expected, atol=1e-5)
     assert exported.action_deviation == pytest.approx(np.exp(TINY.log_std[0]))
     assert np.abs(normalised).max() == 5.0

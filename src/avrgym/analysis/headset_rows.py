@@ -92,8 +92,9 @@ def headset_words(rows: Sequence[HeadsetRow]) -> str:
         *([f"{median(latencies):.0f} ms from pose to picture"] if latencies else []),
         *([f"{median(jitters):.2f} mm of jitter of the head at rest"] if jitters else []),
     ]
-    made_up = f" {_count(emulated, 'check')} ran on an emulated headset, which says nothing about one." * bool(
-        emulated
+    made_up = (
+        f" {_count(emulated, 'check')} ran on an emulated headset, which says nothing about one."
+        * bool(emulated)
     )
     return (
         f"The headset was checked at the beginning of {_count(len(rows), 'session')} and found ready in {ready} "

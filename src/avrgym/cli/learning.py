@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from avrgym.cli.cluster import Address, on_cluster
 from avrgym.cli.options import PEOPLE, Engine, Impairment, Seed, chosen_environments
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
@@ -81,6 +82,17 @@ def train(
     ] = False,
     seed: Seed = 0,
     engine: Engine = THREADS,
+    worlds: Annotated[
+        int | None, typer.Option(help="Worlds of an update; without it the task's own number.", min=1)
+    ] = None,
+    cluster: Address = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            help="Workers of the cluster; without it one for each 64 worlds, and core. Changes no weight.",
+            min=1,
+        ),
+    ] = None,
 ) -> None:
     """Train a policy with PPO. Needs the extra `train`."""
     from avrgym.learning.settings_file import read_settings, settings_text
@@ -96,6 +108,12 @@ def train(
             raise ValueError(
                 "a training goes on with the settings it began with; --resume goes without --config"
             )
+        if resume and worlds is not None:
+            raise ValueError("--worlds belongs to a new training: this one goes on as it was configured")
+        if jobs is not None and cluster is None:
+            raise ValueError(
+                "--jobs goes with --cluster: without one, threads of this process step the worlds"
+            )
         settings = None if config is None else read_settings(config, env)
         check_engine(engine)
         training = _training()
@@ -105,14 +123,16 @@ def train(
             if stored.environment != env:
                 raise ValueError(f"{folder} holds a training of {stored.environment}, not of {env}")
             wanted = replace(stored, steps=steps or stored.steps)
-            with _shown(env, wanted.whole_steps, folder) as tell:
-                training.resume(folder, tell, steps)
+            with on_cluster(cluster, jobs) as workers, _shown(env, wanted.whole_steps, folder) as tell:
+                training.resume(folder, tell, steps, cluster=workers)
         else:
             configuration = training.configuration_for(
                 env, people, steps or STEPS, seed, impairment, settings, engine
             )
-            with _shown(env, configuration.whole_steps, folder) as tell:
-                training.train(configuration, folder, tell)
+            if worlds is not None:
+                configuration = replace(configuration, worlds=worlds)
+            with on_cluster(cluster, jobs) as workers, _shown(env, configuration.whole_steps, folder) as tell:
+                training.train(configuration, folder, tell, cluster=workers)
     say(f"policy    {folder / training.POLICY_FILE}")
 
 
@@ -201,6 +221,7 @@ def evaluate(
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
     seed: Seed = 0,
     jobs: Jobs = None,
+    cluster: Address = None,
     allow_other_environment: Annotated[
         bool,
         typer.Option(
@@ -230,7 +251,10 @@ def evaluate(
         policies = policy or (["original", "revised"] if cross_play else ["revised"])
         groups = people or ([*NAMES] if cross_play else ["revised"])
         steps = len(chosen) * len(policies) * len(groups) * episodes * EPISODE_STEPS
-        with progress_bar(f"evaluating {', '.join(policies)}", steps, "steps") as bar:
+        with (
+            on_cluster(cluster, jobs) as workers,
+            progress_bar(f"evaluating {', '.join(policies)}", steps, "steps") as bar,
+        ):
             metrics = evaluate_each(
                 chosen,
                 policies,
@@ -240,6 +264,7 @@ def evaluate(
                 bar.advance,
                 impairment=impairment,
                 jobs=jobs,
+                cluster=workers,
                 allow_other_environment=allow_other_environment,
                 force_guard=force_guard,
                 engine=engine,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from avrgym.cli.cluster import Address, on_cluster
 from avrgym.cli.options import PEOPLE, Impairment
 from avrgym.cli.plan import Folder, freeze, plan_findings, plan_of, power
 from avrgym.cli.progress import GOES_ON, progress_bar
@@ -160,6 +161,7 @@ def simulate(
     people: Annotated[str, typer.Option(help=f"What participants are like: {PEOPLE}.")] = "participants",
     impairment: Impairment = "none",
     jobs: Jobs = None,
+    cluster: Address = None,
     json_file: JsonFile = None,
 ) -> None:
     """Let simulated participants complete the study.
@@ -172,8 +174,11 @@ def simulate(
 
     with plain_errors():
         check_json(json_file)
-        with progress_bar("simulating", unit="trials", stopped=GOES_ON) as bar:
-            simulate_study(folder, participants, seed, bar.show, jobs, people, impairment)
+        with (
+            on_cluster(cluster, jobs) as workers,
+            progress_bar("simulating", unit="trials", stopped=GOES_ON) as bar,
+        ):
+            simulate_study(folder, participants, seed, bar.show, jobs, people, impairment, workers)
         with Store(folder) as store:
             summary = summarise_study(store)
         write_json(json_file, asdict(summary))

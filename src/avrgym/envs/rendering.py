@@ -2,6 +2,7 @@
 
 import warnings
 from functools import cache
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -95,6 +96,10 @@ class Drawn:
     episodes: Episodes
     render_mode: str | None
     _camera: Camera | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy goes on where this is, to the same bits; it draws its pictures with a camera of its own."""
+        return {**self.__dict__, "_camera": None}
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture (480, 640, 3) with the render mode ``rgb_array``, else nothing.

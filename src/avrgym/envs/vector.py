@@ -63,6 +63,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
             ValueError: for an unknown name or a number out of range, naming what is allowed.
             RuntimeError: where what the engine needs is not installed.
         """
+        self._cameras: dict[int, Camera] = {}
         check_render_mode(render_mode, environment_id)
         _check_count("num_envs", num_envs)
         _check_count("max_episode_steps", max_episode_steps, EPISODE_STEPS)
@@ -86,11 +87,14 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
         self._now: Step | None = None
         self._steps = np.zeros(num_envs, dtype=int)
         self._ended: Bools = np.zeros(num_envs, dtype=bool)
-        self._cameras: dict[int, Camera] = {}
         self._random = RandomStreams(num_envs)
         self._worlds = [World(self, index, METADATA) for index in range(num_envs)]
         self.drawn_from = [_state(generator) for generator in self._random.generators]
         """States of the random streams that the present episodes were drawn from, one a world."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy goes on where this is, to the same bits; it draws its pictures with cameras of its own."""
+        return {**self.__dict__, "_cameras": {}}
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -17,21 +17,23 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 
-from avrgym.envs.vector import AssistiveVectorEnv
-from avrgym.learning.stable_baselines import go_on_from, normaliser_of
+from avrgym.learning.stable_baselines import Normaliser
 from avrgym.system.files import write_whole
 
 
-def save(path: Path, model: PPO, native: AssistiveVectorEnv, notes: dict[str, Any]) -> None:
-    """Write a checkpoint whole, or nothing. To be called where every world has just begun an episode.
+def save(
+    path: Path, model: PPO, normaliser: Normaliser, episodes: list[dict[str, Any]], notes: dict[str, Any]
+) -> None:
+    """Write a checkpoint whole, or nothing. To be called between two updates.
 
     Args:
         path: the file; an earlier checkpoint is replaced.
-        model: what is trained, over a ``VecNormalize``.
-        native: the environment below.
+        model: what is trained.
+        normaliser: of its observations and rewards.
+        episodes: states of random streams that the present episodes were drawn from, one a world, where the next
+            update goes on with them.
         notes: plain values that ``restore`` gives back.
     """
-    normaliser = normaliser_of(model)
     state = {
         "steps": model.num_timesteps,
         "updates": model._n_updates,  # pyright: ignore[reportPrivateUsage]
@@ -41,7 +43,7 @@ def save(path: Path, model: PPO, native: AssistiveVectorEnv, notes: dict[str, An
         "returns": _moments(normaliser.ret_rms),
         "torch_random": torch.get_rng_state(),
         "minibatches": json.dumps(np.random.get_state(legacy=False), default=np.ndarray.tolist),  # noqa: NPY002
-        "episodes": json.dumps(native.drawn_from),
+        "episodes": json.dumps(episodes),
         "notes": json.dumps(notes),
     }
     buffer = io.BytesIO()
@@ -49,8 +51,8 @@ def save(path: Path, model: PPO, native: AssistiveVectorEnv, notes: dict[str, An
     write_whole(path, buffer.getvalue())
 
 
-def restore(path: Path, model: PPO, native: AssistiveVectorEnv) -> dict[str, Any]:
-    """Bring a model and its environment back to where a checkpoint was saved; give its notes.
+def restore(path: Path, model: PPO, normaliser: Normaliser) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Bring a model and its normaliser back to where a checkpoint was saved; give its episodes and notes.
 
     Raises:
         ValueError: for a file that is no checkpoint of such a training.
@@ -63,14 +65,11 @@ def restore(path: Path, model: PPO, native: AssistiveVectorEnv) -> dict[str, Any
         raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
     model.num_timesteps = state["steps"]
     model._n_updates = state["updates"]  # pyright: ignore[reportPrivateUsage]
-    normaliser = normaliser_of(model)
     _set_moments(normaliser.obs_rms, state["observations"])
     _set_moments(normaliser.ret_rms, state["returns"])
-    observation = native.begin_again_from(json.loads(state["episodes"]))
-    go_on_from(model, observation)
     torch.set_rng_state(state["torch_random"])
     np.random.set_state(_numpy_state(json.loads(state["minibatches"])))  # noqa: NPY002
-    return json.loads(state["notes"])
+    return json.loads(state["episodes"]), json.loads(state["notes"])
 
 
 def _moments(statistics: Any) -> dict[str, Any]:

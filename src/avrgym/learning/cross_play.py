@@ -1,7 +1,7 @@
 """Every policy with every group of people: who gets on with whom."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from avrgym.learning.evaluation import Evaluation, Progress, evaluate_all
 from avrgym.people.distributions import find_distribution
@@ -10,6 +10,9 @@ from avrgym.policies import registry
 from avrgym.simulation.engines.engine import check_engine
 from avrgym.simulation.engines.names import THREADS
 from avrgym.tasks.registry import TASKS, find_environment
+
+if TYPE_CHECKING:
+    from avrgym.system.cluster import Cluster
 
 
 def cross_play(
@@ -22,6 +25,7 @@ def cross_play(
     *,
     impairment: str = "none",
     jobs: int | None = None,
+    cluster: "Cluster | None" = None,
     allow_other_environment: bool = False,
     force_guard: bool = False,
     engine: str = THREADS,
@@ -54,6 +58,7 @@ def cross_play(
             progress,
             impairment=impairment,
             jobs=jobs,
+            cluster=cluster,
             allow_other_environment=allow_other_environment,
             force_guard=force_guard,
             engine=engine,

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,14 @@ from avrgym.policies.force_guard import ForceGuard
 from avrgym.simulation.engines.engine import check_engine
 from avrgym.simulation.engines.names import THREADS
 from avrgym.simulation.region_forces import RegionFigures, RegionLoads, RegionWatch, summed_up
+from avrgym.system.carried import Carried
 from avrgym.system.jobs import cores, report, run_all
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import find_environment
+
+if TYPE_CHECKING:
+    from avrgym.system.cluster import Cluster
 
 Array = NDArray[np.float64]
 Progress = Callable[[int], None]
@@ -70,8 +74,8 @@ class _Batch:
     """Episodes of one environment that run together; numbers of ``episodes`` count from 0."""
 
     environment_id: str
-    policy: str
-    people: str
+    policy: Carried
+    people: Carried
     impairment: str
     seed: int
     episodes: range
@@ -107,6 +111,7 @@ def evaluate_all(
     *,
     impairment: str = "none",
     jobs: int | None = None,
+    cluster: "Cluster | None" = None,
     allow_other_environment: bool = False,
     force_guard: bool = False,
     engine: str = THREADS,
@@ -124,6 +129,7 @@ def evaluate_all(
         jobs: how many processes share the work and the cores; without it one for each core that has enough to do,
             and one alone for a device.
             It changes no figure.
+        cluster: whose workers share the work instead of processes here. It changes no figure.
         allow_other_environment: whether to run a policy that was trained for another environment.
         force_guard: whether a ``ForceGuard`` stands between policy and arm.
         engine: where physics runs. What is reported of a policy is measured on threads.
@@ -140,15 +146,17 @@ def evaluate_all(
         registry.find(policy, environment_id, allow_other_environment=allow_other_environment)
     check_engine(engine)
     every = len(environment_ids) * episodes
-    jobs = jobs or (min(cores(), max(1, every // WORTH_A_PROCESS)) if engine == THREADS else 1)
+    there = cores() if cluster is None else cluster.count
+    jobs = jobs or (min(there, max(1, every // WORTH_A_PROCESS)) if engine == THREADS else 1)
     size = min(MAX_WORLDS, -(-every // jobs))
-    threads = max(1, cores() // jobs)
+    threads = max(1, there // jobs) if cluster is None else 1
     split = _split(episodes, size)
+    driver, whom = Carried.of(policy), Carried.of(people)
     batches = [
         _Batch(
             environment_id=environment_id,
-            policy=policy,
-            people=people,
+            policy=driver,
+            people=whom,
             impairment=impairment,
             seed=seed,
             episodes=numbers,
@@ -160,7 +168,7 @@ def evaluate_all(
         for environment_id in environment_ids
         for numbers in split
     ]
-    results = _run_batches(batches, jobs, progress)
+    results = _run_batches(batches, jobs, cluster, progress)
     firsts = range(0, len(batches), len(split))
     return [_sum_up(batches[first], results[first : first + len(split)]) for first in firsts]
 
@@ -169,9 +177,11 @@ def _split(episodes: int, size: int) -> list[range]:
     return [range(first, min(first + size, episodes)) for first in range(0, episodes, size)]
 
 
-def _run_batches(batches: list[_Batch], jobs: int, progress: Progress) -> list[Results]:
+def _run_batches(
+    batches: list[_Batch], jobs: int, cluster: "Cluster | None", progress: Progress
+) -> list[Results]:
     """The results of each batch, in their order."""
-    if jobs == 1 or len(batches) == 1:
+    if cluster is None and (jobs == 1 or len(batches) == 1):
         return [_run_batch(batch, progress) for batch in batches]
     told = 0
 
@@ -180,14 +190,17 @@ def _run_batches(batches: list[_Batch], jobs: int, progress: Progress) -> list[R
         progress(done - told)
         told = done
 
-    return run_all(_run_batch, [(batch, report) for batch in batches], jobs, tell)
+    arguments = [(batch, report) for batch in batches]
+    if cluster is not None:
+        return cluster.run_all(_run_batch, arguments, tell)
+    return run_all(_run_batch, arguments, jobs, tell)
 
 
 def _run_batch(batch: _Batch, progress: Progress) -> Results:
     world = Episodes(
         batch.environment_id,
         len(batch.episodes),
-        distribution=batch.people,
+        distribution=batch.people.here(),
         impairment=batch.impairment,
         num_threads=batch.threads,
         by_region=True,
@@ -206,8 +219,8 @@ def _sum_up(batch: _Batch, results: list[Results]) -> Evaluation:
     loads = RegionLoads.joined([part.loads for part in results])
     return Evaluation(
         env=batch.environment_id,
-        policy=batch.policy,
-        people=batch.people,
+        policy=batch.policy.name,
+        people=batch.people.name,
         impairment=batch.impairment,
         episodes=len(reward),
         reward_mean=float(reward.mean()),
@@ -237,7 +250,7 @@ def _run(
     """One batch of episodes."""
     count = len(generators)
     allowed = batch.allow_other_environment
-    found = registry.find(batch.policy, world.environment_id, allow_other_environment=allowed)
+    found = registry.find(batch.policy.here(), world.environment_id, allow_other_environment=allowed)
     observation = world.begin(np.arange(count), generators)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
     watch, guard = RegionWatch(count), ForceGuard(world.simulation) if batch.force_guard else None

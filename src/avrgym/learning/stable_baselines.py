@@ -4,7 +4,7 @@
 # pyright: reportUnknownMemberType=false
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,22 @@ from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.observation import Observation
 
 Array = NDArray[Any]
+
+
+class Normaliser(Protocol):
+    """What scales observations and rewards: ``VecNormalize``, or what stands in its place where worlds are shared.
+
+    ``obs_rms`` and ``ret_rms`` are running moments of observations and of discounted returns.
+    """
+
+    obs_rms: Any
+    ret_rms: Any
+    clip_obs: float
+    epsilon: float
+
+    def normalize_obs(self, obs: Any) -> Any:
+        """Observations in standard deviations from the mean, single precision."""
+        ...
 
 
 class SB3VectorEnv(VecEnv):

@@ -1,7 +1,12 @@
 """N worlds of one scene, stepped together by an engine."""
 
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
 import mujoco
 import numpy as np
+from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
@@ -121,6 +126,7 @@ class Simulation:
         self.batch.forward(ids)
         self._segment_w[ids] = self._person_segments(host, ids)
         self.engine.take_over(ids)
+        self._now = self.engine.now
 
     def geoms(self, ids: Ids) -> Geoms:
         """All geoms of worlds ``ids`` (n,), as they are."""
@@ -174,6 +180,7 @@ class Simulation:
     def step(self, substeps: int = SUBSTEPS) -> None:
         """Advance all worlds by physics steps; forces are of the last one, positions of its end."""
         self.engine.step(substeps)
+        self._now = self.engine.now
 
     def park(self, gone: NDArray[np.bool_]) -> None:
         """Take particles (N, K) out of play."""
@@ -269,6 +276,38 @@ class Simulation:
         self.batch.forward(np.array([world]), stage=mujoco.mjtStage.mjSTAGE_VEL)
         self.engine.take_over(np.array([world]))
 
+    def saved(self) -> dict[str, dict[str, NDArray[Any]]]:
+        """All that the next steps of all worlds depend on, and what they show now."""
+        self.engine.hand_back(np.arange(self.num_worlds))
+        return {
+            "fields": {name: array.copy() for name, array in self._expanded().items()},
+            "worlds": {
+                "state": self.batch.state.copy(),
+                "segment_w": self._segment_w.copy(),
+                "sensordata": self._now.sensordata.copy(),
+            },
+        }
+
+    def go_on_from(self, saved: Mapping[str, Mapping[str, NDArray[Any]]]) -> None:
+        """Put all worlds into what ``saved`` gave in a simulation made alike."""
+        for again in (False, True):  # constants follow from the fields, of which some are then changed
+            for name, array in self._expanded().items():
+                array[:] = saved["fields"][name]
+            if not again:
+                self.batch.set_const()
+        self.batch.state[:] = saved["worlds"]["state"]
+        self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
+        self._segment_w[:] = saved["worlds"]["segment_w"]
+        self.engine.take_over(np.arange(self.num_worlds))
+        forces = saved["worlds"]["sensordata"].copy()  # of a step that is not made again
+        self._now = replace(self.engine.now, sensordata=forces)
+
+    def _expanded(self) -> dict[str, NDArray[Any]]:
+        """The model's fields of which every world has its own, by name."""
+        names = [name for name in dir(self.model) if isinstance(getattr(self.model, name, None), np.ndarray)]
+        names += [f"opt.{name}" for name in dir(self.model.opt) if not name.startswith("_")]
+        return {name: self.batch.expand(name) for name in names if _is_expanded(self.batch, name)}
+
     def qpos(self, world: int) -> Array:
         """The joint coordinates (nq,) of one world."""
         return self._now.qpos[world].copy()
@@ -289,6 +328,13 @@ class Simulation:
         centre = arrays.geom_xpos[ids][:, geoms]
         reach = axis * self._person.geom_size[ids][:, geoms, 1:2]
         return np.stack([centre - reach, centre + reach], axis=2)
+
+
+def _is_expanded(batch: Batch, name: str) -> bool:
+    try:
+        return batch.expanded(name) is not None
+    except (AttributeError, KeyError, TypeError, ValueError):  # none that a batch knows
+        return False
 
 
 def _added_up(strongest_first: Array) -> Array:

@@ -2,8 +2,9 @@
 
 import multiprocessing
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from multiprocessing.sharedctypes import Synchronized
 from typing import Any, TypeVar
 
@@ -12,8 +13,8 @@ from avrgym.system.children import end_with_parent, undisturbed
 Result = TypeVar("Result")
 
 LOOK_EVERY_S = 0.5
-_done: "Synchronized[int] | None" = None
-"""What all processes have reported, in one that ``run_all`` started."""
+_add: Callable[[int], None] | None = None
+"""Where a process that works for another counts what it reports."""
 
 
 def cores() -> int:
@@ -60,14 +61,30 @@ def run_all(
 
 
 def report(done: int) -> None:
-    """In a process that ``run_all`` started: so much more is done."""
-    assert _done is not None
-    with _done.get_lock():
-        _done.value += done
+    """In a process that works for another: so much more is done."""
+    assert _add is not None
+    _add(done)
+
+
+@contextmanager
+def counting() -> Generator[Callable[[], int]]:
+    """Count what is reported in this context; gives how much it was so far."""
+    global _add
+    before, counts = _add, [0]
+    _add = counts.append
+    try:
+        yield lambda: sum(counts)
+    finally:
+        _add = before
 
 
 def _begin(done: "Synchronized[int]") -> None:
     """Have this process end with the one that started it; a terminal's signals are for that one."""
-    global _done
-    _done = done
+
+    def add(more: int) -> None:
+        with done.get_lock():
+            done.value += more
+
+    global _add
+    _add = add
     end_with_parent()

@@ -25,7 +25,16 @@ def return_large_blocks() -> None:
 
 def available_bytes() -> int | None:
     """How much memory the system could give now; ``None`` where it does not say."""
+    return _pages("SC_AVPHYS_PAGES")
+
+
+def memory_bytes() -> int | None:
+    """How much memory this computer has; ``None`` where it does not say."""
+    return _pages("SC_PHYS_PAGES")
+
+
+def _pages(name: str) -> int | None:
     try:
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        return os.sysconf(name) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):
         return None

@@ -32,6 +32,8 @@ ACTION_LIMIT: Mapping[int, float] = {1: np.inf, 2: 1.0}
 """By world version, what either way an action's numbers are clipped to before they are rewarded; arms never do more."""
 MOST_DRAWS = 100
 """How often a start is drawn anew where things would stand in each other."""
+_CHANGING = ("people", "task_state", "draws", "_arm_start_rad")
+"""What of ``Episodes`` its episodes change, beside the simulation and the people's minds."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,16 @@ class Episodes:
         """
         check_world_version(world_version)
         task, robot = find_environment(environment_id)
+        self._made_with = {
+            "distribution": distribution,
+            "person": person,
+            "impairment": impairment,
+            "moving": moving,
+            "num_threads": num_threads,
+            "world_version": world_version,
+            "by_region": by_region,
+            "steered": steered,
+        }
         self.environment_id = environment_id
         self._action_limit = ACTION_LIMIT[world_version]
         self.task = find_task(task, world_version)
@@ -154,6 +166,27 @@ class Episodes:
         self._arm_start_rad = np.zeros((num_worlds, len(self.scene.arm.joints)))
         self.draws = np.zeros(num_worlds, dtype=int)
         """How often the starts of the present episodes were drawn, (N,)."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """How it was made, and where its episodes are: a copy goes on to the same bits.
+
+        A file of people is read again by the copy.
+        """
+        return {
+            "environment_id": self.environment_id,
+            "num_worlds": self.simulation.num_worlds,
+            "made_with": self._made_with,
+            "simulation": self.simulation.saved(),
+            "minds": self._minds.saved(),
+            "changing": {name: getattr(self, name) for name in _CHANGING},
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["environment_id"], state["num_worlds"], **state["made_with"])
+        self.simulation.go_on_from(state["simulation"])
+        self._minds.go_on_from(state["minds"])
+        for name, value in state["changing"].items():
+            setattr(self, name, value)
 
     def begin(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
         """Begin episodes in worlds ``ids`` (n,), each drawn from its generator; give observations (n, O).

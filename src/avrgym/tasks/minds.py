@@ -32,6 +32,14 @@ class Minds:
         self._posture = posture
         self._mind = self._begun(people, np.zeros((len(people.is_woman), behaviour.UNIFORMS)))
 
+    def saved(self) -> behaviour.Mind | movement.Mind:
+        """All that changes."""
+        return self._mind
+
+    def go_on_from(self, saved: behaviour.Mind | movement.Mind) -> None:
+        """Have the minds that ``saved`` gave."""
+        self._mind = saved
+
     @property
     def targets_rad(self) -> Array:
         """Where their joints are to be, (N, 20), but for what trembles, sways and chews."""

@@ -67,7 +67,9 @@ class Texts:
 
     def say(self, said: Said) -> str:
         """What is said to somebody in VR."""
-        return self.session[said.key].format_map({name: self._put(value) for name, value in said.values.items()})
+        return self.session[said.key].format_map(
+            {name: self._put(value) for name, value in said.values.items()}
+        )
 
     def _put(self, value: str | Said) -> str:
         return self.say(value) if isinstance(value, Said) else _NUMBER.sub(rf"\1{self.decimal}\2", value)

@@ -13,6 +13,7 @@ from avrgym.system.memory import available_bytes
 
 Ids = NDArray[np.intp]
 
+
 @dataclass(frozen=True)
 class Arrays:
     """Live arrays of N worlds, named as MuJoCo names them, world axis first.

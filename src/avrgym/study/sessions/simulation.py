@@ -4,9 +4,11 @@ They take part in processes of their own, in simulated time. After each trial th
 back and are measured again. So what a trial gives follows from the seeds alone, wherever an earlier run ended.
 """
 
+import socket
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from avrgym.policies.registry import Operated
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.records import Answer
 from avrgym.study.checking.preflight import load_study_policy, policies_needed
+from avrgym.study.design.design import FILE
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion
 from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.storage.rows import Participant
@@ -32,6 +35,9 @@ from avrgym.vr.emulation.simulated_participant import (
     Traits,
     draw_traits,
 )
+
+if TYPE_CHECKING:
+    from avrgym.system.cluster import Cluster
 
 AGES_YEARS = (19, 24)
 """Of the paper's participants."""
@@ -67,6 +73,7 @@ def simulate_study(
     jobs: int | None = None,
     people: str = "participants",
     impairment: str = "none",
+    cluster: "Cluster | None" = None,
 ) -> None:
     """Let so many simulated participants complete a study; those of an earlier run are among them and go on.
 
@@ -79,6 +86,7 @@ def simulate_study(
             each gives does not depend on it.
         people: what participants are like, a name in ``people.distributions.NAMED`` or a file of people.
         impairment: of all of them, a name in ``people.impairments.IMPAIRMENTS``.
+        cluster: on whose workers they take part instead of in processes here; each has to see the study's folder.
 
     Raises:
         ValueError: for unknown people or impairments, naming what is allowed; nothing is stored then.
@@ -87,6 +95,11 @@ def simulate_study(
     """
     cast = cast_of(seed, people, impairment)
     with Store(folder) as store:
+        if cluster is not None and store.database.is_sqlite and cluster.several_computers():
+            raise StudyError(
+                "computers cannot share a study's file of SQLite: name a PostgreSQL database in study.toml, or take "
+                "--cluster local"
+            )
         for environment, policy in policies_needed(store):
             if isinstance(load_study_policy(store, environment, policy), Operated):
                 raise PolicyError(
@@ -94,12 +107,25 @@ def simulate_study(
                 )
         pseudonyms = [simulated_participant(store, index, cast) for index in range(participants)]
         unfinished = [name for name in pseudonyms if store.participant(name).state == "allocated"]
-        run_all(
-            simulate_participant,
-            [(store.folder, name, cast) for name in unfinished],
-            jobs or cores(),
-            lambda _: progress(*_trials(store, pseudonyms)),
+        arguments = [(store.folder.resolve(), name, cast) for name in unfinished]
+
+        def tell(_: int) -> None:
+            progress(*_trials(store, pseudonyms))
+
+        if cluster is None:
+            run_all(simulate_participant, arguments, jobs or cores(), tell)
+        else:
+            cluster.run_all(_simulate_where_seen, arguments, tell)
+
+
+def _simulate_where_seen(folder: Path, pseudonym: str, cast: Cast) -> None:
+    """``simulate_participant`` on a computer that may be another than the one where the study was opened."""
+    if not (folder / FILE).is_file():
+        raise StudyError(
+            f"{folder} is not there on {socket.gethostname()}: every node of the cluster has to see the study's "
+            "folder at the same path"
         )
+    simulate_participant(folder, pseudonym, cast)
 
 
 def simulate_participant(folder: Path, pseudonym: str, cast: Cast) -> None:

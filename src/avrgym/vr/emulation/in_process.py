@@ -64,7 +64,10 @@ class InProcessClient:
 
     def _respond(self, session: Session) -> None:
         waited_s = self._now_s - self._heard_s
-        if session.phase in ("headset", "calibration", "check", "ready", "paused") and waited_s > CALIBRATION_S:
+        if (
+            session.phase in ("headset", "calibration", "check", "ready", "paused")
+            and waited_s > CALIBRATION_S
+        ):
             self._press_trigger(session)
         if session.phase == "loading":
             session.receive(messages.SceneLoaded(url=self._scene_url), self._now_s)

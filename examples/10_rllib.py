@@ -1,0 +1,57 @@
+"""RLlib's PPO over native worlds, and its weights as a policy: ``python 10_rllib.py``
+
+Needs Ray's ``ray[rllib]`` and PyTorch; takes a number of updates, of worlds a runner, and of runners.
+Writes rllib.safetensors, which goes wherever ``--policy`` stands.
+"""
+
+import sys
+
+import numpy as np
+import ray
+import torch
+from ray.rllib.algorithms.ppo import PPOConfig
+from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
+
+from avrgym.policies.trained import Policy, PolicyMetadata
+
+UPDATES, WORLDS, RUNNERS = map(int, sys.argv[1:] or (100, 64, 2))
+ENVIRONMENT, STEPS = "avrgym/FeedingJaco-v1", 200 * WORLDS * max(1, RUNNERS)
+config = PPOConfig().environment(
+    f"avrgym:{ENVIRONMENT}", env_config={"people": "original", "autoreset_mode": "NextStep"}
+)  # RLlib takes for granted that an episode begins in the step after an end
+config.env_runners(
+    num_env_runners=RUNNERS,
+    num_envs_per_env_runner=WORLDS,
+    gym_env_vectorize_mode="vector_entry_point",  # the native worlds, stepped together
+)
+config.rl_module(model_config=DefaultModelConfig(fcnet_hiddens=[64, 64], fcnet_activation="tanh"))
+config.training(
+    lr=3e-4, gamma=0.97, lambda_=0.95, train_batch_size_per_learner=STEPS, minibatch_size=STEPS // 20
+)
+ray.init(include_dashboard=False, log_to_driver=False, configure_logging=False)
+algorithm = config.build_algo()
+for update in range(1, UPDATES + 1):
+    episodes = algorithm.train()["env_runners"]
+    print(f"{update * STEPS:9,} steps  reward {episodes.get('episode_return_mean', np.nan):7.1f}")
+module = algorithm.get_module()
+parts = [*module.encoder.actor_encoder.modules(), *module.pi.modules()]
+layers = [part for part in parts if isinstance(part, torch.nn.Linear)]
+joints = layers[-1].out_features // 2  # its last layer gives means, then deviations
+weights, biases = ([getattr(layer, name).detach().numpy() for layer in layers] for name in ("weight", "bias"))
+policy = Policy(
+    weights=(*(weight.T for weight in weights[:-1]), weights[-1][:joints].T),
+    biases=(*biases[:-1], biases[-1][:joints]),
+    observation_mean=np.zeros(layers[0].in_features),
+    observation_variance=np.ones(layers[0].in_features),
+    observation_clip=1e6,  # RLlib takes observations as they are
+    observation_epsilon=1e-12,
+    action_deviation=0.0,
+    metadata=PolicyMetadata(environment=ENVIRONMENT, people="original", steps=UPDATES * STEPS, seed=0),
+)
+seen = np.random.default_rng(0).normal(size=(100, layers[0].in_features)).astype(np.float32)
+expected = module.forward_inference({"obs": torch.as_tensor(seen)})["action_dist_inputs"][:, :joints]
+print(
+    f"largest difference to RLlib's own action: {np.abs(policy.mean(seen) - expected.detach().numpy()).max():.1e}"
+)
+policy.save("rllib.safetensors", overwrite=True)
+ray.shutdown()

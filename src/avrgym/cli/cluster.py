@@ -1,0 +1,40 @@
+"""Where long work runs: the option ``--cluster``."""
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from avrgym.system.cluster import Cluster
+
+Address = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        help="Share the work among the workers of a Ray cluster: `local` for one on this computer, `auto`, HOST:PORT "
+        "or ray://HOST:PORT. Changes no result. Needs the extra `cluster`.",
+        metavar="ADDRESS",
+    ),
+]
+
+
+@contextmanager
+def on_cluster(address: str | None, jobs: int | None) -> Generator["Cluster | None"]:
+    """A connection to the cluster that was asked for, if one was.
+
+    Raises:
+        RuntimeError: without the extra ``cluster``, or where no cluster answers.
+    """
+    if address is None:
+        yield None
+        return
+    try:
+        from avrgym.system.cluster import connected
+    except ModuleNotFoundError as error:
+        raise RuntimeError(
+            f"{error.name} is missing; `pip install avrgym[cluster]` brings what clusters need"
+        ) from error
+    with connected(address, jobs) as cluster:
+        yield cluster

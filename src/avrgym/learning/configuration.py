@@ -1,0 +1,129 @@
+"""What a training run is made of."""
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from avrgym.learning.settings_file import settings_of
+from avrgym.simulation.engines.names import THREADS
+from avrgym.system.files import write_whole
+from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.training_settings import TrainingSettings
+
+CONFIGURATION_FILE, LOG_FOLDER = "configuration.json", "tensorboard"
+STEPWISE, BY_UPDATES = 1, 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingConfiguration(TrainingSettings):
+    """A training run: where, on whom, for how many environment steps, and how.
+
+    ``learning_version`` is how it learns. In version 1 the observations' normaliser learns at every step, and the
+    actions' chance is drawn for all worlds at once. In version 2 the normaliser stays as it is within an update, and
+    each world draws its own chance, so that any number of processes may share the worlds.
+    """
+
+    environment: str
+    people: str = "original"
+    impairment: str = "none"
+    steps: int = 2_000_000
+    seed: int = 0
+    threads: int = 0
+    engine: str = THREADS
+    learning_version: int = BY_UPDATES
+
+    @property
+    def update_steps(self) -> int:
+        """Environment steps of one update: an episode in every world."""
+        return self.worlds * EPISODE_STEPS
+
+    @property
+    def whole_steps(self) -> int:
+        """Environment steps in all, whole updates."""
+        return -(-self.steps // self.update_steps) * self.update_steps
+
+    @property
+    def imitation_steps(self) -> int:
+        """Environment steps of imitation, whole rounds."""
+        rounds = min(self.imitation_rounds, int(self.imitation_share * self.steps) // self.update_steps)
+        return rounds * self.update_steps
+
+    def _ppo_share(self, steps: float) -> float:
+        """What share of PPO is done after so many environment steps in all."""
+        return min(1.0, max(0.0, steps - self.imitation_steps) / max(1, self.steps - self.imitation_steps))
+
+    def log_std_at(self, steps: float) -> float:
+        """Logarithm of the standard deviation of random actions after so many steps."""
+        first, last = self.log_std
+        return first + self._ppo_share(steps) * (last - first)
+
+    def learning_rate_at(self, steps: float) -> float:
+        """The learning rate after so many steps."""
+        return self.learning_rate * max(0.01, 1.0 - self._ppo_share(steps))
+
+    def force_weight_at(self, steps: float) -> float:
+        """What each newton takes off the reward after so many steps, 1/N."""
+        return self.force_weight_per_n * min(max(3.0 * self._ppo_share(steps) - 1.0, 0.0), 1.0)
+
+    def actor_learns_at(self, steps: int) -> bool:
+        """Whether the actor learns too, or only the critic, which does not know yet what an imitated actor is worth."""
+        critic_steps = self.critic_updates * self.update_steps
+        return self.imitation_steps == 0 or steps > self.imitation_steps + critic_steps
+
+
+def configuration_for(
+    environment: str,
+    people: str,
+    steps: int,
+    seed: int,
+    impairment: str = "none",
+    settings: TrainingSettings | None = None,
+    engine: str = THREADS,
+) -> TrainingConfiguration:
+    """How we train in an environment; ``settings`` stand for the task's own.
+
+    Raises:
+        ValueError: for an unknown environment, naming what there is.
+    """
+    return TrainingConfiguration(
+        environment=environment,
+        people=people,
+        impairment=impairment,
+        steps=steps,
+        seed=seed,
+        engine=engine,
+        **vars(settings or settings_of(environment)),
+    )
+
+
+def lengthened(configuration: TrainingConfiguration, steps: int) -> TrainingConfiguration:
+    """The configuration for more steps, with as much imitation as before."""
+    rounds = configuration.imitation_steps // configuration.update_steps
+    return replace(configuration, steps=steps, imitation_rounds=rounds, imitation_share=1.0)
+
+
+def store(configuration: TrainingConfiguration, out: Path) -> None:
+    """Write what the training in ``out`` is made of."""
+    write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
+
+
+def stored_configuration(out: Path) -> TrainingConfiguration:
+    """What the training in ``out`` is made of.
+
+    Raises:
+        ValueError: when ``out`` holds no training, or one of a later version.
+    """
+    path = out / CONFIGURATION_FILE
+    if not path.exists():
+        raise ValueError(f"{out} holds no training to resume")
+    try:
+        stored: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+        known_to_all = {"learning_version": STEPWISE}  # those of before do not say
+        configuration = msgspec.convert(known_to_all | stored, TrainingConfiguration)
+    except (msgspec.DecodeError, msgspec.ValidationError) as error:
+        raise ValueError(f"{path}: {error}") from error
+    if configuration.learning_version not in (STEPWISE, BY_UPDATES):
+        raise ValueError(f"{path}: learning version {configuration.learning_version}; allowed: 1 and 2")
+    return configuration

@@ -1,0 +1,67 @@
+"""From a model that learns to a policy that needs no PyTorch."""
+
+# Stable-Baselines3's attributes: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+import subprocess
+from functools import cache
+from math import exp
+from pathlib import Path
+from typing import Any, cast
+
+import torch
+from stable_baselines3 import PPO
+
+from avrgym.learning.configuration import TrainingConfiguration
+from avrgym.learning.stable_baselines import Normaliser
+from avrgym.people.distributions import people_name
+from avrgym.policies.trained import Policy, PolicyMetadata
+
+CURVE_POINTS = 100
+
+
+def export_policy(
+    model: PPO,
+    normaliser: Normaliser,
+    configuration: TrainingConfiguration,
+    seconds: float,
+    curve: list[tuple[int, float, float]],
+) -> Policy:
+    """The actor of a PPO model with its observation normaliser and the chance of this stage of training.
+
+    ``seconds`` it was trained for; of the ``curve`` a hundred points are kept.
+    """
+    steps = cast(int, model.num_timesteps)
+    actor = model.policy
+    layers: list[Any] = [
+        layer for layer in actor.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)
+    ]
+    layers.append(actor.action_net)
+    stride = -(-len(curve) // CURVE_POINTS) or 1
+    return Policy(
+        weights=tuple(layer.weight.detach().numpy().T for layer in layers),
+        biases=tuple(layer.bias.detach().numpy() for layer in layers),
+        observation_mean=normaliser.obs_rms.mean,
+        observation_variance=normaliser.obs_rms.var,
+        observation_clip=normaliser.clip_obs,
+        observation_epsilon=normaliser.epsilon,
+        action_deviation=exp(configuration.log_std_at(steps)),
+        metadata=PolicyMetadata(
+            environment=configuration.environment,
+            people=people_name(configuration.people),
+            impairment=configuration.impairment,
+            steps=steps,
+            seed=configuration.seed,
+            git_commit=_git_commit(),
+            seconds=round(seconds, 1),
+            curve=curve[::-stride][::-1],
+        ),
+    )
+
+
+@cache
+def _git_commit() -> str:
+    found = subprocess.run(
+        ["git", "rev-parse", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent, check=False
+    )
+    return found.stdout.strip()

@@ -1,0 +1,71 @@
+"""Stable-Baselines3's PPO as a training configures it."""
+
+# Stable-Baselines3's attributes: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecNormalize
+
+from avrgym.learning.configuration import LOG_FOLDER, TrainingConfiguration
+from avrgym.tasks.known import EPISODE_STEPS
+
+OBSERVATION_CLIP = 5.0
+
+
+def make_ppo(configuration: TrainingConfiguration, env: VecNormalize, out: Path) -> PPO:
+    """A model that learns over an environment."""
+    return _drawn_by_schedule(PPO("MlpPolicy", env, **_settings(configuration, out)))
+
+
+def make_ppo_alone(
+    configuration: TrainingConfiguration, observation_size: int, action_size: int, out: Path
+) -> PPO:
+    """A model that is given its episodes."""
+    model = PPO("MlpPolicy", None, _init_setup_model=False, **_settings(configuration, out))  # type: ignore[arg-type]
+    model.observation_space = spaces.Box(-OBSERVATION_CLIP, OBSERVATION_CLIP, (observation_size,))
+    model.action_space = spaces.Box(-1.0, 1.0, (action_size,))
+    model.n_envs = configuration.worlds
+    model._setup_model()  # pyright: ignore[reportPrivateUsage]  # as its own load() does
+    return _drawn_by_schedule(model)
+
+
+def _drawn_by_schedule(model: PPO) -> PPO:
+    model.policy.log_std.requires_grad_(False)
+    return model
+
+
+def begin_update(model: PPO, configuration: TrainingConfiguration) -> None:
+    """Set how far actions are drawn from their mean in the next update."""
+    with torch.no_grad():
+        model.policy.log_std.fill_(configuration.log_std_at(model.num_timesteps))
+
+
+def free_actor(model: PPO, configuration: TrainingConfiguration) -> None:
+    """Let the actor learn too, when the critic knows what it is worth."""
+    learns = configuration.actor_learns_at(model.num_timesteps)
+    model.policy.mlp_extractor.policy_net.requires_grad_(learns)
+    model.policy.action_net.requires_grad_(learns)
+
+
+def _settings(configuration: TrainingConfiguration, out: Path) -> dict[str, Any]:
+    torch.set_num_threads(1)  # so small a network gains nothing from more, and its sums keep their order
+    return {
+        "learning_rate": lambda remaining: configuration.learning_rate_at(
+            (1.0 - remaining) * configuration.steps
+        ),
+        "n_steps": EPISODE_STEPS,
+        "batch_size": configuration.minibatch,
+        "n_epochs": configuration.epochs,
+        "gamma": configuration.discount,
+        "gae_lambda": configuration.gae_lambda,
+        "clip_range": configuration.clip_range,
+        "policy_kwargs": {"net_arch": list(configuration.hidden), "activation_fn": torch.nn.Tanh},
+        "tensorboard_log": str(out / LOG_FOLDER),
+        "seed": configuration.seed,
+        "device": "cpu",
+    }

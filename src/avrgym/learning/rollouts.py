@@ -1,0 +1,156 @@
+"""Episodes for training: the same of the same policy and order, in whatever process and beside whomever they are made.
+
+So the worlds of an update may be shared among processes, and a part that was lost is made again.
+"""
+
+from dataclasses import dataclass, fields
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.policies.trained import Policy
+from avrgym.system.carried import Carried
+from avrgym.tasks.episodes import Episodes, Step
+from avrgym.tasks.known import EPISODE_STEPS
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Bools = NDArray[np.bool_]
+
+NOISE_STREAM = 4
+"""Of the streams that are drawn from a training's seed; the others choose episodes, experts and minibatches."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """The worlds of a training, which a process compiles once."""
+
+    environment: str
+    people: Carried
+    impairment: str
+    threads: int
+    engine: str
+
+
+@dataclass(frozen=True)
+class Order:
+    """Whole episodes in n of a training's worlds, from the world ``first`` on.
+
+    Args:
+        place: where.
+        first: the number of the first world in the training.
+        episodes: seeds that the episodes are drawn from, (n,).
+        noise: what the actions' chance is drawn from, beside the world's number; without it there is none.
+        by_expert: (n,) which worlds the task's reactive expert drives; it then says in all of them what it would do.
+        force_weight_per_n: what each newton on the person takes off a step's reward.
+        detour_weight_per_m: what each metre of a detour that the tool has to make to its goal takes off, but for an
+            episode's last step.
+    """
+
+    place: Place
+    first: int
+    episodes: NDArray[np.int64]
+    noise: tuple[int, int] | None = None
+    by_expert: Bools | None = None
+    force_weight_per_n: float = 0.0
+    detour_weight_per_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """Whole episodes of n worlds; time comes first, T steps, then the world.
+
+    ``observations`` (T + 1, n, O) are the plain ones, the last of them after the last step. ``actions`` (T, n, J) are
+    those of the policy before they are clipped, or the expert's. ``rewards`` (T, n) are less what the order takes off.
+    Of each episode (n,): the sum of the task's own rewards, whether it succeeded, the mean force on the person.
+    """
+
+    observations: Floats
+    actions: Floats
+    rewards: Floats
+    episode_return: Array
+    success: Bools
+    episode_force_n: Array
+
+    @classmethod
+    def joined(cls, parts: list["Rollout"]) -> "Rollout":
+        """The worlds of several parts beside each other."""
+        return cls(
+            **{
+                field.name: np.concatenate([getattr(part, field.name) for part in parts], axis=-1)
+                if getattr(parts[0], field.name).ndim < 3
+                else np.concatenate([getattr(part, field.name) for part in parts], axis=1)
+                for field in fields(cls)
+            }
+        )
+
+    @property
+    def nbytes(self) -> int:
+        """How many bytes its arrays have."""
+        return sum(getattr(self, field.name).nbytes for field in fields(self))
+
+    def finished(self, of: slice | Bools = slice(None)) -> list[tuple[float, bool]]:
+        """Return and success of some of its episodes."""
+        return [*zip(self.episode_return[of].tolist(), self.success[of].tolist(), strict=True)]
+
+
+def roll_out(policy: Policy, order: Order) -> Rollout:
+    """Make the episodes of an order."""
+    count = len(order.episodes)
+    worlds = _worlds(order.place, count)
+    generators = [np.random.default_rng(int(seed)) for seed in order.episodes]
+    seen = [worlds.begin(np.arange(count), generators).astype(np.float32)]
+    expert = None if order.by_expert is None else worlds.task.reactive_expert(worlds)
+    noise = _noise(policy, order)
+    done: list[Floats] = []
+    rewards: list[Array] = []
+    returns, force_n, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
+    for number in range(EPISODE_STEPS):
+        action = (policy.mean(seen[-1]) + policy.action_deviation * noise[number]).astype(np.float32)
+        done.append(action)
+        if expert is not None:
+            done[-1] = np.clip(expert(worlds.observe()), -1.0, 1.0).astype(np.float32)
+            assert order.by_expert is not None
+            action = np.where(order.by_expert[:, None], done[-1], action)
+        step = worlds.step(np.clip(action, -1.0, 1.0).astype(float))
+        seen.append(step.observation.astype(np.float32))
+        rewards.append(step.reward - _cost(worlds, order, step, last=number == EPISODE_STEPS - 1))
+        returns += step.reward
+        force_n += step.force_on_person_n / EPISODE_STEPS
+        success = step.success
+    told = np.stack(rewards).astype(np.float32)
+    return Rollout(np.stack(seen), np.stack(done), told, returns, success, force_n)
+
+
+def _noise(policy: Policy, order: Order) -> Array:
+    """The actions' chance (T, n, J), in standard deviations; each world draws its own."""
+    shape = (EPISODE_STEPS, policy.action_size)
+    if order.noise is None:
+        return np.zeros((EPISODE_STEPS, len(order.episodes), policy.action_size))
+    seed, steps = order.noise
+    numbers = range(order.first, order.first + len(order.episodes))
+    streams = (np.random.default_rng([seed, NOISE_STREAM, steps, number]) for number in numbers)
+    return np.stack([stream.standard_normal(shape) for stream in streams], axis=1)
+
+
+def _cost(worlds: Episodes, order: Order, step: Step, *, last: bool) -> Array:
+    """What an order takes off the rewards of a step, (n,)."""
+    cost = order.force_weight_per_n * step.force_on_person_n
+    detour_m = worlds.task.detour_m
+    if last or detour_m is None or not order.detour_weight_per_m:
+        return cost
+    return cost + order.detour_weight_per_m * detour_m(worlds.simulation.state(), worlds.task_state)
+
+
+@lru_cache(maxsize=2)
+def _worlds(place: Place, count: int) -> Episodes:
+    """Of a training whose worlds are not shared evenly a process makes parts of two sizes."""
+    return Episodes(
+        place.environment,
+        count,
+        distribution=place.people.here(),
+        impairment=place.impairment,
+        num_threads=place.threads,
+        engine=place.engine,
+    )

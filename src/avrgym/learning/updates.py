@@ -1,0 +1,219 @@
+"""Learning version 2: whole updates at a time, whose episodes any number of processes may make.
+
+Within an update policy and normaliser stay as they are, and each world draws its own chance. So an update's episodes
+follow from the policy, the training's seed and the steps so far, and the weights do not depend on who made which.
+"""
+
+# Stable-Baselines3's attributes: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.utils import configure_logger
+
+from avrgym.learning import checkpoint
+from avrgym.learning.configuration import TrainingConfiguration
+from avrgym.learning.course import CHECKPOINT_FILE, Course
+from avrgym.learning.imitation import Finished, Shown, imitate
+from avrgym.learning.ppo import OBSERVATION_CLIP, begin_update, free_actor, make_ppo_alone
+from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
+from avrgym.learning.stable_baselines import ObservationScale
+from avrgym.policies.trained import Policy
+from avrgym.robots.registry import find_robot
+from avrgym.system.carried import Carried
+from avrgym.tasks.observation import Observation
+from avrgym.tasks.registry import TASKS, find_environment, sizes
+
+MakeAll = Callable[[Policy, Sequence[Order]], list[Rollout]]
+"""Makes the episodes of several orders, wherever."""
+
+
+def make_here(policy: Policy, orders: Sequence[Order]) -> list[Rollout]:
+    """Make them in this process, one after the other."""
+    return [roll_out(policy, order) for order in orders]
+
+
+class UpdateLearner:
+    """A model that is given the episodes of each update, from ``parts`` beside each other that ``make_all`` makes."""
+
+    def __init__(
+        self,
+        configuration: TrainingConfiguration,
+        people: str,
+        out: Path,
+        course: Course,
+        parts: int,
+        make_all: MakeAll,
+        threads: int,
+    ) -> None:
+        self._configuration, self._out, self._course = configuration, out, course
+        self._place = Place(
+            configuration.environment,
+            Carried.of(people),
+            configuration.impairment,
+            threads,
+            configuration.engine,
+        )
+        self._parts = np.array_split(np.arange(configuration.worlds), parts)
+        self._make_all = make_all
+        self._normaliser = UpdateNormaliser(_observation(configuration.environment), configuration.discount)
+        self.model = make_ppo_alone(configuration, *sizes(configuration.environment), out)
+
+    def restore(self) -> None:
+        """Go on from the checkpoint."""
+        _, notes = checkpoint.restore(self._out / CHECKPOINT_FILE, self.model, self._normaliser)
+        self._course.resume(notes)
+
+    def save(self) -> Policy:
+        """Save where the training is, between two updates; the policy as it is now."""
+        return self._course.save(self.model, self._normaliser, [])
+
+    def imitate(self, rounds: int, shown: Path) -> None:
+        """Do the rounds of imitation that remain."""
+        configuration = self._configuration
+        imitate(
+            self.model,
+            self._normaliser,
+            configuration.worlds,
+            rounds,
+            configuration.seed,
+            shown,
+            self._gather,
+            self._imitated,
+        )
+
+    def _gather(self, by_expert: NDArray[np.bool_]) -> tuple[Shown, Finished]:
+        rollout = self._roll_out(self._course.policy(self.model, self._normaliser), by_expert=by_expert)
+        self._normaliser.see(rollout)
+        observations = rollout.observations[:-1]
+        shown = Shown(*(array.reshape(-1, array.shape[-1]) for array in (observations, rollout.actions)))
+        return shown, rollout.finished(~by_expert)
+
+    def _imitated(self, finished: Finished) -> None:
+        self._course.imitated(self.model.num_timesteps, finished)
+        self.save()
+
+    def learn(self, steps: int) -> None:
+        """Make so many environment steps more, whole updates."""
+        model, configuration = self.model, self._configuration
+        last = model.num_timesteps + steps
+        model.set_logger(configure_logger(0, model.tensorboard_log, "PPO", reset_num_timesteps=False))
+        while model.num_timesteps < last:
+            began = time.monotonic()
+            policy = self.save()
+            begin_update(model, configuration)
+            rollout = self._roll_out(policy, (configuration.seed, model.num_timesteps))
+            model.num_timesteps += configuration.update_steps
+            self._log(rollout, began)
+            free_actor(model, configuration)
+            self._learn_from(rollout, last)
+        self.save()
+
+    def _roll_out(
+        self, policy: Policy, noise: tuple[int, int] | None = None, by_expert: NDArray[np.bool_] | None = None
+    ) -> Rollout:
+        """An episode in every world."""
+        configuration, steps = self._configuration, self.model.num_timesteps
+        episodes = np.array(self._course.hard.choose(steps))
+        orders = [
+            Order(
+                place=self._place,
+                first=int(worlds[0]),
+                episodes=episodes[worlds],
+                noise=noise,
+                by_expert=None if by_expert is None else by_expert[worlds],
+                force_weight_per_n=0.0 if noise is None else configuration.force_weight_at(steps),
+                detour_weight_per_m=configuration.detour_weight_per_m,
+            )
+            for worlds in self._parts
+        ]
+        return Rollout.joined(self._make_all(policy, orders))
+
+    def _learn_from(self, rollout: Rollout, last: int) -> None:
+        model = self.model
+        rewards = self._normaliser.rewards(rollout)
+        _fill(model, self._normaliser.normalize_obs(rollout.observations), rollout.actions, rewards)
+        model._update_current_progress_remaining(model.num_timesteps, last)  # pyright: ignore[reportPrivateUsage]
+        model.train()
+        self._normaliser.see(rollout)
+
+    def _log(self, rollout: Rollout, began: float) -> None:
+        configuration, logger, hard = self._configuration, self.model.logger, self._course.hard
+        if configuration.hard_share > 0.0:
+            hard.judge(rollout.success.tolist(), rollout.episode_force_n.tolist())
+        self._course.hear("PPO", self.model.num_timesteps, rollout.finished(slice(hard.again, None)))
+        _, reward, success = self._course.latest
+        logger.record("rollout/reward_mean", reward)
+        logger.record("rollout/success_rate", success)
+        logger.record("rollout/bytes", rollout.nbytes)
+        logger.record("time/fps", int(configuration.update_steps / (time.monotonic() - began)))
+        logger.dump(self.model.num_timesteps)
+
+
+class UpdateNormaliser:
+    """Scales observations and rewards, and learns of both once an update; see ``stable_baselines.Normaliser``."""
+
+    def __init__(self, observation: Observation, discount: float) -> None:
+        self.obs_rms: Any = ObservationScale(observation)
+        self.ret_rms: Any = RunningMeanStd()
+        self.clip_obs, self.epsilon = OBSERVATION_CLIP, 1e-8
+        self._discount = discount
+
+    def normalize_obs(self, obs: Any) -> Any:
+        """Observations (…, O) in standard deviations from the mean, single precision."""
+        deviation = np.sqrt(self.obs_rms.var + self.epsilon)
+        scaled = (obs - self.obs_rms.mean) / deviation
+        return np.clip(scaled, -self.clip_obs, self.clip_obs).astype(np.float32)
+
+    def see(self, rollout: Rollout) -> None:
+        """Learn what observations are like."""
+        observations = rollout.observations
+        self.obs_rms.update(observations.reshape(-1, observations.shape[-1]).astype(float))
+
+    def rewards(self, rollout: Rollout) -> NDArray[np.float32]:
+        """Learn how far discounted returns go, and scale rewards (T, n) by that."""
+        returns = np.zeros(rollout.rewards.shape)
+        so_far = np.zeros(rollout.rewards.shape[1])
+        for number, reward in enumerate(rollout.rewards):
+            so_far = so_far * self._discount + reward
+            returns[number] = so_far
+        self.ret_rms.update(returns.ravel())
+        return np.clip(rollout.rewards / np.sqrt(self.ret_rms.var + self.epsilon), -10.0, 10.0).astype(
+            np.float32
+        )
+
+
+def _observation(environment: str) -> Observation:
+    task, robot = find_environment(environment)
+    return TASKS[task].observation(TASKS[task].scene(find_robot(robot)))
+
+
+def _fill(
+    model: PPO, observations: NDArray[np.float32], actions: NDArray[np.float32], rewards: NDArray[np.float32]
+) -> None:
+    """Put whole episodes into a model's buffer: observations (T + 1, N, O), actions and rewards of each step.
+
+    Episodes are cut off, not over: what may follow the last step counts with the critic's value.
+    """
+    buffer, policy = model.rollout_buffer, model.policy
+    policy.set_training_mode(False)
+    buffer.reset()
+    count = rewards.shape[1]
+    seen, done = torch.as_tensor(observations), torch.as_tensor(actions)
+    with torch.no_grad():
+        last_values: Any = policy.predict_values(seen[-1])
+        for number, reward in enumerate(rewards):
+            value, log_probability, _ = policy.evaluate_actions(seen[number], done[number])
+            if number == len(rewards) - 1:
+                reward = reward + model.gamma * last_values.numpy().ravel()
+            starts = np.full(count, number == 0)
+            buffer.add(observations[number], actions[number], reward, starts, value, log_probability)
+    buffer.compute_returns_and_advantage(last_values, np.ones(count, dtype=bool))

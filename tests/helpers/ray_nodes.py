@@ -1,0 +1,76 @@
+"""A Ray cluster of several nodes on this machine, each of its own processes."""
+
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+os.environ["RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO"] = "0"
+os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+os.environ["RAY_worker_niceness"] = "0"  # noqa: SIM112  as Ray spells it
+
+_PORTS = (
+    "metrics_agent_port",
+    "runtime_env_agent_port",
+    "dashboard_agent_listen_port",
+    "metrics_export_port",
+)
+
+
+def add_node(nodes: Any, cores: int) -> Any:
+    """One more node, ports chosen free."""
+    return nodes.add_node(num_cpus=cores, include_dashboard=False, **{name: _free_port() for name in _PORTS})
+
+
+@contextmanager
+def ray_nodes(*cores: int) -> Iterator[Any]:
+    """A cluster whose head node has no cores, with a node of so many each beside it."""
+    from ray.cluster_utils import Cluster
+
+    os.environ["PYTHONPATH"] = str(Path(__file__).parent)  # where workers find what tests have them do
+    nodes = Cluster()
+    try:
+        add_node(nodes, 0)
+        for count in cores:
+            add_node(nodes, count)
+        yield nodes
+    finally:
+        nodes.shutdown()
+
+
+def kill_node(node: Any) -> None:
+    """Kill a node's processes, workers and all, at once."""
+    node.kill_raylet(check_alive=False)
+
+
+def assert_same_training(out: Path, whole: Path) -> None:
+    """All that the next update of two trainings would depend on, bit for bit."""
+    import torch
+
+    one, other = (torch.load(folder / "checkpoint.pt", weights_only=True) for folder in (out, whole))
+    assert one["steps"] == other["steps"]
+    for part in ("policy", "observations", "returns"):
+        for name, value in one[part].items():
+            assert np.array_equal(np.asarray(value), np.asarray(other[part][name])), name
+
+
+def where() -> tuple[int, str]:
+    """Process and node of a call."""
+    import ray
+
+    return os.getpid(), ray.get_runtime_context().get_node_id()
+
+
+def refuse(number: int) -> None:
+    """Fail."""
+    raise ValueError(f"{number} is refused")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]

@@ -1,0 +1,117 @@
+"""A cluster gives what one process gives, whoever dies meanwhile; on several nodes of this machine."""
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("ray", reason="clusters are an extra, too large for every computer")
+pytest.importorskip("stable_baselines3", reason="training is an extra")
+
+from avrgym.learning import training
+from avrgym.learning.evaluation import evaluate_all
+from avrgym.learning.training import TrainingConfiguration, resume, train
+from avrgym.system.cluster import Cluster, connected
+from ray_nodes import assert_same_training, ray_nodes, refuse, where
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
+FEEDING = "avrgym/FeedingJaco-v1"
+TINY = TrainingConfiguration(
+    environment="avrgym/ScratchItchJaco-v1",
+    people="participants",
+    steps=4 * 5 * 200,
+    seed=4,
+    worlds=5,
+    epochs=2,
+    minibatch=250,
+    threads=1,
+    imitation_rounds=1,
+    imitation_share=0.5,
+    hard_share=0.5,
+    critic_updates=1,
+)
+
+
+@pytest.fixture(scope="module")
+def nodes() -> Iterator[Any]:
+    with ray_nodes(1, 1) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def cluster(nodes: Any) -> Iterator[Cluster]:
+    with connected(nodes.address, 2) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A training of one process."""
+    out = tmp_path_factory.mktemp("runs") / "whole"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "MEASURED_EPISODES", 1)
+        train(TINY, out)
+    return out
+
+
+@pytest.fixture(autouse=True)
+def _measured_shortly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
+
+
+def test_a_cluster_and_kills_of_workers_change_no_weight(whole, cluster, tmp_path) -> None:
+    """A worker dies in the middle of each part; the parts are not equal."""
+    killed: set[int] = set()
+
+    def kill(progress: training.Progress) -> None:
+        processes = [process for process, _ in cluster.run_all(where, [(), ()])]
+        killed.add(processes[0])
+        threading.Timer(0.3, os.kill, (processes[0], signal.SIGKILL)).start()
+
+    train(TINY, tmp_path / "shared", kill, cluster=cluster)
+    assert len(killed) >= 2
+    assert_same_training(tmp_path / "shared", whole)
+
+
+def test_a_training_goes_on_elsewhere(whole, cluster, tmp_path) -> None:
+    """Begun on a cluster, ended in one process."""
+
+    class Killed(Exception):
+        pass
+
+    def kill(progress: training.Progress) -> None:
+        if progress.steps >= 3000:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train(TINY, tmp_path / "cut", kill, cluster=cluster)
+    resume(tmp_path / "cut")
+    assert_same_training(tmp_path / "cut", whole)
+
+
+def test_rows_are_the_same_from_a_cluster(cluster) -> None:
+    told: list[int] = []
+    rows = evaluate_all([FEEDING], "revised", "revised", 3, 7, told.append, cluster=cluster)
+    assert rows == evaluate_all([FEEDING], "revised", "revised", 3, 7, jobs=1)
+    assert sum(told) == 3 * 200
+
+
+def test_the_error_of_a_call_is_told(cluster) -> None:
+    with pytest.raises(ValueError, match="2 is refused"):
+        cluster.run_all(refuse, [(2,)])
+
+
+def test_what_does_not_fit_is_refused_before_anything_is_written(cluster, tmp_path) -> None:
+    with pytest.raises(RuntimeError, match=r"a worker would need .* let more workers share the worlds"):
+        cluster.need(1 << 60)
+    with pytest.raises(ValueError, match=r"worlds would take .* of this computer's memory"):
+        train(replace(TINY, worlds=10**9), tmp_path / "many", cluster=cluster)
+    old = replace(TINY, learning_version=1)
+    with pytest.raises(ValueError, match="begun by an earlier version"):
+        train(old, tmp_path / "old", cluster=cluster)
+    assert not list(tmp_path.iterdir())
