@@ -3,7 +3,10 @@ import { STAGE_WORDS, STALE_S, TICK_S, type PhaseName, type Status, type Timing 
 /** What happens in a phase, for those who watch. */
 export const PHASE_WORDS: Readonly<Record<PhaseName, string>> = {
   waiting: "the participant is not in VR",
+  headset: "the headset is about to be checked",
+  headset_check: "the headset is checked",
   calibration: "the participant is measured",
+  reach: "the participant's reach is measured",
   loading: "the scene is prepared",
   check: "the participant looks whether body and seat fit",
   ready: "the participant says when to begin",

@@ -408,7 +408,7 @@ def test_who_makes_an_update_s_episodes_changes_none_of_them(sizes):
 
 def orders_of(split: tuple[int, ...], how: dict) -> list[Order]:
     """Of five worlds, in parts of these sizes."""
-    place = Place(SCRATCHING, Carried.of("participants"), "tremor", 1)
+    place = Place(SCRATCHING, Carried.of("participants"), "tremor", 1, "threads")
     ends = np.cumsum(split)
     return [
         Order(
