@@ -9,10 +9,10 @@ import pylsl
 from avrgym.models.body_regions import BODY_REGIONS
 from avrgym.models.human import PREFIX
 from avrgym.vr.session.events import SessionEvent
-from avrgym.vr.session.reporting import STATE_EVERY_TICKS
+from avrgym.vr.session.streams import SHOWN_EVERY_TICKS
 from avrgym.vr.tracking.world import TICK_S, LiveWorld
 
-RATE_HZ = 1.0 / (STATE_EVERY_TICKS * TICK_S)
+RATE_HZ = 1.0 / (SHOWN_EVERY_TICKS * TICK_S)
 POSED = {
     "head": f"{PREFIX}head",
     "left_hand": f"{PREFIX}left_hand",

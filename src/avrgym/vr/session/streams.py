@@ -8,9 +8,12 @@ import msgspec
 from avrgym.recording.records import Stream, StreamSamples
 from avrgym.vr.protocol.messages import StreamStatus
 from avrgym.vr.session.events import SessionEvent, StreamFound, StreamLost
-from avrgym.vr.session.reporting import STATE_EVERY_TICKS
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.world import LiveWorld
+
+
+SHOWN_EVERY_TICKS = 2
+"""Poses and forces go out 50 times a second."""
 
 
 class Streams(Protocol):
@@ -54,7 +57,7 @@ class StreamRecording:
         state, now_s = self._state, self._state.now_s
         arrived = self._streams.take(now_s)
         self._ticks += 1
-        if self._ticks % STATE_EVERY_TICKS == 0:
+        if self._ticks % SHOWN_EVERY_TICKS == 0:
             self._streams.show(state.world, now_s)
         if state.storage.attempt is not self._attempt:
             self._begin()
