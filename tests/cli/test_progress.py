@@ -63,7 +63,7 @@ def test_a_file_gets_plain_lines(colours: dict[str, str], monkeypatch: pytest.Mo
         "walking: 4 of 10 steps (40 %), 0.17 a second, 36 s left",
         "walking: 6 of 10 steps (60 %), 0.17 a second, 24 s left",
         "walking: 8 of 10 steps (80 %), 0.17 a second, 12 s left",
-        "walking: 10 of 10 steps (100 %), 0.17 a second, 0 s left",
+        "walking: 10 of 10 steps (100 %), 0.17 a second",
         "walking: done in 60 s",
     ]
 

@@ -75,7 +75,8 @@ class Bar:
 
     def _left(self) -> str:
         per_s, total = self._pace.per_s, self._task.total
-        return f"{duration((total - self._task.completed) / per_s)} left" if per_s and total else ""
+        remaining = (total or 0.0) - self._task.completed
+        return f"{duration(remaining / per_s)} left" if per_s and remaining > 0.0 else ""
 
     def _line(self) -> str:
         """Such as ``avrgym/FeedingJaco-v1: 38400 of 300000 steps (13 %), 1250 a second, 4 min left``."""

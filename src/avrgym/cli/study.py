@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,6 +24,7 @@ from avrgym.cli.terminal import (
 from avrgym.models.sexes import SEXES
 
 if TYPE_CHECKING:
+    from avrgym.study.checking.summary import ParticipantSummary
     from avrgym.study.storage.store import Store
 
 app = typer.Typer(no_args_is_help=True, help="Lead a study from its design to the export of its data.")
@@ -72,11 +73,17 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
     say(f"participants per order  {', '.join(map(str, summary.filled))}")
     say_sites(summary)
     if summary.participants:
-        print_table([asdict(participant) for participant in summary.participants])
+        print_table([_row(participant) for participant in summary.participants])
     if frozen_at is not None:
         say(f"plan frozen at {frozen_at}, deviations: {len(deviations)}")
     for each in deviations:
         say(f"deviation  {each.where}: {each.what}")
+
+
+def _row(participant: "ParticipantSummary") -> dict[str, Any]:
+    """A participant as people are told of: which of the orders is theirs, from 1, not which cell of the design."""
+    row = {{"cell": "order"}.get(name, name): value for name, value in asdict(participant).items()}
+    return row | {"order": None if participant.cell is None else participant.cell + 1}
 
 
 @app.command()

@@ -1,0 +1,70 @@
+"""The wheel of this clone in an empty environment, as an ordinary user, in a folder with spaces and umlauts.
+
+It is built, installed from the package index with all that it needs, and lets a simulated participant and a simulated
+study come to their reports.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from places import ROOT
+
+DESIGN = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "policies": '["revised"]', "practice_policy": '""'}
+ORDINARY_USER = 65534
+"""The number of ``nobody``."""
+PYTHON = "/usr/bin/python3" if os.geteuid() == 0 else sys.executable
+"""An interpreter that this user may run."""
+
+
+@pytest.fixture
+def lab() -> Iterator[Path]:
+    """A folder of an ordinary user's."""
+    folder = Path(tempfile.mkdtemp(prefix="Lab für Ärzte "))
+    if os.geteuid() == 0:
+        os.chown(folder, ORDINARY_USER, ORDINARY_USER)
+    yield folder
+    shutil.rmtree(folder)
+
+
+def run(lab: Path, *command: str | Path) -> str:
+    """What a command prints, run in the folder by an ordinary user."""
+    who = {"user": ORDINARY_USER, "group": ORDINARY_USER} if os.geteuid() == 0 else {}
+    kept = {name: os.environ[name] for name in os.environ if name.startswith(("PIP_", "SSL_", "LANG"))}
+    ran = subprocess.run(
+        command,
+        cwd=lab,
+        env=kept | {"HOME": str(lab), "PATH": f"{lab / 'env' / 'bin'}:/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        **who,
+    )
+    assert ran.returncode == 0, (command, ran.stdout, ran.stderr)
+    return ran.stdout
+
+
+def test_a_wheel_in_an_empty_environment(lab: Path) -> None:
+    build = f"import hatchling.build; print(hatchling.build.build_wheel({str(lab)!r}))"
+    subprocess.run([sys.executable, "-c", build], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    (wheel,) = lab.glob("*.whl")
+    wheel.chmod(0o644)
+    run(lab, PYTHON, "-m", "venv", "env")
+    run(lab, "pip", "install", "--quiet", "--no-cache-dir", wheel)
+    assert "faults: 0" in run(lab, "avrgym", "doctor")
+    assert "report    demo/report/index.html" in run(lab, "avrgym", "demo", "--out", "demo")
+    assert (lab / "demo" / "report" / "index.html").stat().st_size > 1000
+    run(lab, "avrgym", "study", "new", "studie")
+    design = lab / "studie" / "study.toml"
+    lines = design.read_text().splitlines()
+    for name, value in DESIGN.items():
+        lines = [f"{name} = {value}" if line.startswith(f"{name} = ") else line for line in lines]
+    design.write_text("\n".join(lines) + "\n")
+    run(lab, "avrgym", "study", "simulate", "studie", "--participants", "2")
+    run(lab, "avrgym", "analyze", "studie")
+    assert "simulated" in (lab / "studie" / "analysis" / "report" / "index.html").read_text()
