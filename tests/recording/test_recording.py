@@ -130,7 +130,7 @@ def test_other_readers_of_mcap_find_the_schemas_the_messages_and_the_metadata(tm
     with open(tmp_path / "trial.mcap", "rb") as file:
         reader = make_reader(file, validate_crcs=True)
         messages = list(reader.iter_messages(topics=["/control"]))
-        assert [record.name for record in reader.iter_metadata()] == ["configuration", "outcome"]
+        assert [record.name for record in reader.iter_metadata()] == ["configuration", "origin", "outcome"]
     schema, channel, message = messages[0]
     assert schema is not None
     assert (schema.name, schema.encoding, channel.message_encoding) == (

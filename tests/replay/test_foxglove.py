@@ -80,7 +80,7 @@ def test_every_body_has_a_place_and_what_is_seen_has_a_body(recording: Recording
     ((_, scene),) = shown["/scene"]
     entities = {entity.frame_id: entity for entity in scene.entities}
     assert all(entity.frame_locked and not entity.lifetime.ToNanoseconds() for entity in entities.values())
-    assert {"person/head", "person/right_hand", "robot/tool", "wheelchair"} <= set(entities)
+    assert {"person/head", "person/right_hand", "robot/link_7", "wheelchair"} <= set(entities)
     assert set(entities) <= {*recording.metadata["bodies"], "world"}
     head = np.array([[p.x, p.y, p.z] for part in entities["person/head"].triangles for p in part.points])
     assert 0.1 < np.ptp(head, axis=0).min() < np.ptp(head, axis=0).max() < 0.5

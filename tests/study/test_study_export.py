@@ -317,11 +317,10 @@ def test_robomimic_makes_the_environment_of_an_export(exports: dict[str, Path]) 
         if importlib.util.find_spec(package) is None:
             pytest.skip(f"{package} is not installed (`pip install robomimic gym==0.26.2` brings both)")
     program = """
-import sys
-import robomimic.utils.env_utils as made, robomimic.utils.file_utils as files, robomimic.utils.obs_utils as seen
-meta = files.get_env_metadata_from_dataset(sys.argv[1])
-seen.initialize_obs_utils_with_obs_specs({"obs": {"low_dim": ["flat"], "rgb": []}})
-environment = made.create_env_from_metadata(meta)
+import json, sys
+import h5py
+from robomimic.utils.env_utils import create_env_from_metadata
+environment = create_env_from_metadata(json.loads(h5py.File(sys.argv[1])["data"].attrs["env_args"]))
 observation = environment.reset()["flat"]
 after, reward, done, _ = environment.step([0.0] * environment.action_dimension)
 print("SAW", observation.shape, after["flat"].shape, float(reward) < 0, done, environment.is_success())
