@@ -27,8 +27,8 @@ WORDS = {"before_session": Said("questions_before"), "after_session": Said("ques
 class SessionQuestions:
     """Asks one item after another, each when the answer before it is stored, until all answers are confirmed.
 
-    The participant may go back before. The experimenter may skip what is left, or end the session. ``verdict`` is what the study's
-    stop rules say to the answers so far; what is asked is asked to its end.
+    The participant may go back before. The experimenter may skip what is left, or end the session. ``verdict`` is what
+    the study's stop rules say to the answers so far; what is asked is asked to its end.
     """
 
     def __init__(self, visit: StudyVisit, when: str, send: Send) -> None:

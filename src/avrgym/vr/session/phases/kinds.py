@@ -62,7 +62,7 @@ class Ongoing(Phase):
         return self._begin_trial() if more else self._finish("finished")
 
     def _begin_trial(self) -> phases.Begins:
-        """Begin the next attempt, once its world is made, its participant in place, ready and tracked, and nobody pauses."""
+        """Begin the next attempt, once its world is made, its participant is in place, ready and tracked."""
         state = self.state
         if state.storage.completing is not None:
             return phases.Storing(state)
