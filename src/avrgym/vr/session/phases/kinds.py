@@ -16,24 +16,24 @@ from avrgym.vr.tracking.tracking_state import TrackingState
 class Ongoing(Phase):
     """Any phase but the last."""
 
-    def enter_vr(self) -> phases.Calibration | phases.LoadCalibration:
+    def enter_vr(self) -> phases.Anew:
         self.state.abandon("interrupted")
         return self._calibrate_again()
 
-    def leave_vr(self) -> phases.Waiting:
+    def leave_vr(self) -> phases.Gone:
         self.state.abandon("interrupted")
         return phases.Waiting(self.state, Said("waiting_left"))
 
-    def disconnect(self) -> phases.Waiting:
+    def disconnect(self) -> phases.Gone:
         super().disconnect()
         self.state.abandon("interrupted")
         return phases.Waiting(self.state, Said("waiting_lost"))
 
-    def end(self) -> phases.Finished:
+    def end(self) -> phases.Ended:
         self.state.abandon("ended")
         return self._finish("ended")
 
-    def call_off(self) -> phases.Finished:
+    def call_off(self) -> phases.Ended:
         return self.end()
 
     def fail(self, error: Exception) -> phases.RecordingFailed:
@@ -99,7 +99,7 @@ class Ongoing(Phase):
 class InVR(Ongoing):
     """The participant is in VR."""
 
-    def reset_origin(self) -> phases.Calibration | phases.LoadCalibration:
+    def reset_origin(self) -> phases.Anew:
         return self.enter_vr()
 
 
