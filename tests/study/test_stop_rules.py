@@ -16,7 +16,7 @@ from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import Answer, Command, Phase, Problem, ServerMessage, Status
+from avrgym.vr.protocol.messages import Answer, Command, Phase, Problem, Ready, ServerMessage, Status
 from avrgym.vr.tracking.world import TICK_S
 from studies import make_study, take_in
 from visit import Visit
@@ -169,6 +169,7 @@ def test_who_is_sick_already_begins_paused_or_not_at_all(store: Store, nausea: i
     pseudonym, heard = take_in(store), list[ServerMessage]()
     sessions = StudySessions(store, heard.append, first=pseudonym)
     sessions.receive(Answer(item="nausea", value=nausea, response_time_s=1.0), 0.0)
+    sessions.receive(Ready(), 0.0)
     for tick in range(30):
         sessions.tick(tick * TICK_S)
     problems = [each.message for each in heard if isinstance(each, Problem)]

@@ -526,7 +526,7 @@ def newer(tmp_path: Path) -> Path:
     shutil.copytree(database.MIGRATIONS, folder, ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "versions" / "9999_colour.py").write_text(
         "import sqlalchemy as sa\nfrom alembic import op\n"
-        "revision, down_revision = '9999_colour', '0005_headset_check'\n"
+        "revision, down_revision = '9999_colour', '0006_headset_check'\n"
         "def upgrade():\n    op.add_column('note', sa.Column('colour', sa.String))\n"
     )
     return folder
@@ -550,7 +550,7 @@ def test_an_older_study_is_brought_up_to_date_after_a_backup(
             columns = sa.inspect(connection).get_columns("note")
         assert "colour" in {column["name"] for column in columns}
     (backup,) = (store.folder / "backups").iterdir()
-    assert backup.name.startswith("0005_headset_check-")
+    assert backup.name.startswith("0006_headset_check-")
     if kind == "sqlite":
         copy = store.folder / "copy"
         copy.mkdir()

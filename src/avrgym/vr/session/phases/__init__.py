@@ -38,10 +38,16 @@ from avrgym.vr.session.phases.running import (
     Trial,
 )
 
-Enters = CheckBegins | Calibration | LoadCalibration
-"""What may follow when the participant enters VR."""
 Begins = LoadTrial | Calibration | Storing | Paused | RecordingFailed | AskReady | FreeBefore
 """What may follow when a trial shall begin."""
+Ended = Finished | RecordingFailed
+"""What may follow when nothing begins any more, and when an answered trial is completed before."""
+Enters = CheckBegins | Calibration | LoadCalibration | Ended
+"""What may follow when the participant enters VR."""
+Gone = Waiting | Ended
+"""What may follow when the participant leaves."""
+Anew = Calibration | LoadCalibration | Ended
+"""What may follow when they are measured again."""
 Loaded = Begins | Check
 """What may follow when a world is shown."""
 

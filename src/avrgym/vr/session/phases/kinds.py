@@ -24,20 +24,20 @@ class Ongoing(Phase):
         state.tracking, state.calibrated_for = TrackingState(), None
         return phases.CheckBegins(state)
 
-    def leave_vr(self) -> phases.Waiting:
+    def leave_vr(self) -> phases.Gone:
         self.state.abandon("interrupted")
         return phases.Waiting(self.state, Said("waiting_left"))
 
-    def disconnect(self) -> phases.Waiting:
+    def disconnect(self) -> phases.Gone:
         super().disconnect()
         self.state.abandon("interrupted")
         return phases.Waiting(self.state, Said("waiting_lost"))
 
-    def end(self) -> phases.Finished:
+    def end(self) -> phases.Ended:
         self.state.abandon("ended")
         return self._finish("ended")
 
-    def call_off(self) -> phases.Finished:
+    def call_off(self) -> phases.Ended:
         return self.end()
 
     def fail(self, error: Exception) -> phases.RecordingFailed:

@@ -200,21 +200,19 @@ class Confirm(InPlace):
         self._questions.go_back()
         return Questionnaire(self.state, self._questions)
 
-    def enter_vr(
-        self,
-    ) -> phases.Calibration | phases.LoadCalibration | phases.Finished | phases.RecordingFailed:
+    def enter_vr(self) -> phases.Enters:
         return self._keep() or super().enter_vr()
 
-    def leave_vr(self) -> phases.Waiting | phases.Finished | phases.RecordingFailed:
+    def leave_vr(self) -> phases.Gone:
         return self._keep() or super().leave_vr()
 
-    def disconnect(self) -> phases.Waiting | phases.Finished | phases.RecordingFailed:
+    def disconnect(self) -> phases.Gone:
         return self._keep() or super().disconnect()
 
-    def end(self) -> phases.Finished | phases.RecordingFailed:
+    def end(self) -> phases.Ended:
         return self._keep() or super().end()
 
-    def _keep(self) -> phases.Finished | phases.RecordingFailed | None:
+    def _keep(self) -> phases.Ended | None:
         """Complete the trial, whose answers are all there, before anything else happens; what follows, if that does."""
         following = self._complete_trial()
         return following if isinstance(following, phases.Finished | phases.RecordingFailed) else None

@@ -3,8 +3,8 @@
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0005_headset_check"
-down_revision = "0004_sites"
+revision = "0006_headset_check"
+down_revision = "0005_language"
 
 
 def upgrade() -> None:
