@@ -123,6 +123,7 @@ def test_a_standalone_headset_can_bear_it_and_every_phase_is_pictured(
     assert budget.calls <= MOST_CALLS
     assert budget.triangles <= MOST_TRIANGLES
     assert budget.script_ms <= MOST_SCRIPT_MS
+    assert budget.shown_ms <= MOST_SHOWN_MS
 
 
 def page_picture(journey: Journey, path: Path) -> Path:
