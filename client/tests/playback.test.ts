@@ -55,6 +55,7 @@ const WAYS: Record<string, Late> = {
   "a pause": pauseAt(300, 1),
   "half the states": (n) => (n % 2 ? TICK_S : 0),
   "a simulation that lost a second": (n) => (n < 300 ? 0.001 : 1.001),
+  "a simulation that loses a tenth of its time": (n) => 0.1 * n * TICK_S,
   "clocks that drift by 200 ppm": (n) => 0.01 + 2e-4 * n * TICK_S,
 };
 const FRAMES: Record<string, (frame: number) => number> = {
@@ -79,6 +80,7 @@ describe.each(Object.entries(WAYS))("over %s", (_, late) => {
     for (const { nowS, newestS, drawnS } of pictures(7, late, frameS)) {
       freshest = Math.max(freshest, newestS - nowS);
       expect(drawnS).toBeLessThanOrEqual(newestS);
+      expect(newestS - drawnS).toBeLessThan(MOST_BEHIND_S + LEFT_OUT_S + 0.1);
       expect(drawnS).toBeGreaterThanOrEqual(before);
       if (newestS - nowS > freshest - 0.01)
         expect(nowS + freshest - drawnS).toBeLessThan(MOST_BEHIND_S + LEFT_OUT_S);

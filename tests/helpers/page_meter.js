@@ -19,7 +19,9 @@
     };
   };
 
-  // Memory: buffers, textures with their mipmaps, renderbuffers.
+  // Memory: buffers, textures with their mipmaps, renderbuffers. A headset brings the buffers of its eyes itself; here they
+  // are as large as the canvas.
+  const ofEyes = (gl, width, height) => width === gl.drawingBufferWidth && height === gl.drawingBufferHeight;
   const BYTES = {
     0x8058: 4, 0x8c43: 4, 0x1908: 4, 0x8051: 3, 0x1907: 3, 0x8229: 1, 0x822b: 2, 0x881a: 8, 0x881b: 6, 0x8814: 16,
     0x822d: 2, 0x822e: 4, 0x822f: 4, 0x8230: 8, 0x8c3a: 4, 0x81a5: 2, 0x81a6: 4, 0x8cac: 4, 0x88f0: 4, 0x8cad: 8,
@@ -41,8 +43,10 @@
   }
   around("bufferData", (target, data) =>
     resize(bound.get(`Buffer${target}`), typeof data === "number" ? data : (data?.byteLength ?? 0)));
-  around("texStorage2D", (target, levels, format, width, height) =>
-    resize(bound.get(`Texture${target}`), layers(target) * levelsOf(width, height, levels, pixel(format))));
+  around("texStorage2D", function (target, levels, format, width, height) {
+    if (ofEyes(this, width, height)) return;
+    resize(bound.get(`Texture${target}`), layers(target) * levelsOf(width, height, levels, pixel(format)));
+  });
   around("texStorage3D", (target, levels, format, width, height, depth) =>
     resize(bound.get(`Texture${target}`), depth * levelsOf(width, height, levels, pixel(format))));
   around("texImage2D", (target, level, format, width, height, ...rest) => {
@@ -51,10 +55,13 @@
     const cube = target >= 0x8515 && target <= 0x851a;
     if (level === 0 && Number.isFinite(w)) resize(bound.get(`Texture${cube ? 0x8513 : target}`), (cube ? 6 : 1) * w * h * pixel(format));
   });
-  around("renderbufferStorage", (target, format, width, height) =>
-    resize(bound.get(`Renderbuffer${target}`), width * height * pixel(format)));
-  around("renderbufferStorageMultisample", (target, samples, format, width, height) =>
-    resize(bound.get(`Renderbuffer${target}`), Math.max(samples, 1) * width * height * pixel(format)));
+  around("renderbufferStorage", function (target, format, width, height) {
+    if (!ofEyes(this, width, height)) resize(bound.get(`Renderbuffer${target}`), width * height * pixel(format));
+  });
+  around("renderbufferStorageMultisample", function (target, samples, format, width, height) {
+    if (ofEyes(this, width, height)) return;
+    resize(bound.get(`Renderbuffer${target}`), Math.max(samples, 1) * width * height * pixel(format));
+  });
   around("compressedTexImage2D", () => { throw Error("the size of compressed textures is not known"); });
 
   // Draw calls and triangles of a frame of both eyes, and of its shadows; with `idle` the GPU's work is left out.

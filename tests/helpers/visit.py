@@ -93,7 +93,7 @@ class Visit:
         make: Callable[[Send], Session] | None = None,
     ) -> None:
         """Begin a session with a plan in a folder, or one that ``make`` makes."""
-        self.heard: list[messages.ServerMessage] = []
+        self.heard: list[messages.ServerMessage | messages.State] = []
         self.participant = participant or SimulatedParticipant(draw_traits(plan.sex, 1), 1)
         self.tracking = self.loads = self.content = True
         self.pose_rad: NDArray[np.float64] | None = None

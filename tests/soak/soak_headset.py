@@ -33,7 +33,7 @@ SHARE_WARM = 0.25
 MOST_GPU_BYTES, MOST_CALLS, MOST_TRIANGLES = 40 << 20, 250, 500_000
 MOST_SCRIPT_MS, MOST_SHOWN_MS = 2.0, 1000.0
 MOST_SERVER_GROWTH, MOST_PAGE_GROWTH = 32 << 20, 2 << 20
-FRAMES = 300
+MEASURED_S = 15.0
 SHEET_COLUMNS = 3
 PHASES_S = {
     "calibration": 0.5, "check": 0.3, "free_before": 1.0, "countdown": 0.3, "trial": 1.5, "paused": 0.5, "retreat": 1.0,
@@ -79,20 +79,22 @@ class Visitor(BrowserAttendance):
 
 @dataclass(frozen=True)
 class Budget:
-    """What one environment takes in full detail; calls and triangles are those of both eyes and the shadows."""
+    """What one environment takes in full detail; calls and triangles are those of both eyes and the shadows.
+
+    ``script_ms`` is the processor time of the page's scripts for a frame, messages since the one before included.
+    """
 
     environment: str
     calls: int
     triangles: int
     gpu_mb: float
     script_ms: float
-    script_p95_ms: float
     shown_ms: float
 
     def __str__(self) -> str:
         return (
             f"| {self.environment} | {self.calls} | {self.triangles // 1000} | {self.gpu_mb:.1f} "
-            f"| {self.script_ms:.2f} | {self.script_p95_ms:.2f} | {self.shown_ms:.0f} |"
+            f"| {self.script_ms:.2f} | {self.shown_ms:.0f} |"
         )
 
 
@@ -121,6 +123,7 @@ def test_a_standalone_headset_can_bear_it_and_every_phase_is_pictured(
     assert budget.calls <= MOST_CALLS
     assert budget.triangles <= MOST_TRIANGLES
     assert budget.script_ms <= MOST_SCRIPT_MS
+    assert budget.shown_ms <= MOST_SHOWN_MS
 
 
 def page_picture(journey: Journey, path: Path) -> Path:
@@ -131,21 +134,32 @@ def page_picture(journey: Journey, path: Path) -> Path:
 def measured(journey: Journey, environment: str) -> Budget:
     """The page's frames without the software renderer's work: what the GPU is told to draw it does not draw."""
     page = journey.headset.page
+    cdp = page.context.new_cdp_session(page)
+    cdp.send("Performance.enable", {"timeDomain": "threadTicks"})
     page.evaluate("() => { pageMeter.idle = true; pageMeter.frames.length = 0; }")
-    journey.headset.await_frames(FRAMES)
+    spent_s, drawn = script_s(cdp), journey.headset.call("framesDrawn")
+    time.sleep(MEASURED_S)
+    spent_s, drawn = script_s(cdp) - spent_s, journey.headset.call("framesDrawn") - drawn
     meter = page.evaluate(
-        "() => ({ bytes: pageMeter.bytes, frames: pageMeter.frames, scenes: pageMeter.scenes })"
+        "() => ({ bytes: pageMeter.bytes, frames: pageMeter.frames, scenes: pageMeter.scenes,"
+        " largest: pageMeter.largest() })"
     )
-    script_ms = [frame["ms"] for frame in meter["frames"]]
+    largest = ", ".join(f"{each / (1 << 20):.1f}" for each in meter["largest"])
+    print(f"\n{drawn} frames; the largest on the GPU, MiB: {largest}", end="")
     return Budget(
         environment=environment.removeprefix("avrgym/").removesuffix("-v1"),
         calls=max(frame["calls"] for frame in meter["frames"]),
         triangles=round(max(frame["triangles"] for frame in meter["frames"])),
         gpu_mb=meter["bytes"] / (1 << 20),
-        script_ms=median(script_ms),
-        script_p95_ms=float(np.percentile(script_ms, 95)),
+        script_ms=1000.0 * spent_s / drawn,
         shown_ms=min(meter["scenes"]),
     )
+
+
+def script_s(cdp: Any) -> float:
+    """The processor time that the page's scripts have taken so far."""
+    metrics = {each["name"]: each["value"] for each in cdp.send("Performance.getMetrics")["metrics"]}
+    return float(metrics["ScriptDuration"])
 
 
 def contact_sheet(pictures: list[Path], environment: str) -> None:
@@ -180,7 +194,6 @@ def test_a_long_session_at_90_hz_keeps_memory_flat_and_clocks_together(tmp_path:
         journey = Journey(tmp_path, plan, load_policies(plan), opened)
         visitor = Visitor(journey, tmp_path, stops=False, after_s={})
         journey.session._called_off = lambda: time.monotonic() > ends_s
-        began = time.monotonic(), journey.session.world.time_s
         visitor.run()
         recordings = [read_recording(path) for path in journey.session.recordings]
         sent, missed = journey.headset.call("trackingSent"), journey.server.loop.missed_ticks
@@ -202,7 +215,7 @@ def test_a_long_session_at_90_hz_keeps_memory_flat_and_clocks_together(tmp_path:
             median(each[stage]["p50"] for each in some) for some in (told[:quarter], told[-quarter:])
         )
         print(f"{stage}: median {early:.1f} ms at first, {late:.1f} ms at last")
-    print(f"ticks given up: {missed}; began {began}")
+    print(f"ticks given up: {missed}")
 
 
 def server_bytes() -> int:

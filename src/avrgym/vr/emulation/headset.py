@@ -133,7 +133,7 @@ class EmulatedHeadset:
 
     def screenshot(self, path: Path) -> Path:
         """Save what the participant sees, both eyes."""
-        self.page.screenshot(path=path, style="#card { display: none }")
+        self.page.screenshot(path=path, style="#card, #stop { display: none !important }")
         return path
 
 
