@@ -31,6 +31,7 @@ from avrgym.vr.protocol.received import Disconnected, Received
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.phases import PHASES
 from avrgym.vr.session.phases.phase import Phase
+from avrgym.vr.session.phases.preparing import Reaching
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.session.session import Session
 from visit import Visit, driving, plan
@@ -105,7 +106,7 @@ class Walk:
         self.messages = 0
         self._chance, self._world = random.Random(seed), random.Random(seed + 1000)
         self._busy = 0
-        checked = HeadsetCheckPlan(at_rest_s=0.2, stretched_s=0.2, moving_s=0.2)
+        checked = HeadsetCheckPlan(at_rest_s=0.05, stretched_s=0.05, moving_s=0.05)
         session = replace(
             plan(seeds=range(7), practice=True, environments=(SITTING, LYING)),
             headset_check=checked,
@@ -173,6 +174,7 @@ def test_no_message_and_no_tick_leads_where_no_annotation_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Thousands of messages at random; every phase is seen, and every method's outcome compared."""
+    monkeypatch.setattr(Reaching, "seconds", 0.1)
     allowed = {(phase, step): followers(phase, step) for phase in PHASES for step in STEPS}
     seen: set[type[Phase]] = set()
 
@@ -194,7 +196,7 @@ def test_no_message_and_no_tick_leads_where_no_annotation_does(
     messages = 0
     for seed in SEEDS:
         walk = Walk(tmp_path / str(seed), seed)
-        for _ in range(2000):
+        for _ in range(2600):
             walk.step()
         walk.visit.leave()
         messages += walk.messages

@@ -91,10 +91,10 @@ def test_after_a_slide_the_head_is_where_it_is_tracked(tmp_path: Path, way_m: tu
 def test_who_leans_stays_where_they_are(tmp_path: Path) -> None:
     visit = sitting(tmp_path)
     before = visit.place
-    assert visit.pose_rad is not None
     for lean_deg in (10.0, 20.0, 25.0):
-        visit.pose_rad = visit.pose_rad.copy()
-        visit.pose_rad[human.JOINT_INDEX["waist_x"]] = np.radians(lean_deg)
+        leaning_rad = visit.participant._rest_rad.copy()
+        leaning_rad[human.JOINT_INDEX["waist_x"]] = np.radians(lean_deg)
+        visit.pose_rad = leaning_rad
         visit.tick(200)
     assert visit.missed_m() < 0.02
     assert visit.place is before
