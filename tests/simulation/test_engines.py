@@ -124,7 +124,9 @@ def test_a_device_that_there_is_not_is_named() -> None:
 
 @with_warp
 def test_without_a_gpu_the_engine_says_so() -> None:
-    if warp.libraries().warp.is_cuda_available():
+    if warp.libraries().torch.cuda.is_available():
         pytest.skip("there is a GPU here")
-    with pytest.raises(ValueError, match="needs a CUDA device, and there is none here; `warp:cpu` runs it"):
+    with pytest.raises(
+        ValueError, match="needs a CUDA device, and PyTorch finds none here; `warp:cpu` runs it"
+    ):
         Episodes(ENVIRONMENT, 1, engine="warp")

@@ -68,7 +68,7 @@ class Warp:
             RuntimeError: where the extra is not installed.
         """
         self._warp, self._mujoco_warp, self._torch = libraries()
-        self._device = _find_device(self._warp, device)
+        self._device = _find_device(self._warp, device or _first_gpu(self._torch))
         self.device, self._num_worlds = str(self._device.name), num_worlds
         self._capacity = Capacity.of(model)
         check_host_memory(num_worlds, model)
@@ -178,7 +178,7 @@ class Warp:
 
     def _bytes_per_world(self, model: mujoco.MjModel) -> int:
         one = self._made(model, 1)
-        parts: list[Any] = [*vars(one).values(), *vars(one.contact).values(), *vars(one.efc).values()]
+        parts = [getattr(of, each.name) for of in (one, one.contact, one.efc) for each in fields(of)]
         return sum(int(part.capacity) for part in parts if isinstance(part, self._warp.array))
 
     def _free_bytes(self) -> int | None:
@@ -217,19 +217,28 @@ class Capacity(NamedTuple):
         return cls(contacts, ROWS_PER_CONTACT * contacts + 2 * int(model.njnt))
 
 
+def _first_gpu(torch: Any) -> str:
+    """Its name.
+
+    Raises:
+        ValueError: where PyTorch can use none.
+    """
+    if not torch.cuda.is_available():
+        raise ValueError(
+            "the engine warp needs a CUDA device, and PyTorch finds none here; `warp:cpu` runs it on the processor, "
+            "far slower than threads do"
+        )
+    return "cuda:0"
+
+
 def _find_device(warp: Any, name: str) -> Any:
-    """The device of that name, or the first GPU.
+    """The device of that name.
 
     Raises:
         ValueError: naming the devices there are.
     """
-    if not name and not warp.is_cuda_available():
-        raise ValueError(
-            "the engine warp needs a CUDA device, and there is none here; `warp:cpu` runs it on the processor, "
-            "far slower than threads do"
-        )
     try:
-        return warp.get_device(name or "cuda:0")
+        return warp.get_device(name)
     except ValueError as error:
         known = ", ".join(str(device) for device in warp.get_devices())
         raise ValueError(f"the engine warp has no device {name!r}; allowed: {known}") from error
