@@ -24,11 +24,13 @@ config.env_runners(
     num_envs_per_env_runner=WORLDS,
     gym_env_vectorize_mode="vector_entry_point",  # the native worlds, stepped together
 )
-config.rl_module(model_config=DefaultModelConfig(fcnet_hiddens=[64, 64], fcnet_activation="tanh"))
+config.rl_module(
+    model_config=DefaultModelConfig(fcnet_hiddens=[64, 64], fcnet_activation="tanh", vf_share_layers=False)
+)
 config.training(
     lr=3e-4, gamma=0.97, lambda_=0.95, train_batch_size_per_learner=STEPS, minibatch_size=STEPS // 20
 )
-ray.init(include_dashboard=False, log_to_driver=False, configure_logging=False)
+ray.init("local", include_dashboard=False, log_to_driver=False, configure_logging=False)
 algorithm = config.build_algo()
 for update in range(1, UPDATES + 1):
     episodes = algorithm.train()["env_runners"]

@@ -23,17 +23,13 @@ torch.manual_seed(0)
 worlds = gym.make_vec("avrgym/FeedingJaco-v1", num_envs=WORLDS, people="original")
 inputs, outputs = worlds.single_observation_space.shape[0], worlds.single_action_space.shape[0]
 
-
-def network(size, *last):
-    inner = [nn.Linear(inputs, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh()]
-    return nn.Sequential(*inner, nn.Linear(64, size), *last)
-
-
+layers = [[nn.Linear(inputs, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh()] for _ in range(2)]
 scaled = NormalParamExtractor(scale_mapping="biased_softplus_0.4")
-module = TensorDictModule(network(2 * outputs, scaled), in_keys=["observation"], out_keys=["loc", "scale"])
+acting = nn.Sequential(*layers[0], nn.Linear(64, 2 * outputs), scaled)
+module = TensorDictModule(acting, in_keys=["observation"], out_keys=["loc", "scale"])
 how = {"distribution_class": IndependentNormal, "return_log_prob": True}
 actor = ProbabilisticActor(module, in_keys=["loc", "scale"], **how)
-critic = ValueOperator(network(1), in_keys=["observation"])
+critic = ValueOperator(nn.Sequential(*layers[1], nn.Linear(64, 1)), in_keys=["observation"])
 advantage = GAE(gamma=0.97, lmbda=0.95, value_network=critic)
 loss = ClipPPOLoss(actor, critic, entropy_bonus=False)
 optimizer = torch.optim.Adam(loss.parameters(), lr=3e-4)

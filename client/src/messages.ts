@@ -1,6 +1,6 @@
 // Written by `python -m avrgym.vr.typescript` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 9;
+export const PROTOCOL = 10;
 
 export const STALE_S = 0.2;
 

@@ -30,7 +30,7 @@ def test_a_copy_of_many_worlds_goes_on_to_the_same_bits(environment, how, people
     for action in actions[:5]:
         kept.step(action)
     copied = HOW[how](kept)
-    assert copied.get_attr("np_random_seed") == kept.get_attr("np_random_seed")
+    assert copied.np_random_seed == kept.np_random_seed
     for number, action in enumerate(actions[5:]):
         assert_same_pair(copied.step(action), kept.step(action), f"step {number}")
     assert_same_pair(copied.reset(), kept.reset(), "reset")

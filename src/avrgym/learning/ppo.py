@@ -4,7 +4,7 @@
 # pyright: reportUnknownMemberType=false
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from gymnasium import spaces
@@ -39,25 +39,32 @@ def _drawn_by_schedule(model: PPO) -> PPO:
     return model
 
 
+def steps_of(model: PPO) -> int:
+    """Environment steps that a model was trained for."""
+    return cast(int, model.num_timesteps)
+
+
 def begin_update(model: PPO, configuration: TrainingConfiguration) -> None:
     """Set how far actions are drawn from their mean in the next update."""
     with torch.no_grad():
-        model.policy.log_std.fill_(configuration.log_std_at(model.num_timesteps))
+        model.policy.log_std.fill_(configuration.log_std_at(steps_of(model)))
 
 
 def free_actor(model: PPO, configuration: TrainingConfiguration) -> None:
     """Let the actor learn too, when the critic knows what it is worth."""
-    learns = configuration.actor_learns_at(model.num_timesteps)
+    learns = configuration.actor_learns_at(steps_of(model))
     model.policy.mlp_extractor.policy_net.requires_grad_(learns)
     model.policy.action_net.requires_grad_(learns)
 
 
 def _settings(configuration: TrainingConfiguration, out: Path) -> dict[str, Any]:
+
+    def rate(remaining: float) -> float:
+        return configuration.learning_rate_at((1.0 - remaining) * configuration.steps)
+
     torch.set_num_threads(1)  # so small a network gains nothing from more, and its sums keep their order
     return {
-        "learning_rate": lambda remaining: configuration.learning_rate_at(
-            (1.0 - remaining) * configuration.steps
-        ),
+        "learning_rate": rate,
         "n_steps": EPISODE_STEPS,
         "batch_size": configuration.minibatch,
         "n_epochs": configuration.epochs,

@@ -20,7 +20,7 @@ from avrgym.learning import checkpoint
 from avrgym.learning.configuration import TrainingConfiguration
 from avrgym.learning.course import CHECKPOINT_FILE, Course
 from avrgym.learning.imitation import Finished, Gather, Shown, imitate
-from avrgym.learning.ppo import OBSERVATION_CLIP, begin_update, free_actor, make_ppo
+from avrgym.learning.ppo import OBSERVATION_CLIP, begin_update, free_actor, make_ppo, steps_of
 from avrgym.learning.stable_baselines import ObservationScale, SB3VectorEnv, finished_episodes, go_on_from
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import EPISODE_STEPS
@@ -74,7 +74,7 @@ class StepwiseLearner:
         go_on_from(model, episodes.observe())
 
     def _imitated(self, finished: Finished) -> None:
-        self._course.imitated(self.model.num_timesteps, finished)
+        self._course.imitated(steps_of(self.model), finished)
         self.save()
 
     def learn(self, steps: int) -> None:

@@ -25,6 +25,7 @@ from avrgym.learning.configuration import (
 from avrgym.learning.course import CHECKPOINT_FILE, POLICY_FILE, Course, Progress, Tell
 from avrgym.learning.evaluation import evaluate
 from avrgym.learning.exporting import export_policy
+from avrgym.learning.ppo import steps_of
 from avrgym.learning.rollouts import Order, Rollout, roll_out
 from avrgym.learning.stepwise import StepwiseLearner
 from avrgym.learning.updates import UpdateLearner, make_here
@@ -203,16 +204,16 @@ def _go_on(configuration: TrainingConfiguration, out: Path, tell: Tell, cluster:
     learner = _learner(configuration, out, course, cluster)
     if (out / CHECKPOINT_FILE).exists():
         learner.restore()
-        done = learner.model.num_timesteps
+        done = steps_of(learner.model)
         if done >= configuration.steps and Policy.load(out / POLICY_FILE).metadata.measured:
             raise ValueError(f"the training in {out} is complete, after {done} steps; more --steps go on")
-    if learner.model.num_timesteps < configuration.imitation_steps:
+    if steps_of(learner.model) < configuration.imitation_steps:
         learner.imitate(configuration.imitation_steps // configuration.update_steps, out / SHOWN_FOLDER)
     shutil.rmtree(out / SHOWN_FOLDER, ignore_errors=True)
-    remaining = configuration.steps - learner.model.num_timesteps
+    remaining = configuration.steps - steps_of(learner.model)
     if remaining > 0:
         learner.learn(remaining)
-    course.tell(f"measuring, {MEASURED_EPISODES} episodes", learner.model.num_timesteps)
+    course.tell(f"measuring, {MEASURED_EPISODES} episodes", steps_of(learner.model))
     return _measure(configuration, out)
 
 

@@ -23,7 +23,7 @@ from avrgym.learning import checkpoint
 from avrgym.learning.configuration import TrainingConfiguration
 from avrgym.learning.course import CHECKPOINT_FILE, Course
 from avrgym.learning.imitation import Finished, Shown, imitate
-from avrgym.learning.ppo import OBSERVATION_CLIP, begin_update, free_actor, make_ppo_alone
+from avrgym.learning.ppo import OBSERVATION_CLIP, begin_update, free_actor, make_ppo_alone, steps_of
 from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
 from avrgym.learning.stable_baselines import ObservationScale
 from avrgym.policies.trained import Policy
@@ -98,19 +98,19 @@ class UpdateLearner:
         return shown, rollout.finished(~by_expert)
 
     def _imitated(self, finished: Finished) -> None:
-        self._course.imitated(self.model.num_timesteps, finished)
+        self._course.imitated(steps_of(self.model), finished)
         self.save()
 
     def learn(self, steps: int) -> None:
         """Make so many environment steps more, whole updates."""
         model, configuration = self.model, self._configuration
-        last = model.num_timesteps + steps
+        last = steps_of(model) + steps
         model.set_logger(configure_logger(0, model.tensorboard_log, "PPO", reset_num_timesteps=False))
         while model.num_timesteps < last:
             began = time.monotonic()
             policy = self.save()
             begin_update(model, configuration)
-            rollout = self._roll_out(policy, (configuration.seed, model.num_timesteps))
+            rollout = self._roll_out(policy, (configuration.seed, steps_of(model)))
             model.num_timesteps += configuration.update_steps
             self._log(rollout, began)
             free_actor(model, configuration)
@@ -121,7 +121,7 @@ class UpdateLearner:
         self, policy: Policy, noise: tuple[int, int] | None = None, by_expert: NDArray[np.bool_] | None = None
     ) -> Rollout:
         """An episode in every world."""
-        configuration, steps = self._configuration, self.model.num_timesteps
+        configuration, steps = self._configuration, steps_of(self.model)
         episodes = np.array(self._course.hard.choose(steps))
         orders = [
             Order(
@@ -141,7 +141,7 @@ class UpdateLearner:
         model = self.model
         rewards = self._normaliser.rewards(rollout)
         _fill(model, self._normaliser.normalize_obs(rollout.observations), rollout.actions, rewards)
-        model._update_current_progress_remaining(model.num_timesteps, last)  # pyright: ignore[reportPrivateUsage]
+        model._update_current_progress_remaining(steps_of(model), last)  # pyright: ignore[reportPrivateUsage]
         model.train()
         self._normaliser.see(rollout)
 
@@ -149,13 +149,13 @@ class UpdateLearner:
         configuration, logger, hard = self._configuration, self.model.logger, self._course.hard
         if configuration.hard_share > 0.0:
             hard.judge(rollout.success.tolist(), rollout.episode_force_n.tolist())
-        self._course.hear("PPO", self.model.num_timesteps, rollout.finished(slice(hard.again, None)))
+        self._course.hear("PPO", steps_of(self.model), rollout.finished(slice(hard.again, None)))
         _, reward, success = self._course.latest
         logger.record("rollout/reward_mean", reward)
         logger.record("rollout/success_rate", success)
         logger.record("rollout/bytes", rollout.nbytes)
         logger.record("time/fps", int(configuration.update_steps / (time.monotonic() - began)))
-        logger.dump(self.model.num_timesteps)
+        logger.dump(steps_of(self.model))
 
 
 class UpdateNormaliser:
@@ -216,4 +216,5 @@ def _fill(
                 reward = reward + model.gamma * last_values.numpy().ravel()
             starts = np.full(count, number == 0)
             buffer.add(observations[number], actions[number], reward, starts, value, log_probability)
-    buffer.compute_returns_and_advantage(last_values, np.ones(count, dtype=bool))
+    over: NDArray[np.bool_] = np.ones(count, dtype=bool)
+    buffer.compute_returns_and_advantage(last_values, over)

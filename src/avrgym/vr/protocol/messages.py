@@ -13,7 +13,7 @@ import msgspec
 from avrgym.models.human import Sex
 from avrgym.recording import records
 
-PROTOCOL = 9
+PROTOCOL = 10
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

@@ -11,7 +11,6 @@ from avrgym.vr.session.events import SessionEvent, StreamFound, StreamLost
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.world import LiveWorld
 
-
 SHOWN_EVERY_TICKS = 2
 """Poses and forces go out 50 times a second."""
 
