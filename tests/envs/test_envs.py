@@ -149,7 +149,7 @@ def test_mujoco_s_warnings_go_to_logging_and_into_no_file(tmp_path, monkeypatch,
     monkeypatch.chdir(tmp_path)
     vector = AssistiveVectorEnv(FEEDING, 4, num_threads=2)
     vector.reset(seed=0)
-    vector.episodes.simulation._qvel[:] = np.nan
+    vector.episodes.simulation.batch.bind("qvel")[:] = np.nan
     vector.episodes.simulation.step()
     assert {record.name for record in caplog.records} == {"avrgym.mujoco"}
     assert "simulation is unstable" in caplog.text

@@ -116,7 +116,8 @@ def latency_of(participant: Participant) -> Latency:
     """What a person's client told in each trial, of frames that took 10, 20 and 30 ms longer with their number."""
     waits_ms = [participant.number + 10.0 * each for each in (1, 2, 3)]
     even = [1.0] * len(waits_ms)
-    return Latency([1, 2, 3], *[even] * (len(STAGES) - 1), waits_ms)
+    stages = dict.fromkeys(STAGES, even) | {STAGES[-1]: waits_ms}
+    return Latency([1, 2, 3], **stages)
 
 
 def _metadata(participant: Participant, trial: Trial) -> dict[str, Any]:

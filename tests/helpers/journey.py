@@ -120,7 +120,7 @@ class Journey:
 
         self.server = opened.enter_context(LiveServer(make, "127.0.0.1", 0))
         self.headset = opened.enter_context(
-            EmulatedHeadset(self.server.url, **({"width": 320, "height": 180} | browser))
+            EmulatedHeadset(self.server.url, **{"width": 320, "height": 180, **browser})
         )
         if not draws:
             leave_out_triangles(self.headset)

@@ -29,7 +29,7 @@ def add_node(nodes: Any, cores: int) -> Any:
 @contextmanager
 def ray_nodes(*cores: int) -> Iterator[Any]:
     """A cluster whose head node has no cores, with a node of so many each beside it."""
-    from ray.cluster_utils import Cluster
+    from ray.cluster_utils import Cluster  # pyright: ignore[reportMissingImports]
 
     os.environ["PYTHONPATH"] = str(Path(__file__).parent)  # where workers find what tests have them do
     nodes = Cluster()

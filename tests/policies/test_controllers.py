@@ -338,7 +338,7 @@ def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
 
 
 def test_plug_ins_have_names_and_a_broken_one_is_in_nobodys_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    group = controllers.GROUP
+    group = plugins.CONTROLLERS
     found = [
         EntryPoint("calm", "bad_controllers:Steady", group),
         EntryPoint("broken", "no_such_module:Thing", group),

@@ -1,5 +1,6 @@
 """Laws of a headset check's verdict: each fault in words, with what to do, and nothing else keeps a session waiting."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -31,7 +32,7 @@ def but(**changes: Any) -> HeadsetCheck:
     return msgspec.structs.replace(READY, **changes)
 
 
-def late(stage: str) -> dict[str, dict[str, float]]:
+def late(stage: str) -> Mapping[str, Mapping[str, float]]:
     far = {
         stage: {"p50": 150.0, "p95": 190.0, "p99": 200.0},
         "total_ms": {"p50": 160.0, "p95": 200.0, "p99": 210.0},
@@ -54,8 +55,8 @@ FAULTS = [
     (but(latency_ms={}), "No pose came back", "connection"),
     (but(latency_ms=late("up_ms")), "200 ms after poses", "USB cable"),
     (but(latency_ms=late("simulate_ms")), "200 ms after poses", "server's computer"),
-    (but(head=TrackedPart("headset", 1.0, 3.0)), "head trembles by 3.0 mm", "light the room"),
-    (but(left=TrackedPart("controller", 1.0, 4.0)), "left hand trembles", "hold still"),
+    (but(head=TrackedPart("headset", 1.0, 3.0)), "head trembles at rest by 3.0 mm", "light the room"),
+    (but(left=TrackedPart("controller", 1.0, 4.0)), "left hand trembles at rest", "hold still"),
     (but(right=TrackedPart("none", 0.0)), "right hand is tracked 0 %", "switch controllers on"),
     (but(right=TrackedPart("mouse", 1.0)), "follows a mouse", "enter VR"),
     (but(haptics=False), "not felt", "vibration"),

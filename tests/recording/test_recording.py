@@ -25,6 +25,7 @@ from avrgym.recording.records import (
     Event,
     Latency,
     Physics,
+    Placement,
     Pose,
     Stream,
     StreamSamples,
@@ -55,6 +56,7 @@ RECORDS = {
     "/latency": Latency([7, 9], [0.5, 0.25], [3.0, 4.0], [9.0, 8.0], [0.1, 0.2], [3.5, 2.5], [45.0, 47.0]),
     "/streams": Stream("heart", "Belt", "ECG", 130.0, ["ecg"], ["mV"]),
     "/samples": StreamSamples("heart", 0.001, [0.5, 0.51], [[-0.25], [1e-300]], [["r-peak"], ["é"]]),
+    "/placement": Placement(POSE),
 }
 
 

@@ -11,6 +11,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -35,7 +36,7 @@ def lab() -> Iterator[Path]:
 
 def run(lab: Path, *command: str | Path) -> str:
     """What a command prints, run in the folder by an ordinary user."""
-    who = {"user": ORDINARY_USER, "group": ORDINARY_USER} if os.geteuid() == 0 else {}
+    who: dict[str, Any] = {"user": ORDINARY_USER, "group": ORDINARY_USER} if os.geteuid() == 0 else {}
     kept = {name: os.environ[name] for name in os.environ if name.startswith(("PIP_", "SSL_", "LANG"))}
     ran = subprocess.run(
         command,

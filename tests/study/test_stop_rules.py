@@ -16,7 +16,7 @@ from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import Answer, Command, Phase, Problem, Ready, ServerMessage, Status
+from avrgym.vr.protocol.messages import Answer, Command, Phase, Problem, Ready, Sent, Status
 from avrgym.vr.tracking.world import TICK_S
 from studies import make_study, take_in
 from visit import Visit
@@ -166,7 +166,7 @@ def test_stronger_symptoms_end_the_session_and_the_trial_counts(store: Store) ->
 
 @pytest.mark.parametrize(("nausea", "runs"), [(2, True), (3, True), (4, False)])
 def test_who_is_sick_already_begins_paused_or_not_at_all(store: Store, nausea: int, runs: bool) -> None:
-    pseudonym, heard = take_in(store), list[ServerMessage]()
+    pseudonym, heard = take_in(store), list[Sent]()
     sessions = StudySessions(store, heard.append, first=pseudonym)
     sessions.receive(Answer(item="nausea", value=nausea, response_time_s=1.0), 0.0)
     sessions.receive(Ready(), 0.0)

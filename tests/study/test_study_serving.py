@@ -26,7 +26,7 @@ from avrgym.vr.protocol.messages import (
     Question,
     Ready,
     Scene,
-    ServerMessage,
+    Sent,
     Welcome,
 )
 from avrgym.vr.tracking.world import TICK_S
@@ -40,7 +40,7 @@ class Loop:
     """Ticks the sessions as a loop would, while another thread asks; ``heard`` is what was sent."""
 
     def __init__(self, store: Store) -> None:
-        self.heard: list[ServerMessage] = []
+        self.heard: list[Sent] = []
         self.sessions = StudySessions(store, self.heard.append)
         self.now_s = 0.0
 
@@ -90,7 +90,7 @@ def loop(store: Store) -> Iterator[Loop]:
 
 def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store, loop: Loop) -> None:
     first, second = take_in(store), take_in(store)
-    greeted: list[ServerMessage] = []
+    greeted: list[Sent] = []
     loop.sessions.greet(greeted.append, "participant", 0.0)
     loop.sessions.receive(Entered(), 0.0)
     loop.tick()
@@ -151,7 +151,7 @@ def test_the_end_of_the_server_closes_the_session(store: Store) -> None:
 # What is asked about the session
 
 
-def asked(heard: list[ServerMessage]) -> list[str]:
+def asked(heard: list[Sent]) -> list[str]:
     return [message.item for message in heard if isinstance(message, Question)]
 
 
@@ -186,7 +186,7 @@ def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(askin
     loop.tick()
     assert asked(loop.heard)[-1] == "effort"
     assert loop.sessions.participant == pseudonym
-    late: list[ServerMessage] = []
+    late: list[Sent] = []
     loop.sessions.greet(late.append, "participant", loop.now_s)
     assert asked(late) == ["effort"]
     answer(loop, "effort", 1)

@@ -11,7 +11,7 @@ from avrgym.cli.options import Engine, chosen_environments
 from avrgym.cli.progress import duration, progress_bar
 from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, say, write_json
 from avrgym.policies.names import CHOICES
-from avrgym.simulation.engines.names import THREADS
+from avrgym.system.engines import THREADS
 
 Row = dict[str, Any]
 app = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine.")

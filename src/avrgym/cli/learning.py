@@ -25,7 +25,7 @@ from avrgym.cli.terminal import (
 )
 from avrgym.people.names import NAMES
 from avrgym.policies.names import CHOICES
-from avrgym.simulation.engines.names import THREADS
+from avrgym.system.engines import THREADS
 
 if TYPE_CHECKING:
     from avrgym.learning import training

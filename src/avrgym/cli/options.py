@@ -6,7 +6,7 @@ import typer
 
 from avrgym.people import names
 from avrgym.policies.names import CHOICES
-from avrgym.simulation.engines.names import ENGINES
+from avrgym.system.engines import ENGINES
 
 PEOPLE = names.CHOICES
 Policy = Annotated[str, typer.Option(help=f"Who drives: {CHOICES}.")]

@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from avrgym.models.scene import SUBSTEPS
-from avrgym.simulation.engines.names import THREADS
+from avrgym.system.engines import THREADS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import EPISODE_STEPS
 

@@ -25,7 +25,8 @@ class OldEnvironment(gym.Env):
     metadata = {"render_modes": ("rgb_array",)}  # noqa: RUF012
 
     def __init__(self, environment_id: str, **arguments: Any) -> None:
-        self._env = gymnasium.make(environment_id, **({"render_mode": "rgb_array"} | arguments))
+        given: dict[str, Any] = {"render_mode": "rgb_array", **arguments}
+        self._env = gymnasium.make(environment_id, **given)
         self._seed: int | None = None
         self._success = False
         seen, acted = self._env.observation_space, self._env.action_space

@@ -23,7 +23,7 @@ from avrgym.envs.vector_conventions import (
     reset_mask,
 )
 from avrgym.models.human import Person
-from avrgym.simulation.engines.names import THREADS
+from avrgym.system.engines import THREADS
 from avrgym.system.plain_values import is_array
 from avrgym.tasks.episodes import Episodes, Step, checked_actions
 from avrgym.tasks.known import EPISODE_STEPS

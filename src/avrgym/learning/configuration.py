@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from avrgym.learning.settings_file import settings_of
-from avrgym.simulation.engines.names import THREADS
+from avrgym.system.engines import THREADS
 from avrgym.system.files import write_whole
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.training_settings import TrainingSettings

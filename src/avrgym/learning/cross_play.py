@@ -8,7 +8,7 @@ from avrgym.people.distributions import find_distribution
 from avrgym.people.impairments import find_impairment
 from avrgym.policies import registry
 from avrgym.simulation.engines.engine import check_engine
-from avrgym.simulation.engines.names import THREADS
+from avrgym.system.engines import THREADS
 from avrgym.tasks.registry import TASKS, find_environment
 
 if TYPE_CHECKING:

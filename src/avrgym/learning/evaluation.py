@@ -11,9 +11,9 @@ from avrgym.models.scene import SUBSTEPS
 from avrgym.policies import registry
 from avrgym.policies.force_guard import ForceGuard
 from avrgym.simulation.engines.engine import check_engine
-from avrgym.simulation.engines.names import THREADS
 from avrgym.simulation.region_forces import RegionFigures, RegionLoads, RegionWatch, summed_up
 from avrgym.system.carried import Carried
+from avrgym.system.engines import THREADS
 from avrgym.system.jobs import cores, report, run_all
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.known import EPISODE_STEPS

@@ -216,5 +216,5 @@ def _fill(
                 reward = reward + model.gamma * last_values.numpy().ravel()
             starts = np.full(count, number == 0)
             buffer.add(observations[number], actions[number], reward, starts, value, log_probability)
-    over: NDArray[np.bool_] = np.ones(count, dtype=bool)
+    over: Any = np.ones(count, dtype=bool)
     buffer.compute_returns_and_advantage(last_values, over)

@@ -68,5 +68,5 @@ def write_onnx(policy: Policy, out: Path) -> None:
     if out.exists():
         raise FileExistsError(f"{out} exists already; choose another name")
     model = onnx_model(policy)
-    onnx.checker.check_model(model)
+    onnx.checker.check_model(model)  # pyright: ignore[reportUnknownMemberType]
     write_whole(out, model.SerializeToString())

@@ -97,7 +97,7 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
         _write_tracked(log, time_ns / 1e9, frame)
     for happening in timeline.happenings:
         time = log.timestamp(happening.time_s)
-        log.write("/log", happening.time_s, Log(timestamp=time, level="INFO", message=happening.words))
+        log.write("/log", happening.time_s, Log(timestamp=time, level=Log.INFO, message=happening.words))
     for topic, time_ns, record in recording.messages:
         log.write_record(topic, time_ns, record)
     log.finish()
@@ -203,7 +203,8 @@ def _points(surface: Surface, areas: Array, count: int, generator: np.random.Gen
     faces = surface.faces[generator.choice(len(areas), count, p=areas / areas.sum())]
     shares = generator.dirichlet((1.0, 1.0, 1.0), count)[:, :, None]
     places = (surface.vertices[faces] * shares).sum(axis=1).astype("<f4")
-    colours = np.round(255.0 * (surface.rgba[faces] * shares).sum(axis=1)).astype(np.uint8)
+    rgba: Array = (surface.rgba[faces] * shares).sum(axis=1)
+    colours = np.rint(255.0 * rgba).astype(np.uint8)
     return np.concatenate([places.view(np.uint8).reshape(count, 12), colours], axis=1)
 
 

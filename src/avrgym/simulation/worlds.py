@@ -24,12 +24,12 @@ from avrgym.models.scene import (
 )
 from avrgym.simulation.brakes import Brakes
 from avrgym.simulation.engines.engine import Arrays, make_engine
-from avrgym.simulation.engines.names import THREADS
 from avrgym.simulation.names import Names
 from avrgym.simulation.person_fields import PersonFields
 from avrgym.simulation.region_forces import RegionForces
 from avrgym.simulation.room import Geoms
 from avrgym.simulation.state import RightArm, Start, State
+from avrgym.system.engines import THREADS
 from avrgym.system.memory import return_large_blocks
 
 __all__ = ["MAX_LEAD_RAD", "PARKING_W", "Ids", "RightArm", "Simulation", "Start", "State"]

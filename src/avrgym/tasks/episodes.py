@@ -18,10 +18,10 @@ from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.names import Impairment
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
-from avrgym.simulation.engines.names import THREADS
 from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
 from avrgym.simulation.world_version import WORLD_VERSION, check_world_version
 from avrgym.simulation.worlds import Ids, Simulation, Start, State
+from avrgym.system.engines import THREADS
 from avrgym.tasks.minds import Minds
 from avrgym.tasks.registry import TASKS, find_environment, find_task
 from avrgym.tasks.task import StepResult, TaskState, arrays_of, merge

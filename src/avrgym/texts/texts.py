@@ -105,7 +105,7 @@ def normal(sentence: str) -> str:
 def shipped() -> list[str]:
     """The languages that AVR Gym brings."""
     brought = (
-        file.name.removesuffix(".toml") for file in files(__package__).iterdir() if _is_toml(file.name)
+        file.name.removesuffix(".toml") for file in files("avrgym.texts").iterdir() if _is_toml(file.name)
     )
     return sorted(brought)
 
@@ -141,7 +141,7 @@ def read_texts(language: str, folder: Path | None = None) -> Texts:
 
 
 def _read_brought(language: str) -> File:
-    file = files(__package__) / f"{language}.toml"
+    file = files("avrgym.texts") / f"{language}.toml"
     return _read(file.read_text("utf-8"), f"{language}.toml")
 
 

@@ -248,7 +248,7 @@ def generate_examples() -> str:
 def state_examples() -> str:
     """States of two bodies as JSON: each change as it is sent, and the numbers that the client then holds."""
     encoder, decoder = state_changes.StateEncoder(), state_changes.StateDecoder()
-    rows = []
+    rows: list[dict[str, Any]] = []
     for number in range(6):
         turned = np.array([np.cos(0.1 * number), 0.0, np.sin(0.1 * number), 0.0])
         poses = np.array(

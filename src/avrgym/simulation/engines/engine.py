@@ -8,7 +8,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from avrgym.simulation.engines.names import ENGINES, THREADS, WARP
+from avrgym.system.engines import ENGINES, THREADS, WARP
 from avrgym.system.memory import available_bytes
 
 Ids = NDArray[np.intp]

@@ -6,7 +6,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from avrgym.simulation.engines.engine import Arrays, check_host_memory
-from avrgym.simulation.engines.names import THREADS
+from avrgym.system.engines import THREADS
 
 Ids = NDArray[np.intp]
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from avrgym.models.contacts import PARTICLE
 from avrgym.simulation.engines.engine import NAMES, WRITTEN, Arrays, check_host_memory, check_memory
-from avrgym.simulation.engines.names import WARP
+from avrgym.system.engines import WARP
 from avrgym.system.memory import available_bytes
 
 Ids = NDArray[np.intp]

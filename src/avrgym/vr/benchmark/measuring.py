@@ -177,7 +177,7 @@ class _TimedSession(Session):
     ) -> None:
         self._times = times
 
-        def send_noted(message: messages.ServerMessage) -> None:
+        def send_noted(message: messages.Sent) -> None:
             if isinstance(message, messages.State):
                 times.answered.setdefault(message.tracking_sequence, time.monotonic())
             send(message)

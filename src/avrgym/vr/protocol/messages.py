@@ -485,7 +485,9 @@ ServerMessage = (
     | Timing
 )
 
-Send = Callable[[ServerMessage | State], None]
+Sent = ServerMessage | State
+"""What a session hands out; of states clients are sent the changes."""
+Send = Callable[[Sent], None]
 """Sends what a session hands out to whom it concerns."""
 
 _Any = TypeVar("_Any")

@@ -83,7 +83,7 @@ class _Told:
             self._whole = whole
             return pack(np.arange(len(whole)), whole)
         changes, self._whole = whole - self._whole, whole
-        (rows,) = changes.any(axis=1).nonzero()
+        rows = np.flatnonzero((changes != 0).any(axis=1))
         return pack(rows, changes[rows])
 
     def changed_by(self, packed: bytes) -> bytes:

@@ -32,7 +32,7 @@ def body_surfaces(model: mujoco.MjModel) -> dict[str, list[Surface]]:
     mujoco.mj_kinematics(model, data)
     found: dict[str, list[Surface]] = {}
     for carrier, geoms in geoms_by_carrier(model).items():
-        from_world = np.linalg.inv(pose_matrix(data.xpos[carrier], data.xquat[carrier]))
+        from_world = np.linalg.inv(pose_matrix(data.xpos[carrier], data.xquat[carrier])).astype(float)
         found[model.body(carrier).name] = [_of_geom(model, data, geom, from_world) for geom in geoms]
     for skin in skins_of(model):
         colours = _skin_colours(model, skin)
@@ -44,7 +44,8 @@ def body_surfaces(model: mujoco.MjModel) -> dict[str, list[Surface]]:
 def _of_geom(model: mujoco.MjModel, data: mujoco.MjData, geom: int, from_world: Array) -> Surface:
     body = model.geom_bodyid[geom]
     mesh = geom_mesh(model, geom)
-    mesh.apply_transform(from_world @ pose_matrix(data.xpos[body], data.xquat[body]))
+    to_carrier = from_world @ pose_matrix(data.xpos[body], data.xquat[body])
+    mesh.apply_transform(to_carrier)  # pyright: ignore[reportUnknownMemberType]
     rgba = model.mat_rgba[model.geom_matid[geom]].astype(float)
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.tile(rgba, (len(mesh.vertices), 1)))
 
@@ -74,7 +75,7 @@ def _cut(skin: Skin, colours: Array) -> list[tuple[str, Surface]]:
         np.add.at(
             weights, (np.arange(len(weights)), of_bone[skin.bone_of[:, place]]), skin.weight_of[:, place]
         )
-    of_face = weights[skin.faces].sum(axis=1).argmax(axis=1)
+    of_face: NDArray[np.intp] = weights[skin.faces].sum(axis=1).argmax(axis=1)
     parts: list[tuple[str, Surface]] = []
     for number in np.unique(of_face):
         used, faces = np.unique(skin.faces[of_face == number], return_inverse=True)
