@@ -101,7 +101,8 @@ def test_what_it_adds_to_a_study_is_a_design(page: str) -> None:
 
 def test_errors_are_those_that_the_program_tells() -> None:
     """Every part of a quoted message between names and numbers stands in a text of the source."""
-    texts = " ".join(_texts(ROOT / "src")).replace("`", "")
+    said = " ".join(file.read_text("utf-8") for file in (ROOT / "src").rglob("texts/*.toml"))
+    texts = " ".join([*_texts(ROOT / "src"), said]).replace("`", "")
     quoted = re.findall(r"^\| `([^|]+)` \|", (DOCS / "reference" / "errors.md").read_text(), re.M)
     assert len(quoted) > 20
     parts = [part.strip() for message in quoted for part in re.split(r"…|\[…\]", message)]

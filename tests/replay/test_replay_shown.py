@@ -79,9 +79,9 @@ def test_the_timeline_tells_rewards_phases_and_answers(recording: Recording) -> 
     assert timeline.steps.reward[-1] == pytest.approx(sum(record.reward for record in control))
     assert timeline.steps.force_n == [record.force_on_person_n for record in control]
     kinds = [happening.kind for happening in timeline.happenings]
-    phases = ["free_before", "countdown", "trial", "retreat", "free_after", "questionnaire"]
+    phases = ["free_before", "countdown", "trial", "retreat", "free_after", "questionnaire", "confirm"]
     assert kinds == [*phases, "answer", "answer", "answer", "answer"]
-    assert timeline.happenings[6].words.startswith("L1: 1 of 7: The robot successfully")
+    assert timeline.happenings[7].words.startswith("L1: 1 of 7: The robot successfully")
     assert (timeline.simulated, timeline.complete, timeline.result) == (True, True, "completed")
 
 
@@ -110,7 +110,7 @@ def test_the_page_plays_seeks_and_changes_its_view(server: ReplayServer) -> None
         expect(page.locator("#title")).to_contain_text("ScratchItchJaco-v1, drive")
         expect(page.locator("#simulated")).to_be_visible()
         page.keyboard.press("End")
-        expect(page.locator("#phase-name td")).to_have_text("questionnaire")
+        expect(page.locator("#phase-name td")).to_have_text("confirm")
         expect(page.locator("#step td")).to_have_text(f"{STEPS} of {STEPS}")
         page.keyboard.press("Home")
         expect(page.locator("#phase-name td")).to_have_text("free before")

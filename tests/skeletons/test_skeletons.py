@@ -21,7 +21,9 @@ def new(*arguments: str | Path) -> Result:
 
 
 def files_in(folder: Path) -> dict[Path, str]:
-    return {path.relative_to(folder): path.read_text() for path in folder.rglob("*") if path.is_file()}
+    """The texts of a folder, without what Python compiled of them."""
+    paths = [path for path in folder.rglob("*") if path.is_file() and path.suffix != ".pyc"]
+    return {path.relative_to(folder): path.read_text() for path in paths}
 
 
 @pytest.fixture(scope="module")

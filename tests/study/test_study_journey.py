@@ -56,7 +56,9 @@ def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
         begin(dashboard, headset, "Begin session")
         sit_down(headset, participant)
         await_buttons(headset, "L1")
-        expect(dashboard.locator("#session-words")).to_contain_text("Trial 1 of 2: questionnaire")
+        expect(dashboard.locator("#session-words")).to_contain_text(
+            "Trial 1 of 2: the participant answers questions"
+        )
         expect(dashboard.locator("#watch-steps")).to_contain_text("20 of 20")
         answer_all(headset)
         go_on(headset, "ready")

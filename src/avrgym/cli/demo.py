@@ -13,7 +13,7 @@ def demo(
     out: Annotated[Path, typer.Option(help="A folder for recordings, pictures and report.")] = Path("demo"),
     seed: Seed = 0,
 ) -> None:
-    """Run a session of a simulated participant in all four tasks, then its report.
+    """Run a simulated participant's session, all four tasks, and its report.
 
     Takes about two minutes.
     """
