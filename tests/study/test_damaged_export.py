@@ -131,11 +131,12 @@ def exported_trials(out: Path, data_format: str) -> int:
             tables = [path.read_text().splitlines() for path in out.rglob("*_motion.tsv")]
             assert {len(lines) for lines in tables} == {STEPS}
             lengths = len(tables)
-        case "hdf5":
+        case "hdf5" | "minari":
             demonstrations = []
-            for path in out.glob("*.hdf5"):
+            for path in out.rglob("*.hdf5"):
                 with h5py.File(path) as file:
-                    demonstrations += [len(each["actions"]) for each in file["data"].values()]  # pyright: ignore
+                    episodes = file["data"] if data_format == "hdf5" else file
+                    demonstrations += [len(each["actions"]) for each in episodes.values()]  # pyright: ignore
             assert set(demonstrations) == {STEPS}
             lengths = len(demonstrations)
         case _:

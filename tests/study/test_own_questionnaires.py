@@ -161,10 +161,10 @@ def remaining(store: Store, pseudonym: str, when: str) -> list[str]:
 def test_an_item_is_answered_once_before_and_once_after(store: Store) -> None:
     session = open_session(store, take_part(store)).id
     ask(store, session, "before_session", {"S_1": 1})
-    with pytest.raises(StudyError, match="never replaced"):
+    with pytest.raises(StudyError, match="only the participant changes it"):
         ask(store, session, "before_session", {"S_1": 2})
     ask(store, session, "after_session", {"S_1": 3})
-    with pytest.raises(StudyError, match="never replaced"):
+    with pytest.raises(StudyError, match="only the participant changes it"):
         ask(store, session, "after_session", {"S_1": 3})
 
 

@@ -574,6 +574,7 @@ def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_led
     with store.database.write() as connection:
         for change in (
             "ALTER TABLE attempt DROP COLUMN torso_height_m",
+            "ALTER TABLE participant DROP COLUMN language",
             "ALTER TABLE participant DROP COLUMN site",
             "ALTER TABLE participant DROP COLUMN site_number",
             "DROP TABLE site",

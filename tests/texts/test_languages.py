@@ -14,7 +14,7 @@ from avrgym.vr.server.access import Tokens
 from visit import Visit, plan
 
 GERMAN = read_texts("de")
-ALIKE = {"anchor", "seconds"}
+ALIKE = {"anchor", "one_after_another", "seconds"}
 """What has no words."""
 CONTROLLER = re.compile(r"trigger|menu|\bA, B|Abzug|Menü", re.IGNORECASE)
 

@@ -18,6 +18,27 @@ LOOPBACK_S = 0.002
 MARKERS = "AVR Gym events"
 
 
+def test_poses_and_forces_go_out(tmp_path: Path) -> None:
+    """Before all others, whose streams have the same names."""
+    with lab_streams(StreamChoice(send=True)) as streams:
+        visit = LiveVisit(tmp_path, streams)
+        inlets = []
+        for what in ("poses", "forces"):
+            (found,) = pylsl.resolve_bypred(f"name='AVR Gym {what}'", 1, 10.0)
+            inlets.append(pylsl.StreamInlet(found, recover=False))
+            inlets[-1].open_stream(10.0)
+        visit.live(lambda: all(inlet.samples_available() > 3 for inlet in inlets))
+        (posed, posed_s), (pressed, _) = [inlet.pull_chunk(0.0, 1000, as_numpy=True) for inlet in inlets]
+        labels = inlets[0].info(5.0).get_channel_labels()
+        visit.leave()
+    assert labels == [f"{name}_{part}" for name in POSED for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+    body = visit.session.world.simulation.body_poses(0)[visit.session.bodies.index("person/head")]
+    assert posed[-1, :7] == pytest.approx(body, abs=1e-3)
+    assert (np.diff(posed_s) > 0).all()
+    assert pressed.shape[1] == len(BODY_REGIONS)
+    assert np.isfinite(pressed).all()
+
+
 @pytest.fixture(scope="module")
 def lived(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveVisit]:
     """A whole trial with a device whose stream vanishes and comes back, and our own events received as a stream."""
@@ -104,23 +125,3 @@ def test_events_go_out_with_the_times_of_the_recording(lived: LiveVisit) -> None
         [recorded[each] for _, each in of_trial], abs=LOOPBACK_S
     )
     assert [phase for _, phase in of_trial][-2:] == ["free_after", "questionnaire"]
-
-
-def test_poses_and_forces_go_out(tmp_path: Path) -> None:
-    with lab_streams(StreamChoice(send=True)) as streams:
-        visit = LiveVisit(tmp_path, streams)
-        inlets = []
-        for what in ("poses", "forces"):
-            (found,) = pylsl.resolve_bypred(f"name='AVR Gym {what}'", 1, 10.0)
-            inlets.append(pylsl.StreamInlet(found, recover=False))
-            inlets[-1].open_stream(10.0)
-        visit.live(lambda: all(inlet.samples_available() > 3 for inlet in inlets))
-        (posed, posed_s), (pressed, _) = [inlet.pull_chunk(0.0, 1000, as_numpy=True) for inlet in inlets]
-        labels = inlets[0].info(5.0).get_channel_labels()
-        visit.leave()
-    assert labels == [f"{name}_{part}" for name in POSED for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
-    body = visit.session.world.simulation.body_poses(0)[visit.session.bodies.index("person/head")]
-    assert posed[-1, :7] == pytest.approx(body, abs=1e-3)
-    assert (np.diff(posed_s) > 0).all()
-    assert pressed.shape[1] == len(BODY_REGIONS)
-    assert np.isfinite(pressed).all()

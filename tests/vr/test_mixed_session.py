@@ -140,6 +140,9 @@ def test_no_trial_begins_before_its_scene_is_shown(visit: Callable[..., Visit]) 
     assert session.phase == "loading"
     session.tell(SceneLoaded(url=session.said(Scene)[-1].url))
     session.tick()
+    assert session.phase == "ready"
+    session.tell(Ready())
+    session.tick()
     assert session.phase == "free_before"
 
 

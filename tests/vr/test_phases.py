@@ -108,7 +108,7 @@ class Walk:
         self._busy = 0
         checked = HeadsetCheckPlan(at_rest_s=0.05, stretched_s=0.05, moving_s=0.05)
         session = replace(
-            plan(seeds=range(7), practice=True, environments=(SITTING, LYING)),
+            plan(seeds=range(7), practice=True, environments=(SITTING, SITTING, LYING)),
             headset_check=checked,
             measure_reach=True,
         )

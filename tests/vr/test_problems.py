@@ -91,7 +91,9 @@ def test_the_experimenter_reads_what_was_wrong_for_the_participant(
         assert isinstance(hear(parties["participant"], Problem), Problem)
     told = problems(parties)
     own = sum(isinstance(wrong, Hello) for wrong in BY_PARTICIPANT)
-    assert told == {"participant": 0, "experimenter": len(BY_PARTICIPANT) - own, "spectator": 0}
+    in_detail = sum(isinstance(wrong, ChooseBody) for wrong in BY_PARTICIPANT)
+    expected = len(BY_PARTICIPANT) - own + in_detail
+    assert told == {"participant": 0, "experimenter": expected, "spectator": 0}
 
 
 @pytest.mark.parametrize("phase", ["waiting", "calibration", "check", "trial", "questionnaire", "finished"])

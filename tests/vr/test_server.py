@@ -38,6 +38,7 @@ from avrgym.vr.protocol.messages import (
     Body,
     Entered,
     Hello,
+    Language,
     Message,
     Phase,
     Problem,
@@ -412,9 +413,10 @@ def connected(server: LiveServer) -> bool:
 # What a client can do ----------------------------------------------------------------------------------------
 
 
-def test_a_connection_begins_with_welcome_body_scene_and_phase(server: LiveServer) -> None:
+def test_a_connection_begins_with_welcome_language_body_scene_and_phase(server: LiveServer) -> None:
     for _ in range(3):
         with participant(server) as client:
+            assert isinstance(client.receive(), Language)
             assert isinstance(client.receive(), Body)
             assert isinstance(client.receive(), Scene)
             phase = client.receive()
@@ -549,6 +551,7 @@ def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
     await_that(lambda: server.session.phase == "waiting")
     await_that(lambda: read_recording(recording).outcome is not None)
     with participant(server) as client:
+        assert isinstance(client.receive(), Language)
         assert isinstance(client.receive(), Body)
         assert isinstance(client.receive(), Scene)
         phase = client.receive()
