@@ -21,7 +21,7 @@ from avrgym.recording.records import Answer
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
-from avrgym.study.storage import database, schema
+from avrgym.study.storage import database, ledger, schema
 from avrgym.study.storage.answers import record_answer, record_session_answer
 from avrgym.study.storage.attempts import BROKEN_OFF, begin_attempt, complete_attempt, end_attempt
 from avrgym.study.storage.rows import Trial
@@ -570,6 +570,8 @@ def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_led
 ) -> None:
     pseudonym = take_in(store)
     run_participant(store, pseudonym, trials=2)
+    with store.database.write() as connection:
+        ledger.update(connection, schema.PARTICIPANT, 1, language=None)  # nobody said, in those days
     before = contents(store)
     with store.database.write() as connection:
         for change in (
