@@ -14,6 +14,8 @@ CLIENT_SOURCES := $(shell find client -mindepth 1 -name node_modules -prune -o -
 
 # The virtual environment holds Node.js where the machine has none.
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
+# Tests start hundreds of processes: none of them compiles the package anew, whatever the shell says.
+export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
