@@ -36,7 +36,7 @@ def make_quick() -> None:
     in_process.CALIBRATION_S = 0.6
     in_process.ANSWER_AFTER_S = 0.05
     plan_session: Callable[..., SessionPlan] = live.plan_session
-    live.plan_session = lambda *given: replace(plan_session(*given), countdown_s=0.1)
+    live.plan_session = lambda *given, **how: replace(plan_session(*given, **how), countdown_s=0.1)
 
 
 def take_part(folder: Path, pseudonym: str, seed: int, journal: Path) -> None:
