@@ -256,7 +256,12 @@ def state_examples() -> str:
         )
         targets = np.array([0.0, -0.2 * number])
         state = messages.State(
-            *(number, 0.01 * number, -1, targets.astype("<f4").tobytes(), [], poses.astype("<f4").tobytes())
+            sequence=number,
+            simulation_time_s=0.01 * number,
+            tracking_sequence=-1,
+            joint_targets=targets.astype("<f4").tobytes(),
+            held=[],
+            poses=poses.astype("<f4").tobytes(),
         )
         change = encoder.encode(state)
         told = decoder.decode(change)

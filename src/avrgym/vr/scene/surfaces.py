@@ -77,7 +77,7 @@ def _cut(skin: Skin, colours: Array) -> list[tuple[str, Surface]]:
         )
     of_face: NDArray[np.intp] = weights[skin.faces].sum(axis=1).argmax(axis=1)
     parts: list[tuple[str, Surface]] = []
-    for number in np.unique(of_face):
+    for number in map(int, np.unique(of_face)):
         used, faces = np.unique(skin.faces[of_face == number], return_inverse=True)
         bind = next(bone.inverse_bind for bone in skin.bones if bone.body == bodies[number])
         vertices = skin.vertices[used] @ bind[:3, :3].T + bind[:3, 3]
