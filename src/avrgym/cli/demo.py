@@ -13,7 +13,7 @@ def demo(
     out: Annotated[Path, typer.Option(help="A folder for recordings, pictures and report.")] = Path("demo"),
     seed: Seed = 0,
 ) -> None:
-    """Run a simulated participant's session, all four tasks, and its report.
+    """Run a simulated participant's session, then its report.
 
     Takes about two minutes.
     """
