@@ -15,7 +15,7 @@ def demo(
 ) -> None:
     """Run a simulated participant's session, then its report.
 
-    Takes about two minutes.
+    In all four tasks, with both robots; takes about two minutes.
     """
     from avrgym.demo.session import run_demo
 
