@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from avrgym.recording.latency import STAGES
+from avrgym.texts.texts import ENGLISH
 from avrgym.vr.session import events
+from avrgym.vr.session.phases.checking import FAULTS_SHOWN
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from journey import Journey, await_that
 from visit import driving, plan
@@ -31,9 +33,11 @@ def test_the_emulated_headset_is_measured_and_told_what_it_lacks(tmp_path: Path)
             journey.await_buttons(item)
             headset.answer(value)
         journey.await_phase("headset")
-        headset.page.get_by_text("The buzz was not felt").first.wait_for(state="attached")
-        headset.screenshot(tmp_path / "result.png")
         (check,) = [each.check for each in journey.observed if isinstance(each, events.HeadsetChecked)]
+        told = ENGLISH.say_on_page(check.verdict(FAULTS_SHOWN))
+        headset.page.get_by_text(told).first.wait_for(state="attached")
+        headset.screenshot(tmp_path / "result.png")
+    assert "The buzz was not felt" in check.fault_words
     assert check.emulated
     assert "Chrome" in check.device
     assert check.profiles
