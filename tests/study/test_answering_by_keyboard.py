@@ -88,7 +88,9 @@ def test_questions_are_answered_by_keyboard_and_the_dashboard_says_why_the_sessi
         page.keyboard.press("Space")
         page.get_by_role("button", name="Done").press("Enter")
 
-        expect(dashboard.locator("#watch-phase")).to_have_text(f"the participant is not in VR; on hold: {WHY}")
+        expect(dashboard.locator("#watch-phase")).to_have_text(
+            f"the participant is not in VR; on hold: {WHY}"
+        )
         assert "stop rule" not in page.locator("body").inner_text()
         browser.close()
     given = [(answer.item, answer.value) for answer in store.answers(pseudonym)]
