@@ -17,6 +17,9 @@ create_study(Path("study"))
 """
 
 
+LITTLE = "from avrgym.learning import training; training.MEASURED_EPISODES = 2; "
+
+
 def install(folder: Path) -> None:
     """Install the example package into a folder as pip does, and a package of which nothing can be used."""
     command = [
@@ -67,10 +70,20 @@ def avrgym(folder: Path, *arguments: str) -> str:
     return python(folder, "-c", "from avrgym.cli import app; app()", *arguments)
 
 
-def train_and_study(folder: Path, task: str, robot: str, term: str, steps: int) -> None:
-    """From training to a report with a reward term and a recording that steps again to the same bits, by command."""
+def train_and_study(
+    folder: Path, task: str, robot: str, term: str, steps: int, *, little: bool = False
+) -> None:
+    """From training to a report with a reward term and a recording that steps again to the same bits, by command.
+
+    A little training takes few worlds, and is measured by few episodes.
+    """
     environment = f"avrgym/{task}{robot}-v1"
-    avrgym(folder, "train", environment, "--steps", str(steps), "--out", "run")
+    (folder / "settings.toml").write_text("worlds = 4\nminibatch = 200\n" if little else "")
+    python(
+        folder,
+        *("-c", f"{LITTLE if little else ''}from avrgym.cli import app; app()", "train", environment),
+        *("--steps", str(steps), "--config", "settings.toml", "--out", "run"),
+    )
     policy = "run/policy.safetensors"
     avrgym(folder, "evaluate", environment, "--policy", policy, "--episodes", "2", "--json", "rows.json")
     (row,) = json.loads((folder / "rows.json").read_text())

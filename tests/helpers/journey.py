@@ -19,7 +19,22 @@ SEATING = ("calibration", "loading", "check")
 """The phases in which a participant takes their place."""
 TRIAL = ("free_before", "countdown", "trial", "retreat", "free_after", "questionnaire")
 """The phases of a trial in their order; all but the last end by themselves."""
-_DRAW_WHEN_ASKED = """() => {
+_DRAW_LITTLE = """() => {
+    const next = window.requestAnimationFrame.bind(window);
+    const asked = new Map();
+    let number = 0;
+    const draw = (own) => next((now) => {
+        const frame = asked.get(own);
+        asked.delete(own);
+        frame?.(now);
+    });
+    window.requestAnimationFrame = (frame) => {
+        const own = ++number;
+        asked.set(own, frame);
+        setTimeout(draw, 30, own);
+        return own;
+    };
+    window.cancelAnimationFrame = (own) => asked.delete(own);
     for (const name of ["drawElements", "drawArrays", "drawElementsInstanced", "drawArraysInstanced"]) {
         const draw = WebGL2RenderingContext.prototype[name];
         WebGL2RenderingContext.prototype[name] = function (...given) {
@@ -74,13 +89,14 @@ def await_buttons(headset: EmulatedHeadset, item: str) -> None:
     )
 
 
-def leave_out_triangles(headset: EmulatedHeadset) -> None:
+def draw_little(headset: EmulatedHeadset) -> None:
     """Let the page do all that it does but fill triangles, which takes software ten times as long as all the rest.
 
-    Tests that look at pictures ask for them with ``draw_triangles``.
+    It draws a frame every third time that a display would. Tests that look at pictures ask for them with
+    ``draw_triangles``.
     """
-    headset.page.add_init_script(f"({_DRAW_WHEN_ASKED})()")
-    headset.page.evaluate(_DRAW_WHEN_ASKED)
+    headset.page.add_init_script(f"({_DRAW_LITTLE})()")
+    headset.page.evaluate(_DRAW_LITTLE)
 
 
 def draw_triangles(headset: EmulatedHeadset) -> None:
@@ -123,7 +139,7 @@ class Journey:
             EmulatedHeadset(self.server.url, **{"width": 320, "height": 180, **browser})
         )
         if not draws:
-            leave_out_triangles(self.headset)
+            draw_little(self.headset)
         self.participant = SimulatedParticipant(draw_traits(plan.sex, 5), 5, plan.furniture)
 
     @property

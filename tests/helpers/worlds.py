@@ -8,6 +8,7 @@ import numpy as np
 from avrgym.geometry import transforms
 from avrgym.models.scene import TOOL_CONTACTS
 from avrgym.simulation.worlds import State
+from avrgym.tasks.episodes import Episodes
 
 
 def still_world(**changes: Any) -> State:
@@ -47,3 +48,15 @@ def jerky_actions(rng: np.random.Generator, worlds: int, steps: int) -> np.ndarr
     """Full speed one way or the other, for half a second each."""
     signs = np.sign(rng.uniform(-1, 1, (steps // 5 + 1, worlds, 7)))
     return np.repeat(signs, 5, axis=0)[:steps]
+
+
+def assert_sane(episodes: Episodes, rng: np.random.Generator, steps: int) -> None:
+    """Assert that jerky actions leave observations and rewards finite, and the physics without a warning."""
+    worlds = episodes.simulation.num_worlds
+    for action in jerky_actions(rng, worlds, steps):
+        step = episodes.step(action)
+        assert np.isfinite(step.observation).all()
+        assert np.isfinite(step.reward).all()
+    for world in range(worlds):
+        warnings = [int(warning.number) for warning in episodes.simulation.batch.get_data(world).warning]
+        assert not any(warnings), (world, warnings)

@@ -1,4 +1,4 @@
-"""100 000 starts without anything in anything else, and robots that press as hard as they can: `make soak`."""
+"""100 000 starts without anything in anything else, as many random steps, and robots that press: `make soak`."""
 
 from itertools import product
 from pathlib import Path
@@ -11,14 +11,19 @@ from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.people.names import IMPAIRMENTS
 from avrgym.simulation.room import NoRoomError
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from forces import HOW, MOST_FORCE_N, pressed
 from starts import at_once, deepest_overlap_m
+from worlds import assert_sane
 
 STARTS_OF_A_KIND = 524
 PERSONS = 200
 PRESSED_WORLDS, PRESSED_STEPS = 11, 60
 """In each of 8 environments, 5 kinds of people and 4 impairments: 1 760 starts, and as many for each way to press."""
+
+RANDOM_WORLDS = 512
+"""Whose episodes of 200 steps are more than 100 000 in each environment."""
 
 FITTED = "\n".join(
     ["cooperating = true", "[torso_height_m]", "man = [0.45, 0.7]", "woman = [0.42, 0.66]"]
@@ -47,6 +52,16 @@ def test_nothing_overlaps_and_nothing_presses_at_any_of_100_000_starts(
     print(
         f"\n{environment}: {looked} starts, {100.0 * drawn_again / looked:.1f} % drawn again, none overlaps"
     )
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_100_000_random_steps_stay_finite_without_a_warning(
+    environment: str, rng: np.random.Generator
+) -> None:
+    episodes = Episodes(environment, RANDOM_WORLDS, distribution="revised")
+    generators = [np.random.default_rng(world) for world in range(RANDOM_WORLDS)]
+    episodes.begin(np.arange(RANDOM_WORLDS), generators)
+    assert_sane(episodes, rng, EPISODE_STEPS)
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)

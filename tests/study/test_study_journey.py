@@ -14,7 +14,7 @@ from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation.headset import DONE, EmulatedHeadset
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
-from journey import PATIENCE_S, SEATING, await_buttons, await_phase, go_on, leave_out_triangles
+from journey import PATIENCE_S, SEATING, await_buttons, await_phase, draw_little, go_on
 from limits import UNHURRIED
 from processes import served
 from studies import make_study
@@ -50,7 +50,7 @@ def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
     expect.set_options(timeout=1000 * PATIENCE_S)
     participant = SimulatedParticipant(draw_traits("woman", 5), 5)
     with served(folder, limits=UNHURRIED) as server, EmulatedHeadset(server.participant, 320, 180) as headset:
-        leave_out_triangles(headset)
+        draw_little(headset)
         dashboard = open_dashboard(headset, server.dashboard)
         take_in(dashboard)
         begin(dashboard, headset, "Begin session")
@@ -68,7 +68,7 @@ def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
     kept = digests(folder)
     assert states(folder) == ["completed", "running"]
     with served(folder, limits=UNHURRIED) as server, EmulatedHeadset(server.participant, 320, 180) as headset:
-        leave_out_triangles(headset)
+        draw_little(headset)
         dashboard = open_dashboard(headset, server.dashboard)
         dashboard.get_by_role("button", name="sub-001").click()
         dashboard.get_by_role("button", name="Continue with the remaining trials").click()
