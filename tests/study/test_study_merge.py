@@ -1,7 +1,8 @@
 """Studies of several sites become one: whole, each participant once, and however often a merge is broken off."""
 
+import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -25,8 +26,6 @@ from sites import add_participant, contents, make_site, merge_killed, set_in_des
 from studies import (
     fitting_answers,
     new_postgresql_database,
-    postgresql_programs,
-    postgresql_server,
     record,
     small_study,
 )
@@ -223,6 +222,26 @@ def test_sites_that_share_a_database_are_blocks_of_its_orders(tmp_path: Path) ->
         assert sorted(cells) == [(site, cell) for site in ("atlanta", "berlin") for cell in range(4)]
         with pytest.raises(StudyError, match="'a b' is no site; allowed: at most 40 letters"):
             enrol(store, "man", site="a b")
+
+
+def test_translations_come_along_and_must_be_the_same(tmp_path: Path, out: Path) -> None:
+    sites = [make_site(tmp_path / name, name, trials=()) for name in ("a", "b")]
+    for site, german in zip(sites, ("Probieren Sie.", "Kosten Sie."), strict=True):
+        set_in_design(site, 'languages = ["en"]', 'languages = ["en", "de"]')
+        design = site / "study.toml"
+        design.write_text(design.read_text().replace("Eat the food from the spoon.", "Taste it."))
+        (site / "texts").mkdir()
+        (site / "texts" / "de.toml").write_text(f'[sentences]\n"Taste it." = "{german}"\n')
+    words = (
+        'texts in de.sentences.Taste it. is "Probieren Sie." at a, "Kosten Sie." at b; --accept-differences'
+    )
+    with pytest.raises(StudyError, match=re.escape(words)):
+        merge_studies(sites, out)
+    shutil.copy(sites[0] / "texts" / "de.toml", sites[1] / "texts")
+    merge_studies(sites, out)
+    with Store(out) as store:
+        assert store.design.goals["Feeding"] == "Taste it."
+    assert (out / "texts" / "de.toml").read_bytes() == (sites[0] / "texts" / "de.toml").read_bytes()
 
 
 # What is refused
@@ -437,15 +456,6 @@ def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
         assert frozen.record.design != (out / "study.toml").read_text()
         found = deviations(store, frozen, offered_tests(store.design))
     assert [each for each in found if each.where in ("study.toml", "plan.toml")] == []
-
-
-@pytest.fixture(scope="module")
-def postgresql() -> Iterator[Path]:
-    programs = postgresql_programs()
-    if programs is None:
-        pytest.skip("PostgreSQL's server is not installed (Debian: postgresql)")
-    with postgresql_server(programs) as server:
-        yield server
 
 
 def test_a_site_may_use_postgresql(postgresql: Path, sites: list[Path], out: Path, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Whether studies are the same: design, plan and policies, compared by value."""
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import Any
 
 import msgspec
@@ -12,6 +13,7 @@ from avrgym.study.plan.freezing import FROZEN, policy_files, read_frozen
 from avrgym.study.plan.plan import FILE as PLAN
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
+from avrgym.texts.texts import read_texts
 
 MUST_AGREE = tuple(f"{DESIGN}: {name}" for name in ("tasks", "robots", "policies", "practice_policy"))
 """Without these there is nothing to be taken together."""
@@ -40,6 +42,8 @@ def disagreements(a: tuple[str, Store], b: tuple[str, Store], *, accepted: bool)
 def _disagreements(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
     for place, here, there in differences(_design(a), _design(b)):
         yield f"{DESIGN}: {place}", here, there
+    for place, here, there in differences(_texts(a), _texts(b)):
+        yield f"texts in {place}", here, there
     for place, here, there in differences(_policies(a), _policies(b)):
         yield f"the checksum of {place}", here, there
     if _plan(a) != _plan(b):
@@ -50,6 +54,11 @@ def _design(store: Store) -> dict[str, Any]:
     """What a design says for all sites, with the words of instruments."""
     values = msgspec.json.decode(msgspec.json.encode(store.design))
     return {name: value for name, value in values.items() if name not in LOCAL}
+
+
+def _texts(store: Store) -> dict[str, Any]:
+    """What participants read in each language."""
+    return {language: asdict(read_texts(language, store.folder)) for language in store.design.languages}
 
 
 def _policies(store: Store) -> dict[str, str | None]:
