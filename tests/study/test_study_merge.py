@@ -300,7 +300,7 @@ REFUSED: list[tuple[Callable[[list[Path]], list[Path]], str]] = [
     (_nothing, "empty holds no study.toml"),
     (
         _longer_trials,
-        "trial_steps is 200 at atlanta, 100 at berlin; --accept-differences merges them all the same",
+        r"trial_steps is 200 at atlanta \(line 25\), 100 at berlin \(line 25\); --accept-differences merges",
     ),
     (_other_policies, "studies with other tasks, robots or policies are never merged"),
     (_edited, "was changed by something other than AVR Gym: .*; `avrgym study check` says more"),
@@ -370,7 +370,7 @@ def test_differences_that_are_accepted_are_told(sites: list[Path], out: Path) ->
     told: list[str] = []
     for _ in range(2):
         merge_studies(sites, out, accept_differences=True, tell=told.append)
-    assert told[0] == "study.toml: free_movement_s is 5.0 at atlanta, 4.0 at berlin"
+    assert told[0] == "study.toml: free_movement_s is 5.0 at atlanta (line 28), 4.0 at berlin (line 28)"
     with Store(out) as store:
         notes = [each for each in check_study(store) if each.where == "sites"]
     assert [(each.wrong, each.what) for each in notes] == [(False, f"were merged though {told[0]}")]

@@ -9,12 +9,13 @@ import tomlkit
 from avrgym.study.checking.finding import Finding, LeftOut
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import LOCAL
-from avrgym.study.design.differences import NOTHING, differences, shown
+from avrgym.study.design.differences import NOTHING, differences, named, shown
 from avrgym.study.design.word_files import word_files
 from avrgym.study.plan.freezing import FROZEN, Frozen, PolicyFile, Record, policy_files, sha256, software
 from avrgym.study.plan.plan import FILE, NOT_PLANNED, Offered
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.store import Store
+from avrgym.system.toml_places import Place
 
 
 def deviations(
@@ -88,13 +89,13 @@ def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name not in LOCAL}
 
 
-def changed(place: str, before: Any, after: Any) -> str:
+def changed(place: Place, before: Any, after: Any) -> str:
     """A difference in words; either value may be ``NOTHING``."""
     if before is NOTHING:
-        return f"{place} was added: {shown(after)}"
+        return f"{named(place)} was added: {shown(after)}"
     if after is NOTHING:
-        return f"{place} is gone; it was {shown(before)}"
-    return f"{place} was {shown(before)}, is {shown(after)}"
+        return f"{named(place)} is gone; it was {shown(before)}"
+    return f"{named(place)} was {shown(before)}, is {shown(after)}"
 
 
 def _software(record: Record) -> Iterator[Finding]:
