@@ -2,6 +2,7 @@
 
 import resource
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,6 +56,18 @@ def feeding_scene() -> "SceneConfig":
     from avrgym.tasks.registry import TASKS
 
     return TASKS["Feeding"].scene(JACO)
+
+
+@pytest.fixture(scope="session")
+def postgresql() -> Iterator[Path]:
+    """The folder of a running PostgreSQL's socket."""
+    from studies import postgresql_programs, postgresql_server
+
+    programs = postgresql_programs()
+    if programs is None:
+        pytest.skip("PostgreSQL's server is not installed (Debian: postgresql), so SQLite alone is tested")
+    with postgresql_server(programs) as server:
+        yield server
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import os
 import random
 from collections import Counter
-from collections.abc import Iterator
 from contextlib import suppress
 from itertools import count
 from multiprocessing import get_context
@@ -26,8 +25,6 @@ from sites import contents, make_site, merge_killed, tree, wrong
 from studies import (
     fitting_answers,
     new_postgresql_database,
-    postgresql_programs,
-    postgresql_server,
     run_participant,
     run_trial,
     small_study,
@@ -41,18 +38,13 @@ Fact = tuple[str, int]
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
-def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """The database of the test's studies."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
-    if request.param == "sqlite":
-        yield request.param
-        return
-    programs = postgresql_programs()
-    if programs is None:
-        pytest.skip("PostgreSQL's server is not installed (Debian: postgresql)")
-    with postgresql_server(programs) as server:
+    if request.param == "postgresql":
+        server = request.getfixturevalue("postgresql")
         monkeypatch.setenv(database.URL_VARIABLE, new_postgresql_database(server))
-        yield request.param
+    return request.param
 
 
 @pytest.fixture

@@ -91,7 +91,7 @@ def test_trials_whose_person_was_held_too_long_are_left_out_and_listed(tmp_path:
     (problem,) = (each for each in analysis.results()["problems"] if "left out" in each["what"])
     assert problem["where"] == second["recording"]
     (finding,) = findings
-    assert (finding.where, finding.wrong) == (second["recording"], False)
+    assert (finding.where, finding.wrong) == (f"{pseudonym}, trial 2", False)
     assert "held for 100.0 %" in finding.what
 
 

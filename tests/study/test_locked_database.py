@@ -17,20 +17,11 @@ from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Command, Phase, Stop
-from studies import make_study, new_postgresql_database, postgresql_programs, postgresql_server, take_in
+from studies import make_study, new_postgresql_database, take_in
 from visit import Visit
 
 PATIENCE_S = 60.0
 Lock = Callable[[], AbstractContextManager[None]]
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[Path]:
-    programs = postgresql_programs()
-    if programs is None:
-        pytest.skip("no PostgreSQL server here")
-    with postgresql_server(programs) as running:
-        yield running
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -39,7 +30,7 @@ def locked(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_
     if request.param == "sqlite":
         monkeypatch.delenv(database.URL_VARIABLE, raising=False)
         return lambda: sqlite_lock(tmp_path / database.FILE)
-    url = new_postgresql_database(request.getfixturevalue("server"))
+    url = new_postgresql_database(request.getfixturevalue("postgresql"))
     monkeypatch.setenv(database.URL_VARIABLE, url)
     return lambda: postgresql_lock(url)
 

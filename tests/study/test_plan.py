@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import msgspec
 import pytest
 from typer.testing import CliRunner, Result
 
@@ -12,8 +13,8 @@ from avrgym.policies.trained import packaged_policies
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.design.differences import differences
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
-from avrgym.study.plan.deviations import changed
-from avrgym.study.plan.freezing import FROZEN, read_frozen
+from avrgym.study.plan.deviations import changed, deviations
+from avrgym.study.plan.freezing import FROZEN, Frozen, read_frozen
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
 from avrgym.study.plan.template import template
 from avrgym.study.storage import database
@@ -285,3 +286,28 @@ def test_a_comment_alone_is_told_as_such(tmp_path: Path) -> None:
     with open(folder / "study.toml", "a") as file:
         file.write("# later\n")
     assert "study.toml: was changed in comments or layout alone" in study("status", folder).stdout
+
+
+def test_other_words_for_participants_are_a_deviation(tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
+    german, english = folder / "texts" / "de.toml", folder / "texts" / "en.toml"
+    german.parent.mkdir()
+    german.write_text('[sentences]\n"strongly agree" = "voll und ganz"\n')
+    _frozen(folder)
+    assert "deviations: 0" in study("status", folder).stdout
+
+    german.write_text('[sentences]\n"strongly agree" = "ja"\n')
+    shown = study("status", folder).stdout
+    assert 'texts/de.toml: sentences.strongly agree was "voll und ganz", is "ja"' in shown
+    german.unlink()
+    english.write_text('name = "Plain English"\n')
+    shown = study("status", folder).stdout
+    assert "deviation  texts/de.toml: is gone" in shown
+    assert "deviation  texts/en.toml: was added" in shown
+    assert "deviations: 2" in shown
+    with Store(folder) as store:
+        record = read_frozen(store)
+        assert record is not None
+        assert record.record is not None
+        earlier = Frozen(msgspec.structs.replace(record.record, words=None))
+        assert deviations(store, earlier, offered_tests(store.design)) == []

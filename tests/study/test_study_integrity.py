@@ -4,7 +4,6 @@ import random
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -23,23 +22,12 @@ from places import DATA
 from processes import die_with_parent
 from studies import (
     new_postgresql_database,
-    postgresql_programs,
-    postgresql_server,
     run_participant,
     small_study,
     take_in,
 )
 
 OLD = DATA / "study-of-0.1.0"
-
-
-@pytest.fixture(scope="module")
-def postgresql() -> Iterator[Path]:
-    programs = postgresql_programs()
-    if programs is None:
-        pytest.skip("PostgreSQL's server is not installed (Debian: postgresql), so SQLite alone is tested")
-    with postgresql_server(programs) as server:
-        yield server
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

@@ -1,7 +1,8 @@
 """Studies of several sites become one: whole, each participant once, and however often a merge is broken off."""
 
+import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -25,8 +26,6 @@ from sites import add_participant, contents, make_site, merge_killed, set_in_des
 from studies import (
     fitting_answers,
     new_postgresql_database,
-    postgresql_programs,
-    postgresql_server,
     record,
     small_study,
 )
@@ -225,6 +224,26 @@ def test_sites_that_share_a_database_are_blocks_of_its_orders(tmp_path: Path) ->
             enrol(store, "man", site="a b")
 
 
+def test_translations_come_along_and_must_be_the_same(tmp_path: Path, out: Path) -> None:
+    sites = [make_site(tmp_path / name, name, trials=()) for name in ("a", "b")]
+    for site, german in zip(sites, ("Probieren Sie.", "Kosten Sie."), strict=True):
+        set_in_design(site, 'languages = ["en"]', 'languages = ["en", "de"]')
+        design = site / "study.toml"
+        design.write_text(design.read_text().replace("Eat the food from the spoon.", "Taste it."))
+        (site / "texts").mkdir()
+        (site / "texts" / "de.toml").write_text(f'[sentences]\n"Taste it." = "{german}"\n')
+    words = (
+        'texts in de.sentences.Taste it. is "Probieren Sie." at a, "Kosten Sie." at b; --accept-differences'
+    )
+    with pytest.raises(StudyError, match=re.escape(words)):
+        merge_studies(sites, out)
+    shutil.copy(sites[0] / "texts" / "de.toml", sites[1] / "texts")
+    merge_studies(sites, out)
+    with Store(out) as store:
+        assert store.design.goals["Feeding"] == "Taste it."
+    assert (out / "texts" / "de.toml").read_bytes() == (sites[0] / "texts" / "de.toml").read_bytes()
+
+
 # What is refused
 
 
@@ -281,7 +300,7 @@ REFUSED: list[tuple[Callable[[list[Path]], list[Path]], str]] = [
     (_nothing, "empty holds no study.toml"),
     (
         _longer_trials,
-        "trial_steps is 200 at atlanta, 100 at berlin; --accept-differences merges them all the same",
+        r"trial_steps is 200 at atlanta \(line 25\), 100 at berlin \(line 25\); --accept-differences merges",
     ),
     (_other_policies, "studies with other tasks, robots or policies are never merged"),
     (_edited, "was changed by something other than AVR Gym: .*; `avrgym study check` says more"),
@@ -351,7 +370,7 @@ def test_differences_that_are_accepted_are_told(sites: list[Path], out: Path) ->
     told: list[str] = []
     for _ in range(2):
         merge_studies(sites, out, accept_differences=True, tell=told.append)
-    assert told[0] == "study.toml: free_movement_s is 5.0 at atlanta, 4.0 at berlin"
+    assert told[0] == "study.toml: free_movement_s is 5.0 at atlanta (line 28), 4.0 at berlin (line 28)"
     with Store(out) as store:
         notes = [each for each in check_study(store) if each.where == "sites"]
     assert [(each.wrong, each.what) for each in notes] == [(False, f"were merged though {told[0]}")]
@@ -437,15 +456,6 @@ def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
         assert frozen.record.design != (out / "study.toml").read_text()
         found = deviations(store, frozen, offered_tests(store.design))
     assert [each for each in found if each.where in ("study.toml", "plan.toml")] == []
-
-
-@pytest.fixture(scope="module")
-def postgresql() -> Iterator[Path]:
-    programs = postgresql_programs()
-    if programs is None:
-        pytest.skip("PostgreSQL's server is not installed (Debian: postgresql)")
-    with postgresql_server(programs) as server:
-        yield server
 
 
 def test_a_site_may_use_postgresql(postgresql: Path, sites: list[Path], out: Path, tmp_path: Path) -> None:

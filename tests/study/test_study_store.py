@@ -36,8 +36,6 @@ from studies import (
     fitting_answers,
     make_study,
     new_postgresql_database,
-    postgresql_programs,
-    postgresql_server,
     record,
     run_participant,
     run_trial,
@@ -46,15 +44,6 @@ from studies import (
 )
 
 ITEMS = ("L1", "L2", "L3", "L4")
-
-
-@pytest.fixture(scope="session")
-def postgresql() -> Iterator[Path]:
-    programs = postgresql_programs()
-    if programs is None:
-        pytest.skip("PostgreSQL's server is not installed (Debian: postgresql), so SQLite alone is tested")
-    with postgresql_server(programs) as server:
-        yield server
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

@@ -34,10 +34,10 @@ from avrgym.analysis.statistics.subjective import answer_families, likert_rows, 
 from avrgym.analysis.statistics.tests import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
 from avrgym.analysis.stream_rows import StreamRow
 from avrgym.analysis.tables import Table, control_steps
-from avrgym.study.checking.finding import Finding
+from avrgym.study.checking.finding import Finding, left_out
 from avrgym.study.design.design import Design
 from avrgym.study.export.scores import uses_instruments
-from avrgym.study.plan.deviations import deviations, left_out
+from avrgym.study.plan.deviations import deviations
 from avrgym.study.plan.freezing import read_frozen
 from avrgym.study.plan.plan import FILE as PLAN_FILE
 from avrgym.study.plan.plan import Plan

@@ -19,7 +19,7 @@ from avrgym.cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from avrgym.study.checking.finding import Finding
+    from avrgym.study.checking.finding import Finding, LeftOut
     from avrgym.study.storage.store import Store
 
 Folder = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
@@ -123,7 +123,7 @@ def power(
         say(sentence)
 
 
-def plan_of(store: "Store", left_out: "Sequence[Finding]" = ()) -> "tuple[str | None, list[Finding]]":
+def plan_of(store: "Store", left_out: "Sequence[LeftOut]" = ()) -> "tuple[str | None, list[Finding]]":
     """When a study's plan was frozen, if it was, and in what the study deviates from it."""
     from avrgym.study.plan.freezing import read_frozen
 
@@ -138,12 +138,14 @@ def plan_of(store: "Store", left_out: "Sequence[Finding]" = ()) -> "tuple[str | 
     return frozen.at, deviations(store, frozen, offered_tests(design), left_out, offered_models(design))
 
 
-def plan_findings(store: "Store") -> "list[Finding]":
-    """In what a study deviates from its frozen plan, as findings of a check: recordings are read."""
-    from avrgym.study.plan.deviations import left_out_trials
-    from avrgym.study.plan.freezing import read_frozen
+def checked(store: "Store") -> "list[Finding]":
+    """All that a check of a study finds, and in what it deviates from its plan, each once."""
+    from avrgym.study.checking.checks import check_study
+    from avrgym.study.checking.finding import LeftOut
 
-    if read_frozen(store) is None:
-        return []
-    _, found = plan_of(store, left_out_trials(store))
-    return [replace(each, what=f"deviates from the plan: {each.what}") for each in found]
+    found = check_study(store)
+    _, deviating = plan_of(store, [each for each in found if isinstance(each, LeftOut)])
+    return [
+        *(each for each in found if each not in deviating),
+        *(replace(each, what=f"deviates from the plan: {each.what}") for each in deviating),
+    ]

@@ -8,7 +8,7 @@ import typer
 
 from avrgym.cli.cluster import Address, on_cluster
 from avrgym.cli.options import PEOPLE, Impairment
-from avrgym.cli.plan import Folder, freeze, plan_findings, plan_of, power
+from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
 from avrgym.cli.progress import GOES_ON, progress_bar
 from avrgym.cli.sites import merge, say_sites
 from avrgym.cli.terminal import (
@@ -206,7 +206,6 @@ def check(
 
     Its policies are loaded, and whatever it stored is to be there, whole and unchanged.
     """
-    from avrgym.study.checking.checks import check_study
     from avrgym.study.checking.database_checks import fix_permissions as fix
     from avrgym.study.storage.store import Store
 
@@ -215,7 +214,7 @@ def check(
         with Store(folder) as store:
             if fix_permissions:
                 fix(store)
-            findings = check_study(store) + plan_findings(store)
+            findings = checked(store)
             head = store.database.head()
         write_json(json_file, [asdict(finding) for finding in findings])
     for finding in findings:

@@ -148,18 +148,18 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
         "Attempts": sum(row.attempts for row in trials),
         "broken off": sum(row.attempts_broken_off for row in trials),
     }
+    sites = ["Site"] if any(row.site for row in people) else []
     rows = [
         (
-            row.participant, *_place(people, row), row.state, row.sex, "" if row.age_years is None else row.age_years,
-            row.language,
+            row.participant, *([row.site or ""] if sites else []), row.state, row.sex, row.language,
+            "" if row.age_years is None else row.age_years,
             "" if row.torso_height_m is None else f"{row.torso_height_m:.3f}", row.sessions,
             row.trials_completed, row.trials_missing, row.attempts, row.attempts_broken_off,
         )
         for row in people
     ]  # fmt: skip
-    places = ("Site", "there") if any(row.site for row in people) else ()
     heads = (
-        "Participant", *places, "State", "Body", "Age", "Language", "Torso / m", "Sessions", "Trials completed",
+        "Participant", *sites, "State", "Body", "Language", "Age", "Torso / m", "Sessions", "Trials completed",
         "missing", "Attempts", "broken off",
     )  # fmt: skip
     caption = "Participants; who withdrew is counted here and in no analysis"
@@ -167,11 +167,6 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
     listed = [tag("p", "Left out of the analyses:"), listing(left_out)] if left_out else []
     shown = table(captioned(caption, simulated), heads, rows, numbers=range(len(heads) - 7, len(heads)))
     return join([definitions(metrics), *listed, shown])
-
-
-def _place(people: Sequence[ParticipantRow], row: ParticipantRow) -> tuple[str, ...]:
-    """Where someone took part and what they go by there, in a study with sites."""
-    return (row.site or "", row.site_participant or "") if any(each.site for each in people) else ()
 
 
 def _in_state(people: Sequence[ParticipantRow], state: str) -> int:

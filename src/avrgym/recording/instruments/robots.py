@@ -41,8 +41,8 @@ ROSAS = Instrument(
         InstrumentItem(
             f"rosas_{word}",
             f"How closely do you associate this word with the robot: {word}?",
-            "not at all",
-            "very closely",
+            "definitely not associated",
+            "definitely associated",
         )
         for words in ATTRIBUTES.values()
         for word in words

@@ -9,7 +9,7 @@ from avrgym.recording.files import Recording, RecordingError, read_recording
 from avrgym.recording.outcomes import Metrics
 from avrgym.recording.questionnaire import SESSION_MOMENTS
 from avrgym.study.checking.database_checks import check_database, check_private
-from avrgym.study.checking.finding import Finding
+from avrgym.study.checking.finding import Finding, left_out
 from avrgym.study.checking.held import held_share, too_much_held
 from avrgym.study.checking.preflight import policy_faults
 from avrgym.study.storage.answers import answered_in_visit
@@ -25,7 +25,7 @@ from avrgym.study.storage.rows import (
     pseudonym_of,
 )
 from avrgym.study.storage.sites import LEFT_OUT
-from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.states import TAKES_PART, StudyError
 from avrgym.study.storage.store import Store, find_all
 
 
@@ -138,23 +138,16 @@ def _check_attempt(
         yield Finding(attempt.recording, str(error))
         return
     if path.is_file():
-        planned = {
-            "environment": trial.environment,
-            "policy": trial.policy,
-            "seed": trial.seed,
-            "practice": trial.practice,
-            "simulated": participant.simulated,
-        }
-        yield from _check_recording(store, planned, attempt, path, answers)
+        yield from _check_recording(store, participant, trial, attempt, path, answers)
     elif participant.site_number is None and session.station != store.station:
         yield Finding(attempt.recording, f"is not here; it was recorded at {session.station}", wrong=False)
-    elif left_out := _left_out(store, attempt):
-        yield Finding(attempt.recording, f"was left out when sites were merged: {left_out}", wrong=False)
+    elif why := _not_merged(store, attempt):
+        yield Finding(attempt.recording, f"was left out when sites were merged: {why}", wrong=False)
     elif completed or attempt.sha256 is not None:
         yield Finding(attempt.recording, "is missing")
 
 
-def _left_out(store: Store, attempt: TrialAttempt) -> str:
+def _not_merged(store: Store, attempt: TrialAttempt) -> str:
     """Why a recording was left out of a merged study, if it was."""
     with store.database.read() as connection:
         told = find_all(connection, StudyEvent, attempt=attempt.id)
@@ -163,7 +156,8 @@ def _left_out(store: Store, attempt: TrialAttempt) -> str:
 
 def _check_recording(
     store: Store,
-    planned: Mapping[str, Any],
+    participant: Participant,
+    trial: Trial,
     attempt: TrialAttempt,
     path: Path,
     answers: list[GivenAnswer],
@@ -180,10 +174,11 @@ def _check_recording(
         yield Finding(attempt.recording, "is not complete though its trial is")
     if attempt.state == "completed" and _gave(recording.metrics) != _gave(attempt.metrics):
         yield Finding(attempt.recording, "tells of other metrics than the database")
-    held = too_much_held(held_share(recording), store.design) if attempt.state == "completed" else None
-    if held is not None:
-        yield Finding(attempt.recording, f"{held}: the analysis leaves it out", wrong=False)
-    for name in _differences(recording, planned, answers):
+    if attempt.state == "completed" and not trial.practice and participant.state in TAKES_PART:
+        held = too_much_held(held_share(recording), store.design)
+        if held is not None:
+            yield left_out(participant.pseudonym, trial.position, held)
+    for name in _differences(recording, _stored(participant, trial, attempt), answers):
         yield Finding(attempt.recording, f"was recorded with another {name} than was planned or stored")
 
 
@@ -192,12 +187,25 @@ def _gave(metrics: Metrics) -> tuple[int | None, float | None, bool | None]:
     return metrics.steps, metrics.reward, metrics.success
 
 
+def _stored(participant: Participant, trial: Trial, attempt: TrialAttempt) -> Mapping[str, Any]:
+    """What the database tells of an attempt and its recording's configuration tells too."""
+    told = {
+        "environment": trial.environment,
+        "policy": trial.policy,
+        "seed": trial.seed,
+        "practice": trial.practice,
+        "simulated": participant.simulated,
+    }
+    return told if attempt.torso_height_m is None else told | {"torso height": attempt.torso_height_m}
+
+
 def _differences(
-    recording: Recording, planned: Mapping[str, Any], answers: list[GivenAnswer]
+    recording: Recording, stored: Mapping[str, Any], answers: list[GivenAnswer]
 ) -> Iterator[str]:
     """Names of what recording and database tell differently; the latest answers may lack where a crash cut a file."""
-    for name, value in planned.items():
-        if recording.metadata.get(name) != value:
+    recorded_values = {**recording.metadata, "torso height": recording.torso_height_m}
+    for name, value in stored.items():
+        if recorded_values.get(name) != value:
             yield name
     recorded = {answer.item: answer.value for _, answer in recording.topics["/answers"]}
     kept = [answer for answer in answers if answer.item in recorded or recording.outcome is not None]

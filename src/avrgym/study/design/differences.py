@@ -6,6 +6,7 @@ from itertools import zip_longest
 from typing import Any
 
 from avrgym.system.plain_values import is_array, is_table
+from avrgym.system.toml_places import Place
 
 LONGEST = 80
 """Longer values are told by their beginning."""
@@ -13,17 +14,22 @@ NOTHING = object()
 """Stands for a value that is not there."""
 
 
-def differences(a: Any, b: Any, place: str = "") -> Iterator[tuple[str, Any, Any]]:
+def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any, Any]]:
     """The place of each difference, and the values there, of which one may be ``NOTHING``."""
     if is_table(a) and is_table(b):
         for name in dict.fromkeys([*a, *b]):
-            inner = f"{place}.{name}" if place else name
-            yield from differences(a.get(name, NOTHING), b.get(name, NOTHING), inner)
+            yield from differences(a.get(name, NOTHING), b.get(name, NOTHING), (*place, name))
     elif _holds_tables(a) and _holds_tables(b):
-        for number, pair in enumerate(zip_longest(a, b, fillvalue=NOTHING), start=1):
-            yield from differences(*pair, f"{place} {number}")
+        for index, pair in enumerate(zip_longest(a, b, fillvalue=NOTHING)):
+            yield from differences(*pair, (*place, index))
     elif a != b:
         yield place, a, b
+
+
+def named(place: Place) -> str:
+    """A place in a sentence; what stands in an array is counted from 1."""
+    words = (f" {each + 1}" if isinstance(each, int) else f".{each}" for each in place)
+    return "".join(words).removeprefix(".")
 
 
 def shown(value: Any) -> str:

@@ -1,55 +1,89 @@
 """Whether studies are the same: design, plan and policies, compared by value."""
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import Any
 
 import msgspec
 
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import LOCAL
-from avrgym.study.design.differences import differences, shown
+from avrgym.study.design.differences import differences, named, shown
+from avrgym.study.design.toml import read_text
 from avrgym.study.plan.freezing import FROZEN, policy_files, read_frozen
 from avrgym.study.plan.plan import FILE as PLAN
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
+from avrgym.system.toml_places import Place, line_of
+from avrgym.texts.texts import read_texts
 
-MUST_AGREE = tuple(f"{DESIGN}: {name}" for name in ("tasks", "robots", "policies", "practice_policy"))
+MUST_AGREE = ("tasks", "robots", "policies", "practice_policy")
 """Without these there is nothing to be taken together."""
+Named = tuple[str, Store]
+"""A study with its site's name."""
 
 
-def disagreements(a: tuple[str, Store], b: tuple[str, Store], *, accepted: bool) -> list[str]:
-    """In what two studies differ, in words; each comes with its name.
+def disagreements(a: Named, b: Named, *, accepted: bool) -> list[str]:
+    """In what two studies differ, in words.
 
     Raises:
         StudyError: where they differ in anything that was not ``accepted``, or that never can be.
     """
-    found = list(_disagreements(a[1], b[1]))
-    words = [f"{place} is {shown(here)} at {a[0]}, {shown(there)} at {b[0]}" for place, here, there in found]
-    never = [place for place, *_ in found if place.startswith(MUST_AGREE)]
+    designs = list(differences(_design(a[1]), _design(b[1])))
+    never = [each for each in designs if each[0][0] in MUST_AGREE]
     if never:
+        words = "; ".join(_of_designs(a, b, *each) for each in never)
         raise StudyError(
-            f"nothing was merged: {'; '.join(words)}; studies with other tasks, robots or policies are never merged"
+            f"nothing was merged: {words}; studies with other tasks, robots or policies are never merged"
         )
-    if words and not accepted:
+    found = [_of_designs(a, b, *each) for each in designs]
+    found += [_told(*each, a[0], b[0]) for each in _beside_designs(a[1], b[1])]
+    if found and not accepted:
         raise StudyError(
-            f"nothing was merged: {'; '.join(words)}; --accept-differences merges them all the same"
+            f"nothing was merged: {'; '.join(found)}; --accept-differences merges them all the same"
         )
-    return words
+    return found
 
 
-def _disagreements(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
-    for place, here, there in differences(_design(a), _design(b)):
-        yield f"{DESIGN}: {place}", here, there
+def _beside_designs(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
+    for place, here, there in differences(_texts(a), _texts(b)):
+        yield f"texts in {named(place)}", here, there
     for place, here, there in differences(_policies(a), _policies(b)):
-        yield f"the checksum of {place}", here, there
+        yield f"the checksum of {named(place)}", here, there
     if _plan(a) != _plan(b):
         yield f"the frozen plan's checksum ({FROZEN})", _plan(a), _plan(b)
+
+
+def _of_designs(a: Named, b: Named, place: Place, here: Any, there: Any) -> str:
+    """A difference of designs, with the lines where their files say so."""
+    at = [f"{name}{_line(store, place)}" for name, store in (a, b)]
+    return _told(f"{DESIGN}: {named(place)}", here, there, *at)
+
+
+def _told(where: str, here: Any, there: Any, a: str, b: str) -> str:
+    return f"{where} is {shown(here)} at {a}, {shown(there)} at {b}"
+
+
+def _line(store: Store, place: Place) -> str:
+    """The line of a value, or of what it belongs to; nothing where a design does not say it."""
+    text = read_text(store.folder / DESIGN)
+    for length in range(len(place), 0, -1):
+        try:
+            return f" (line {line_of(text, place[:length])})"
+        except LookupError:
+            continue
+    return ""
 
 
 def _design(store: Store) -> dict[str, Any]:
     """What a design says for all sites, with the words of instruments."""
     values = msgspec.json.decode(msgspec.json.encode(store.design))
     return {name: value for name, value in values.items() if name not in LOCAL}
+
+
+def _texts(store: Store) -> dict[str, Any]:
+    """What participants read in each language."""
+    return {language: asdict(read_texts(language, store.folder)) for language in store.design.languages}
 
 
 def _policies(store: Store) -> dict[str, str | None]:

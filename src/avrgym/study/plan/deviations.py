@@ -6,25 +6,23 @@ from typing import Any
 
 import tomlkit
 
-from avrgym.recording.files import RecordingError
-from avrgym.study.checking.finding import Finding
-from avrgym.study.checking.held import held_share, too_much_held
+from avrgym.study.checking.finding import Finding, LeftOut
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import LOCAL
-from avrgym.study.design.differences import NOTHING, differences, shown
-from avrgym.study.export.trials import all_attempts
+from avrgym.study.design.differences import NOTHING, differences, named, shown
+from avrgym.study.design.word_files import word_files
 from avrgym.study.plan.freezing import FROZEN, Frozen, PolicyFile, Record, policy_files, sha256, software
 from avrgym.study.plan.plan import FILE, NOT_PLANNED, Offered
 from avrgym.study.storage.rows import pseudonym_of
-from avrgym.study.storage.states import TAKES_PART, StudyError
 from avrgym.study.storage.store import Store
+from avrgym.system.toml_places import Place
 
 
 def deviations(
     store: Store,
     frozen: Frozen,
     offered: Offered,
-    left_out: Sequence[Finding] = (),
+    left_out: Sequence[LeftOut] = (),
     besides: Offered = MappingProxyType({}),
 ) -> list[Finding]:
     """Each difference between a study and its frozen plan.
@@ -43,33 +41,13 @@ def deviations(
         *found,
         *_changed_file(store, frozen.record, DESIGN, frozen.record.design),
         *_changed_file(store, frozen.record, FILE, frozen.record.plan),
+        *_words(store, frozen.record),
         *_software(frozen.record),
         *_policies(store, frozen.record),
         *_people(store, frozen.record),
         *left_out,
         *_tests(frozen.record, offered, besides),
     ]
-
-
-def left_out(participant: str, position: int, why: str) -> Finding:
-    """That the exclusion rule keeps a trial out of the analysis."""
-    return Finding(f"{participant}, trial {position}", f"is left out of the analysis: {why}", wrong=False)
-
-
-def left_out_trials(store: Store) -> list[Finding]:
-    """All trials that the exclusion rule keeps out of the analysis, from their recordings."""
-    found: list[Finding] = []
-    for each in all_attempts(store):
-        counts = each.attempt.state == "completed" and each.participant.state in TAKES_PART
-        if not counts or each.trial.practice:
-            continue
-        try:
-            why = too_much_held(held_share(each.read()), store.design)
-        except (OSError, RecordingError, StudyError):
-            continue  # check_study tells
-        if why is not None:
-            found.append(left_out(each.participant.pseudonym, each.trial.position, why))
-    return found
 
 
 # Files
@@ -95,18 +73,29 @@ def _changed_file(store: Store, record: Record, name: str, before: str) -> Itera
         yield _deviation(name, "was changed in comments or layout alone")
 
 
+def _words(store: Store, record: Record) -> Iterator[Finding]:
+    """What participants read otherwise, or besides; a record of an earlier version does not tell."""
+    if record.words is None:
+        return
+    for name, before in record.words.items():
+        yield from _changed_file(store, record, name, before)
+    for name in word_files(store.design, store.folder):
+        if name not in record.words:
+            yield _deviation(name, "was added")
+
+
 def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
     """What a file says for all sites."""
     return {name: value for name, value in values.items() if name not in LOCAL}
 
 
-def changed(place: str, before: Any, after: Any) -> str:
+def changed(place: Place, before: Any, after: Any) -> str:
     """A difference in words; either value may be ``NOTHING``."""
     if before is NOTHING:
-        return f"{place} was added: {shown(after)}"
+        return f"{named(place)} was added: {shown(after)}"
     if after is NOTHING:
-        return f"{place} is gone; it was {shown(before)}"
-    return f"{place} was {shown(before)}, is {shown(after)}"
+        return f"{named(place)} is gone; it was {shown(before)}"
+    return f"{named(place)} was {shown(before)}, is {shown(after)}"
 
 
 def _software(record: Record) -> Iterator[Finding]:

@@ -1,7 +1,7 @@
 """Freezing a study's plan before the first participant: what the study was at that moment, on record.
 
-``plan-frozen.json`` holds plan and design with all checksums and versions. Its own checksum is an event in the
-database, for which the ledger vouches.
+``plan-frozen.json`` holds plan, design and all other words of a study with all checksums and versions. Its own checksum
+is an event in the database, for which the ledger vouches.
 """
 
 import hashlib
@@ -17,6 +17,7 @@ from avrgym.policies.trained import PolicyError, packaged_policies
 from avrgym.study.checking.preflight import policies_needed, policy_faults
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.toml import read_text
+from avrgym.study.design.word_files import word_files
 from avrgym.study.plan.plan import FILE, Offered, Plan, parse_frozen_plan, read_plan
 from avrgym.study.storage.rows import StudyEvent, StudySession, Tombstone, pseudonym_of
 from avrgym.study.storage.schema import now
@@ -42,7 +43,11 @@ class PolicyFile(msgspec.Struct, frozen=True):
 
 
 class Record(msgspec.Struct, frozen=True):
-    """What a study was when its plan was frozen; ``plan`` and ``design`` are the texts of the files."""
+    """What a study was when its plan was frozen.
+
+    ``plan`` and ``design`` are the texts of the files, ``words`` those of the files in which the study has words of its
+    own; a record of an earlier version has no ``words``.
+    """
 
     format: str
     frozen_at: str
@@ -51,6 +56,7 @@ class Record(msgspec.Struct, frozen=True):
     policies: tuple[PolicyFile, ...]
     plan: str
     design: str
+    words: dict[str, str] | None = None
 
     def parsed(self) -> Plan:
         """The plan as it was frozen."""
@@ -116,14 +122,16 @@ def _check_untouched(store: Store, connection: sa.Connection) -> None:
 
 
 def _record(store: Store, plan: str) -> Record:
+    words = word_files(store.design, store.folder)
     return Record(
         format=FORMAT,
         frozen_at=now(),
-        sha256={name: sha256((store.folder / name).read_bytes()) for name in (FILE, DESIGN)},
+        sha256={name: sha256((store.folder / name).read_bytes()) for name in (FILE, DESIGN, *words)},
         versions=software(),
         policies=policy_files(store),
         plan=plan,
         design=read_text(store.folder / DESIGN),
+        words={name: read_text(store.folder / name) for name in words},
     )
 
 

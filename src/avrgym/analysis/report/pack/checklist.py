@@ -8,7 +8,9 @@ of participants of CONSORT (Schulz et al., BMJ 340, 2010, c332).
 from dataclasses import dataclass
 
 from avrgym.analysis.reading.flow import Flow
+from avrgym.analysis.report.pack.methods import days_of
 from avrgym.analysis.study import Analysis
+from avrgym.policies.names import OPERATOR
 from avrgym.study.design.words import blinding, conditions, randomization
 
 
@@ -60,7 +62,7 @@ def _about_the_study(analysis: Analysis) -> list[Asked]:
     design, about = analysis.design, analysis.design.reporting
     measures = ", ".join(each.name for each in design.questionnaires)
     flow = next(iter(analysis.flows), None)
-    days = f"{flow.first_day} to {flow.last_day}" if flow and flow.first_day else ""
+    days = days_of(flow) if flow and flow.first_day else ""
     return [
         Asked("Design and conditions", conditions(design)),
         Asked("Order and randomisation", randomization(design)),
@@ -68,7 +70,10 @@ def _about_the_study(analysis: Analysis) -> list[Asked]:
         Asked("Robots", ", ".join(design.robots)),
         Asked(
             "Who controls the robots",
-            f"the policies {', '.join(design.policies)}, on their own but for `operator`",
+            f"the policies {', '.join(design.policies)}"
+            + (
+                "; the experimenter where it is operator" if OPERATOR in design.policies else ", on their own"
+            ),
         ),
         _reporting("Headset and controllers", about.headset, "headset"),
         _reporting("Place", about.location, "location"),

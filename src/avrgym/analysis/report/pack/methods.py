@@ -10,12 +10,18 @@ from avrgym.analysis.page import count
 from avrgym.analysis.reading.flow import Flow
 from avrgym.analysis.report.models import METHODS as OF_MODELS
 from avrgym.analysis.rows import ParticipantRow
+from avrgym.analysis.statistics.sites import site_of
 from avrgym.analysis.study import Analysis
 from avrgym.recording.questionnaire import Questionnaire
 from avrgym.study.design.words import blinding, conditions, description, randomization
 from avrgym.vr.session.attempt import versions
 
 SIMULATED = "SIMULATED PARTICIPANTS: all that follows was made up by a program and says nothing about people."
+MOMENTS = {
+    "before_session": "before each session",
+    "after_trial": "after each trial but practice",
+    "after_session": "after each session",
+}
 Sections = Mapping[str, list[str]]
 """Paragraphs by heading."""
 
@@ -61,6 +67,8 @@ def _participants(analysis: Analysis, flow: Flow) -> Iterator[str]:
         f"completed the study and {flow.analysed} entered the analysis. "
         f"{_ages(people)} {_bodies(people)} {_languages(people)}"
     )
+    if any(row.site for row in people):
+        yield _sites(people)
     if flow.simulated:
         return
     yield f"Gender: {about.gender or missing('gender, as participants described it')}"
@@ -88,9 +96,16 @@ def _bodies(people: Sequence[ParticipantRow]) -> str:
 
 def _languages(people: Sequence[ParticipantRow]) -> str:
     read = Counter(row.language for row in people)
-    return (
-        f"All words were read in: {', '.join(f'{language} by {times}' for language, times in read.items())}."
-    )
+    return f"Language of all that they read: {_shares(read)}."
+
+
+def _sites(people: Sequence[ParticipantRow]) -> str:
+    taken = Counter(site_of(row) for row in people)
+    return f"Sites: {_shares(taken)}. Orders are balanced within each site. Tests take all sites together."
+
+
+def _shares(times: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} ({number})" for name, number in sorted(times.items()))
 
 
 def _orders(flow: Flow) -> Iterator[str]:
@@ -110,7 +125,8 @@ def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
     yield (
         f"Participants sat on a seat {seat.seat_height_m:g} m high and lay on a mattress {seat.mattress_height_m:g} m "
         f"high with its back at {seat.mattress_back_deg:g}°. "
-        f"A force guard drew back arms that pressed too hard: {'yes' if design.force_guard else 'no'}."
+        + ("A force guard drew back" if design.force_guard else "No force guard drew back")
+        + " arms that pressed too hard."
     )
     yield _latency(analysis)
     if checked:
@@ -135,8 +151,19 @@ def _inclusion(analysis: Analysis) -> Iterator[str]:
         yield f"Whoever took part answered as follows: {' '.join(asked)}"
     about = analysis.design.reporting
     flow = main_flow(analysis)
-    days = f"{flow.first_day} to {flow.last_day}" if flow and flow.first_day else "no session yet"
-    yield f"Sessions took place from {days}. Place: {about.location or missing('where sessions took place')}"
+    days = (
+        f"Sessions took place {days_of(flow)}." if flow and flow.first_day else "No session took place yet."
+    )
+    yield f"{days} Place: {about.location or missing('where sessions took place')}"
+
+
+def days_of(flow: Flow) -> str:
+    """When sessions took place."""
+    return (
+        f"on {flow.first_day}"
+        if flow.first_day == flow.last_day
+        else f"from {flow.first_day} to {flow.last_day}"
+    )
 
 
 def _measures(analysis: Analysis) -> Iterator[str]:
@@ -146,12 +173,14 @@ def _measures(analysis: Analysis) -> Iterator[str]:
 
 
 def _questionnaire(asked: Questionnaire) -> str:
-    when = " and ".join(moment.replace("_", " ") for moment in asked.moments)
+    when = " and ".join(MOMENTS[moment] for moment in asked.moments)
+    if asked.instrument is not None:
+        source, answers = f"{asked.instrument.title} ({asked.instrument.source})", asked.instrument.response
+        steps = f" in steps of {answers.step:g}" if answers.step != 1 else ""
+        scale = f"from {answers.lowest:g} to {answers.highest:g}{steps}"
+        return f"{asked.name}, asked {when}: {source}, {count(len(asked.items), 'item')} {scale}."
     points = sorted({item.points for item in asked.items})
     scale = f"from 1 to {' or '.join(str(each) for each in points)}"
-    if asked.instrument is not None:
-        source = f"{asked.instrument.title} ({asked.instrument.source})"
-        return f"{asked.name}, asked {when}: {source}, {count(len(asked.items), 'item')} {scale}."
     items = " ".join(f"{item.id}: “{item.text}”" for item in asked.items)
     return f"{asked.name}, asked {when}, {scale}: {items}"
 
@@ -170,8 +199,9 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
         )
         yield " ".join(f"{each.id}: {each.text}" for each in plan.plan.hypotheses)
     yield (
-        "Answers were compared by Wilcoxon's signed-rank test, two-sided, by trial and by participant, with p "
-        "corrected by Holm within each family and rank-biserial correlations as effect sizes."
+        "Answers, and scores of validated questionnaires, were compared by Wilcoxon's signed-rank test, two-sided, by "
+        "trial and by participant, with p corrected by Holm within each family and rank-biserial correlations as "
+        "effect sizes."
     )
     yield from OF_MODELS
 
