@@ -120,6 +120,10 @@ export class App {
     return this.session.presenting;
   }
 
+  private get onShow(): boolean {
+    return this.phase?.name === "viewing";
+  }
+
   /** Whether somebody takes part here, in VR or without a headset. */
   private get takesPart(): boolean {
     return this.presenting || this.flat.playing;
@@ -200,6 +204,7 @@ export class App {
       this.page.setFurnished();
       this.panel.review();
       if (!this.watches) this.send({ type: "scene_loaded", url: scene.url });
+      else if (this.onShow) this.send({ type: "scene_watched", url: scene.url });
     } catch (error) {
       this.explain("scene_not_loaded", error);
     }
@@ -213,7 +218,7 @@ export class App {
   private phaseCame(phase: Phase): void {
     this.phase = phase;
     this.panel.review();
-    if (phase.name === "viewing") this.page.hideTakingPart();
+    this.page.setOnShow(this.onShow);
     this.phaseEndsMs = phase.seconds === null ? Infinity : performance.now() + phase.seconds * 1000;
     this.secondsLeft = secondsUntil(this.phaseEndsMs, performance.now());
     if (phase.name !== "questionnaire") this.questionnaire.clear();

@@ -211,7 +211,13 @@ export interface Drive {
   angular: Shares;
 }
 
-export type ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody | Drive;
+/** A page that watches shows the scene of this address: an environment on show waits for that, no session does. */
+export interface SceneWatched {
+  type: "scene_watched";
+  url: string;
+}
+
+export type ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody | Drive | SceneWatched;
 
 /** The connection is accepted, as whose; whether a touch is felt and a success heard is the plan's choice. */
 export interface Welcome {

@@ -87,6 +87,11 @@ export class Page {
     this.enter.blur();
   }
 
+  /** An environment is on show, outside of any session. */
+  setOnShow(onShow: boolean): void {
+    document.body.classList.toggle("on-show", onShow);
+  }
+
   /** What the participant wants to feel and hear. */
   get senses(): Allowed {
     const [haptics, sounds] = SENSES.map((sense) => element<HTMLInputElement>(sense).checked);

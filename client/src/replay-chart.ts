@@ -1,4 +1,5 @@
-import { phasesOf, type Timeline } from "./replay-data";
+import type { Span } from "./replay-clock";
+import { helpOf, type Timeline } from "./replay-data";
 
 const SVG = "http://www.w3.org/2000/svg";
 const WIDTH = 1000;
@@ -11,25 +12,29 @@ export function rangeOf(values: readonly number[]): Range {
   return [Math.min(0, ...values), Math.max(0, ...values)];
 }
 
-/** The points of a line from values at times, in a box of 1000 × 100; low values lie low. */
+/** How far across the box a time of this part lies. */
+function across(timeS: number, { from, to }: Span): number {
+  return (WIDTH * (timeS - from)) / (to - from);
+}
+
+/** The points of a line from values at times, in a box of 1000 × 100 that a part fills; low values lie low. */
 export function points(
   times: readonly number[],
   values: readonly number[],
-  endS: number,
+  part: Span,
   [low, high]: Range,
 ): string {
   const span = high - low || 1;
   return times
     .map((timeS, at) => {
-      const x = (WIDTH * timeS) / endS;
       const y = HEIGHT - 4 - ((HEIGHT - 8) * (values[at]! - low)) / span;
-      return `${x.toFixed(1)},${y.toFixed(1)}`;
+      return `${across(timeS, part).toFixed(1)},${y.toFixed(1)}`;
     })
     .join(" ");
 }
 
 /** When the robot had succeeded: from one control step to where a later one says otherwise, or to the end. */
-export function successes({ steps }: Timeline, endS: number): { from: number; to: number }[] {
+export function successes({ steps }: Timeline, endS: number): Span[] {
   const begins = steps.success.flatMap((now, at) => (now && !steps.success[at - 1] ? [at] : []));
   return begins.map((at) => {
     const end = steps.success.indexOf(false, at);
@@ -38,20 +43,20 @@ export function successes({ steps }: Timeline, endS: number): { from: number; to
 }
 
 /** One chart for each trial, all of one scale: reward so far, force, success, the robot's help, and what happened. */
-export function drawCharts(timelines: readonly Timeline[], endS: number): Element[] {
+export function drawCharts(timelines: readonly Timeline[], part: Span): Element[] {
   const reward = rangeOf(timelines.flatMap(({ steps }) => steps.reward));
   const force = rangeOf(timelines.flatMap(({ steps }) => steps.force_n));
   return timelines.map((timeline) => {
     const { steps, seconds, happenings } = timeline;
-    const helped = phasesOf(timeline).filter(({ name }) => name === "trial");
     const marks = happenings.filter(({ kind }) => kind === "event" || kind === "answer");
-    const across = (timeS: number) => (WIDTH * timeS) / endS;
+    const spread = (name: string, { from, to }: Span, height: number) =>
+      band(name, across(from, part), across(to, part), height);
     return svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, preserveAspectRatio: "none" }, [
-      ...helped.map(({ from, to }) => band("helped", across(from), across(to), HEIGHT)),
-      ...successes(timeline, seconds).map(({ from, to }) => band("success", across(from), across(to), 8)),
-      ...marks.map(({ kind, time_s }) => mark(kind, across(time_s))),
-      line("force", points(steps.time_s, steps.force_n, endS, force)),
-      line("reward", points(steps.time_s, steps.reward, endS, reward)),
+      ...helpOf(timeline).map((helped) => spread("helped", helped, HEIGHT)),
+      ...successes(timeline, seconds).map((success) => spread("success", success, 8)),
+      ...marks.map(({ kind, time_s }) => mark(kind, across(time_s, part))),
+      line("force", points(steps.time_s, steps.force_n, part, force)),
+      line("reward", points(steps.time_s, steps.reward, part, reward)),
     ]);
   });
 }

@@ -1,13 +1,32 @@
 export const SPEEDS = [0.25, 0.5, 1, 2, 4] as const;
 
-/** Where a replay stands; it moves on with the local clock while it plays, and rests at the end. */
+/** A part of a trial. */
+export interface Span {
+  readonly from: number;
+  readonly to: number;
+}
+
+/** Where a replay stands; it moves on with the local clock while it plays, and rests at the end of its part. */
 export class Clock {
   timeS = 0;
   speed = 1;
   private running = false;
   private lastMs: number | null = null;
 
-  constructor(readonly endS: number) {}
+  constructor(private shown: Span) {
+    this.seek(shown.from);
+  }
+
+  /** What is played. */
+  get part(): Span {
+    return this.shown;
+  }
+
+  /** Plays nothing but this from now on. */
+  confine(part: Span): void {
+    this.shown = part;
+    this.seek(this.timeS);
+  }
 
   get playing(): boolean {
     return this.running;
@@ -16,11 +35,11 @@ export class Clock {
   /** Whoever plays at the end begins again. */
   toggle(): void {
     this.running = !this.running;
-    if (this.running && this.timeS >= this.endS) this.timeS = 0;
+    if (this.running && this.timeS >= this.shown.to) this.timeS = this.shown.from;
   }
 
   seek(timeS: number): void {
-    this.timeS = Math.min(Math.max(timeS, 0), this.endS);
+    this.timeS = Math.min(Math.max(timeS, this.shown.from), this.shown.to);
   }
 
   /** The next faster speed, or the next slower one. */
@@ -34,6 +53,6 @@ export class Clock {
     this.lastMs = nowMs;
     if (!this.running) return;
     this.seek(this.timeS + passedS * this.speed);
-    if (this.timeS >= this.endS) this.running = false;
+    if (this.timeS >= this.shown.to) this.running = false;
   }
 }

@@ -1,6 +1,7 @@
 import { element } from "./element";
 import { fetchBytes } from "./fetching";
 import type { Scene } from "./messages";
+import type { Span } from "./replay-clock";
 import { unpack, type Packed } from "./replay-packed";
 
 /** The control steps, one entry each: when they ended, the reward so far, and what they gave. */
@@ -66,11 +67,23 @@ export function latest(times: readonly number[], timeS: number): number {
 }
 
 /** The names of the phases with the times that each begins and ends at. */
-export function phasesOf({ happenings, seconds }: Timeline): { name: string; from: number; to: number }[] {
+export function phasesOf({ happenings, seconds }: Timeline): (Span & { name: string })[] {
   const entered = happenings.filter(({ kind }) => kind !== "event" && kind !== "answer");
   return entered.map(({ words, time_s }, at) => ({
     name: words,
     from: time_s,
     to: entered[at + 1]?.time_s ?? seconds,
   }));
+}
+
+/** When the robot helped. */
+export function helpOf(timeline: Timeline): Span[] {
+  return phasesOf(timeline).filter(({ name }) => name === "trial");
+}
+
+/** From the beginning of the robot's help in any of these trials to its end in all; nothing where it never helped. */
+export function robotsPart(timelines: readonly Timeline[]): Span | null {
+  const helped = timelines.flatMap(helpOf);
+  if (helped.length === 0) return null;
+  return { from: Math.min(...helped.map(({ from }) => from)), to: Math.max(...helped.map(({ to }) => to)) };
 }

@@ -1,8 +1,7 @@
 import { element } from "./element";
 import { drawCharts } from "./replay-chart";
-import type { Clock } from "./replay-clock";
-import { SPEEDS } from "./replay-clock";
-import { latest, type Timeline } from "./replay-data";
+import { SPEEDS, type Clock, type Span } from "./replay-clock";
+import { latest, robotsPart, type Timeline } from "./replay-data";
 import {
   description,
   entriesOf,
@@ -24,6 +23,10 @@ export class ReplayPage {
   private readonly slider = element<HTMLInputElement>("time");
   private readonly speed = element<HTMLSelectElement>("speed");
   private readonly inside = element<HTMLInputElement>("from-inside");
+  private readonly robotOnly = element<HTMLInputElement>("robot-only");
+  private readonly whole: Span;
+  private readonly robotsPart: Span | null;
+  private charts: Element[] = [];
   private readonly labels: string[];
   private readonly happened: Entry[];
   private readonly entries: HTMLElement[];
@@ -36,26 +39,31 @@ export class ReplayPage {
     private readonly viewChanged: (fromInside: boolean) => void,
   ) {
     this.labels = labels(timelines.length);
+    this.whole = clock.part;
+    this.robotsPart = robotsPart(timelines);
     this.holders = timelines.map((_, at) => this.holder(at));
     this.describe();
     this.cells = timelines.map((timeline) => addColumn(figures(timeline, 0)));
-    element("charts").prepend(...drawCharts(timelines, clock.endS));
     this.happened = entriesOf(timelines);
     this.entries = this.happened.map((entry) => this.entry(entry));
     element("happenings").append(...this.entries);
     this.speed.append(...SPEEDS.map((speed) => new Option(`${speed} ×`, String(speed))));
+    element("robot-choice").hidden = this.robotsPart === null;
+    this.showPart(this.whole);
     this.listen();
   }
 
   /** Shows where the clock stands. */
   show(): void {
-    const { timeS, playing, speed, endS } = this.clock;
+    const { timeS, playing, speed, part } = this.clock;
+    const passedS = timeS - part.from;
+    const lastsS = part.to - part.from;
     this.slider.value = String(timeS);
-    this.slider.setAttribute("aria-valuetext", `${timeS.toFixed(1)} seconds`);
+    this.slider.setAttribute("aria-valuetext", `${passedS.toFixed(1)} seconds`);
     this.speed.value = String(speed);
     element("play").textContent = playing ? "Pause" : "Play";
-    element("clock").textContent = `${timeS.toFixed(1)} / ${endS.toFixed(1)} s`;
-    element("now").style.left = `${(100 * timeS) / endS}%`;
+    element("clock").textContent = `${passedS.toFixed(1)} / ${lastsS.toFixed(1)} s`;
+    element("now").style.left = `${(100 * passedS) / lastsS}%`;
     this.timelines.forEach((timeline, at) => {
       for (const [row, words] of Object.entries(figures(timeline, timeS))) {
         this.cells[at]!.get(row)!.textContent = words;
@@ -74,7 +82,20 @@ export class ReplayPage {
     element("simulated").hidden = !simulated;
     for (const label of labels) element("columns").append(headingCell(label));
     element("columns").hidden = timelines.length < 2;
-    this.slider.max = String(this.clock.endS);
+  }
+
+  /** The time line is that of this part alone, and counts from its beginning. */
+  private showPart(part: Span): void {
+    this.clock.confine(part);
+    for (const chart of this.charts) chart.remove();
+    this.charts = drawCharts(this.timelines, part);
+    element("charts").prepend(...this.charts);
+    Object.assign(this.slider, { min: part.from, max: part.to });
+    this.happened.forEach(({ time_s }, at) => {
+      const entry = this.entries[at]!;
+      entry.hidden = time_s < part.from || time_s > part.to;
+      entry.querySelector("span")!.textContent = `${(time_s - part.from).toFixed(1)} s`;
+    });
   }
 
   private holder(at: number): HTMLElement {
@@ -99,7 +120,7 @@ export class ReplayPage {
     const button = made("button");
     button.type = "button";
     button.dataset["kind"] = kind === "event" || kind === "answer" ? kind : "phase";
-    button.append(made("span", `${time_s.toFixed(1)} s`), label ? `${label}: ${words}` : words);
+    button.append(made("span"), label ? `${label}: ${words}` : words);
     button.addEventListener("click", () => this.clock.seek(time_s));
     const item = made("li");
     item.append(button);
@@ -111,6 +132,9 @@ export class ReplayPage {
     this.slider.addEventListener("input", () => this.clock.seek(this.slider.valueAsNumber));
     this.speed.addEventListener("change", () => (this.clock.speed = Number(this.speed.value)));
     this.inside.addEventListener("change", () => this.viewChanged(this.inside.checked));
+    this.robotOnly.addEventListener("change", () =>
+      this.showPart(this.robotOnly.checked && this.robotsPart ? this.robotsPart : this.whole),
+    );
     document.addEventListener("keydown", (event) => this.key(event));
   }
 
@@ -132,11 +156,12 @@ export class ReplayPage {
     ArrowRight: () => this.clock.seek(this.clock.timeS + STEP_S),
     ",": () => this.clock.seek(this.clock.timeS - FRAME_S),
     ".": () => this.clock.seek(this.clock.timeS + FRAME_S),
-    Home: () => this.clock.seek(0),
-    End: () => this.clock.seek(this.clock.endS),
+    Home: () => this.clock.seek(this.clock.part.from),
+    End: () => this.clock.seek(this.clock.part.to),
     "+": () => this.clock.change(1),
     "-": () => this.clock.change(-1),
     v: () => this.inside.click(),
+    r: () => this.robotOnly.click(),
   };
 }
 

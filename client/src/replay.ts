@@ -13,7 +13,7 @@ const detail = new URLSearchParams(location.search).get("detail") === "light" ? 
 /** Plays a trial, or two beside each other: the clock says when. */
 async function play(trials: Replayed[]): Promise<void> {
   const timelines = trials.map(({ timeline }) => timeline);
-  const clock = new Clock(Math.max(...timelines.map(({ seconds }) => seconds)));
+  const clock = new Clock({ from: 0, to: Math.max(...timelines.map(({ seconds }) => seconds)) });
   const page = new ReplayPage(timelines, clock, (inside) => {
     for (const stage of stages) stage.seeFromInside(inside);
   });

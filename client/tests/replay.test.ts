@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { points, rangeOf, successes } from "../src/replay-chart";
 import { Clock, SPEEDS } from "../src/replay-clock";
-import { latest, phasesOf, type Timeline } from "../src/replay-data";
+import { latest, phasesOf, robotsPart, type Timeline } from "../src/replay-data";
 import { Frames } from "../src/replay-frames";
 import { unpackPoses } from "../src/replay-packed";
 import { entriesOf, whoWasSimulated } from "../src/replay-words";
@@ -42,7 +42,7 @@ describe("the latest of ascending times", () => {
 
 describe("the clock", () => {
   it("moves on by what has passed times its speed, only while it plays", () => {
-    const clock = new Clock(10);
+    const clock = new Clock({ from: 0, to: 10 });
     clock.tick(1000);
     clock.tick(2000);
     expect(clock.timeS).toBe(0);
@@ -56,7 +56,7 @@ describe("the clock", () => {
   });
 
   it("rests at the end and begins again from there", () => {
-    const clock = new Clock(1);
+    const clock = new Clock({ from: 0, to: 1 });
     clock.toggle();
     clock.tick(0);
     clock.tick(5000);
@@ -66,7 +66,7 @@ describe("the clock", () => {
   });
 
   it("stays within the trial and within its speeds", () => {
-    const clock = new Clock(3);
+    const clock = new Clock({ from: 0, to: 3 });
     clock.seek(-1);
     expect(clock.timeS).toBe(0);
     clock.seek(99);
@@ -75,6 +75,43 @@ describe("the clock", () => {
     expect(clock.speed).toBe(4);
     for (const _ of SPEEDS) clock.change(-1);
     expect(clock.speed).toBe(0.25);
+  });
+});
+
+describe("a part of a trial", () => {
+  it("confines the clock, which begins again where the part does", () => {
+    const clock = new Clock({ from: 0, to: 10 });
+    clock.confine({ from: 2, to: 4 });
+    expect(clock.timeS).toBe(2);
+    clock.toggle();
+    clock.tick(0);
+    clock.tick(9000);
+    expect([clock.timeS, clock.playing]).toEqual([4, false]);
+    clock.toggle();
+    expect(clock.timeS).toBe(2);
+    clock.confine({ from: 0, to: 10 });
+    clock.seek(0);
+    expect(clock.timeS).toBe(0);
+  });
+
+  it("fills the chart", () => {
+    expect(points([0, 2, 3, 4], [0, 0, 1, 1], { from: 2, to: 4 }, [0, 1])).toBe(
+      "-1000.0,96.0 0.0,96.0 500.0,4.0 1000.0,4.0",
+    );
+  });
+
+  it("is the robot's where it helps in any of the trials", () => {
+    const trial = (from: number, to: number) => ({
+      happenings: [
+        { time_s: 0, kind: "free_before", words: "free before" },
+        { time_s: from, kind: "trial", words: "trial" },
+        { time_s: to, kind: "free_after", words: "free after" },
+      ],
+      seconds: 9,
+    });
+    const timelines = (...of: [number, number][]) => of.map(([from, to]) => trial(from, to)) as unknown as Timeline[];
+    expect(robotsPart(timelines([2, 5], [2, 6]))).toEqual({ from: 2, to: 6 });
+    expect(robotsPart([{ happenings: [], seconds: 3 } as unknown as Timeline])).toBeNull();
   });
 });
 
@@ -96,8 +133,8 @@ describe("phases", () => {
 describe("a line of the chart", () => {
   it("spans the box from its lowest to its highest value, nought included", () => {
     const values = [0, 1, -1];
-    expect(points([0, 5, 10], values, 10, rangeOf(values))).toBe("0.0,50.0 500.0,4.0 1000.0,96.0");
-    expect(points([], [], 10, rangeOf([]))).toBe("");
+    expect(points([0, 5, 10], values, { from: 0, to: 10 }, rangeOf(values))).toBe("0.0,50.0 500.0,4.0 1000.0,96.0");
+    expect(points([], [], { from: 0, to: 10 }, rangeOf([]))).toBe("");
     expect(rangeOf([2, 3])).toEqual([0, 3]);
   });
 });

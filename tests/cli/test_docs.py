@@ -58,19 +58,19 @@ def test_the_readme_names_every_command():
 
 @pytest.mark.parametrize("kind", ["original", "revised"])
 def test_the_page_of_the_policies_says_what_their_files_say(kind):
-    tables = runpy.run_path(str(ROOT / "examples" / "policy_tables.py"))
+    tables = runpy.run_path(str(ROOT / "scripts" / "figures" / "policy_tables.py"))
     page = (ROOT / "docs" / "policies.md").read_text().splitlines()
     assert [row for row in tables["packaged_table"](kind) if row not in page] == []
 
 
 def test_the_page_of_the_policies_says_what_was_trained_like_for_like():
-    tables = runpy.run_path(str(ROOT / "examples" / "like_for_like.py"))
+    tables = runpy.run_path(str(ROOT / "scripts" / "figures" / "like_for_like.py"))
     page = (ROOT / "docs" / "policies.md").read_text().splitlines()
     assert [row for row in tables["table"]() if row not in page] == []
 
 
 def test_the_page_of_the_zoo_says_who_lives_there():
-    tables = runpy.run_path(str(ROOT / "examples" / "zoo_tables.py"))
+    tables = runpy.run_path(str(ROOT / "scripts" / "figures" / "zoo_tables.py"))
     page = (ROOT / "docs" / "zoo.md").read_text().splitlines()
     rows = tables["style_rows"]() + tables["range_rows"]()
     assert [row for row in rows if row not in page] == []

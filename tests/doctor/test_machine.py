@@ -55,6 +55,14 @@ def test_who_may_not_go_first_is_told_how(ordinary_user: None) -> None:
     assert "- rtprio 10" in found.cure
 
 
+def test_a_user_without_a_name_is_told_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("LOGNAME", "USER", "LNAME", "USERNAME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os, "getuid", lambda: 4321)
+    monkeypatch.setattr(machine, "take_precedence", lambda: False)
+    assert "`4321 - rtprio 10`" in machine.precedence().cure
+
+
 @pytest.mark.parametrize(("late_s", "state"), [(0.0001, "ok"), (0.0056, "warning")])
 def test_a_coarse_timer_is_a_warning(late_s: float, state: str) -> None:
     assert machine.timer(late_s).state == state

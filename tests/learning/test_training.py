@@ -97,7 +97,7 @@ def test_schedules_go_evenly_from_their_beginning_to_their_end(environment):
 
 
 def test_the_page_of_the_policies_says_how_they_are_trained():
-    tables = runpy.run_path(str(ROOT / "examples" / "policy_tables.py"))
+    tables = runpy.run_path(str(ROOT / "scripts" / "figures" / "policy_tables.py"))
     page = (ROOT / "docs" / "policies.md").read_text().splitlines()
     assert [row for row in tables["settings_table"]() if row not in page] == []
 

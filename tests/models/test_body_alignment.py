@@ -11,7 +11,7 @@ from avrgym.models import human
 from avrgym.models.human import SEATED, Person
 from places import ROOT
 
-EXAMPLE = runpy.run_path(str(ROOT / "examples" / "body_alignment.py"))
+EXAMPLE = runpy.run_path(str(ROOT / "scripts" / "figures" / "body_alignment.py"))
 WAYS, HEADS = EXAMPLE["WAYS"], EXAMPLE["people_in_poses"](np.random.default_rng(1), 1500)
 PAPER, REFERENCE, OURS = WAYS
 

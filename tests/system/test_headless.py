@@ -3,7 +3,9 @@
 import os
 
 import pytest
+from typer.testing import CliRunner
 
+from avrgym.cli.main import app
 from avrgym.system import headless
 
 
@@ -44,3 +46,35 @@ def test_a_screen_is_left_to_mujoco(chosen, screen: str) -> None:
 
 def test_what_is_set_stays(chosen) -> None:
     assert chosen("EGL", MUJOCO_GL="osmesa") == "osmesa"
+
+
+@pytest.mark.parametrize("value", ["", "off", "EGL ", "glfw"])
+def test_what_mujoco_understands_is_no_trouble(chosen, monkeypatch: pytest.MonkeyPatch, value: str) -> None:
+    monkeypatch.setattr(headless, "_loads", lambda library: True)
+    monkeypatch.setenv("MUJOCO_GL", value)
+    headless.check_renderer()
+
+
+@pytest.mark.parametrize(
+    ("value", "library", "said"),
+    [
+        ("elg", True, "MUJOCO_GL=elg .*allowed: glx, egl, osmesa, glfw, off"),
+        ("cgl", True, "MUJOCO_GL=cgl .*allowed"),
+        ("osmesa", False, "the library OSMesa is not installed; install it, or unset MUJOCO_GL"),
+    ],
+)
+def test_what_would_keep_mujoco_from_being_imported_is_said(
+    chosen, monkeypatch: pytest.MonkeyPatch, value: str, library: bool, said: str
+) -> None:
+    monkeypatch.setattr(headless, "_loads", lambda _: library)
+    monkeypatch.setenv("MUJOCO_GL", value)
+    with pytest.raises(ValueError, match=said):
+        headless.check_renderer()
+
+
+def test_every_command_says_so_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "elg")
+    said = CliRunner().invoke(app, ["envs"])
+    assert said.exit_code == 1
+    assert said.output.startswith("avrgym: MUJOCO_GL=elg in the environment is unknown; allowed: ")
+    assert said.output.count("\n") == 1

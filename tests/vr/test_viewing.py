@@ -6,7 +6,19 @@ import pytest
 from avrgym.models.scene import SUBSTEPS
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Message, Phase, Scene, SceneLoaded, State, Stop, Welcome
+from avrgym.vr.protocol.messages import (
+    Command,
+    CommandName,
+    Drive,
+    Message,
+    Phase,
+    Scene,
+    SceneWatched,
+    State,
+    Status,
+    Stop,
+    Welcome,
+)
 from avrgym.vr.server.viewing import LOADING_S, LOOK_AT_END_S, Viewing
 
 BATHING = "avrgym/BedBathingJaco-v1"
@@ -28,7 +40,10 @@ class Watcher:
 
     def load(self) -> None:
         """Answer that the newest scene is drawn."""
-        self.viewing.receive(SceneLoaded(url=self.heard(Scene)[-1].url), self._now_s)
+        self.viewing.receive(SceneWatched(url=self.heard(Scene)[-1].url), self._now_s)
+
+    def command(self, name: CommandName) -> None:
+        self.viewing.receive(Command(name=name), self._now_s)
 
     def heard(self, kind: type) -> list:
         return [message for message in self.said if isinstance(message, kind)]
@@ -45,8 +60,8 @@ def place(state: State) -> np.ndarray:
 def test_whoever_connects_is_told_what_to_draw():
     watcher = Watcher(BATHING)
     watcher.said.clear()
-    watcher.viewing.greet(watcher.said.append, "participant", 0.0)
-    assert [type(message) for message in watcher.said] == [Welcome, Scene, Phase]
+    watcher.viewing.greet(watcher.said.append, "experimenter", 0.0)
+    assert [type(message) for message in watcher.said] == [Welcome, Scene, Phase, Status]
     assert watcher.said[0].protocol == messages.PROTOCOL  # type: ignore[attr-defined]
     assert watcher.words == f"{BATHING}, zero, episode 1: preparing"
 
@@ -88,6 +103,69 @@ def test_episode_follows_episode_with_other_people():
     assert (first.url, second.url) == ("/scenes/0.glb", "/scenes/1.glb")
     (_, one), (_, other) = watcher.viewing.scenes
     assert not np.array_equal(one.joint_angles_rad, other.joint_angles_rad)
+
+
+def test_watchers_are_told_reward_success_and_force():
+    watcher = Watcher("avrgym/ScratchItchJaco-v1", "oracle")
+    watcher.load()
+    watcher.run(EPISODE_STEPS * SUBSTEPS * TICK_S)
+    told = watcher.heard(Status)
+    assert [status.step for status in told] == sorted(status.step for status in told)
+    assert told[0].reward == 0.0
+    assert (told[-1].step, told[-1].success, told[-1].phase) == (EPISODE_STEPS, True, "viewing")
+    assert told[-1].reward > 0.0
+    assert max(status.force_on_person_n for status in told) > 0.0
+    touched = [status for status in told if status.force_share]
+    assert touched
+    assert all(status.force_region for status in touched)
+
+
+def test_a_pause_holds_the_world_until_it_is_continued():
+    watcher = Watcher("avrgym/FeedingJaco-v1", "random")
+    watcher.load()
+    watcher.run(0.5)
+    watcher.command("pause")
+    before, states = watcher.heard(Status)[-1], len(watcher.heard(State))
+    assert (before.paused, watcher.viewing.at_rest) == (True, True)
+    watcher.run(LOADING_S + LOOK_AT_END_S)
+    assert watcher.words.endswith("paused")
+    assert watcher.heard(Status)[-1].step == before.step
+    held = [place(state) for state in watcher.heard(State)[states:]]
+    assert all((poses == held[0]).all() for poses in held)
+    watcher.command("continue")
+    watcher.run(0.5)
+    assert watcher.words.endswith("running")
+    assert watcher.heard(Status)[-1].step > before.step
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_the_next_episode_comes_when_it_is_asked_for(paused: bool):
+    watcher = Watcher("avrgym/FeedingJaco-v1")
+    watcher.load()
+    watcher.run(0.3)
+    if paused:
+        watcher.command("pause")
+    watcher.command("skip")
+    status = watcher.heard(Status)[-1]
+    assert (status.trial, status.step, status.reward, status.paused) == (2, 0, 0.0, paused)
+    assert len(watcher.heard(Scene)) == 2
+    watcher.load()
+    watcher.run(0.3)
+    assert (watcher.heard(Status)[-1].step > 0) is not paused
+
+
+def test_the_operator_drives_from_the_page_and_lets_go():
+    watcher = Watcher("avrgym/FeedingJaco-v1", "operator")
+    watcher.load()
+    watcher.run(0.2)
+    assert watcher.heard(Status)[-1].operated
+    rest = place(watcher.heard(State)[-1])
+    watcher.viewing.receive(Drive(engaged=True, linear=(0, 0, 1), angular=(0, 0, 0)), 0.2)
+    watcher.run(0.3)
+    moved = place(watcher.heard(State)[-1])
+    assert np.abs(moved - rest).max() > 0.005
+    watcher.run(1.0)
+    assert watcher.heard(Status)[-1].idle
 
 
 def test_what_belongs_to_a_session_changes_nothing():

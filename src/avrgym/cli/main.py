@@ -11,6 +11,8 @@ from avrgym.cli.program import Program
 from avrgym.cli.replay import replay
 from avrgym.cli.serve import serve, view
 from avrgym.cli.study import app as study_commands
+from avrgym.cli.terminal import plain_errors
+from avrgym.system.headless import check_renderer
 
 app = Program(
     no_args_is_help=True,
@@ -19,6 +21,15 @@ app = Program(
     rich_markup_mode=None,
     help="Real people meet simulated assistive robots in virtual reality.",
 )
+
+
+@app.callback()
+def begin() -> None:
+    """Before every command."""
+    with plain_errors():
+        check_renderer()
+
+
 app.add_typer(bench_commands, name="bench")
 app.add_typer(study_commands, name="study")
 app.add_typer(new_commands, name="new")

@@ -316,7 +316,11 @@ def view(
     ] = PORT,
     seed: Seed = 0,
 ) -> None:
-    """Show an environment live in a browser, episode after episode."""
+    """Show an environment live in a browser, episode after episode.
+
+    The page shows reward, success and force, pauses, and goes on to the next episode; with
+    `--policy operator` it drives the robot.
+    """
     from avrgym.vr.server.server import LiveServer
     from avrgym.vr.server.viewing import Viewing
 
@@ -327,7 +331,7 @@ def view(
         ) as server,
     ):
         say("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
-        say(f"    {server.url}")
+        say(f"    {server.urls('spectator', server.tokens.experimenter)[0]}")
         _wait(server)
 
 

@@ -47,8 +47,16 @@ def precedence() -> Finding:
             return ok("the simulation's thread goes before all others")
     return warning(
         "the simulation's thread may not go before others, so a busy computer delays it",
-        f"put `{getpass.getuser()} - rtprio {PRIORITY}` into /etc/security/limits.conf and log in again",
+        f"put `{_user()} - rtprio {PRIORITY}` into /etc/security/limits.conf and log in again",
     )
+
+
+def _user() -> str:
+    """Whoever runs this; by number where the system has no name for it, as in some containers."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return str(os.getuid())
 
 
 def oversleep_s() -> float:
@@ -101,7 +109,7 @@ def writable(folder: Path) -> Finding:
     except OSError as error:
         return fault(
             f"nothing can be written in {place}: {error.strerror}",
-            f"choose a folder of your own, or sudo chown {getpass.getuser()} '{place}'",
+            f"choose a folder of your own, or sudo chown {_user()} '{place}'",
         )
     except ValueError as error:
         return fault(str(error), "a network's file system may lack locks: use a folder on this computer")

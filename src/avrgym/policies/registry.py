@@ -72,7 +72,7 @@ def find(name: str, environment_id: str, *, allow_other_environment: bool = Fals
         return controllers.find_python(name)
     if name == OPERATOR:
         raise PolicyError(
-            f"nobody can drive the robot here; {OPERATOR} is for `avrgym serve` and studies with people"
+            f"nobody can drive the robot here; {OPERATOR} is for `avrgym view`, `avrgym serve` and studies with people"
         )
     allowed = ", ".join([*named_policies(environment_id), FORMS])
     raise PolicyError(f"no policy {name!r} for {environment_id}; allowed: {allowed}")

@@ -218,7 +218,13 @@ class Drive(Message, frozen=True, tag="drive"):
     angular: Shares
 
 
-ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody | Drive
+class SceneWatched(Message, frozen=True, tag="scene_watched"):
+    """A page that watches shows the scene of this address: an environment on show waits for that, no session does."""
+
+    url: Annotated[str, msgspec.Meta(max_length=128)]
+
+
+ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody | Drive | SceneWatched
 
 # From the server -------------------------------------------------------------------------------------------
 

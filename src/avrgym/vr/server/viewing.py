@@ -5,15 +5,16 @@ from typing import Literal
 import numpy as np
 
 from avrgym.models.human import Person
-from avrgym.policies.registry import find
+from avrgym.policies.registry import find_for_session
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.protocol.received import Received
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.tracking.driving import driver_of
-from avrgym.vr.tracking.world import TICK_S, ControlSteps, poses, scene_message
+from avrgym.vr.session.reporting import STATUS_EVERY_TICKS
+from avrgym.vr.tracking.driving import Operator, driver_of
+from avrgym.vr.tracking.world import TICK_S, ControlStep, ControlSteps, most_pressed, poses, scene_message
 
 LOOK_AT_END_S = 2.0
 LOADING_S = 15.0
@@ -21,7 +22,11 @@ LOADING_S = 15.0
 
 
 class Viewing:
-    """Runs like a session: ticks at 100 Hz and talks to one client. ``scenes`` are those it told of."""
+    """Runs like a session: ticks at 100 Hz and talks to whoever watches. ``scenes`` are those it told of.
+
+    An experimenter's page pauses it, continues, and goes on to the next episode; it drives where the policy is
+    ``operator``.
+    """
 
     def __init__(
         self,
@@ -36,7 +41,7 @@ class Viewing:
 
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
-            policy: whatever ``policies.registry.find`` finds.
+            policy: whatever ``policies.registry.find_for_session`` finds.
             people: whom to meet, a name in ``people.distributions.NAMED`` or a file of people.
             seed: of the first episode; each later one takes the next.
             send: takes every message for the client.
@@ -47,18 +52,19 @@ class Viewing:
         """
         self.scenes: list[tuple[str, Person]] = []
         self._episodes = Episodes(
-            environment_id, 1, distribution=people, impairment=impairment, num_threads=1
+            environment_id, 1, distribution=people, impairment=impairment, num_threads=1, by_region=True
         )
         self._policy, self._seed, self._send = policy, seed, send
-        self._driver = driver_of(find(policy, environment_id), beside=True)
+        self._driver = driver_of(find_for_session(policy, environment_id), beside=True)
         self._phase: Literal["loading", "running", "ended"] = "loading"
         self._now_s, self._ticks = 0.0, 0
+        self._paused = False
         self._begin()
 
     @property
     def at_rest(self) -> bool:
         """Whether nothing moves."""
-        return self._phase != "running"
+        return self._paused or self._phase != "running"
 
     def greet(self, send: Send, role: messages.Role, now_s: float) -> None:
         """Tell a client that has just connected where things stand."""
@@ -66,22 +72,34 @@ class Viewing:
         send(messages.Welcome(messages.PROTOCOL, name, role, haptics=False, sounds=True))
         send(self._scene())
         send(self._phase_message())
+        send(self._status())
 
     def receive(self, message: Received, now_s: float) -> None:
-        """Take a message of a client: only that it has loaded the scene matters here."""
-        loaded = isinstance(message, messages.SceneLoaded) and message.url == self._scene().url
-        if loaded and self._phase == "loading":
-            self._run()
+        """Take a message of a page; what belongs to sessions alone changes nothing."""
+        match message:
+            case messages.SceneWatched() if message.url == self._scene().url and self._phase == "loading":
+                self._run()
+            case messages.Command(name="pause" | "continue"):
+                self._paused = message.name == "pause"
+                self._tell()
+            case messages.Command(name="skip"):
+                self._begin()
+            case messages.Drive() if isinstance(self._driver, Operator):
+                self._driver.obey(message, now_s)
+            case _:
+                pass
 
     def tick(self, now_s: float) -> None:
         """Advance by 10 ms."""
         self._now_s = now_s
-        if self._phase == "running":
-            self._advance()
-        elif now_s >= self._waits_until_s:
-            self._run() if self._phase == "loading" else self._begin()
+        if isinstance(self._driver, Operator):
+            self._driver.watch(now_s)
+        if not self._paused:
+            self._go_on()
         self._ticks += 1
         self._send_state()
+        if self._ticks % STATUS_EVERY_TICKS == 0:
+            self._send(self._status())
 
     def close(self, now_s: float) -> None:
         """Nothing is kept."""
@@ -95,7 +113,8 @@ class Viewing:
         self._driver.begin(self._episodes, [generator])
         self._failure = ""
         self._control = ControlSteps(self._episodes)
-        self._steps = 0
+        self._latest: ControlStep | None = None
+        self._steps, self._reward = 0, 0.0
         self._success = False
         self.scenes.append((self._episodes.environment_id, self._episodes.person_in(0)))
         self._phase, self._waits_until_s = "loading", self._now_s + LOADING_S
@@ -106,16 +125,24 @@ class Viewing:
         self._phase = "running"
         self._tell()
 
+    def _go_on(self) -> None:
+        if self._phase == "running":
+            self._advance()
+        elif self._now_s >= self._waits_until_s:
+            self._run() if self._phase == "loading" else self._begin()
+
     def _advance(self) -> None:
         step = self._control.tick(self._driver.act, self._driver.amend)
         if step is not None:
-            self._finish_step(bool(step.outcome.success[0]))
+            self._finish_step(step)
         if self._driver.failure != self._failure:
             self._failure = self._driver.failure
             self._tell()
 
-    def _finish_step(self, success: bool) -> None:
+    def _finish_step(self, step: ControlStep) -> None:
+        self._latest, success = step, bool(step.outcome.success[0])
         self._steps += 1
+        self._reward += float(step.outcome.reward[0])
         if self._steps == EPISODE_STEPS:
             self._phase, self._waits_until_s = "ended", self._now_s + LOOK_AT_END_S
         if success != self._success or self._steps == EPISODE_STEPS:
@@ -124,13 +151,45 @@ class Viewing:
 
     def _tell(self) -> None:
         self._send(self._phase_message())
+        self._send(self._status())
 
     def _phase_message(self) -> messages.Phase:
         outcome = "success" if self._success else ""
         held = f"the robot holds still, {self._failure}" if self._failure else "running"
         state = {"loading": "preparing", "running": outcome or held, "ended": outcome or "no success"}
-        text = f"{self._episodes.environment_id}, {self._policy}, episode {len(self.scenes)}: {state[self._phase]}"
+        words = "paused" if self._paused else state[self._phase]
+        text = f"{self._episodes.environment_id}, {self._policy}, episode {len(self.scenes)}: {words}"
         return messages.Phase(name="viewing", text=text, trial=0, trials=0, practice=False, seconds=None)
+
+    def _status(self) -> messages.Status:
+        region, share = most_pressed(self._episodes.simulation)
+        latest = self._latest.outcome if self._latest is not None else None
+        return messages.Status(
+            phase="viewing",
+            trial=len(self.scenes),
+            trials=0,
+            attempt=1,
+            environment=self._episodes.environment_id,
+            paused=self._paused,
+            held_because="",
+            torso_height_m=self._episodes.person_in(0).torso_height_m,
+            step=self._steps,
+            steps=EPISODE_STEPS,
+            reward=self._reward,
+            success=self._success,
+            distance_m=float(latest.distance_m[0]) if latest else 0.0,
+            force_on_person_n=float(latest.force_on_person_n[0]) if latest else 0.0,
+            force_region=region,
+            force_share=share,
+            draws_back=False,
+            tracking_age_s=None,
+            left_modality="none",
+            right_modality="none",
+            operated=isinstance(self._driver, Operator),
+            idle=self._driver.idle,
+            latency=[],
+            streams=[],
+        )
 
     def _scene(self) -> messages.Scene:
         number, nowhere = len(self.scenes) - 1, Registration(np.zeros(3), 0.0)

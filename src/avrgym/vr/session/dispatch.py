@@ -45,6 +45,8 @@ def take_message(phase: Phase, message: Received) -> Phase:
             phase.drive(message)
         case messages.Command():
             return obey(phase, message.name)
+        case messages.SceneWatched():
+            pass
         case messages.Hello():
             phase.state.report("a message of type Hello has no place in a running session")
     return phase

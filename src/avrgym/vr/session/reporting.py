@@ -9,7 +9,7 @@ from avrgym.vr.tracking.driving import Driver, Operator
 from avrgym.vr.tracking.held_back import HeldBack
 from avrgym.vr.tracking.jumps import PARTS
 from avrgym.vr.tracking.tracking_state import TrackingState
-from avrgym.vr.tracking.world import TICK_S, ControlStep, LiveWorld
+from avrgym.vr.tracking.world import TICK_S, ControlStep, LiveWorld, most_pressed
 
 STATUS_EVERY_TICKS = 20
 
@@ -69,7 +69,7 @@ def status(
 ) -> messages.Status:  # fmt: skip
     """How a session stands that is in a phase; a trial has so many ``steps``, ``why`` is a stop rule's reason."""
     left, right = tracking.modalities
-    region, share = world.most_pressed()
+    region, share = most_pressed(world.simulation)
     latest = attempt.latest.outcome if attempt is not None and attempt.latest is not None else None
     return messages.Status(
         phase=phase.name,

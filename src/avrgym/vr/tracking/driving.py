@@ -15,6 +15,7 @@ from avrgym.policies.hand import Hand
 from avrgym.policies.registry import Act, AnyPolicy, Operated, Script
 from avrgym.policies.trained import Policy
 from avrgym.tasks.episodes import Episodes
+from avrgym.vr.protocol.messages import Drive
 
 Array = NDArray[np.float64]
 Generators = Sequence[np.random.Generator]
@@ -296,6 +297,13 @@ class Operator:
         self._hand, self._still = Hand(episodes.simulation), still(episodes)
         self.let_go()
 
+    def obey(self, asked: Drive, now_s: float) -> None:
+        """Move the hand as the operator's page asks, or let it go."""
+        if asked.engaged:
+            self.drive(_in_world(asked.linear), _in_world(asked.angular), now_s)
+        else:
+            self.let_go()
+
     def drive(self, linear: Array, angular: Array, now_s: float) -> None:
         """Move the hand so from now on, both (3,) as ``Hand.action`` takes them."""
         self._wish, self._heard_s = (linear, angular), now_s
@@ -326,7 +334,7 @@ class Operator:
         self.let_go()
 
 
-def in_world(direction: Sequence[float]) -> Array:
+def _in_world(direction: Sequence[float]) -> Array:
     """A vector (3,) in the world frame that is given ahead of the person, to their left and up."""
     ahead, left, up = direction
     return np.array([left, -ahead, up])

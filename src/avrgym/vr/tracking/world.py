@@ -220,12 +220,6 @@ class LiveWorld:
     def _amended(self, asked: Array | None) -> Array | None:
         return self.guard.given if self.guard.amend(asked)[0] else None
 
-    def most_pressed(self) -> tuple[str, float]:
-        """The region of the body that bears most by its limit, and what share of that; nowhere, an empty name and 0."""
-        share = self._episodes.simulation.region_force_n()[0] / QUASI_STATIC_LIMIT_N
-        most = int(share.argmax())
-        return (BODY_REGIONS[most].name if share[most] else ""), float(share[most])
-
     def _tick_retreat(self, ticks: int) -> None:
         """Every 0.1 s the robot is told where to go on; when it is told nothing more it has left."""
         due = ticks >= BRAKED_TICKS and (ticks - BRAKED_TICKS) % SUBSTEPS == 0
@@ -249,6 +243,13 @@ class LiveWorld:
     def scene(self, number: int, registration: Registration) -> messages.Scene:
         """What the client has to draw; ``number`` is that of the scene in its address."""
         return scene_message(number, self._episodes, registration)
+
+
+def most_pressed(simulation: Simulation) -> tuple[str, float]:
+    """Where the first person bears most by a region's limit, and what share of that; nowhere, an empty name and 0."""
+    share = simulation.region_force_n()[0] / QUASI_STATIC_LIMIT_N
+    most = int(share.argmax())
+    return (BODY_REGIONS[most].name if share[most] else ""), float(share[most])
 
 
 def scene_message(number: int, episodes: Episodes, registration: Registration) -> messages.Scene:

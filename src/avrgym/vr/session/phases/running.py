@@ -11,7 +11,7 @@ from avrgym.vr.session.phases.kinds import InPlace, Stoppable
 from avrgym.vr.session.phases.preparing import told_of_trial
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
-from avrgym.vr.tracking.driving import Driver, Operator, in_world
+from avrgym.vr.tracking.driving import Driver, Operator
 from avrgym.vr.tracking.world import ControlStep
 
 
@@ -59,10 +59,8 @@ class Trial(Stoppable):
     def drive(self, wish: messages.Drive) -> None:
         if not isinstance(self.driver, Operator):
             self._report("in this trial nobody drives by hand")
-        elif wish.engaged:
-            self.driver.drive(in_world(wish.linear), in_world(wish.angular), self.state.now_s)
         else:
-            self.driver.let_go()
+            self.driver.obey(wish, self.state.now_s)
 
     def finish_step(self, step: ControlStep) -> Retreat | Self:
         attempt = self.state.storage.attempt

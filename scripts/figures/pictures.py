@@ -1,6 +1,6 @@
 """Pictures of environments in the middle of an episode, the robot led by its oracle, as the VR client draws them.
 
-    python examples/pictures.py docs/pictures [ENVIRONMENT_ID…]
+    python scripts/figures/pictures.py docs/pictures [ENVIRONMENT_ID…]
 
 It needs the built client and Chromium, in which three.js tells its developer tools of the renderer: that is how these
 pictures get a camera of their own.

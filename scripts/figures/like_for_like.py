@@ -1,10 +1,10 @@
 """Original against Revised, like for like: same recipe, same steps, same seeds; only the people in training differ.
 
-    python examples/like_for_like.py train    trains what is not trained yet, and goes on where it was cut off
-    python examples/like_for_like.py meet     has each policy meet `participants`, whom neither kind met in training
-    python examples/like_for_like.py table    prints the table of docs/policies.md
+    python scripts/figures/like_for_like.py train    trains what is not trained yet, and goes on where it was cut off
+    python scripts/figures/like_for_like.py meet     has each policy meet `participants`, whom neither kind met
+    python scripts/figures/like_for_like.py table    prints the table of docs/policies.md
 
-The policies lie in `examples/like_for_like/`, what trainings under way need in `runs/`. Needs the extra `train`.
+The policies lie in `scripts/figures/like_for_like/`, what trainings under way need in `runs/`. Needs the extra `train`.
 """
 
 import sys

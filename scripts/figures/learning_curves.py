@@ -1,6 +1,6 @@
 """How the packaged policies learned, one panel per environment, from what their own files say, if they do.
 
-python examples/learning_curves.py docs/pictures/learning_curves.svg
+python scripts/figures/learning_curves.py docs/pictures/learning_curves.svg
 """
 
 import sys

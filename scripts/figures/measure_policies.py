@@ -1,7 +1,9 @@
-"""Measures every packaged policy anew and writes what it reaches into its file: python examples/measure_policies.py
+"""Measures every packaged policy anew and writes what it reaches into its file.
 
-Needed whenever the world changes; `examples/policy_tables.py` then prints the tables of docs/policies.md. Each policy
-meets people like those it was trained on, 100 episodes, seed 0.
+    python scripts/figures/measure_policies.py
+
+Needed whenever the world changes; `scripts/figures/policy_tables.py` then prints the tables of docs/policies.md. Each
+policy meets people like those it was trained on, 100 episodes, seed 0.
 """
 
 from dataclasses import asdict, replace

@@ -1,6 +1,6 @@
 """What the rewards of two versions of the world add up to, term by term, as the tables of docs/policies.md.
 
-python examples/reward_tables.py [EPISODES]      100 episodes unless said otherwise
+python scripts/figures/reward_tables.py [EPISODES]      100 episodes unless said otherwise
 
 Both versions judge the same steps: oracles with Revised people, packaged policies with those they were trained on.
 """
