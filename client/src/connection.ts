@@ -1,5 +1,5 @@
 import { decode, encode, type Outgoing } from "./codec";
-import { PROTOCOL, type ServerMessage } from "./messages";
+import { PROTOCOL, STATES_A_RECEIPT, type ServerMessage } from "./messages";
 
 /** `lost`: it tries again; `refused` and `superseded`: it does not. */
 export type Link = "connecting" | "connected" | "lost" | "refused" | "superseded";
@@ -28,6 +28,7 @@ export class Connection {
   private socket: WebSocket | null = null;
   private welcomed = false;
   private failures = 0;
+  private states = 0;
 
   constructor(
     private readonly url: string,
@@ -75,10 +76,12 @@ export class Connection {
     if (socket !== this.socket) return;
     if (message.type === "welcome") {
       this.welcomed = true;
-      this.failures = 0;
+      this.failures = this.states = 0;
       this.events.link("connected", 0);
     }
     if (this.welcomed) this.events.message(message);
+    if (message.type === "state" && ++this.states % STATES_A_RECEIPT === 0)
+      this.send({ type: "receipt", states: this.states });
   }
 
   private closed(socket: WebSocket, code: number): void {

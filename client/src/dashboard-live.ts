@@ -4,7 +4,7 @@ import { isRunning, linkWords, phaseLabel } from "./display";
 import { Driving } from "./driving";
 import { element } from "./element";
 import type { Body, ChooseBody, CommandName, Phase, ServerMessage, Status } from "./messages";
-import { PHASE_WORDS, statusWords, timingWords } from "./status";
+import { PHASE_WORDS, skipWords, statusWords, timingWords } from "./status";
 import { ENGLISH } from "./words";
 
 const COMMAND_KEYS: Record<string, CommandName> = { r: "repeat", k: "skip", m: "recalibrate" };
@@ -111,6 +111,7 @@ export class Live {
     this.paused = status.paused;
     this.driving.statusCame(status);
     for (const [id, words] of Object.entries(statusWords(status))) element(id).textContent = words;
+    element("skip-word").textContent = skipWords(status.phase);
     element("pause").dataset["command"] = this.paused ? "continue" : "pause";
     element("pause-word").textContent = this.paused ? "Continue" : "Pause";
   }

@@ -5,7 +5,7 @@ import type { Scene } from "./messages";
 /** A camera where the simulated person's eyes are. */
 export class Eyes {
   /** Looks ahead along -z, as cameras do; the head's own axes are x left, -y ahead, z up. */
-  readonly camera = new PerspectiveCamera(75, 1, 0.03, 30);
+  readonly camera = new PerspectiveCamera(undefined, 1, 0.03, 30);
   private headAt = -1;
   private readonly inHead = new Vector3();
 

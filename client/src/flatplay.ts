@@ -27,7 +27,7 @@ const MOVES: Readonly<Record<string, Vector3>> = {
 
 /** A mouse that turns the head and keys that move the right hand, in the place of a headset. */
 export class FlatPlay {
-  readonly camera = new PerspectiveCamera(75, 1, 0.03, 30);
+  readonly camera = new PerspectiveCamera(undefined, 1, 0.03, 30);
   playing = false;
   private yaw = 0;
   private pitch = -0.2;

@@ -1,6 +1,8 @@
 // Written by `python -m avrgym.vr.typescript` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 10;
+export const PROTOCOL = 11;
+
+export const STATES_A_RECEIPT = 2;
 
 export const STALE_S = 0.2;
 
@@ -94,6 +96,12 @@ export interface Tracking {
   right_modality: Modality;
 }
 
+/** How many states this connection has brought so far; it is told after every `STATES_A_RECEIPT` of them. */
+export interface Receipt {
+  type: "receipt";
+  states: number;
+}
+
 /** The participant entered VR. */
 export interface Entered {
   type: "entered";
@@ -175,7 +183,7 @@ export interface HeadsetFrames {
   intervals_ms: number[];
 }
 
-export type ClientMessage = Hello | Tracking | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer | Back | ChooseBody | Latency | HeadsetFrames;
+export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer | Back | ChooseBody | Latency | HeadsetFrames;
 
 /** What the experimenter wants of the session.
  *
@@ -217,7 +225,7 @@ export interface SceneWatched {
   url: string;
 }
 
-export type ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody | Drive | SceneWatched;
+export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseTheirBody | Drive | SceneWatched;
 
 /** The connection is accepted, as whose; whether a touch is felt and a success heard is the plan's choice. */
 export interface Welcome {

@@ -2,12 +2,12 @@ import { bodyButtons, type BodyButton } from "./bodychoice";
 import type { PanelContent } from "./display";
 import type { Body, Question } from "./messages";
 import {
+  isLine,
   labelOf,
   layoutButtons,
   layoutLine,
   layoutWords,
   mirrored,
-  MOST_IN_A_ROW,
   saysItsEnds,
   type Box,
   type Button,
@@ -39,6 +39,8 @@ const BODY_BOX: Box = { x: MARGIN + 150, y: 450, width: WIDTH - 2 * MARGIN - 300
 /** The greatest height of a button with words, and the share of it that they take. */
 const WORDS_HEIGHT = 150;
 const WORDS_SHARE = 0.92;
+/** Nearer to each other the ticks of a line would not be told apart. */
+const TICKS_APART = 30;
 const NOTICE_BOX: Box = { x: 24, y: HEIGHT - 152, width: WIDTH - 48, height: 128 };
 
 const COLOUR = {
@@ -67,9 +69,10 @@ function questionButtons(question: Question): Button[] {
   return [...scaleButtons(question), ...back];
 }
 
-function scaleButtons({ points, labels }: Question): Button[] {
-  if (labels.length > 0) return layoutWords(points, BUTTON_BOX, WORDS_HEIGHT);
-  return points > MOST_IN_A_ROW ? layoutLine(points, LINE_BOX) : layoutButtons(points, BUTTON_BOX);
+function scaleButtons(question: Question): Button[] {
+  const { points, labels } = question;
+  if (isLine(question)) return layoutLine(points, LINE_BOX);
+  return labels.length > 0 ? layoutWords(points, BUTTON_BOX, WORDS_HEIGHT) : layoutButtons(points, BUTTON_BOX);
 }
 
 function confirmButtons(): Button[] {
@@ -138,7 +141,7 @@ function paintQuestion(context: Context, content: Asking, buttons: Button[], hov
   paintLabel(context, content.label);
   paintLines(context, content.text, STATEMENT_BOX, 72);
   paintActions(context, words, buttons, hovered);
-  if (question.labels.length === 0 && question.points > MOST_IN_A_ROW) paintLineOf(context, scale, hovered, answered);
+  if (isLine(question)) paintLineOf(context, scale, hovered, answered);
   else {
     const size = labelSize(context, question, scale);
     for (const button of scale) {
@@ -146,7 +149,7 @@ function paintQuestion(context: Context, content: Asking, buttons: Button[], hov
       paintButton(context, button, labelOf(question, button.value), size, colours);
     }
   }
-  if (!saysItsEnds(question)) paintAnchors(context, question, scale, isRightToLeft(words));
+  if (!saysItsEnds(question) || isLine(question)) paintAnchors(context, question, scale, isRightToLeft(words));
 }
 
 function paintConfirm(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
@@ -164,7 +167,7 @@ function paintActions(context: Context, words: Words, buttons: Button[], hovered
   }
 }
 
-/** A scale of many points: a bar, with a mark where one points and where one has answered. */
+/** A scale of many points: a bar with a tick at each, where there is room, and a mark where one points or has answered. */
 function paintLineOf(context: Context, places: Button[], hovered: number | null, answered: number | null): void {
   const left = Math.min(...places.map(({ x }) => x));
   const { y, height, width } = places[0]!;
@@ -172,8 +175,10 @@ function paintLineOf(context: Context, places: Button[], hovered: number | null,
   context.fillStyle = COLOUR.button;
   context.fill();
   context.lineWidth = 4;
-  context.strokeStyle = COLOUR.edge;
+  context.strokeStyle = context.fillStyle = COLOUR.edge;
   context.stroke();
+  if (width > TICKS_APART)
+    for (const { x } of places) context.fillRect(x + width / 2 - 2, y + height / 4, 4, height / 2);
   for (const [value, colour] of [[hovered, COLOUR.hovered], [answered, COLOUR.answered]] as const) {
     const place = places.find((each) => each.value === value);
     if (!place) continue;

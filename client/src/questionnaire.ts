@@ -12,27 +12,17 @@ export interface Button extends Box {
   value: number;
 }
 
-/** As many as a scale from 0 to 100 in steps of 5 has; of more points the panel makes a line. */
-export const MOST_IN_A_ROW = 21;
 /** Share of a button's pitch that stays free. */
 const GAP = 0.16;
 const GAP_OF_WORDS = 0.06;
 
-/** The buttons 1 … `points`, as large squares as `area` allows, centred in it. */
+/** The buttons 1 … `points` in one row, as large squares as `area` allows, centred in it. */
 export function layoutButtons(points: number, area: Box): Button[] {
-  const rows = Math.ceil(points / MOST_IN_A_ROW);
-  const columns = Math.ceil(points / rows);
-  const pitch = Math.min(area.width / (columns - GAP), area.height / (rows - GAP));
+  const pitch = Math.min(area.width / (points - GAP), area.height / (1 - GAP));
   const size = pitch * (1 - GAP);
-  const left = area.x + (area.width - pitch * columns + pitch * GAP) / 2;
-  const top = area.y + (area.height - pitch * rows + pitch * GAP) / 2;
-  return Array.from({ length: points }, (_, at) => ({
-    value: at + 1,
-    x: left + pitch * (at % columns),
-    y: top + pitch * Math.floor(at / columns),
-    width: size,
-    height: size,
-  }));
+  const left = area.x + (area.width - pitch * points + pitch * GAP) / 2;
+  const y = area.y + (area.height - size) / 2;
+  return Array.from({ length: points }, (_, at) => ({ value: at + 1, x: left + pitch * at, y, width: size, height: size }));
 }
 
 /** The buttons of words 1 … `points` in one row: as wide as `area` allows, no higher than wide and than `height`. */
@@ -49,10 +39,10 @@ export function labelOf({ labels }: Question, value: number): string {
   return labels[value - 1] ?? String(value);
 }
 
-/** A scale of more points than this is a line to slide on, on a page; on the panel from more than a row. */
+/** A scale of more points than this is a line. */
 export const LONGEST_ROW = 11;
 
-/** Whether an answer is found by sliding on a line. */
+/** Whether an answer is a place on a line, and not one of some buttons. */
 export function isLine({ points, labels }: Question): boolean {
   return points > LONGEST_ROW && !labels.some((label) => label.length > 3);
 }

@@ -149,8 +149,8 @@ function skyLight(intensity: number): HemisphereLight {
   return light;
 }
 
-/** A side of the sun's shadow map, of 2.2 mm each; colour and depth of a pixel take eight bytes of the GPU. */
-const SHADOW_PIXELS = 1536;
+/** A side of the sun's shadow map, of 2.4 mm each; colour and depth of a pixel take eight bytes of the GPU. */
+const SHADOW_PIXELS = 1408;
 
 function sunLight(castShadow: boolean): Group {
   const light = new DirectionalLight(0xfff3e2, 2.5);

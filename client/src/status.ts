@@ -22,6 +22,11 @@ export const PHASE_WORDS: Readonly<Record<PhaseName, string>> = {
   viewing: "an environment is shown",
 };
 
+/** What the experimenter's *skip* leaves out now. */
+export function skipWords(phase: PhaseName): string {
+  return phase === "headset" || phase === "headset_check" ? "Skip headset check" : "Skip trial";
+}
+
 /** What each line about a session says, by the id of its element. */
 export function statusWords(status: Status): Record<string, string> {
   return {

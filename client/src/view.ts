@@ -12,6 +12,8 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 /** Where the spectator stands and looks, in the simulation's frame: a person sits at its origin facing -y. */
 const EYE_W = new Vector3(0.93, -1.57, 1.4);
+/** What eyes see across the shorter side of a picture, so that a phone held upright shows no less beside them. */
+const EYES_ANGLE = 75;
 const REFLECTION = 0.5;
 /** Nearer than this two spectators stand and look alike. */
 const ALIKE_M = 1e-6;
@@ -70,6 +72,7 @@ export class View {
     this.spectator.fov = width > height ? 45 : 62;
     this.controls.enabled = !this.borrowed;
     const [x, y] = offset(area, this.card.getBoundingClientRect());
+    if (this.borrowed) this.borrowed.fov = heightOf(EYES_ANGLE, width, height);
     for (const camera of [this.spectator, this.borrowed]) {
       if (!camera) continue;
       camera.aspect = width / height;
@@ -122,6 +125,12 @@ export class View {
     const flat = this.borrowed ?? this.spectator;
     this.renderer.render(this.scene, this.renderer.xr.isPresenting ? this.eyes : flat);
   }
+}
+
+/** The angle from the lower to the upper edge of a picture that shows `across` along its shorter side; degrees. */
+function heightOf(across: number, width: number, height: number): number {
+  const half = Math.tan((across * Math.PI) / 360) * Math.max(height / width, 1);
+  return (Math.atan(half) * 360) / Math.PI;
 }
 
 /** By how much a picture is moved, px, to leave free what a card covers at its left or its lower edge. */

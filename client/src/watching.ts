@@ -10,7 +10,7 @@ import type {
   Welcome,
 } from "./messages";
 import type { State } from "./states";
-import { statusWords, timingWords } from "./status";
+import { skipWords, statusWords, timingWords } from "./status";
 
 function element<T extends HTMLElement>(id: string): T {
   return document.getElementById(id) as T;
@@ -56,6 +56,7 @@ export class Watching {
   statusCame(status: Status): void {
     this.driving?.statusCame(status);
     for (const [id, text] of Object.entries(statusWords(status))) element(id).textContent = text;
+    element("skip-word").textContent = skipWords(status.phase);
     element<HTMLButtonElement>("pause").dataset["command"] = status.paused ? "continue" : "pause";
     element("pause").textContent = status.paused ? "Continue" : "Pause";
   }

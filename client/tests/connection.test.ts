@@ -1,7 +1,7 @@
 import { decode as decodeAny, encode as encodeAny } from "@msgpack/msgpack";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { Connection, REFUSED, SUPERSEDED, retryDelayMs, type Link } from "../src/connection";
-import { PROTOCOL, type ServerMessage } from "../src/messages";
+import { PROTOCOL, STATES_A_RECEIPT, type ServerMessage } from "../src/messages";
 
 class FakeSocket {
   static readonly OPEN = 1;
@@ -71,6 +71,22 @@ describe("a connection", () => {
     expect(newest().sent).toEqual([
       { type: "hello", protocol: PROTOCOL, token: "secret", device: "headset ".repeat(64), emulated: true },
     ]);
+  });
+
+  it("says of each connection how many states it has brought", () => {
+    connection();
+    for (const drops of [true, false]) {
+      newest().onopen?.();
+      newest().receive(WELCOME);
+      for (let count = 0; count < 2 * STATES_A_RECEIPT + 1; count++) newest().receive({ type: "state" });
+      expect(newest().sent.slice(1)).toEqual(
+        [1, 2].map((times) => ({ type: "receipt", states: times * STATES_A_RECEIPT })),
+      );
+      if (!drops) continue;
+      newest().drop();
+      vi.advanceTimersByTime(1000);
+    }
+    expect(FakeSocket.all.length).toBe(2);
   });
 
   it("sends nothing else before it is welcome", () => {

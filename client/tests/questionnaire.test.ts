@@ -2,16 +2,19 @@ import { describe, expect, it } from "vitest";
 import type { Answer, Question } from "../src/messages";
 import {
   Questionnaire,
+  LONGEST_ROW,
   hitButton,
   labelOf,
+  isLine,
   layoutButtons,
+  layoutLine,
   layoutWords,
   saysItsEnds,
   type Box,
 } from "../src/questionnaire";
 
 const AREA: Box = { x: 70, y: 470, width: 1400, height: 250 };
-const SCALES = [1, 2, 5, 7, 11, 20, 21, 100];
+const SCALES = [1, 2, 5, 7, LONGEST_ROW];
 
 function question(item: string, labels: string[] = []): Question {
   return { type: "question", item, text: "?", points: 7, low: "no", high: "yes", labels, number: 1, count: 4, given: null };
@@ -39,6 +42,17 @@ describe.each(SCALES)("a scale of %i points", (points) => {
     expect(left).toBeGreaterThanOrEqual(AREA.x - 1e-6);
     expect(left + right).toBeCloseTo(2 * AREA.x + AREA.width, 6);
     expect(bottom).toBeLessThanOrEqual(AREA.y + AREA.height + 1e-6);
+  });
+});
+
+describe.each([LONGEST_ROW + 1, 21, 100])("a line of %i points", (points) => {
+  const places = layoutLine(points, AREA);
+
+  it("is hit everywhere, from the lowest value at its left end to the highest at its right", () => {
+    for (let pixel = 0.5; pixel < AREA.width; pixel++)
+      expect(hitButton(places, AREA.x + pixel, AREA.y + 1)).toBe(1 + Math.floor((pixel / AREA.width) * points));
+    expect(isLine({ ...question("a"), points })).toBe(true);
+    expect(isLine({ ...question("a", Array(points).fill("rather")), points })).toBe(false);
   });
 });
 

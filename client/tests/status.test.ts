@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
-import type { Status } from "../src/messages";
-import { statusWords, timingWords } from "../src/status";
+import type { PhaseName, Status } from "../src/messages";
+import { skipWords, statusWords, timingWords } from "../src/status";
 
 const STATUS: Status = {
   type: "status",
@@ -88,4 +88,9 @@ describe("how a session stands", () => {
     expect(timingWords(timing)).toBe("too slow: 12.0 ms, at most 31.3 ms; 4 missed");
     expect(timingWords({ ...timing, tick_ms_median: 3 })).toMatch(/^3\.0 ms/);
   });
+});
+
+it("what the experimenter skips is what goes on", () => {
+  expect(["headset", "headset_check"].map((phase) => skipWords(phase as PhaseName))).toEqual(Array(2).fill("Skip headset check"));
+  expect(skipWords("calibration")).toBe("Skip trial");
 });

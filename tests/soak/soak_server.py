@@ -45,6 +45,7 @@ from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.session import Session
 from hostile import PATIENCE_S, ask, is_closed, request, status
 from processes import die_with_parent
+from receipts import understand
 from visit import driving, plan
 
 CONNECTIONS, HANDSHAKES, MESSAGES = 2_000, 300, 200_000
@@ -113,8 +114,7 @@ class Attendant:
     def _listen(self) -> None:
         try:
             for data in self._socket:
-                assert isinstance(data, bytes)
-                self._take(messages.decode_server(data))
+                self._take(understand(self._socket, data))
         except ConnectionClosed:
             self.ended = True
 
@@ -170,8 +170,7 @@ class Watcher:
     def _listen(self) -> None:
         try:
             for data in self._connection:
-                assert isinstance(data, bytes)
-                message = messages.decode_server(data)
+                message = understand(self._connection, data)
                 self.heard[type(message)] += 1
                 if isinstance(message, StateChange):
                     self.states_s.append(time.monotonic())

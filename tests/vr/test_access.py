@@ -36,6 +36,7 @@ from avrgym.vr.server.certificate import Certificate, certificate_for, lan_names
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.server.web import ServerError
 from avrgym.vr.session.session import Session
+from receipts import understand
 from visit import driving, plan
 
 PATIENCE_S = 180.0
@@ -82,7 +83,7 @@ def hear(socket: ClientConnection, kind: type) -> Message:
     """The next message of a kind."""
     give_up = time.monotonic() + PATIENCE_S
     while time.monotonic() < give_up:
-        message = messages.decode_server(bytes(socket.recv(PATIENCE_S, decode=False)))
+        message = understand(socket, socket.recv(PATIENCE_S))
         if isinstance(message, kind):
             return message
     raise TimeoutError(f"no {kind.__name__}")

@@ -15,7 +15,6 @@ from test_access import hear, opened, participant, tell
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
-from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Entered, Phase, StateChange
 from avrgym.vr.server import gate as gate_module
 from avrgym.vr.server.access import Tokens
@@ -23,6 +22,7 @@ from avrgym.vr.server.certificate import certificate_for
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.session import Session
 from hostile import PATIENCE_S, ask, dial, idle, is_closed, is_open, request, status
+from receipts import understand
 from visit import driving, plan
 
 PLAN = plan(free_movement_s=0.2, trial_steps=200)
@@ -89,7 +89,7 @@ class Listener:
     def _listen(self) -> None:
         try:
             for data in self._connection:
-                self.heard[type(messages.decode_server(bytes(data)))] += 1  # pyright: ignore[reportArgumentType]
+                self.heard[type(understand(self._connection, data))] += 1
         except ConnectionClosed as ended:
             self.ended = ended
 

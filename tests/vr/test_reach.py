@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from msgspec.structs import replace as replace_frame
 
 from avrgym.models import human
 from avrgym.models.human import SEATED, Person
@@ -98,6 +99,14 @@ def test_hands_that_are_not_seen_measure_nothing_and_that_is_said(tmp_path: Path
     visit.tick(600)
     assert "were not tracked" in visit.problems[0]
     assert visit.session.person.arm_scale == 1.0
+
+
+def test_who_moves_the_hand_with_a_mouse_stretches_no_arms(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, REACHING)
+    visit.frame = lambda of=visit.frame: replace_frame(of(), left_modality="mouse", right_modality="mouse")
+    visit.sit_down()
+    visit.until("free_before")
+    assert "reach" not in visit.phases
 
 
 def test_nobody_has_arms_that_no_adult_has() -> None:

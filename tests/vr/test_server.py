@@ -43,6 +43,7 @@ from avrgym.vr.protocol.messages import (
     Phase,
     Problem,
     Ready,
+    Receipt,
     Scene,
     SceneLoaded,
     State,
@@ -58,6 +59,7 @@ from avrgym.vr.server.server import LiveServer
 from avrgym.vr.server.web import ServerError
 from avrgym.vr.session.session import Session
 from processes import die_with_parent
+from receipts import understand
 from visit import driving, plan
 
 pytestmark = pytest.mark.usefixtures("unhurried")
@@ -65,7 +67,7 @@ pytestmark = pytest.mark.usefixtures("unhurried")
 M = TypeVar("M", bound=Message)
 
 PATIENCE_S = 60.0
-TYPES = "hello, tracking, entered, left, ready, scene_loaded, stop, recalibrate, origin_reset, answer"
+TYPES = "hello, tracking, receipt, entered, left, ready, scene_loaded, stop, recalibrate, origin_reset, answer"
 
 
 PLAN = plan(free_movement_s=0.2, trial_steps=200)
@@ -123,9 +125,7 @@ class Client:
         self.send(Hello(**fields | changed))
 
     def receive(self) -> Message:
-        data = self._socket.recv(timeout=PATIENCE_S)
-        assert isinstance(data, bytes)
-        message = messages.decode_server(data)
+        message = understand(self._socket, self._socket.recv(timeout=PATIENCE_S))
         if isinstance(message, Scene):
             self.send(SceneLoaded(url=message.url))
         if isinstance(message, StateChange) and self.tracked is not None:
@@ -509,25 +509,12 @@ def test_a_client_that_does_not_listen_is_not_remembered_for_ever() -> None:
     async def push() -> tuple[list[Message], int]:
         outbox = broadcast.Outbox()
         outbox.push(Problem(message="before the welcome"))
-        outbox.push(
-            State(
-                sequence=0, simulation_time_s=0.0, tracking_sequence=-1, joint_targets=b"", held=[], poses=b""
-            )
-        )
+        outbox.push(state_of(0))
         outbox.push(Welcome(protocol=1, session="x", role="participant", haptics=True, sounds=True))
         first = await outbox.next()
         for i in range(10_000):
             outbox.push(Problem(message=str(i)))
-            outbox.push(
-                State(
-                    sequence=i,
-                    simulation_time_s=0.0,
-                    tracking_sequence=-1,
-                    joint_targets=b"",
-                    held=[],
-                    poses=b"",
-                )
-            )
+            outbox.push(state_of(i))
         rest = [await outbox.next() for _ in range(broadcast.OUTBOX_MESSAGES + 1)]
         return [first, *rest[-2:]], len(rest)
 
@@ -536,6 +523,50 @@ def test_a_client_that_does_not_listen_is_not_remembered_for_ever() -> None:
     assert problem == Problem(message="9999")
     assert isinstance(state, State)
     assert state.sequence == 9999
+
+
+def state_of(sequence: int) -> State:
+    numbers: dict[str, Any] = {"joint_targets": b"", "held": [], "poses": b""}
+    return State(sequence=sequence, simulation_time_s=0.0, tracking_sequence=-1, **numbers)
+
+
+@pytest.mark.parametrize("takes", [1, 5, 100])
+def test_however_slowly_a_client_takes_states_the_next_is_the_newest(takes: int) -> None:
+    """Of a hundred states made, a client takes so many: what it takes is never older than what may be on the way."""
+    most_behind = messages.STATES_ON_THE_WAY * 100 // takes
+
+    async def run() -> None:
+        outbox, on_the_way, received = broadcast.Outbox(), list[int](), 0
+        outbox.push(Welcome(protocol=1, session="x", role="participant", haptics=True, sounds=True))
+        await outbox.next()
+        for made in range(5000):
+            outbox.push(state_of(made))
+            with suppress(TimeoutError):
+                async with asyncio.timeout(0):
+                    state = await outbox.next()
+                    assert isinstance(state, State)
+                    assert state.sequence == made
+                    on_the_way.append(made)
+            if made * takes % 100 < takes and on_the_way:
+                assert made - on_the_way.pop(0) <= most_behind
+                received += 1
+                if received % messages.STATES_A_RECEIPT == 0:
+                    outbox.receipt(received)
+            assert len(on_the_way) <= messages.STATES_ON_THE_WAY
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("says", [10**12, 0, 7])
+def test_a_client_whose_receipts_make_no_sense_hears_all_but_states_as_ever(
+    server: LiveServer, says: int
+) -> None:
+    with participant(server) as client:
+        client.await_message(StateChange)
+        client.send(Receipt(says))
+        client.send(Answer(item="none", value=1, response_time_s=1.0))
+        client.await_message(Problem)
+    assert server.loop.error is None
 
 
 @pytest.mark.parametrize("politely", [True, False])

@@ -59,6 +59,7 @@ PARTS_OF_MESSAGES = (messages.XRPose, messages.Skeleton, messages.StageLatency, 
 
 CONSTANTS = {
     "PROTOCOL": messages.PROTOCOL,
+    "STATES_A_RECEIPT": messages.STATES_A_RECEIPT,
     "STALE_S": STALE_S,
     "TICK_S": TICK_S,
     "JOINT_STEPS": json.dumps(state_changes.JOINT_STEPS.tolist()),

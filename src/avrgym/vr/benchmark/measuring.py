@@ -235,7 +235,7 @@ class _Client:
         self._socket, self._environment = socket, environment_id
         self._sent: dict[int, float] = {}
         self._came: dict[int, float] = {}
-        self._phase = ""
+        self._phase, self._states = "", 0
         self._over = Event()
 
     def run(self) -> Trips:
@@ -248,14 +248,21 @@ class _Client:
         return {n: (self._sent[n], came) for n, came in self._came.items() if n in self._sent}
 
     def _take(self, message: messages.ServerMessage) -> None:
-        if isinstance(message, messages.StateChange) and self._phase == "trial":
-            self._came.setdefault(message.tracking_sequence, time.monotonic())
+        if isinstance(message, messages.StateChange):
+            self._take_state(message)
         elif isinstance(message, messages.Scene):
             self._send(messages.SceneLoaded(message.url))
         elif isinstance(message, messages.Phase):
             self._phase = message.name
             if message.name == "free_after":
                 self._over.set()
+
+    def _take_state(self, state: messages.StateChange) -> None:
+        if self._phase == "trial":
+            self._came.setdefault(state.tracking_sequence, time.monotonic())
+        self._states += 1
+        if self._states % messages.STATES_A_RECEIPT == 0:
+            self._send(messages.Receipt(self._states))
 
     def _track(self) -> None:
         participant = SimulatedParticipant(draw_traits("woman", 0), 0)

@@ -27,6 +27,10 @@ CHROMIUM_FLAGS = (
     "--disable-sync",
 )
 FRAME_S = 1.0 / 72.0
+_SHOW_CONTROLS = """(visibility) => {
+    for (const id of ["card", "emergency"]) document.getElementById(id).style.visibility = visibility;
+}"""
+"""What lies over the picture; the page's security policy allows no style sheets that Playwright adds."""
 PATIENCE_S = 60.0
 PHASE_LIMIT_S = 600.0
 """No phase of a session takes so long, however slow the machine."""
@@ -133,7 +137,9 @@ class EmulatedHeadset:
 
     def screenshot(self, path: Path) -> Path:
         """Save what the participant sees, both eyes."""
-        self.page.screenshot(path=path, style="#card, #stop { display: none !important }")
+        self.page.evaluate(_SHOW_CONTROLS, "hidden")
+        self.page.screenshot(path=path)
+        self.page.evaluate(_SHOW_CONTROLS, "")
         return path
 
 

@@ -13,7 +13,12 @@ import msgspec
 from avrgym.models.human import Sex
 from avrgym.recording import records
 
-PROTOCOL = 10
+PROTOCOL = 11
+
+STATES_ON_THE_WAY = 16
+"""So many states are sent beyond those that the client says it received: on a network that takes longer than 140 ms
+there and back, fewer come than are made."""
+STATES_A_RECEIPT = 2
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -98,6 +103,12 @@ class Tracking(Message, frozen=True, tag="tracking"):
     right_modality: Modality
 
 
+class Receipt(Message, frozen=True, tag="receipt"):
+    """How many states this connection has brought so far; it is told after every ``STATES_A_RECEIPT`` of them."""
+
+    states: Annotated[int, msgspec.Meta(ge=0)]
+
+
 class Entered(Message, frozen=True, tag="entered"):
     """The participant entered VR."""
 
@@ -166,6 +177,7 @@ class HeadsetFrames(Message, frozen=True, tag="headset_frames"):
 ClientMessage = (
     Hello
     | Tracking
+    | Receipt
     | Entered
     | Left
     | Ready
@@ -224,7 +236,7 @@ class SceneWatched(Message, frozen=True, tag="scene_watched"):
     url: Annotated[str, msgspec.Meta(max_length=128)]
 
 
-ExperimenterMessage = Hello | Command | CorrectTorsoHeight | ChooseTheirBody | Drive | SceneWatched
+ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseTheirBody | Drive | SceneWatched
 
 # From the server -------------------------------------------------------------------------------------------
 

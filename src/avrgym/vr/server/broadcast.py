@@ -7,7 +7,17 @@ from collections import deque
 from collections.abc import Callable, Generator
 from typing import TypeVar
 
-from avrgym.vr.protocol.messages import Message, Problem, Role, Scene, State, Status, Timing, Welcome
+from avrgym.vr.protocol.messages import (
+    STATES_ON_THE_WAY,
+    Message,
+    Problem,
+    Role,
+    Scene,
+    State,
+    Status,
+    Timing,
+    Welcome,
+)
 
 T = TypeVar("T")
 
@@ -36,12 +46,16 @@ class Outbox:
 
     It begins with the welcome; what was on its way to others before is not for this one. ``made_s`` is when the state
     that was taken last was handed out.
+
+    For a client that draws too slowly, buffers of system and browser would hold the states of a minute. So few are on
+    the way at once: the next waits here, and is replaced by newer ones, until the client has received one before.
     """
 
     def __init__(self) -> None:
         self._messages: deque[Message] = deque(maxlen=OUTBOX_MESSAGES)
         self._state: tuple[State, float] | None = None
         self.made_s = 0.0
+        self._sent_states = self._received_states = 0
         self._welcomed = False
         self._farewell = ""
         self._filled = asyncio.Event()
@@ -58,6 +72,11 @@ class Outbox:
             self._state = None if isinstance(message, Scene) else self._state
         self._filled.set()
 
+    def receipt(self, states: int) -> None:
+        """The client has received so many states."""
+        self._received_states = states
+        self._filled.set()
+
     def close(self, reason: str) -> None:
         """Let the connection end when all is sent."""
         self._farewell = reason
@@ -68,7 +87,8 @@ class Outbox:
         while True:
             if self._messages:
                 return self._messages.popleft()
-            if self._state is not None:
+            if self._state is not None and self._sent_states < self._received_states + STATES_ON_THE_WAY:
+                self._sent_states += 1
                 (state, self.made_s), self._state = self._state, None
                 return state
             if self._farewell:

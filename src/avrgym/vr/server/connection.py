@@ -11,7 +11,7 @@ import msgspec
 from fastapi import WebSocket, WebSocketDisconnect
 
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Hello, Message, Passed, Problem, Role, Scene, State, Tracking
+from avrgym.vr.protocol.messages import Hello, Message, Passed, Problem, Receipt, Role, Scene, State, Tracking
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.protocol.state_changes import StateEncoder
 from avrgym.vr.server.access import Tokens
@@ -161,6 +161,8 @@ async def _receive(
             message = _understand(frame.get("bytes"), channel, outbox.push)
             if isinstance(message, Hello):
                 outbox.push(Problem(message="a hello is said once"))
+            elif isinstance(message, Receipt):
+                outbox.receipt(message.states)
             elif message is not None and role == "spectator":
                 outbox.push(Problem(message="spectators only watch; the experimenter's address commands"))
             elif message is not None:

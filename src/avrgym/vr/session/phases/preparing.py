@@ -64,7 +64,10 @@ class Calibration(InVR):
         return self
 
     def ready(self) -> LoadCheck | ReachAhead | Self:
-        """Seat the participant: height, place and direction from the last half second of tracking."""
+        """Seat the participant: height, place and direction from the last half second of tracking.
+
+        Somebody who plays with a mouse has no arms to stretch.
+        """
         state = self.state
         measured, posture = not state.height_known, state.world.scene_config.posture
         try:
@@ -78,7 +81,8 @@ class Calibration(InVR):
         state.calibrated_for = posture
         state.tracking.place(head, state.person, posture)
         state.sink.tell(events.Calibrated(state.now_s, state.person.torso_height_m, measured))
-        return ReachAhead(state) if measured and state.plan.measure_reach else LoadCheck(state)
+        measures_reach = measured and state.plan.measure_reach and "mouse" not in state.tracking.modalities
+        return ReachAhead(state) if measures_reach else LoadCheck(state)
 
 
 class Reaching(InVR, ABC):

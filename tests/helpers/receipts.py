@@ -1,0 +1,24 @@
+"""What a socket brings, understood as browsers do: of states they say how many they have received."""
+
+from contextlib import suppress
+from weakref import WeakKeyDictionary
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection
+
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Receipt, ServerMessage, StateChange
+
+_received: WeakKeyDictionary[ClientConnection, int] = WeakKeyDictionary()
+"""How many states each socket has brought."""
+
+
+def understand(socket: ClientConnection, data: str | bytes) -> ServerMessage:
+    """The message that a socket brought."""
+    assert isinstance(data, bytes)
+    message = messages.decode_server(data)
+    if isinstance(message, StateChange):
+        _received[socket] = _received.get(socket, 0) + 1
+        with suppress(ConnectionClosed):
+            socket.send(messages.encode(Receipt(_received[socket])))
+    return message
