@@ -93,7 +93,9 @@ def evaluate_step(state: State, action: Array, task_state: ScratchItchState) -> 
     }
     success = after.scratches >= SUCCESS_SCRATCHES
     nothing = xp.zeros((len(distance), 0), dtype=xp.bool, device=distance.device)
-    return StepResult(after, terms, distance, state.total_force_n, success, xp.astype(scratch, xp.int64), nothing)
+    return StepResult(
+        after, terms, distance, state.total_force_n, success, xp.astype(scratch, xp.int64), nothing
+    )
 
 
 def itch_pos_w(state: State, task_state: ScratchItchState) -> Array:
