@@ -11,6 +11,7 @@ from avrgym.cli.program import Program
 from avrgym.cli.replay import replay
 from avrgym.cli.serve import serve, view
 from avrgym.cli.study import app as study_commands
+from avrgym.cli.sweep import sweep
 from avrgym.cli.terminal import plain_errors
 from avrgym.system.headless import check_renderer
 
@@ -34,5 +35,5 @@ app.add_typer(bench_commands, name="bench")
 app.add_typer(study_commands, name="study")
 app.add_typer(new_commands, name="new")
 app.add_typer(export_commands, name="export")
-for command in (demo, serve, view, envs, train, evaluate, fit_people, replay, analyze, doctor):
+for command in (demo, serve, view, envs, train, sweep, evaluate, fit_people, replay, analyze, doctor):
     app.command()(command)

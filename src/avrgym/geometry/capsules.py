@@ -3,12 +3,14 @@
 A capsule is all that lies within a radius of a segment: the distance between two capsules is that between their
 segments less both radii. Every function broadcasts over the leading axes and works element by element, so that
 a pair's result does not depend on the others. Inside, vectors have their axis first, which is faster.
+Arrays may be NumPy's or another library's, see ``arrays``.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
+from avrgym.geometry.arrays import floats, namespace
 
 Array = NDArray[np.float64]
 
@@ -64,24 +66,26 @@ def _closest_share(start: Array, along: Array, half: Array) -> Array:
     the segment enters and leaves the box's slab, and linear outside. So the zero of the whole lies between two
     of these shares that follow each other, and one step of Newton's method from between them finds it.
     """
-    moving = np.where(np.abs(along) > VANISHING, along, VANISHING)
-    middle, reach = -start / moving, half / np.abs(moving)
+    xp = namespace(start)
+    moving = xp.where(xp.abs(along) > VANISHING, along, VANISHING)
+    middle, reach = -start / moving, half / xp.abs(moving)
     enter, leave, weight = middle - reach, middle + reach, along * along
-    shares = _clamp(np.concatenate([enter, leave]), 0.0, 1.0)
+    shares = _clamp(xp.concat([enter, leave]), 0.0, 1.0)
     slope = _dot(weight[:, None], shares - _clamp(shares, enter[:, None], leave[:, None]))
-    last_falling = np.where(slope <= 0.0, shares, 0.0).max(axis=0)
-    first_rising = np.where(slope >= 0.0, shares, 1.0).min(axis=0)
+    last_falling = xp.max(xp.where(slope <= 0.0, shares, 0.0), axis=0)
+    first_rising = xp.min(xp.where(slope >= 0.0, shares, 1.0), axis=0)
     between = 0.5 * (last_falling + first_rising)
     beyond = between - _clamp(between, enter, leave)
     curvature = _dot(weight, beyond != 0.0)
-    step = _dot(weight, beyond) / np.where(curvature > 0.0, curvature, np.inf)
+    step = _dot(weight, beyond) / xp.where(curvature > 0.0, curvature, np.inf)
     return _clamp(between - step, 0.0, 1.0)
 
 
 def _share(numerator: Array, denominator: Array) -> Array:
     """Their ratio clamped to 0 … 1; 0 where the denominator vanishes."""
-    usable = np.abs(denominator) > VANISHING
-    return _clamp(numerator / np.where(usable, denominator, np.inf), 0.0, 1.0)
+    xp = namespace(numerator)
+    usable = xp.abs(denominator) > VANISHING
+    return _clamp(numerator / xp.where(usable, denominator, np.inf), 0.0, 1.0)
 
 
 VANISHING = 1e-100
@@ -89,14 +93,17 @@ VANISHING = 1e-100
 
 def _clamp(x: Array, low: Array | float, high: Array | float) -> Array:
     """``numpy.clip``, which takes several times as long."""
-    return np.minimum(np.maximum(x, low), high)
+    xp = namespace(x)
+    return xp.minimum(xp.maximum(x, low), high)
 
 
 def _axis_first(*vectors: Array) -> list[Array]:
     """Vectors (..., n), as many leading axes as they have, as (n, ...) with equally many axes."""
+    xp, *vectors = floats(*vectors)
     axes = max(v.ndim for v in vectors)
     order = (axes - 1, *range(axes - 1))
-    return [v.reshape((1,) * (axes - v.ndim) + v.shape).transpose(order).copy() for v in vectors]
+    turned = [xp.permute_dims(v.reshape((1,) * (axes - v.ndim) + v.shape), order) for v in vectors]
+    return [v.copy() for v in turned] if xp is np else turned
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -105,4 +112,4 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _length(v: Array) -> Array:
-    return np.sqrt(_dot(v, v))
+    return namespace(v).sqrt(_dot(v, v))

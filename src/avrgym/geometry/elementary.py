@@ -6,7 +6,8 @@ IEEE 754 defines to the bit. Arguments are brought into a small range with const
 "Software Manual for the Elementary Functions", 1980); Taylor series follow.
 
 Arguments are of any shape, float64 or float32, and finite; results have the same type. The errors are a few units in
-the last place of 1, or of the result where that is larger; those of powers grow with the result's logarithm.
+the last place of 1, or of the result where that is larger; those of powers grow with the result's logarithm. Arrays of
+other libraries than NumPy get these libraries' own functions.
 """
 
 import hashlib
@@ -20,8 +21,9 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from avrgym.geometry.arrays import namespace
+
 Array = NDArray[Any]
-Function = Callable[..., Any]
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -38,29 +40,30 @@ def by_numpy() -> Generator[None]:
         _by_numpy.reset(token)
 
 
-def _or_by_numpy(numpys: Function) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Decorate a function that does what ``numpys`` does."""
+def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Decorate a function that does what array libraries' function of that name does."""
 
     def decorate(own: Callable[P, T]) -> Callable[P, T]:
         @wraps(own)
         def chosen(*arguments: P.args, **named: P.kwargs) -> T:
-            return (numpys if _by_numpy.get() else own)(*arguments, **named)
+            library = namespace(*arguments)
+            if library is np and not _by_numpy.get():
+                return own(*arguments, **named)
+            return getattr(library, name)(*arguments, **named)
 
         return chosen
 
     return decorate
 
 
-def _numpys_sine_and_cosine(x: Array) -> tuple[Array, Array]:
-    return np.sin(x), np.cos(x)
-
-
-@_or_by_numpy(_numpys_sine_and_cosine)
 def sine_and_cosine(x: ArrayLike) -> tuple[Array, Array]:
     """sin x and cos x of radians; more precise than 10⁻¹⁵ (float32: 10⁻⁶) for up to 10⁵ turns (float32: 100).
 
     Series for a quarter of the angle, which is doubled twice.
     """
+    library = namespace(x)
+    if library is not np or _by_numpy.get():
+        return library.sin(x), library.cos(x)
     x = _floating(x)
     parts, sine_series, cosine_series = _CIRCULAR[x.dtype]
     turns = np.rint(x * _number(x, 0.5 / math.pi))
@@ -85,14 +88,14 @@ def cos(x: ArrayLike) -> Array:
     return sine_and_cosine(x)[1]
 
 
-@_or_by_numpy(np.tan)
+@_or_by_library("tan")
 def tan(x: ArrayLike) -> Array:
     """The tangent of radians."""
     sine, cosine = sine_and_cosine(x)
     return sine / cosine
 
 
-@_or_by_numpy(np.arctan2)
+@_or_by_library("atan2")
 def arctan2(y: ArrayLike, x: ArrayLike) -> Array:
     """The angle of the point (x, y), −π..π, 0 at the origin.
 
@@ -111,21 +114,21 @@ def arctan2(y: ArrayLike, x: ArrayLike) -> Array:
     return np.copysign(angle, y).astype(np.result_type(x, y))
 
 
-@_or_by_numpy(np.arcsin)
+@_or_by_library("asin")
 def arcsin(x: ArrayLike) -> Array:
     """The angle −π/2..π/2 whose sine is x, −1..1."""
     x = _floating(x)
     return arctan2(x, np.sqrt((1.0 - x) * (1.0 + x)))
 
 
-@_or_by_numpy(np.arccos)
+@_or_by_library("acos")
 def arccos(x: ArrayLike) -> Array:
     """The angle 0..π whose cosine is x, −1..1."""
     x = _floating(x)
     return arctan2(np.sqrt((1.0 - x) * (1.0 + x)), x)
 
 
-@_or_by_numpy(np.tanh)
+@_or_by_library("tanh")
 def tanh(x: ArrayLike) -> Array:
     """The hyperbolic tangent, (e²ˣ − 1) / (e²ˣ + 1)."""
     x = _floating(x)
@@ -141,7 +144,7 @@ def _exponential(x: Array) -> tuple[Array, Array]:
     return np.ldexp(np.ones_like(x), doublings.astype(np.intp)), rest * _series(rest, _EXPONENTIAL)
 
 
-@_or_by_numpy(np.power)
+@_or_by_library("pow")
 def power(base: ArrayLike, exponent: ArrayLike) -> Array:
     """base^exponent for a base of 0 or above and an exponent such that the result is of ordinary size."""
     base, exponent = _floating(base), _floating(exponent)

@@ -2,20 +2,24 @@
 
 Quaternions are (..., 4) in the order w, x, y, z and of unit length; positions are (..., 3) in metres.
 ``R_ab`` takes vectors of frame b to frame a. Every function broadcasts over the leading axes.
+Arrays may be NumPy's or another library's, see ``arrays``.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from avrgym.geometry import elementary
+from avrgym.geometry.arrays import floats, like, namespace
 
 Array = NDArray[np.float64]
 
 IDENTITY_QUATERNION = np.array([1.0, 0.0, 0.0, 0.0])
+_CONJUGATED = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """The product a ⊗ b: the rotation b followed by a. Shapes (..., 4)."""
+    _, a, b = floats(a, b)
     aw, ax, ay, az = _components(a)
     bw, bx, by, bz = _components(b)
     return _joined(
@@ -28,24 +32,25 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
 
 def conjugate(q: ArrayLike) -> Array:
     """The inverse rotation of a unit quaternion (..., 4)."""
-    return np.asarray(q, float) * np.array([1.0, -1.0, -1.0, -1.0])
+    _, q = floats(q)
+    return q * like(_CONJUGATED, q)
 
 
 def normalize(q: ArrayLike) -> Array:
     """Scale quaternions or vectors (..., n) to unit length; zero length gives non-finite values."""
-    q = np.asarray(q, float)
-    return q / np.sqrt((q * q).sum(axis=-1, keepdims=True))
+    xp, q = floats(q)
+    return q / xp.sqrt((q * q).sum(axis=-1, keepdims=True))
 
 
 def norm(v: ArrayLike) -> Array:
     """The length (...) of vectors (..., n)."""
-    v = np.asarray(v, float)
-    return np.sqrt((v * v).sum(axis=-1))
+    xp, v = floats(v)
+    return xp.sqrt((v * v).sum(axis=-1))
 
 
 def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     """Rotate vectors v (..., 3) by unit quaternions q (..., 4)."""
-    q, v = np.asarray(q, float), np.asarray(v, float)
+    _, q, v = floats(q, v)
     w, u = q[..., :1], q[..., 1:]
     t = 2.0 * cross(u, v)
     return v + w * t + cross(u, t)
@@ -53,6 +58,7 @@ def rotate(q: ArrayLike, v: ArrayLike) -> Array:
 
 def cross(a: ArrayLike, b: ArrayLike) -> Array:
     """The cross product of vectors (..., 3); ``numpy.cross`` takes several times as long on a few vectors."""
+    _, a, b = floats(a, b)
     ax, ay, az = _components(a)
     bx, by, bz = _components(b)
     return _joined(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
@@ -60,30 +66,32 @@ def cross(a: ArrayLike, b: ArrayLike) -> Array:
 
 def from_axis_angle(axis: ArrayLike, angle_rad: ArrayLike) -> Array:
     """The rotation by ``angle_rad`` (...) about the unit vector ``axis`` (..., 3), as (..., 4)."""
-    return from_rotation_vector(np.asarray(axis, float) * np.asarray(angle_rad, float)[..., None])
+    _, axis, angle_rad = floats(axis, angle_rad)
+    return from_rotation_vector(axis * angle_rad[..., None])
 
 
 def from_rotation_vector(v: ArrayLike) -> Array:
     """The exponential map: rotation vectors (..., 3) in radians to quaternions (..., 4)."""
-    v = np.asarray(v, float)
-    angle = np.sqrt((v * v).sum(axis=-1, keepdims=True))
-    half = np.pi * np.where(angle == 0.0, 1e-20, 0.5 * angle / np.pi)
+    xp, v = floats(v)
+    angle = xp.sqrt((v * v).sum(axis=-1, keepdims=True))
+    half = np.pi * xp.where(angle == 0.0, 1e-20, 0.5 * angle / np.pi)
     sine, cosine = elementary.sine_and_cosine(half)
-    return np.concatenate([cosine, 0.5 * v * (sine / half)], axis=-1)
+    return xp.concat([cosine, 0.5 * v * (sine / half)], axis=-1)
 
 
 def to_rotation_vector(q: ArrayLike) -> Array:
     """The logarithm of unit quaternions (..., 4): rotation vectors (..., 3) of length at most π."""
-    q = np.asarray(q, float)
-    q = np.where(q[..., :1] < 0.0, -q, q)
-    sine = np.sqrt((q[..., 1:] ** 2).sum(axis=-1, keepdims=True))
+    xp, q = floats(q)
+    q = xp.where(q[..., :1] < 0.0, -q, q)
+    sine = xp.sqrt((q[..., 1:] ** 2).sum(axis=-1, keepdims=True))
     angle = 2.0 * elementary.arctan2(sine, q[..., :1])
-    scale = np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 2.0)
+    scale = xp.where(sine > 1e-12, angle / xp.where(sine > 1e-12, sine, 1.0), 2.0)
     return scale * q[..., 1:]
 
 
 def to_matrix(q: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    _, q = floats(q)
     w, x, y, z = _components(q)
     x2, y2, z2 = x + x, y + y, z + z
     xx, yy, zz = x * x2, y * y2, z * z2
@@ -103,20 +111,20 @@ def from_matrix(matrix: ArrayLike) -> Array:
     Shepperd's choice: the largest of the four squared components is the pivot, so no division is
     ill-conditioned.
     """
-    m = np.asarray(matrix, float)
+    xp, m = floats(matrix)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
     xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
     columns = [
-        np.stack([1 + xx + yy + zz, wx, wy, wz], axis=-1),
-        np.stack([wx, 1 + xx - yy - zz, xy, xz], axis=-1),
-        np.stack([wy, xy, 1 - xx + yy - zz, yz], axis=-1),
-        np.stack([wz, xz, yz, 1 - xx - yy + zz], axis=-1),
+        xp.stack([1 + xx + yy + zz, wx, wy, wz], axis=-1),
+        xp.stack([wx, 1 + xx - yy - zz, xy, xz], axis=-1),
+        xp.stack([wy, xy, 1 - xx + yy - zz, yz], axis=-1),
+        xp.stack([wz, xz, yz, 1 - xx - yy + zz], axis=-1),
     ]
-    candidates = np.stack(columns, axis=-2)
-    pivot = np.argmax(np.stack([candidates[..., i, i] for i in range(4)], axis=-1), axis=-1)
-    q = normalize(np.take_along_axis(candidates, pivot[..., None, None], axis=-2)[..., 0, :])
-    return np.where(q[..., :1] < 0.0, -q, q)
+    candidates = xp.stack(columns, axis=-2)
+    pivot = xp.argmax(xp.stack([candidates[..., i, i] for i in range(4)], axis=-1), axis=-1)
+    q = normalize(xp.take_along_axis(candidates, pivot[..., None, None], axis=-2)[..., 0, :])
+    return xp.where(q[..., :1] < 0.0, -q, q)
 
 
 def angle_between(a: ArrayLike, b: ArrayLike) -> Array:
@@ -126,7 +134,8 @@ def angle_between(a: ArrayLike, b: ArrayLike) -> Array:
 
 def compose(pos_ab: ArrayLike, q_ab: ArrayLike, pos_bc: ArrayLike, q_bc: ArrayLike) -> tuple[Array, Array]:
     """Chain two poses: T_ac = T_ab · T_bc, as (position, quaternion)."""
-    return np.asarray(pos_ab, float) + rotate(q_ab, pos_bc), multiply(q_ab, q_bc)
+    _, pos_ab, turned = floats(pos_ab, rotate(q_ab, pos_bc))
+    return pos_ab + turned, multiply(q_ab, q_bc)
 
 
 def invert(pos_ab: ArrayLike, q_ab: ArrayLike) -> tuple[Array, Array]:
@@ -141,23 +150,26 @@ def euler_xyz(q: ArrayLike) -> Array:
     b lies in −π/2..π/2; at its ends only a ± c is determined and c is chosen as 0.
     """
     m = to_matrix(q)
-    b = elementary.arctan2(m[..., 0, 2], np.hypot(m[..., 1, 2], m[..., 2, 2]))
-    locked = np.hypot(m[..., 1, 2], m[..., 2, 2]) < 1e-9
-    above = np.where(locked, m[..., 2, 1], -m[..., 1, 2])
-    a = elementary.arctan2(above, np.where(locked, m[..., 1, 1], m[..., 2, 2]))
+    xp = namespace(m)
+    b = elementary.arctan2(m[..., 0, 2], xp.hypot(m[..., 1, 2], m[..., 2, 2]))
+    locked = xp.hypot(m[..., 1, 2], m[..., 2, 2]) < 1e-9
+    above = xp.where(locked, m[..., 2, 1], -m[..., 1, 2])
+    a = elementary.arctan2(above, xp.where(locked, m[..., 1, 1], m[..., 2, 2]))
     # Rx(−a) q = Ry(b) Rz(c), whose second row is (sin c, cos c, 0): precise however close to the lock.
     sine, cosine = elementary.sine_and_cosine(a)
     row = cosine[..., None] * m[..., 1, :] + sine[..., None] * m[..., 2, :]
-    return np.stack([a, b, np.where(locked, 0.0, elementary.arctan2(row[..., 0], row[..., 1]))], axis=-1)
+    return xp.stack([a, b, xp.where(locked, 0.0, elementary.arctan2(row[..., 0], row[..., 1]))], axis=-1)
 
 
-def _components(v: ArrayLike) -> tuple[Array, ...]:
-    v = np.asarray(v, float)
+def _components(v: Array) -> tuple[Array, ...]:
     return tuple([v[..., i] for i in range(v.shape[-1])])
 
 
 def _joined(*components: Array) -> Array:
     """The inverse of ``_components``; ``numpy.stack`` takes several times as long on a few vectors."""
+    xp = namespace(*components)
+    if xp is not np:
+        return xp.stack(components, axis=-1)
     v = np.empty((*np.shape(components[0]), len(components)))
     for i, component in enumerate(components):
         v[..., i] = component

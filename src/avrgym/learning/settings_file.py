@@ -2,9 +2,10 @@
 
 import json
 import tomllib
+from collections.abc import Mapping
 from math import isfinite
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import msgspec
 
@@ -20,24 +21,33 @@ def read_settings(path: Path, environment: str) -> TrainingSettings:
         ValueError: for a file that is no TOML, or says what cannot be, naming what is allowed.
         OSError: when it cannot be read.
     """
-    usual = vars(settings_of(environment))
     try:
         said = tomllib.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise ValueError(f"{path}: no TOML: {error}") from None
+    return changed_settings(said, environment, str(path))
+
+
+def changed_settings(said: Mapping[str, Any], environment: str, where: str) -> TrainingSettings:
+    """How to train in an environment, with what is ``said`` otherwise.
+
+    Raises:
+        ValueError: for what cannot be, naming ``where`` it is said and what is allowed.
+    """
+    usual = vars(settings_of(environment))
     unknown = ", ".join(said.keys() - usual.keys())
     if unknown:
-        raise ValueError(f"{path}: no training setting is called {unknown}; allowed: {', '.join(usual)}")
+        raise ValueError(f"{where}: no training setting is called {unknown}; allowed: {', '.join(usual)}")
     for name, value in said.items():
         if not all(
             isfinite(each) for each in (value if is_array(value) else [value]) if isinstance(each, float)
         ):
-            raise ValueError(f"{path}: {name}: expected a finite number")
+            raise ValueError(f"{where}: {name}: expected a finite number")
     try:
-        return msgspec.convert(usual | said, TrainingSettings)
+        return msgspec.convert({**usual, **said}, TrainingSettings)
     except msgspec.ValidationError as error:
         what, _, place = str(error).partition(" - at `$.")
-        raise ValueError(f"{path}: {place.rstrip('`')}: {what[:1].lower()}{what[1:]}") from None
+        raise ValueError(f"{where}: {place.rstrip('`')}: {what[:1].lower()}{what[1:]}") from None
 
 
 def settings_text(environment: str) -> str:

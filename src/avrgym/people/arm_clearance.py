@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
+from avrgym.geometry.arrays import like, namespace
 from avrgym.geometry.capsules import segment_box_distance, segment_distance
 from avrgym.models import human
 from avrgym.models.human import GEOMS, RIGHT_ARM, SEATED, People, Posture, Z
@@ -63,15 +64,16 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[Array, A
         the ends of their axes (N, G, 2, 3), world frame, and their radii (N, G), metres; a sphere is a capsule
         whose axis is a point.
     """
+    xp = namespace(people.torso_height_m)
     layout = human.layout_of(people, posture)
     pos_w, q_w = human.body_frames(people, posture)
     segments: list[Array] = []
     for name, geom in GEOMS.items():
-        reach = layout.geom_size[name][:, 1:2] * np.array(geom.axis or Z)
-        ends = layout.geom_pos[name][:, None] + np.stack([-reach, reach], axis=1)
+        reach = layout.geom_size[name][:, 1:2] * like(np.array(geom.axis or Z), people.torso_height_m)
+        ends = layout.geom_pos[name][:, None] + xp.stack([-reach, reach], axis=1)
         segments.append(pos_w[geom.body][:, None] + transforms.rotate(q_w[geom.body][:, None], ends))
     radii = [layout.geom_size[name][:, 0] for name in GEOMS]
-    return np.stack(segments, axis=1), np.stack(radii, axis=1)
+    return xp.stack(segments, axis=1), xp.stack(radii, axis=1)
 
 
 def clearance(segments_w: Array, radii_m: Array, furniture: Boxes | None = None) -> Array:
@@ -84,15 +86,17 @@ def clearance(segments_w: Array, radii_m: Array, furniture: Boxes | None = None)
         radii_m: their radii (N, G).
         furniture: boxes to keep away from too.
     """
-    part, other = segments_w[:, _PART], segments_w[:, _OTHER]
+    xp, first, second = namespace(segments_w), like(_PART, segments_w), like(_OTHER, segments_w)
+    part, other = segments_w[:, first], segments_w[:, second]
     apart = segment_distance(part[:, :, 0], part[:, :, 1], other[:, :, 0], other[:, :, 1])
-    gap = (apart - radii_m[:, _PART] - radii_m[:, _OTHER]).min(axis=1)
+    gap = xp.min(apart - radii_m[:, first] - radii_m[:, second], axis=1)
     if furniture is None:
         return gap
-    return np.minimum(gap, _furniture_gap(segments_w[:, _ARM], radii_m[:, _ARM], furniture))
+    arm = like(_ARM, segments_w)
+    return xp.minimum(gap, _furniture_gap(segments_w[:, arm], radii_m[:, arm], furniture))
 
 
 def _furniture_gap(segments_w: Array, radii_m: Array, boxes: Boxes) -> Array:
     begin, end = segments_w[:, :, None, 0], segments_w[:, :, None, 1]
     to_axis = segment_box_distance(boxes.pos_w, boxes.q_w, boxes.half_size_m, begin, end)
-    return (to_axis - radii_m[..., None]).min(axis=(1, 2))
+    return namespace(to_axis).min(to_axis - radii_m[..., None], axis=(1, 2))

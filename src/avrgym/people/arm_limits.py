@@ -22,11 +22,12 @@ Only these angles are judged, not the posture: a shoulder may reach the same pos
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import RAD_PER_DEGREE, copied, floats, like, namespace
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD
 
 Array = NDArray[np.float64]
 
-ABDUCTION_RAD = (float(np.radians(-9.0)), float(np.radians(160.0)))
+ABDUCTION_RAD = -9.0 * RAD_PER_DEGREE, 160.0 * RAD_PER_DEGREE
 
 _SHOULDER_Y, _SHOULDER_X, _SHOULDER_Z = (
     np.array([JOINT_INDEX[f"{side}_shoulder_{axis}"] for side in ("right", "left")]) for axis in "yxz"
@@ -53,29 +54,31 @@ def clip(joint_angles_rad: Array) -> Array:
     possible value. Other joints stay as they are.
     """
     abduction, flexion, rotation = _shoulders(joint_angles_rad)
-    abduction = np.clip(abduction, *ABDUCTION_RAD)
-    flexion = np.clip(flexion, *flexion_range_rad(abduction))
-    rotation = np.clip(rotation, *rotation_range_rad(abduction, flexion))
-    clipped = np.array(joint_angles_rad, float)
-    clipped[..., _SHOULDER_Y] = _SIDE * abduction
-    clipped[..., _SHOULDER_X] = -flexion
-    clipped[..., _SHOULDER_Z] = -_SIDE * rotation
+    xp = namespace(abduction)
+    abduction = xp.clip(abduction, *ABDUCTION_RAD)
+    flexion = xp.clip(flexion, *flexion_range_rad(abduction))
+    rotation = xp.clip(rotation, *rotation_range_rad(abduction, flexion))
+    clipped, side = copied(joint_angles_rad), like(_SIDE, abduction)
+    clipped[..., like(_SHOULDER_Y, side)] = side * abduction
+    clipped[..., like(_SHOULDER_X, side)] = -flexion
+    clipped[..., like(_SHOULDER_Z, side)] = -side * rotation
     return clipped
 
 
 def flexion_range_rad(abduction_rad: Array) -> tuple[Array, Array]:
     """Lower and upper limit of the shoulder's flexion at an abduction, any shape."""
-    return np.radians(-43.0) + abduction_rad / 3.0, np.radians(153.0) - abduction_rad / 6.0
+    return -43.0 * RAD_PER_DEGREE + abduction_rad / 3.0, 153.0 * RAD_PER_DEGREE - abduction_rad / 6.0
 
 
 def rotation_range_rad(abduction_rad: Array, flexion_rad: Array) -> tuple[Array, Array]:
     """Lower and upper limit of the external rotation, any shape; also within the joint's own range."""
     a, f = abduction_rad, flexion_rad
     product = _PER_DEGREE * a * f / 810.0
-    internal = np.radians(-90.0) + 7.0 * a / 9.0 - f / 9.0 + 2.0 * product
-    external = np.radians(60.0) + 4.0 * a / 9.0 - 5.0 * f / 9.0 + 5.0 * product
-    lower, upper = LOWER_RAD[_SHOULDER_Z[0]], UPPER_RAD[_SHOULDER_Z[0]]
-    return np.maximum(internal, lower), np.minimum(external, upper)
+    internal = -90.0 * RAD_PER_DEGREE + 7.0 * a / 9.0 - f / 9.0 + 2.0 * product
+    external = 60.0 * RAD_PER_DEGREE + 4.0 * a / 9.0 - 5.0 * f / 9.0 + 5.0 * product
+    lower, upper = float(LOWER_RAD[_SHOULDER_Z[0]]), float(UPPER_RAD[_SHOULDER_Z[0]])
+    xp = namespace(internal)
+    return xp.maximum(internal, lower), xp.minimum(external, upper)
 
 
 def _shoulders(joint_angles_rad: Array) -> tuple[Array, Array, Array]:
@@ -84,8 +87,10 @@ def _shoulders(joint_angles_rad: Array) -> tuple[Array, Array, Array]:
     Turning about y lifts the right arm outward and the left one inward, turning about x moves both backward,
     turning about z brings the right hand inward and the left one outward.
     """
-    angles = np.asarray(joint_angles_rad, float)
-    return _SIDE * angles[..., _SHOULDER_Y], -angles[..., _SHOULDER_X], -_SIDE * angles[..., _SHOULDER_Z]
+    _, angles = floats(joint_angles_rad)
+    y, x, z = (angles[..., like(joints, angles)] for joints in (_SHOULDER_Y, _SHOULDER_X, _SHOULDER_Z))
+    side = like(_SIDE, angles)
+    return side * y, -x, -side * z
 
 
 def _lies_in(angle: Array, limits: tuple[Array, Array] | tuple[float, float]) -> NDArray[np.bool_]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
+from avrgym.geometry.arrays import copied, like, namespace, row_numbers
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
@@ -54,11 +55,11 @@ UNIFORMS = 6
 REMEMBERED_STEPS = 5
 REACTION_STEPS = (2, 4)
 FACING_SHARE = (0.3, 0.7)
-SWAY_RAD = (np.radians(0.3), np.radians(1.0))
+SWAY_RAD = (float(np.radians(0.3)), float(np.radians(1.0)))
 SWAY_HZ = (0.1, 0.3)
 
-NEAR_MOUTH_M, LEAN_RAD = 0.30, np.radians(10.0)
-NEAR_ARM_M, LIFT_RAD = 0.40, np.radians(8.0)
+NEAR_MOUTH_M, LEAN_RAD = 0.30, float(np.radians(10.0))
+NEAR_ARM_M, LIFT_RAD = 0.40, float(np.radians(8.0))
 HEAD_TURN_RAD = np.radians([30.0, 0.0, 40.0])
 SPEED_RAD_S = np.array(
     [{"torso": 0.2, "head": 0.8}.get(joint.body, 0.4) for joint in JOINTS.values()], dtype=float
@@ -71,9 +72,9 @@ OFFERED_JOINTS: Mapping[Offered, tuple[str, ...]] = {
 }
 """The joints with which people bring the tool what they offer."""
 
-_WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
-_HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
-_LIFT = [JOINT_INDEX["right_shoulder_y"], JOINT_INDEX["right_elbow_x"]]
+_WAIST_X, _WAIST_Y = JOINT_INDEX["waist_x"], JOINT_INDEX["waist_y"]
+_HEAD = np.array([JOINT_INDEX[f"head_{axis}"] for axis in "xyz"])
+_LIFT = np.array([JOINT_INDEX["right_shoulder_y"], JOINT_INDEX["right_elbow_x"]])
 
 
 @dataclass(frozen=True)
@@ -99,14 +100,14 @@ class Mind:
 
 def begin(people: People, uniforms: Array) -> Mind:
     """The minds of people whose episode begins, from uniform numbers (n, ``UNIFORMS``)."""
-    count = len(uniforms)
+    xp, count = namespace(uniforms), len(uniforms)
     low, high = REACTION_STEPS
     return Mind(
-        seen_w=np.full((count, REMEMBERED_STEPS, 3), np.inf),
+        seen_w=xp.full((count, REMEMBERED_STEPS, 3), xp.inf, dtype=uniforms.dtype, device=uniforms.device),
         targets_rad=people.joint_angles_rad,
         rest_rad=people.joint_angles_rad,
-        time_s=np.zeros(count),
-        reaction=np.minimum(low + ((high - low + 1) * uniforms[:, 0]).astype(np.intp), high),
+        time_s=xp.zeros_like(uniforms[:, 0]),
+        reaction=xp.minimum(low + xp.astype((high - low + 1) * uniforms[:, 0], xp.int64), high),
         facing=between(FACING_SHARE, uniforms[:, 1]),
         sway_rad=between(SWAY_RAD, uniforms[:, 2]),
         sway_hz=between(SWAY_HZ, uniforms[:, 3]),
@@ -123,8 +124,9 @@ def see(mind: Mind, sight: Sight, offered: Offered, posture: Posture) -> Mind:
         offered: what they bring to the tool.
         posture: how they sit or lie.
     """
-    seen = np.concatenate([sight.tool_pos_w[:, None], mind.seen_w[:, :-1]], axis=1)
-    tool = seen[np.arange(len(seen)), mind.reaction]
+    xp = namespace(mind.targets_rad)
+    seen = xp.concat([sight.tool_pos_w[:, None], mind.seen_w[:, :-1]], axis=1)
+    tool = seen[row_numbers(seen), mind.reaction]
     match offered:
         case "mouth":
             wanted = _bring_mouth(mind, sight, tool, posture)
@@ -132,8 +134,8 @@ def see(mind: Mind, sight: Sight, offered: Offered, posture: Posture) -> Mind:
             wanted = _bring_arm(mind, sight, tool)
         case "nothing":
             wanted = mind.targets_rad
-    reach = SPEED_RAD_S * CONTROL_STEP_S
-    moved = mind.targets_rad + np.clip(wanted - mind.targets_rad, -reach, reach)
+    reach = like(SPEED_RAD_S * CONTROL_STEP_S, mind.targets_rad)
+    moved = mind.targets_rad + xp.clip(wanted - mind.targets_rad, -reach, reach)
     return replace(mind, seen_w=seen, targets_rad=moved)
 
 
@@ -144,33 +146,36 @@ def wait(mind: Mind) -> Mind:
 
 def sway_rad(mind: Mind) -> Array:
     """What sway adds to the joints' targets (N, 20): the waist rocks to and fro and to the sides."""
+    xp = namespace(mind.targets_rad)
     angle = 2.0 * np.pi * mind.sway_hz * mind.time_s
     phase = mind.phase_rad[:, :2].T
-    swung = elementary.sin(np.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
-    wave = np.zeros_like(mind.targets_rad)
-    wave[:, _WAIST[:2]] = (mind.sway_rad * swung).T
+    swung = elementary.sin(xp.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
+    wave = xp.zeros_like(mind.targets_rad)
+    wave[:, _WAIST_X], wave[:, _WAIST_Y] = mind.sway_rad * swung[0], mind.sway_rad * swung[1]
     return wave
 
 
 def _bring_mouth(mind: Mind, sight: Sight, tool_w: Array, posture: Posture) -> Array:
     """Targets that turn the face to the tool, and lean to it when it is near and in front."""
-    seen = np.asarray(np.isfinite(tool_w).all(axis=-1))
-    offset = np.where(seen[:, None], tool_w, sight.mouth_pos_w) - sight.head_pos_w
+    xp, most, head = namespace(tool_w), like(HEAD_TURN_RAD, tool_w), like(_HEAD, tool_w)
+    seen = xp.isfinite(tool_w).all(axis=-1)
+    offset = xp.where(seen[:, None], tool_w, sight.mouth_pos_w) - sight.head_pos_w
     ahead = ahead_of(mind.targets_rad, offset, posture)
-    turn = np.clip(mind.facing[:, None] * facing_rad(ahead), -HEAD_TURN_RAD, HEAD_TURN_RAD)
+    turn = xp.clip(mind.facing[:, None] * facing_rad(ahead), -most, most)
     near = seen & (transforms.norm(ahead) < NEAR_MOUTH_M) & (ahead[:, 1] < 0.0)
-    wanted = mind.targets_rad.copy()
-    wanted[:, _HEAD] = np.where(seen[:, None], turn, wanted[:, _HEAD])
-    wanted[:, _WAIST[0]] = np.where(near, LEAN_RAD, wanted[:, _WAIST[0]])
+    wanted = copied(mind.targets_rad)
+    wanted[:, head] = xp.where(seen[:, None], turn, wanted[:, head])
+    wanted[:, _WAIST_X] = xp.where(near, LEAN_RAD, wanted[:, _WAIST_X])
     return wanted
 
 
 def _bring_arm(mind: Mind, sight: Sight, tool_w: Array) -> Array:
     """Targets that lift the right arm sideways and stretch it a little when the tool is near."""
-    gap = transforms.norm(sight.right_arm_pos_w - tool_w[:, None]).min(axis=-1)
-    lifted = mind.rest_rad[:, _LIFT] + LIFT_RAD
-    wanted = mind.targets_rad.copy()
-    wanted[:, _LIFT] = np.where((gap < NEAR_ARM_M)[:, None], lifted, wanted[:, _LIFT])
+    xp, lift = namespace(tool_w), like(_LIFT, tool_w)
+    gap = xp.min(transforms.norm(sight.right_arm_pos_w - tool_w[:, None]), axis=-1)
+    lifted = mind.rest_rad[:, lift] + LIFT_RAD
+    wanted = copied(mind.targets_rad)
+    wanted[:, lift] = xp.where((gap < NEAR_ARM_M)[:, None], lifted, wanted[:, lift])
     return wanted
 
 
@@ -182,8 +187,9 @@ def ahead_of(joint_angles_rad: Array, offset_w: Array, posture: Posture) -> Arra
 
 def facing_rad(ahead: Array) -> Array:
     """The head's joint angles (N, 3) that turn the face to what lies there from the head (N, 3), torso's frame."""
-    facing = np.zeros((len(ahead), 3))
+    xp = namespace(ahead)
+    facing = xp.zeros_like(ahead)
     facing[:, 0] = elementary.arctan2(-ahead[:, 2], -ahead[:, 1])
-    distance = np.maximum(transforms.norm(ahead), 1e-9)
-    facing[:, 2] = elementary.arcsin(np.clip(ahead[:, 0] / distance, -1.0, 1.0))
+    distance = xp.maximum(transforms.norm(ahead), 1e-9)
+    facing[:, 2] = elementary.arcsin(xp.clip(ahead[:, 0] / distance, -1.0, 1.0))
     return facing

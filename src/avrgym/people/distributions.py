@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import copied, like, namespace, worth_computing
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Person, Posture
 from avrgym.people import arm_limits
@@ -132,27 +133,32 @@ def sample(
     A random arm is drawn again, up to ``ATTEMPTS`` times, until the shoulder can turn like that and nothing of
     the arm is within 1 cm of the body or of the furniture; then the last attempt stays, its shoulder clipped.
     """
+    xp = namespace(uniforms)
     is_woman = uniforms[:, 0] < 0.5
     man = between(distribution.torso_height_man_m, uniforms[:, 1])
     woman = between(distribution.torso_height_woman_m, uniforms[:, 1])
     spread = pose.spread_rad + np.where(WAIST, np.radians(distribution.waist_deg), 0.0)
     shares = uniforms[:, 2:].reshape(len(uniforms), ATTEMPTS, len(JOINTS))
-    poses = np.clip(pose.rest_rad + spread * (2.0 * shares - 1.0), human.LOWER_RAD, human.UPPER_RAD)
-    people = People.unimpaired(is_woman, np.where(is_woman, woman, man), poses[:, 0])
+    rest, spread, lower, upper = (
+        like(each, uniforms) for each in (pose.rest_rad, spread, human.LOWER_RAD, human.UPPER_RAD)
+    )
+    poses = xp.clip(rest + spread * (2.0 * shares - 1.0), lower, upper)
+    people = People.unimpaired(is_woman, xp.where(is_woman, woman, man), poses[:, 0])
     return _make_room(people, poses, posture, furniture) if pose.spreads_arm else people
 
 
 def _make_room(people: People, poses: Array, posture: Posture, furniture: Boxes | None) -> People:
     """The people in the first of their poses (n, ``ATTEMPTS``, 20) that leaves the right arm room."""
-    angles = poses[:, 0].copy()
-    crowded = np.nonzero(~_has_room(people, posture, furniture))[0]
+    xp, angles = namespace(poses), copied(poses[:, 0])
+    crowded = ~_has_room(people, posture, furniture)
     for attempt in range(1, ATTEMPTS):
-        if not len(crowded):
+        (rows,) = worth_computing(crowded)
+        if not len(rows):
             break
-        angles[crowded] = poses[crowded, attempt]
-        again = People.unimpaired(people.is_woman[crowded], people.torso_height_m[crowded], angles[crowded])
-        crowded = crowded[~_has_room(again, posture, furniture)]
-    angles[crowded] = arm_limits.clip(angles[crowded])
+        angles[rows] = xp.where(crowded[rows, None], poses[rows, attempt], angles[rows])
+        again = People.unimpaired(people.is_woman[rows], people.torso_height_m[rows], angles[rows])
+        crowded[rows] = crowded[rows] & ~_has_room(again, posture, furniture)
+    angles = xp.where(crowded[:, None], arm_limits.clip(angles), angles)
     return replace(people, joint_angles_rad=angles)
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import like, namespace
 from avrgym.models.human import JOINTS, LOWER_RAD, UPPER_RAD, People
 from avrgym.people.names import IMPAIRMENTS, Impairment
 from avrgym.people.uniform import between
@@ -46,7 +47,8 @@ def impair(people: People, impairment: Impairment, uniforms: Array) -> People:
         share = people.strength_share * between(STRENGTH_SHARE, uniforms[:, 0])
         return replace(people, strength_share=share)
     if impairment == "tremor":
-        return replace(people, tremor_rad=np.maximum(people.tremor_rad, TREMOR_RAD * uniforms[:, 1:]))
+        xp, drawn = namespace(uniforms), like(TREMOR_RAD, uniforms) * uniforms[:, 1:]
+        return replace(people, tremor_rad=xp.maximum(people.tremor_rad, drawn))
     return people
 
 
@@ -59,4 +61,5 @@ def with_ranges(people: People, share: Array) -> People:
 def limit(people: People, joint_angles_rad: Array) -> Array:
     """Joint angles (n, 20) brought into the people's ranges."""
     share = people.range_share[:, None]
-    return np.clip(joint_angles_rad, share * LOWER_RAD, share * UPPER_RAD)
+    lower, upper = share * like(LOWER_RAD, share), share * like(UPPER_RAD, share)
+    return namespace(joint_angles_rad).clip(joint_angles_rad, lower, upper)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import copied, like, namespace
 from avrgym.models.human import JOINT_INDEX, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import behaviour
@@ -30,7 +31,11 @@ class Minds:
         self._cooperating = distribution.cooperating and not steered
         self._offered: Offered = offered
         self._posture = posture
-        self._mind = self._begun(people, np.zeros((len(people.is_woman), behaviour.UNIFORMS)))
+        height = people.torso_height_m
+        uniforms = namespace(height).zeros(
+            (len(height), behaviour.UNIFORMS), dtype=height.dtype, device=height.device
+        )
+        self._mind = self._begun(people, uniforms)
 
     def saved(self) -> behaviour.Mind | movement.Mind:
         """All that changes."""
@@ -56,9 +61,10 @@ class Minds:
 
     def steer(self, joints: Sequence[str], action: Array, possible: Possible) -> None:
         """Move the targets of joints by a control step at speeds of unhurried people, shares (N, K) of them."""
-        columns = [JOINT_INDEX[name] for name in joints]
-        targets = self._mind.targets_rad.copy()
-        targets[:, columns] += CONTROL_STEP_S * movement.SPEED_RAD_S[columns] * np.clip(action, -1.0, 1.0)
+        columns = np.array([JOINT_INDEX[name] for name in joints], dtype=np.intp)
+        targets = copied(self._mind.targets_rad)
+        reach = like(CONTROL_STEP_S * movement.SPEED_RAD_S[columns], targets)
+        targets[:, like(columns, targets)] += reach * namespace(action).clip(action, -1.0, 1.0)
         self._mind = replace(self._mind, targets_rad=possible(targets))
 
     def live(self, look: Callable[[], Sight], people: People, possible: Possible) -> Array:
@@ -92,4 +98,5 @@ class Minds:
 
 def _direction(time_s: Array) -> Array:
     """Which way a tremor goes, (N, 1)."""
-    return np.where(np.round(time_s / CONTROL_STEP_S) % 2 == 1, 1.0, -1.0)[:, None]
+    odd = namespace(time_s).round(time_s / CONTROL_STEP_S) % 2
+    return (2.0 * odd - 1.0)[:, None]

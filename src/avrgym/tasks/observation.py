@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import namespace
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import State
 
@@ -117,7 +118,7 @@ class Observation:
         for entry, part in zip(self.entries, parts, strict=True):
             if part.shape[1] != entry.size:
                 raise ValueError(f"{entry.name} is to have {entry.size} numbers, not {part.shape[1]}")
-        return np.concatenate(parts, axis=-1)
+        return namespace(*parts).concat(parts, axis=-1)
 
 
 def number_names(observation: Observation) -> list[str]:

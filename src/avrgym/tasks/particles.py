@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import capsules
+from avrgym.geometry.arrays import namespace, worth_computing
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 
@@ -23,11 +24,13 @@ def touching_person(state: State, radius_m: float, asked: Bools) -> Bools:
     """
     margin = radius_m + TOUCH_MARGIN_M
     reach = norm(state.particle_pos_w - state.tool_pos_w[:, None]) + margin
-    world, particle = np.nonzero(asked & (reach > _gaps(state, state.tool_pos_w).min(axis=-1)[:, None]))
+    xp = namespace(reach)
+    near = asked & (reach > xp.min(_gaps(state, state.tool_pos_w), axis=-1)[:, None])
+    world, particle = worth_computing(near)
     gaps = _gaps(state, state.particle_pos_w[world, particle], world)
-    touching = np.zeros_like(asked)
+    touching = xp.zeros_like(asked)
     touching[world, particle] = (gaps < margin).any(axis=-1)
-    return touching
+    return touching & near
 
 
 def _gaps(state: State, point_w: Array, world: NDArray[np.intp] | slice = slice(None)) -> Array:
@@ -39,4 +42,4 @@ def _gaps(state: State, point_w: Array, world: NDArray[np.intp] | slice = slice(
 
 def count(events: Bools) -> Array:
     """How many particles (N,) of (N, K) something happens to."""
-    return events.sum(axis=-1).astype(float)
+    return 1.0 * events.sum(axis=-1)

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
+from avrgym.geometry.arrays import like, namespace
 from avrgym.models.human import JOINTS, RIGHT_ARM, SEATED_RAD
 from avrgym.people import distributions
 from avrgym.people.distributions import Pose
@@ -23,14 +24,16 @@ LIMBS = RIGHT_ARM[:2]
 STRONG_FORCE_N = 10.0
 """What is too much where the tool should touch (paper, section V; reference)."""
 DRAWN_ABOVE_M = 0.008
+SIDEWAYS = np.array([1.0, 1.0, 0.0])
+"""Takes of a place on a limb, in the limb's frame, what is across the limb."""
 
 
 def when_strong(force_n: Array) -> Array:
     """Forces (N,) of at least ``STRONG_FORCE_N``, and nothing for gentler ones."""
-    return np.where(force_n >= STRONG_FORCE_N, force_n, 0.0)
+    return namespace(force_n).where(force_n >= STRONG_FORCE_N, force_n, 0.0)
 
 
 def above_clothes(places: Array) -> Array:
     """Places (..., 3) on a limb's collision shape, in the limb's frame, moved outside of skin and sleeve."""
-    outwards = places * [1.0, 1.0, 0.0]
+    outwards = places * like(SIDEWAYS, places)
     return places + DRAWN_ABOVE_M * transforms.normalize(outwards)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, kinematics, transforms
+from avrgym.geometry.arrays import like, namespace
 from avrgym.models import human
 from avrgym.models.furniture import add_hospital_bed, add_wheelchair
 from avrgym.models.human import RECLINED, SEATED, People, Posture
@@ -87,13 +88,13 @@ def mouth(people: People) -> tuple[Array, Array]:
 def right_arm(people: People, posture: Posture) -> Array:
     """Shoulder, elbow and wrist (n, 3, 3) of the people's right arms, world frame."""
     pos_w, _ = human.body_frames(people, posture)
-    return np.stack([pos_w[name] for name in human.RIGHT_ARM], axis=1)
+    return namespace(people.torso_height_m).stack([pos_w[name] for name in human.RIGHT_ARM], axis=1)
 
 
 def held(scene: SceneConfig, hand_pos_w: Array, tool_q_w: Array) -> tuple[Array, Array]:
     """The tool's poses, (n, 3) and (n, 4), in hands at positions (n, 3), all turned alike (4,)."""
-    pos_w = hand_pos_w - transforms.rotate(tool_q_w, scene.tool.grip_pos)
-    return pos_w, np.tile(tool_q_w, (len(pos_w), 1))
+    pos_w = hand_pos_w - like(transforms.rotate(tool_q_w, scene.tool.grip_pos), hand_pos_w)
+    return pos_w, namespace(pos_w).tile(like(tool_q_w, pos_w), (len(pos_w), 1))
 
 
 def start(

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import namespace
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
@@ -105,7 +106,7 @@ class Marks:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """A task. Every function takes and gives arrays with the world axis first.
+    """A task. Every function takes and gives arrays with the world axis first, of NumPy or of another library.
 
     Attributes:
         name: an ASCII identifier; environments are called ``avrgym/{name}{robot}-v1``.
@@ -197,7 +198,7 @@ class Task:
                 f"task {self.name} gave the reward terms {', '.join(terms)}; it has weights for "
                 f"{', '.join(self.weights)}"
             )
-        total = np.zeros_like(next(iter(terms.values())), dtype=float)
+        total: Any = 0.0
         for name, weight in self.weights.items():
             total = total + weight * terms[name]
         return total
@@ -231,7 +232,7 @@ def arrays_of(task_state: object) -> dict[str, NDArray[Any]]:
 
 def merge(old: TaskState, new: TaskState, ids: NDArray[np.intp]) -> TaskState:
     """The arrays ``old`` of N worlds with the worlds ``ids`` replaced by ``new``."""
-    arrays = {name: array.copy() for name, array in arrays_of(old).items()}
+    arrays = {name: namespace(array).asarray(array, copy=True) for name, array in arrays_of(old).items()}
     for name, array in arrays.items():
         array[ids] = getattr(new, name)
     return type(old)(**arrays)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
+from avrgym.geometry.arrays import floats, like, namespace
 from avrgym.models.human.joints import JOINTS, X, Y, Z, joint_angles
 from avrgym.models.human.measures import Array, Proportions, proportions_of
 from avrgym.models.human.person import People, Person
@@ -62,7 +63,8 @@ class Posture:
         """The origin of the hips, (3,) or (N, 3), world frame."""
         if self.hips_pos_w is None:
             return _vector(0.0, 0.03, p.seated_hips_height)
-        return np.broadcast_to(self.hips_pos_w, (*np.shape(p.mass), 3))
+        pos_w = like(np.array(self.hips_pos_w), p.mass)
+        return namespace(p.mass).broadcast_to(pos_w, (*np.shape(p.mass), 3))
 
     def turns_deg(self) -> dict[str, float]:
         """Rotation about x of the hips and each leg's bodies that turn, by body."""
@@ -100,7 +102,7 @@ def layout(
 
     Upper arms and forearms are ``arm_scale`` (N,) times as long as that makes them.
     """
-    p = proportions_of(is_woman)
+    p = proportions_of(is_woman, torso_height_m)
     h = torso_height_m / p.torso_height
     arm_h = arm_scale * h
     return Layout(_body_positions(p, h, arm_h, posture), *_geoms(p, h, arm_h), _sites(p, h))
@@ -135,7 +137,7 @@ ARM = "upper_arm", "forearm"
 
 def _geoms(p: Proportions, h: Array, arm_h: Array) -> tuple[dict[str, Array], dict[str, Array]]:
     """Capsules lie along the axis that ``GEOMS`` names; their size is radius, half length, 0."""
-    zero = np.zeros_like(h)
+    zero = namespace(h).zeros_like(h)
     chest_z = p.chest_rise * h
     shoulder_z = chest_z + p.shoulder_rise * h - (p.shoulder_radius - 0.055)
     position = {
@@ -172,7 +174,7 @@ def _geoms(p: Proportions, h: Array, arm_h: Array) -> tuple[dict[str, Array], di
 
 
 def _sites(p: Proportions, h: Array) -> dict[str, Array]:
-    zero = np.zeros_like(h)
+    zero = namespace(h).zeros_like(h)
     return {
         "head_centre": _vector(zero, zero, p.head_centre_rise * h),
         "mouth": _vector(zero, -p.mouth_forward, zero + MOUTH_RISE),
@@ -226,11 +228,12 @@ def body_rotations(joint_angles_rad: Array, posture: Posture = SEATED) -> dict[s
 
 def body_rotation(body: str, joint_angles_rad: Array, posture: Posture = SEATED) -> Array:
     """One body's rotation in its parent, (N, 4), of people with joint angles (N, 20)."""
-    angles = np.asarray(joint_angles_rad, float)
+    xp, angles = floats(joint_angles_rad)
     turns = [(joint.axis, angles[..., i]) for i, joint in enumerate(JOINTS.values()) if joint.body == body]
     if body in posture.turns_deg():
-        turns.append((X, np.full(angles.shape[:-1], np.radians(posture.turns_deg()[body]))))
-    rotation = np.broadcast_to(transforms.IDENTITY_QUATERNION, (*angles.shape[:-1], 4))
+        turn = float(np.radians(posture.turns_deg()[body]))
+        turns.append((X, xp.full(angles.shape[:-1], turn, dtype=angles.dtype, device=angles.device)))
+    rotation = xp.broadcast_to(like(transforms.IDENTITY_QUATERNION, angles), (*angles.shape[:-1], 4))
     for axis, angle in turns:
         rotation = transforms.multiply(rotation, transforms.from_axis_angle(axis, angle))
     return rotation
@@ -266,6 +269,5 @@ def bind_frames(
 
 
 def _vector(x: float | Array, y: float | Array, z: float | Array) -> Array:
-    return np.stack(
-        np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float), np.asarray(z, float)), axis=-1
-    )
+    xp, *parts = floats(x, y, z)
+    return xp.stack(xp.broadcast_arrays(*parts), axis=-1)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import like, namespace
 from avrgym.models.sexes import Sex
 
 Array = NDArray[np.float64]
@@ -93,10 +94,11 @@ WOMAN = Proportions(
 PROPORTIONS: Mapping[Sex, Proportions] = {"man": MAN, "woman": WOMAN}
 
 
-def proportions_of(is_woman: NDArray[np.bool_]) -> Proportions:
-    """The unscaled measures of N people, each field an array (N,)."""
+def proportions_of(is_woman: NDArray[np.bool_], numbers: Any = 0.0) -> Proportions:
+    """The unscaled measures of N people, each field an array (N,) of the library and type of ``numbers``."""
+    where = namespace(is_woman).where
     measures: dict[str, Any] = {
-        each.name: np.where(is_woman, getattr(WOMAN, each.name), getattr(MAN, each.name))
+        each.name: where(is_woman, *[like(getattr(sex, each.name), numbers) for sex in (WOMAN, MAN)])
         for each in fields(Proportions)
     }
     return Proportions(**measures)

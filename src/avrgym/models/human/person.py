@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import floats
 from avrgym.models.human.joints import JOINTS, SEATED_RAD
 from avrgym.models.human.measures import ARM_SCALE_RANGE, TORSO_HEIGHT_RANGE_M, Array
 from avrgym.models.sexes import SEXES, Sex
@@ -96,10 +97,9 @@ class People:
         cls, is_woman: NDArray[np.bool_], torso_height_m: Array, joint_angles_rad: Array
     ) -> "People":
         """People with full ranges and strength, without tremor, and with arms as most have them."""
-        full = np.ones(len(is_woman))
-        return cls(
-            is_woman, torso_height_m, joint_angles_rad, full, full, np.zeros_like(joint_angles_rad), full
-        )
+        xp, height, angles = floats(torso_height_m, joint_angles_rad)
+        full = xp.ones_like(height)
+        return cls(is_woman, torso_height_m, joint_angles_rad, full, full, xp.zeros_like(angles), full)
 
     def person(self, index: int) -> Person:
         """One of them."""

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
+from avrgym.geometry.arrays import RAD_PER_DEGREE, copied, like, namespace, row_numbers
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import behaviour
@@ -58,9 +59,8 @@ GOLDEN = 0.6180339887498949
 """Multiples of it, without their whole parts, are spread evenly (Weyl): one after the other they serve as chance."""
 
 _WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
-_HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
-_LIFT = [JOINT_INDEX["right_shoulder_y"], JOINT_INDEX["right_elbow_x"]]
-_SHOULDER, _ELBOW = _LIFT
+_HEAD = np.array([JOINT_INDEX[f"head_{axis}"] for axis in "xyz"])
+_SHOULDER, _ELBOW = JOINT_INDEX["right_shoulder_y"], JOINT_INDEX["right_elbow_x"]
 
 
 @dataclass(frozen=True)
@@ -98,18 +98,18 @@ class _View(NamedTuple):
 
 def begin(people: People, partners: Rows, chance: Array) -> Mind:
     """The minds of partners (n,) in the bodies of people whose episode begins, from uniform numbers (n, 4)."""
-    count = len(chance)
-    at_rest, none = np.zeros_like(people.joint_angles_rad), np.zeros(count)
+    xp = namespace(chance)
+    at_rest, none = xp.zeros_like(people.joint_angles_rad), xp.zeros_like(chance[:, 0])
     return Mind(
         partner=partners,
         chance=chance,
-        seen_w=np.zeros((count, REMEMBERED_STEPS, 3)),
+        seen_w=xp.zeros((len(chance), REMEMBERED_STEPS, 3), dtype=chance.dtype, device=chance.device),
         rest_rad=people.joint_angles_rad,
         targets_rad=people.joint_angles_rad,
         speed_rad_s=at_rest,
         time_s=none,
         near_s=none,
-        startled_s=np.full(count, NEVER_S),
+        startled_s=xp.full_like(none, NEVER_S),
         startles=none,
     )
 
@@ -124,8 +124,8 @@ def live(mind: Mind, sight: Sight, offered: Offered, posture: Posture, possible:
         posture: how they sit or lie.
         possible: where their joints can go.
     """
-    manner = MANNERS.of(mind.partner)
-    seen = np.concatenate([sight.tool_pos_w[:, None], mind.seen_w[:, :-1]], axis=1)
+    manner = MANNERS.of(mind.partner, mind.time_s)
+    seen = namespace(mind.seen_w).concat([sight.tool_pos_w[:, None], mind.seen_w[:, :-1]], axis=1)
     mind = replace(mind, seen_w=seen, time_s=mind.time_s + CONTROL_STEP_S)
     view = _view(mind, manner, sight, offered, posture)
     mind = _feel(mind, manner, view, offered)
@@ -134,61 +134,65 @@ def live(mind: Mind, sight: Sight, offered: Offered, posture: Posture, possible:
 
 def oscillation_rad(mind: Mind) -> Array:
     """What sway and chewing add to the joints' targets (N, 20): nothing at first."""
-    manner = MANNERS.of(mind.partner)
-    wave = np.zeros_like(mind.targets_rad)
+    xp, manner = namespace(mind.targets_rad), MANNERS.of(mind.partner, mind.time_s)
+    wave = xp.zeros_like(mind.targets_rad)
     phase = 2.0 * np.pi * mind.chance[:, :2].T
     angle = 2.0 * np.pi * manner.sway_hz * mind.time_s
-    swung = elementary.sin(np.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
-    wave[:, _WAIST[:2]] = (np.radians(manner.sway_deg) * swung).T
+    swung = elementary.sin(xp.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
+    extent = RAD_PER_DEGREE * manner.sway_deg
+    wave[:, _WAIST[0]], wave[:, _WAIST[1]] = extent * swung[0], extent * swung[1]
     opened = 0.5 - 0.5 * elementary.cos(2.0 * np.pi * manner.chew_hz * mind.time_s)
-    wave[:, _HEAD[0]] = -np.radians(manner.chew_deg) * opened * settled(mind)
+    wave[:, _HEAD[0]] = -(RAD_PER_DEGREE * manner.chew_deg) * opened * settled(mind)
     return wave
 
 
 def settled(mind: Mind) -> Array:
     """What share (N,) of their full extent chewing and tremor have come to."""
-    return np.minimum(mind.time_s / SETTLING_S, 1.0)
+    return namespace(mind.time_s).minimum(mind.time_s / SETTLING_S, 1.0)
 
 
 def _view(mind: Mind, manner: Manner, sight: Sight, offered: Offered, posture: Posture) -> _View:
     """The tool's place of a reaction time ago, between two that they remember, and what it is to them."""
+    xp = namespace(mind.time_s)
     back = manner.reaction_s / CONTROL_STEP_S
-    whole = back.astype(np.intp)
-    share, row = (back - whole)[:, None], np.arange(len(back))
+    whole = xp.astype(back, xp.int64)
+    share, row = (back - whole)[:, None], row_numbers(back)
     tool = (1.0 - share) * mind.seen_w[row, whole] + share * mind.seen_w[row, whole + 1]
     aware = mind.time_s > manner.reaction_s + 1.5 * CONTROL_STEP_S
-    tool = np.where(aware[:, None], tool, sight.mouth_pos_w)
+    tool = xp.where(aware[:, None], tool, sight.mouth_pos_w)
     ahead = behaviour.ahead_of(mind.targets_rad, tool - sight.head_pos_w, posture)
     match offered:
         case "mouth":
-            gap = np.where(ahead[:, 1] < 0.0, transforms.norm(tool - sight.mouth_pos_w), np.inf)
+            gap = xp.where(ahead[:, 1] < 0.0, transforms.norm(tool - sight.mouth_pos_w), np.inf)
         case "arm":
-            gap = transforms.norm(sight.right_arm_pos_w - tool[:, None]).min(axis=-1)
+            gap = xp.min(transforms.norm(sight.right_arm_pos_w - tool[:, None]), axis=-1)
         case "nothing":
-            gap = np.full(len(tool), np.inf)
-    side = np.where(ahead[:, 0] > 0.0, 1.0, -1.0)
-    return _View(aware, behaviour.facing_rad(ahead), np.where(aware, gap, np.inf), side)
+            gap = xp.full_like(back, xp.inf)
+    side = 2.0 * (ahead[:, 0] > 0.0) - 1.0
+    return _View(aware, behaviour.facing_rad(ahead), xp.where(aware, gap, np.inf), side)
 
 
 def _feel(mind: Mind, manner: Manner, view: _View, offered: Offered) -> Mind:
     """For how long the tool has been near, and whether that startles them."""
+    xp = namespace(view.gap_m)
     near = view.gap_m < (NEAR_ARM_M if offered == "arm" else NEAR_MOUTH_M)
     startled = (manner.startle_deg > 0.0) & (view.gap_m < manner.startle_m)
     startled &= mind.startled_s > manner.startle_s + REST_S
     return replace(
         mind,
-        near_s=np.where(near, mind.near_s + CONTROL_STEP_S, 0.0),
-        startled_s=np.where(startled, 0.0, mind.startled_s + CONTROL_STEP_S),
+        near_s=xp.where(near, mind.near_s + CONTROL_STEP_S, 0.0),
+        startled_s=xp.where(startled, 0.0, mind.startled_s + CONTROL_STEP_S),
         startles=mind.startles + startled,
     )
 
 
 def _wanted(mind: Mind, manner: Manner, view: _View, offered: Offered) -> Array:
     """Where they want their joints (N, 20)."""
-    wanted = mind.rest_rad.copy()
-    faced = np.clip(manner.facing_share[:, None] * view.facing_rad, -HEAD_TURN_RAD, HEAD_TURN_RAD)
+    wanted = copied(mind.rest_rad)
+    xp, most, head = namespace(wanted), like(HEAD_TURN_RAD, wanted), like(_HEAD, wanted)
+    faced = xp.clip(manner.facing_share[:, None] * view.facing_rad, -most, most)
     faces = view.aware & (manner.facing_share > 0.0)
-    wanted[:, _HEAD] = np.where(faces[:, None], faced, wanted[:, _HEAD])
+    wanted[:, head] = xp.where(faces[:, None], faced, wanted[:, head])
     _glance(wanted, mind, manner)
     _shift(wanted, mind, manner)
     _approach(wanted, mind, manner, offered)
@@ -200,16 +204,16 @@ def _glance(wanted: Array, mind: Mind, manner: Manner) -> None:
     """From time to time the head turns away from all else: to the side of a companion, or anywhere."""
     count, share = _beat(mind, manner.glance_every_s, 2)
     away = (manner.glance_share > 0.0) & (share >= 1.0 - manner.glance_share)
-    side = np.where(mind.chance[:, 3] < 0.5, -1.0, 1.0)
+    side = 1.0 - 2.0 * (mind.chance[:, 3] < 0.5)
     anywhere = 2.0 * _chance(mind.chance[:, 3], count) - 1.0
-    yaw = np.radians(side * manner.glance_deg + anywhere * manner.wander_deg)
-    wanted[:, _HEAD[2]] = np.where(away, yaw, wanted[:, _HEAD[2]])
+    yaw = RAD_PER_DEGREE * (side * manner.glance_deg + anywhere * manner.wander_deg)
+    wanted[:, _HEAD[2]] = namespace(wanted).where(away, yaw, wanted[:, _HEAD[2]])
 
 
 def _shift(wanted: Array, mind: Mind, manner: Manner) -> None:
     """Now and then they sit otherwise; an arm moves outwards, where it has room."""
     count, _ = _beat(mind, manner.shift_every_s, 3)
-    extent = np.radians(manner.shift_deg)
+    extent = RAD_PER_DEGREE * manner.shift_deg
     for axis, joint in enumerate(_WAIST):
         wanted[:, joint] += extent * (2.0 * _chance(mind.chance[:, axis], count) - 1.0)
     wanted[:, _SHOULDER] += extent * _chance(mind.chance[:, 3], count)
@@ -217,22 +221,25 @@ def _shift(wanted: Array, mind: Mind, manner: Manner) -> None:
 
 def _approach(wanted: Array, mind: Mind, manner: Manner, offered: Offered) -> None:
     """They lean to a tool that is near, or lift the arm; who hesitates does so in two halves."""
+    xp = namespace(wanted)
     hesitates = manner.pause_s > 0.0
-    halves = np.floor(mind.near_s / np.where(hesitates, manner.pause_s, 1.0))
-    come = np.where(hesitates, np.minimum(0.5 * halves, 1.0), mind.near_s > 0.0)
+    halves = xp.floor(mind.near_s / xp.where(hesitates, manner.pause_s, 1.0))
+    come = xp.where(hesitates, xp.minimum(0.5 * halves, 1.0), mind.near_s > 0.0)
     share = manner.approach_share * come
     if offered == "mouth":
         wanted[:, _WAIST[0]] += share * LEAN_RAD
     elif offered == "arm":
-        wanted[:, _LIFT] += (share * LIFT_RAD)[:, None]
+        wanted[:, _SHOULDER] += share * LIFT_RAD
+        wanted[:, _ELBOW] += share * LIFT_RAD
 
 
 def _withdraw(wanted: Array, mind: Mind, manner: Manner, view: _View, offered: Offered) -> None:
     """They bend to the other side and turn the face away, or draw the forearm in."""
     starting = (mind.startles > 0.0) & (mind.startled_s <= manner.startle_s)
     extent_deg = manner.away_deg * (mind.near_s > 0.0)
-    extent_deg = extent_deg + np.where(starting, manner.startle_deg * 0.5 ** (mind.startles - 1.0), 0.0)
-    extent = np.radians(extent_deg)
+    startle_deg = manner.startle_deg * 0.5 ** (mind.startles - 1.0)
+    extent_deg = extent_deg + namespace(startle_deg).where(starting, startle_deg, 0.0)
+    extent = RAD_PER_DEGREE * extent_deg
     wanted[:, _WAIST[1]] -= 0.5 * view.side * extent
     if offered == "arm":
         wanted[:, _ELBOW] -= extent
@@ -244,24 +251,26 @@ def _withdraw(wanted: Array, mind: Mind, manner: Manner, view: _View, offered: O
 def _beat(mind: Mind, every_s: Array, of: int) -> tuple[Array, Array]:
     """How often (N,) something has come round that does every so many seconds, and the share of a round since."""
     rounds = mind.time_s / every_s + mind.chance[:, of]
-    count = np.floor(rounds)
+    count = namespace(rounds).floor(rounds)
     return count, rounds - count
 
 
 def _chance(first: Array, count: Array) -> Array:
     """Numbers (N,) in 0..1, another one for each count."""
     value = first + GOLDEN * count
-    return value - np.floor(value)
+    return value - namespace(value).floor(value)
 
 
 def _follow(mind: Mind, manner: Manner, wanted: Array) -> Mind:
     """The targets a control step on their way: as fast as can still be braked before the goal."""
+    xp = namespace(wanted)
     startled = (mind.startled_s <= manner.startle_s)[:, None]
     pace = manner.speed_share[:, None]
-    most = SPEED_RAD_S * np.where(startled, STARTLED_SPEED, pace)
-    change = ACCELERATION_RAD_S2 * np.where(startled, STARTLED_ACCELERATION, pace) * CONTROL_STEP_S
+    most = like(SPEED_RAD_S, wanted) * xp.where(startled, STARTLED_SPEED, pace)
+    sudden = xp.where(startled, STARTLED_ACCELERATION, pace)
+    change = like(ACCELERATION_RAD_S2, wanted) * sudden * CONTROL_STEP_S
     way = wanted - mind.targets_rad
-    braked = np.sqrt(0.25 * change * change + 2.0 * change / CONTROL_STEP_S * np.abs(way)) - 0.5 * change
-    speed = np.copysign(np.minimum(np.minimum(most, braked), np.abs(way) / CONTROL_STEP_S), way)
-    speed = np.clip(speed, mind.speed_rad_s - change, mind.speed_rad_s + change)
+    braked = xp.sqrt(0.25 * change * change + 2.0 * change / CONTROL_STEP_S * xp.abs(way)) - 0.5 * change
+    speed = xp.copysign(xp.minimum(xp.minimum(most, braked), xp.abs(way) / CONTROL_STEP_S), way)
+    speed = xp.clip(speed, mind.speed_rad_s - change, mind.speed_rad_s + change)
     return replace(mind, targets_rad=mind.targets_rad + CONTROL_STEP_S * speed, speed_rad_s=speed)

@@ -7,11 +7,12 @@ that a style moves has the same value in both.
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import RAD_PER_DEGREE, like, namespace
 from avrgym.models.human import JOINTS, People
 from avrgym.people import impairments
 from avrgym.people.impairments import TREMOR_RAD
@@ -72,9 +73,9 @@ class Manner:
     strength_share: Array
     range_share: Array
 
-    def of(self, rows: Rows) -> "Manner":
-        """Those of some partners."""
-        return Manner(*(array[rows] for array in vars(self).values()))
+    def of(self, rows: Rows, numbers: Any = 0.0) -> "Manner":
+        """Those of some partners, as arrays of the library and type of ``numbers``, or else of NumPy."""
+        return Manner(*(like(array, numbers)[rows] for array in vars(self).values()))
 
 
 TRAITS = tuple(each.name for each in fields(Manner))
@@ -139,12 +140,14 @@ class Partners:
 
     def draw(self, uniforms: Array) -> Rows:
         """Partners (n,) from uniform numbers (n, 2)."""
-        style = _which(uniforms[:, 0], np.array(len(self.styles)))
-        return self._first[style] + _which(uniforms[:, 1], self._count[style])
+        first, count = like(self._first, uniforms), like(self._count, uniforms)
+        style = _which(uniforms[:, 0], len(self.styles))
+        return first[style] + _which(uniforms[:, 1], count[style])
 
 
-def _which(uniform: Array, count: NDArray[np.intp]) -> Rows:
-    return np.minimum((uniform * count).astype(np.intp), count - 1)
+def _which(uniform: Array, count: NDArray[np.intp] | int) -> Rows:
+    xp = namespace(uniform)
+    return xp.minimum(xp.astype(uniform * count, xp.int64), count - 1)
 
 
 ZOOS: Mapping[str, Partners] = {zoo: Partners(zoo, STYLES) for zoo in LEVELS}
@@ -157,7 +160,8 @@ _TREMOR_SHARE = TREMOR_RAD / TREMOR_RAD[list(JOINTS).index("head_x")]
 
 def endow(people: People, partners: Rows) -> People:
     """The same people with what the bodies of partners (n,) are like: ranges, strength and tremor."""
-    manner = MANNERS.of(partners)
-    tremor_rad = np.radians(manner.tremor_deg)[:, None] * _TREMOR_SHARE
+    manner = MANNERS.of(partners, people.torso_height_m)
+    share = like(_TREMOR_SHARE, people.torso_height_m)
+    tremor_rad = (RAD_PER_DEGREE * manner.tremor_deg)[:, None] * share
     strong = replace(people, strength_share=manner.strength_share, tremor_rad=tremor_rad)
     return impairments.with_ranges(strong, manner.range_share)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import capsules, elementary, transforms
+from avrgym.geometry.arrays import like, namespace, row_numbers, worth_computing
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
@@ -41,7 +42,7 @@ WEIGHTS: Mapping[str, float] = {
 }
 """Task weights, then the preferences of the person (paper, section IV; reference)."""
 
-LIMB_GEOMS = [list(human.GEOMS).index(name) for name in LIMBS]
+LIMB_GEOMS = np.array([list(human.GEOMS).index(name) for name in LIMBS])
 
 
 @dataclass(frozen=True)
@@ -75,17 +76,18 @@ MARKERS = RINGS * AROUND
 
 def init_state(people: People, uniforms: Array) -> BedBathingState:
     """All markers, none of them wiped: rings 3 cm apart, as many around as fit 3 cm apart."""
+    xp = namespace(uniforms)
     size = human.layout_of(people, RECLINED).geom_size
-    radius = np.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
-    length = 2.0 * np.stack([size[limb][:, 1] for limb in LIMBS], axis=1)[..., None]
-    rings, around = np.minimum(length // MARKER_SPACING_M, RINGS), 2.0 * np.pi * radius // MARKER_SPACING_M
-    ring, spot = np.divmod(np.arange(MARKERS), AROUND)
+    radius = xp.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
+    length = 2.0 * xp.stack([size[limb][:, 1] for limb in LIMBS], axis=1)[..., None]
+    rings, around = xp.minimum(length // MARKER_SPACING_M, RINGS), 2.0 * np.pi * radius // MARKER_SPACING_M
+    ring, spot = (like(each, uniforms) for each in np.divmod(np.arange(MARKERS), AROUND))
     along = 0.5 * length + (ring - 0.5 * (rings - 1.0)) * MARKER_SPACING_M
     angle = 2.0 * np.pi * spot / around
     sine, cosine = elementary.sine_and_cosine(angle)
-    pos = np.stack([radius * cosine, radius * sine, -along], axis=-1)
+    pos = xp.stack([radius * cosine, radius * sine, -along], axis=-1)
     exists = (ring < rings) & (spot < around)
-    return BedBathingState(pos, exists, np.zeros_like(exists))
+    return BedBathingState(pos, exists, xp.zeros_like(exists))
 
 
 def evaluate_step(state: State, action: Array, task_state: BedBathingState) -> StepResult:
@@ -94,21 +96,22 @@ def evaluate_step(state: State, action: Array, task_state: BedBathingState) -> S
     Only the cloth's face wipes. The force of the cloth's contacts within 2.5 cm of upper arm or forearm, on whatever
     side of it, is at the target; what the robot presses the person with beyond that is not.
     """
+    xp = namespace(state.tool_pos_w)
     contact_pos, near = _contacts_of_limbs(state)
     wiping = near & _on_face(state)[:, None]
     newly_wiped = task_state.exists & ~task_state.wiped & _touched(contact_pos, wiping, task_state.marker_pos)
     after = replace(task_state, wiped=task_state.wiped | newly_wiped)
-    force_at_arm = np.where(near.any(axis=1), state.tool_contact_force_n, 0.0).sum(axis=-1)
+    force_at_arm = xp.where(near.any(axis=1), state.tool_contact_force_n, 0.0).sum(axis=-1)
     distance = cloth_distance(state)
     terms = {
         "distance_m": distance,
         "action_squared": (action * action).sum(axis=-1),
         "markers_wiped": _count(newly_wiped),
         "tool_speed_m_s": norm(state.tool_velocity_w),
-        "force_elsewhere_n": np.maximum(state.total_force_n - force_at_arm, 0.0),
+        "force_elsewhere_n": xp.maximum(state.total_force_n - force_at_arm, 0.0),
         "strong_force_at_arm_n": when_strong(force_at_arm),
     }
-    nothing = np.zeros((len(distance), 0), dtype=bool)
+    nothing = xp.zeros((len(distance), 0), dtype=xp.bool, device=distance.device)
     wiped = newly_wiped.sum(axis=(-2, -1))
     return StepResult(after, terms, distance, state.total_force_n, is_wiped(after), wiped, nothing)
 
@@ -125,26 +128,29 @@ def cloth_distance(state: State) -> Array:
     to_axis = capsules.segment_box_distance(
         centre_w[:, None], state.tool_q_w[:, None], PAD_HALF_SIZE_M - NAP_M, begin_w, end_w
     )
-    return np.maximum((to_axis - state.person_radius_m).min(axis=-1) - NAP_M, 0.0)
+    xp = namespace(to_axis)
+    return xp.maximum(xp.min(to_axis - state.person_radius_m, axis=-1) - NAP_M, 0.0)
 
 
 def _contacts_of_limbs(state: State) -> tuple[Array, Bools]:
     """The cloth's contacts in the frames of both limbs (N, 2, C, 3), and which lie within 2.5 cm of the limb."""
+    xp, limbs = namespace(state.tool_pos_w), like(LIMB_GEOMS, state.tool_pos_w)
     touching = state.tool_contact_force_n > 0.0
     shape = len(touching), len(LIMBS), touching.shape[1]
-    contact_pos, near = np.zeros((*shape, 3)), np.zeros(shape, dtype=bool)
-    rows = np.nonzero(touching.any(axis=-1))[0]
+    contact_pos = xp.zeros((*shape, 3), dtype=state.tool_pos_w.dtype, device=touching.device)
+    near = xp.zeros(shape, dtype=xp.bool, device=touching.device)
+    (rows,) = worth_computing(touching.any(axis=-1))
     limb_w, to_limb = (
         state.right_arm_pos_w[rows, :2, None],
         transforms.conjugate(state.right_arm_q_w[rows, :2, None]),
     )
     pos = transforms.rotate(to_limb, state.tool_contact_pos_w[rows, None] - limb_w)
-    segment_w = state.person_segment_w[rows][:, LIMB_GEOMS]
-    beside_axis = pos.copy()
-    beside_axis[..., 2] += np.clip(
+    segment_w = state.person_segment_w[rows][:, limbs]
+    beside_axis = xp.asarray(pos, copy=True)
+    beside_axis[..., 2] += xp.clip(
         -pos[..., 2], 0.0, norm(segment_w[:, :, 1] - segment_w[:, :, 0])[..., None]
     )
-    gap = norm(beside_axis) - state.person_radius_m[rows][:, LIMB_GEOMS, None]
+    gap = norm(beside_axis) - state.person_radius_m[rows][:, limbs, None]
     contact_pos[rows], near[rows] = pos, (gap < WIPE_RADIUS_M) & touching[rows, None]
     return contact_pos, near
 
@@ -163,23 +169,24 @@ def _on_face(state: State) -> Bools:
 
 def _touched(contact_pos: Array, near: Bools, marker_pos: Array) -> Bools:
     """Which markers (N, 2, M) are within 2.5 cm of what the cloth touches of their limb."""
-    touched = np.zeros(marker_pos.shape[:-1], dtype=bool)
-    world, limb = np.nonzero(near.any(axis=-1))
+    xp, touching = namespace(marker_pos), near.any(axis=-1)
+    touched = xp.zeros(marker_pos.shape[:-1], dtype=xp.bool, device=near.device)
+    world, limb = worth_computing(touching)
     if len(world):
         first, last = _ends(contact_pos[world, limb], near[world, limb])
         markers = marker_pos[world, limb]
         distance = capsules.segment_distance(markers, markers, first[:, None], last[:, None])
         touched[world, limb] = distance < WIPE_RADIUS_M
-    return touched
+    return touched & touching[..., None]
 
 
 def _ends(pos: Array, near: Bools) -> tuple[Array, Array]:
     """The first and the last along the limb, (n, 3) each, of the near ones of contacts (n, C, 3)."""
-    row, along = np.arange(len(pos)), -pos[..., 2]
-    first = np.where(near, along, np.inf).argmin(axis=-1)
-    last = np.where(near, along, -np.inf).argmax(axis=-1)
+    xp, row, along = namespace(pos), row_numbers(pos), -pos[..., 2]
+    first = xp.where(near, along, np.inf).argmin(axis=-1)
+    last = xp.where(near, along, -np.inf).argmax(axis=-1)
     return pos[row, first], pos[row, last]
 
 
 def _count(markers: Bools) -> Array:
-    return markers.sum(axis=(-2, -1)).astype(float)
+    return 1.0 * markers.sum(axis=(-2, -1))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
+from avrgym.geometry.arrays import like, namespace
 from avrgym.models import human
 from avrgym.models.human import RECLINED, People
 from avrgym.models.robot import Robot
@@ -51,9 +52,10 @@ def scene(robot: Robot) -> SceneConfig:
 
 def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     """The hand right of and above the person's right arm, the base within reach of shoulder, elbow and wrist."""
-    count = len(uniforms)
-    goals, goal_q = places.right_arm(people, RECLINED), np.tile(START_Q_W, (count, 3, 1))
-    tool, tool_q = places.held(scene, np.tile(HAND_START_W, (count, 1)), START_Q_W)
+    xp, count = namespace(uniforms), len(uniforms)
+    hand, turned = like(HAND_START_W, uniforms), like(START_Q_W, uniforms)
+    goals, goal_q = places.right_arm(people, RECLINED), xp.tile(turned, (count, 3, 1))
+    tool, tool_q = places.held(scene, xp.tile(hand, (count, 1)), START_Q_W)
     return places.start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
 
 
@@ -76,10 +78,11 @@ def marks_w(arm: RightArm, task_state: BedBathingState) -> Array:
     limb_pos_w, limb_q_w = arm.right_arm_pos_w[:, :2, None], arm.right_arm_q_w[:, :2, None]
     pos_w = limb_pos_w + transforms.rotate(limb_q_w, drawn)
     shown = task_state.exists & ~task_state.wiped
-    return np.where(shown[..., None], pos_w, BELOW_THE_FLOOR_W).reshape(len(pos_w), -1, 3)
+    hidden = like(BELOW_THE_FLOOR_W, pos_w)
+    return namespace(pos_w).where(shown[..., None], pos_w, hidden).reshape(len(pos_w), -1, 3)
 
 
-BELOW_THE_FLOOR_W = (0.0, 0.0, -1.0)
+BELOW_THE_FLOOR_W = np.array([0.0, 0.0, -1.0])
 
 BED_BATHING = Task(
     name="BedBathing",

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
+from avrgym.geometry.arrays import namespace
 from avrgym.geometry.transforms import norm
 from avrgym.models.cup import AXIS_X_M, HEIGHT_M, RIM_RADIUS_M, WATER
 from avrgym.models.human import People
@@ -51,7 +52,8 @@ class DrinkingState:
 
 def init_state(people: People, uniforms: Array) -> DrinkingState:
     """All water is in the cup."""
-    nothing = np.zeros((len(uniforms), len(WATER.start)), dtype=bool)
+    xp = namespace(uniforms)
+    nothing = xp.zeros((len(uniforms), len(WATER.start)), dtype=xp.bool, device=uniforms.device)
     return DrinkingState(nothing, nothing, nothing, nothing)
 
 
@@ -69,18 +71,19 @@ def evaluate_step(state: State, action: Array, task_state: DrinkingState) -> Ste
         task_state.on_person | on_person,
         task_state.gone | gone,
     )
+    xp = namespace(state.tool_pos_w)
     distance = norm(state.tool_pos_w - state.mouth_pos_w)
     terms = {
         "distance_m": distance,
         "action_squared": (action * action).sum(axis=-1),
-        "off_horizontal_rad": np.abs(tilt_rad(state) - 0.5 * np.pi),
+        "off_horizontal_rad": xp.abs(tilt_rad(state) - 0.5 * np.pi),
         "water_in_mouth": count(drunk),
         "water_spilled": count(spilled),
         "tool_speed_m_s": norm(state.tool_velocity_w),
         "strong_tool_force_n": strong_tool_force(state),
         "links_force_n": state.links_force_n,
         "water_on_person": count(on_person),
-        "water_entry_speed_m_s": np.where(drunk, norm(state.particle_velocity_w), 0.0).sum(axis=-1),
+        "water_entry_speed_m_s": xp.where(drunk, norm(state.particle_velocity_w), 0.0).sum(axis=-1),
     }
     success = after.drunk.sum(axis=-1) >= SUCCESS_SHARE * len(WATER.start)
     return StepResult(after, terms, distance, state.total_force_n, success, drunk.sum(axis=-1), gone)
@@ -99,12 +102,12 @@ def _fallen(state: State) -> Bools:
     middle = (
         transforms.rotate(state.tool_q_w, [AXIS_X_M, 0.0, -0.5 * HEIGHT_M])[:, 2] + state.tool_pos_w[:, 2]
     )
-    cup_low = middle - np.hypot(RIM_RADIUS_M, 0.5 * HEIGHT_M)
+    cup_low = middle - float(np.hypot(RIM_RADIUS_M, 0.5 * HEIGHT_M))
     mouth_low = state.mouth_pos_w[:, 2] - MOUTH_RADIUS_M
-    return state.particle_pos_w[..., 2] < np.minimum(cup_low, mouth_low)[:, None]
+    return state.particle_pos_w[..., 2] < namespace(cup_low).minimum(cup_low, mouth_low)[:, None]
 
 
 def tilt_rad(state: State) -> Array:
     """The angle (N,) between the cup's axis and the vertical."""
     up = transforms.rotate(state.tool_q_w, [0.0, 0.0, 1.0])[:, 2]
-    return elementary.arccos(np.clip(up, -1.0, 1.0))
+    return elementary.arccos(namespace(up).clip(up, -1.0, 1.0))

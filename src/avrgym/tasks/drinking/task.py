@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
+from avrgym.geometry.arrays import like
 from avrgym.models.cup import CUP
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
@@ -36,7 +37,7 @@ def scene(robot: Robot) -> SceneConfig:
 
 def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     """Hand within ±5 cm of a point before the person, cup upright."""
-    hand = np.array(HAND_START_W) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    hand = like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, upright = places.held(scene, hand, CUP_Q_W)
     mouth, _ = places.mouth(people)
     return places.start(scene, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:])

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import like, namespace
 from avrgym.geometry.transforms import norm
 from avrgym.models.furniture import BOWL_BODY, TABLE_HEIGHT_M
 from avrgym.models.human import People
@@ -22,7 +23,7 @@ MOUTH_RADIUS_M = 0.02
 DROPPED_HEIGHT_M = 0.5
 SUCCESS_SHARE = 0.75
 BOWL_RADIUS_M, BOWL_HEIGHT_M = 0.07, 0.05
-TABLE_LOW_M, TABLE_HIGH_M = (-0.30, -1.32), (1.00, -0.48)
+TABLE_LOW_M, TABLE_HIGH_M = np.array([-0.30, -1.32]), np.array([1.00, -0.48])
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
     "action_squared": -0.01,
@@ -48,7 +49,8 @@ class FeedingState:
 
 def init_state(people: People, uniforms: Array) -> FeedingState:
     """Nothing has happened yet."""
-    nothing = np.zeros((len(uniforms), len(FOOD.start)), dtype=bool)
+    xp = namespace(uniforms)
+    nothing = xp.zeros((len(uniforms), len(FOOD.start)), dtype=xp.bool, device=uniforms.device)
     return FeedingState(nothing, nothing, nothing)
 
 
@@ -77,7 +79,7 @@ def evaluate_step(state: State, action: Array, task_state: FeedingState) -> Step
         "strong_tool_force_n": strong_tool_force(state),
         "links_force_n": state.links_force_n,
         "food_on_person": count(newly_on_person),
-        "food_entry_speed_m_s": np.where(newly_eaten, speed, 0.0).sum(axis=-1),
+        "food_entry_speed_m_s": namespace(speed).where(newly_eaten, speed, 0.0).sum(axis=-1),
     }
     success = after.eaten.sum(axis=-1) >= SUCCESS_SHARE * len(FOOD.start)
     gone = newly_eaten | (after.dropped & (state.particle_pos_w[..., 2] < GROUND_M))
@@ -92,7 +94,8 @@ def strong_tool_force(state: State) -> Array:
 
 def _is_dropped(state: State) -> Bools:
     pos = state.particle_pos_w
-    over_table = ((pos[..., :2] > TABLE_LOW_M) & (pos[..., :2] < TABLE_HIGH_M)).all(axis=-1)
+    low, high = like(TABLE_LOW_M, pos), like(TABLE_HIGH_M, pos)
+    over_table = ((pos[..., :2] > low) & (pos[..., :2] < high)).all(axis=-1)
     on_table = over_table & (pos[..., 2] < TABLE_HEIGHT_M + 2.0 * FOOD.radius_m)
     from_bowl = pos - state.placed_pos_w[BOWL_BODY][:, None]
     above_bowl = norm(from_bowl[..., :2]) < BOWL_RADIUS_M

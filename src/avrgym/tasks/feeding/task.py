@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
+from avrgym.geometry.arrays import like, namespace
 from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, add_table
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
@@ -26,7 +27,9 @@ Array = NDArray[np.float64]
 
 BOWL_SPREAD_M = 0.05
 HAND_SPREAD_M = 0.05
-HAND_FROM_BOWL_M = (0.0, -0.1, 0.4)
+HAND_FROM_BOWL_M = np.array([0.0, -0.1, 0.4])
+TURNED_RAD = np.array([0.0, -0.5 * np.pi])
+"""How far the spoon is turned about the vertical when it comes tip first, and with its left side."""
 SPOON_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Level, pointing towards the person."""
 
@@ -38,8 +41,8 @@ def scene(robot: Robot) -> SceneConfig:
 
 def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     """Bowl within ±5 cm of its place, hand within ±5 cm of a point above and before it, spoon level."""
-    bowl = np.array(BOWL_START_M) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    hand = bowl + HAND_FROM_BOWL_M + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
+    bowl = like(np.array(BOWL_START_M), uniforms) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    hand = bowl + like(HAND_FROM_BOWL_M, uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
     tool, level = places.held(scene, hand, SPOON_Q_W)
     placed = {BOWL_BODY: bowl}
     return places.start(scene, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
@@ -49,8 +52,8 @@ def _goals(people: People) -> tuple[Array, Array]:
     """Where (n, 2, 3) and how (n, 2, 4) the spoon may come to the mouths: level, tip first or with its left side."""
     mouth, head_q = places.mouth(people)
     into = transforms.rotate(head_q, [0.0, 1.0, 0.0])
-    yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None] + [0.0, -0.5 * np.pi]
-    return np.stack([mouth, mouth], axis=1), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw)
+    yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None] + like(TURNED_RAD, into)
+    return namespace(mouth).stack([mouth, mouth], axis=1), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw)
 
 
 FEEDING = Task(

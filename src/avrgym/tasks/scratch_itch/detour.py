@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
+from avrgym.geometry.arrays import namespace
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.scratch_itch import reactive
@@ -27,18 +28,19 @@ def around_limb_m(state: State, task_state: ScratchItchState) -> Array:
     The limb is an endless cylinder with the itch on its skin. Where the straight way would lead through it, the
     shortest one leads along a tangent to the skin and then around it; unrolled it is straight.
     """
+    xp = namespace(state.tool_pos_w)
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
     along = tool[:, 2] - task_state.itch[:, 2]
     tool, itch = tool[:, :2], task_state.itch[:, :2]
     radius, from_axis = norm(itch), norm(tool)
-    away = np.maximum(from_axis, radius + SMALLEST_M)
-    cosine = (tool * itch).sum(axis=-1) / np.maximum(from_axis * radius, SMALLEST_M**2)
-    angle = elementary.arccos(np.clip(cosine, -1.0, 1.0))
-    hidden = np.maximum(0.0, angle - elementary.arccos(radius / away))
+    away = xp.maximum(from_axis, radius + SMALLEST_M)
+    cosine = (tool * itch).sum(axis=-1) / xp.maximum(from_axis * radius, SMALLEST_M**2)
+    angle = elementary.arccos(xp.clip(cosine, -1.0, 1.0))
+    hidden = xp.maximum(angle - elementary.arccos(radius / away), 0.0)
     straight = norm(tool - itch)
-    around = np.where(hidden > 0.0, np.sqrt(away**2 - radius**2) + radius * hidden, straight)
-    return np.hypot(around, along) - np.hypot(straight, along)
+    around = xp.where(hidden > 0.0, xp.sqrt(away**2 - radius**2) + radius * hidden, straight)
+    return xp.hypot(around, along) - xp.hypot(straight, along)
 
 
 def around_arm_m(state: State, task_state: ScratchItchState) -> Array:

@@ -4,10 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
+from avrgym.geometry.arrays import like
 from avrgym.geometry.transforms import norm
 from avrgym.models.scratcher import RADIUS_M
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.person import SIDEWAYS
 from avrgym.tasks.scratch_itch.reward import ITCH_RADIUS_M, ScratchItchState, itch_pos_w, limb_frame
 from avrgym.tasks.task import RunningEpisodes
 
@@ -149,7 +151,7 @@ def rub(state: State, task_state: ScratchItchState, pos_w: Array, rod_w: Array) 
 
 def surface(task_state: ScratchItchState, limb_q_w: Array) -> tuple[Array, Array]:
     """Unit vectors (N, 3), world frame, at the itch: out of the limb, and along it."""
-    out = transforms.normalize(task_state.itch * [1.0, 1.0, 0.0])
+    out = transforms.normalize(task_state.itch * like(SIDEWAYS, task_state.itch))
     return transforms.rotate(limb_q_w, out), transforms.rotate(limb_q_w, [0.0, 0.0, 1.0])
 
 

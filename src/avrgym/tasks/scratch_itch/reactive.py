@@ -3,6 +3,7 @@
 import numpy as np
 
 from avrgym.geometry import elementary, transforms
+from avrgym.geometry.arrays import namespace
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.bed_bathing.expert import FOREARM
@@ -47,7 +48,7 @@ def turn_rad(rod_w: Array, out_w: Array) -> Array:
         out_w: out of the skin at the itch, likewise.
     """
     axis, angle = _turn(rod_w, -hand(out_w))
-    return axis * np.maximum(0.0, angle - ASKEW_RAD)[:, None]
+    return axis * namespace(angle).maximum(angle - ASKEW_RAD, 0.0)[:, None]
 
 
 def hand(out_w: Array) -> Array:
@@ -56,11 +57,12 @@ def hand(out_w: Array) -> Array:
     Straight out of the skin, but drawn to where there is room: on the person's right, in front and above where the skin
     faces up, behind and below where it faces down.
     """
+    xp = namespace(out_w)
     above = elementary.tanh((out_w[:, 2] - LEVEL) / SOFT)
-    right, forwards = np.ones(len(out_w)), FORWARDS + SWERVE * (above - out_w[:, 1])
-    room_w = np.stack([-right, -forwards, UPWARDS + SWERVE * above], axis=-1)
+    right, forwards = xp.ones_like(above), FORWARDS + SWERVE * (above - out_w[:, 1])
+    room_w = xp.stack([-right, -forwards, UPWARDS + SWERVE * above], axis=-1)
     axis, angle = _turn(out_w, transforms.normalize(room_w))
-    return transforms.rotate(transforms.from_axis_angle(axis, np.minimum(angle, SLANT_RAD)), out_w)
+    return transforms.rotate(transforms.from_axis_angle(axis, xp.minimum(angle, SLANT_RAD)), out_w)
 
 
 def around(tool: Array, task_state: ScratchItchState) -> Array:
@@ -82,4 +84,4 @@ def _turn(a: Array, b: Array) -> tuple[Array, Array]:
     """The axis (N, 3) about which unit vectors a turn to unit vectors b, (N, 3), and by how much (N,)."""
     axis = transforms.cross(a, b)
     sine = norm(axis)
-    return axis / np.maximum(sine, 1e-9)[:, None], elementary.arctan2(sine, (a * b).sum(axis=-1))
+    return axis / namespace(sine).maximum(sine, 1e-9)[:, None], elementary.arctan2(sine, (a * b).sum(axis=-1))

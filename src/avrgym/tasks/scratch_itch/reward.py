@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
+from avrgym.geometry.arrays import like, namespace, row_numbers
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import People
@@ -21,7 +22,7 @@ STROKE_M = 0.01
 SUCCESS_SCRATCHES = 25
 ALONG = (0.2, 0.85)
 """Where along a limb it may itch, as shares of its length: its ends lie inside shoulder and elbow."""
-AROUND_RAD = (np.radians(120.0), np.pi)
+AROUND_RAD = np.array([np.radians(120.0), np.pi])
 """How far around each limb it may itch, either way from its outer side. The third of the upper arm that faces the
 torso is left out: no hand of our robots fits between the two."""
 WEIGHTS: Mapping[str, float] = {
@@ -52,15 +53,16 @@ class ScratchItchState:
 
 def init_state(people: People, uniforms: Array) -> ScratchItchState:
     """An itch on the upper arm or the forearm with equal chance, uniform along it and around it."""
-    limb = (uniforms[:, 3] < 0.5).astype(np.intp)
+    xp = namespace(uniforms)
+    limb = xp.astype(uniforms[:, 3] < 0.5, xp.int64)
     layout = human.layout_of(people)
-    sizes = np.stack([layout.geom_size[name] for name in LIMBS], axis=1)[np.arange(len(limb)), limb]
+    sizes = xp.stack([layout.geom_size[name] for name in LIMBS], axis=1)[row_numbers(limb), limb]
     radius, length = sizes[:, 0], 2.0 * sizes[:, 1]
     along = length * (ALONG[0] + (ALONG[1] - ALONG[0]) * uniforms[:, 4])
-    around = np.array(AROUND_RAD)[limb] * (2.0 * uniforms[:, 5] - 1.0)
+    around = like(AROUND_RAD, uniforms)[limb] * (2.0 * uniforms[:, 5] - 1.0)
     sine, cosine = elementary.sine_and_cosine(around)
-    itch = np.stack([-radius * cosine, radius * sine, -along], axis=-1)
-    return ScratchItchState(limb, itch, np.zeros_like(itch), np.zeros_like(limb))
+    itch = xp.stack([-radius * cosine, radius * sine, -along], axis=-1)
+    return ScratchItchState(limb, itch, xp.zeros_like(itch), xp.zeros_like(limb))
 
 
 def evaluate_step(state: State, action: Array, task_state: ScratchItchState) -> StepResult:
@@ -69,14 +71,14 @@ def evaluate_step(state: State, action: Array, task_state: ScratchItchState) -> 
     It is a contact of the tool within 2.5 cm of the itch, softer than 10 N, whose place (the mean of such
     contacts, weighted by their forces) has moved more than 1 cm in the limb's frame since the last scratch.
     """
-    itch_w = itch_pos_w(state, task_state)
+    xp, itch_w = namespace(state.tool_pos_w), itch_pos_w(state, task_state)
     force_n, place = _touch(state, task_state, itch_w)
     moved = norm(place - task_state.last_scratch) > STROKE_M
     scratch = (force_n > 0.0) & (force_n < STRONG_FORCE_N) & (moved | (task_state.scratches == 0))
     after = ScratchItchState(
         task_state.limb,
         task_state.itch,
-        np.where(scratch[:, None], place, task_state.last_scratch),
+        xp.where(scratch[:, None], place, task_state.last_scratch),
         task_state.scratches + scratch,
     )
     distance = norm(state.tool_pos_w - itch_w)
@@ -84,14 +86,16 @@ def evaluate_step(state: State, action: Array, task_state: ScratchItchState) -> 
         "distance_m": distance,
         "action_squared": (action * action).sum(axis=-1),
         "force_at_itch_n": force_n,
-        "scratch_force_n": np.where(scratch, force_n, 0.0),
+        "scratch_force_n": xp.where(scratch, force_n, 0.0),
         "tool_speed_m_s": norm(state.tool_velocity_w),
-        "force_elsewhere_n": np.maximum(state.total_force_n - force_n, 0.0),
+        "force_elsewhere_n": xp.maximum(state.total_force_n - force_n, 0.0),
         "strong_force_at_itch_n": when_strong(force_n),
     }
     success = after.scratches >= SUCCESS_SCRATCHES
-    nothing = np.zeros((len(distance), 0), dtype=bool)
-    return StepResult(after, terms, distance, state.total_force_n, success, scratch.astype(np.intp), nothing)
+    nothing = xp.zeros((len(distance), 0), dtype=xp.bool, device=distance.device)
+    return StepResult(
+        after, terms, distance, state.total_force_n, success, xp.astype(scratch, xp.int64), nothing
+    )
 
 
 def itch_pos_w(state: State, task_state: ScratchItchState) -> Array:
@@ -102,15 +106,16 @@ def itch_pos_w(state: State, task_state: ScratchItchState) -> Array:
 
 def limb_frame(arm: RightArm, task_state: ScratchItchState) -> tuple[Array, Array]:
     """The frame of the limb that itches: (N, 3) and (N, 4), world frame."""
-    worlds = np.arange(len(task_state.limb))
+    worlds = row_numbers(task_state.limb)
     return arm.right_arm_pos_w[worlds, task_state.limb], arm.right_arm_q_w[worlds, task_state.limb]
 
 
 def _touch(state: State, task_state: ScratchItchState, itch_w: Array) -> tuple[Array, Array]:
     """How strongly the tool touches the itch, (N,) newtons, and where, (N, 3) in the limb's frame."""
+    xp = namespace(itch_w)
     near = norm(state.tool_contact_pos_w - itch_w[:, None]) < ITCH_RADIUS_M
-    forces = np.where(near, state.tool_contact_force_n, 0.0)
+    forces = xp.where(near, state.tool_contact_force_n, 0.0)
     force_n = forces.sum(axis=-1)
-    place_w = (forces[..., None] * state.tool_contact_pos_w).sum(axis=1) / np.maximum(force_n, 1e-9)[:, None]
+    place_w = (forces[..., None] * state.tool_contact_pos_w).sum(axis=1) / xp.maximum(force_n, 1e-9)[:, None]
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     return force_n, transforms.rotate(transforms.conjugate(limb_q_w), place_w - limb_pos_w)

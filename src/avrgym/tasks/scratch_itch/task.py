@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
+from avrgym.geometry.arrays import like, namespace
 from avrgym.models import human
 from avrgym.models.furniture import add_wheelchair_without_right_armrest
 from avrgym.models.human import People
@@ -57,10 +58,10 @@ def scene(robot: Robot) -> SceneConfig:
 def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     """Hand within ±5 cm of a point beside the person's elbow; the goals are shoulder, elbow and wrist."""
     place = MOBILE_HAND_M if scene.mount.on_floor else HAND_M
-    hand = np.array(place) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    hand = like(np.array(place), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, tool_q = places.held(scene, hand, SCRATCHER_Q_W)
     goals = places.right_arm(people, scene.posture)
-    goals_q = np.tile(SCRATCHER_Q_W, (*goals.shape[:2], 1))
+    goals_q = namespace(goals).tile(like(SCRATCHER_Q_W, goals), (*goals.shape[:2], 1))
     return places.start(scene, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
 
 

@@ -1,0 +1,68 @@
+"""The command ``sweep``: many trainings on a cluster."""
+
+import shlex
+from dataclasses import asdict
+from pathlib import Path
+from types import ModuleType
+from typing import Annotated
+
+import typer
+
+from avrgym.cli.cluster import Address, on_cluster
+from avrgym.cli.progress import progress_bar
+from avrgym.cli.terminal import Jobs, JsonFile, check_json, plain_errors, print_table, say, write_json
+
+
+def sweep(
+    file: Annotated[
+        Path | None,
+        typer.Argument(help="A TOML file of environments, steps, seeds, people, recipes.", metavar="[FILE]"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="A folder for the trainings; runs/NAME for NAME.toml.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the sweep in the folder, without a file.")
+    ] = False,
+    cluster: Address = "local",
+    jobs: Jobs = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Train with many seeds, recipes, people and environments on a Ray cluster; worse trainings may end early.
+
+    Needs the extras `train` and `cluster`.
+    """
+    with plain_errors():
+        check_json(json_file)
+        if resume == (file is not None) or (resume and out is None):
+            raise ValueError(
+                "a new sweep takes FILE, and --resume takes --out DIR, the folder of one that was begun"
+            )
+        sweeps = _sweeps()
+        folder = out or Path("runs") / (file or Path()).stem
+        if file is not None:
+            sweeps.begin(file, folder)
+        groups = sweeps.plan_of(folder)
+        steps = sum(each.configuration.whole_steps for group in groups.values() for each in group)
+        again = f"`avrgym sweep --resume --out {shlex.quote(str(folder))}` goes on"
+        made: dict[str, int] = {}
+        with on_cluster(cluster, jobs), progress_bar("trainings", steps, "steps", stopped=again) as bar:
+
+            def told(name: str, steps_made: int) -> None:
+                made[name] = steps_made
+                bar.show(sum(made.values()), words=f"{len(made)} trainings begun")
+
+            rows = [asdict(each) for each in sweeps.run(folder, jobs, told)]
+        print_table([{name: row[name] for name in row if name != "policy"} for row in rows])
+        write_json(json_file, rows)
+    say(f"trainings {folder}")
+
+
+def _sweeps() -> ModuleType:
+    try:
+        from avrgym.learning import sweep
+    except ModuleNotFoundError as error:
+        raise RuntimeError(
+            f"{error.name} is missing; `pip install avrgym[train,cluster]` brings what sweeps need"
+        ) from error
+    return sweep

@@ -1,0 +1,79 @@
+"""Arrays of NumPy, or of another library that follows the Python array API standard, such as tensors on a GPU.
+
+Functions of arrays compute with the library that their arguments are of, so that one source serves all. With NumPy's
+arrays they give what NumPy gives, to the bit. With others nothing is copied to the host: no function branches on a
+value, or asks how often something is true.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+from numpy.typing import ArrayLike, NDArray
+
+RAD_PER_DEGREE = float(np.radians(1.0))
+
+_NUMPYS = (np.ndarray, float, int, list, tuple, np.generic)
+"""What NumPy's functions take as it is."""
+
+
+def namespace(*values: Any) -> Any:
+    """The library that values are of, as the standard has it; NumPy where all are NumPy's arrays or numbers."""
+    for value in values:
+        if not isinstance(value, _NUMPYS):
+            return array_namespace(value)
+    return np
+
+
+def floats(*values: Any) -> tuple[Any, ...]:
+    """The values' library, then each of them as an array of it, of floating numbers.
+
+    NumPy's become float64; numbers of the host beside another library's arrays become like these.
+    """
+    for value in values:
+        if not isinstance(value, _NUMPYS):
+            return array_namespace(value), *[like(each, value) for each in values]
+    return np, *[np.asarray(value, float) for value in values]
+
+
+def like(values: Any, array: Any) -> Any:
+    """Constant numbers of the host, where an array is: beside NumPy's as they are, else once brought there.
+
+    Floating ones get the type of the array.
+    """
+    if isinstance(array, _NUMPYS) or not isinstance(values, _NUMPYS):
+        return values
+    numbers = np.asarray(values)
+    xp, dtype = array_namespace(array), array.dtype if numbers.dtype.kind == "f" else None
+    return _there(numbers.tobytes(), numbers.shape, numbers.dtype.str, xp, dtype, array.device)
+
+
+@lru_cache(maxsize=1024)
+def _there(numbers: bytes, shape: tuple[int, ...], kind: str, xp: Any, dtype: Any, device: Any) -> Any:
+    return xp.asarray(np.frombuffer(numbers, kind).reshape(shape).copy(), dtype=dtype, device=device)
+
+
+def copied(array: ArrayLike) -> Any:
+    """A copy, of floating numbers, that may be changed."""
+    xp, numbers = floats(array)
+    return xp.asarray(numbers, copy=True)
+
+
+def row_numbers(array: Any) -> Any:
+    """0, 1, … for each of an array's rows (n, ...), where the array is."""
+    return namespace(array).arange(len(array), device=array.device)
+
+
+def worth_computing(mask: Any) -> tuple[Any, ...]:
+    """The indices, an array for each axis, of what is worth computing: with NumPy that for which a mask is true.
+
+    With other libraries it is everything, since how much is true would have to be copied to the host, which would wait
+    for it. What is computed has to be masked, therefore.
+    """
+    if isinstance(mask, np.ndarray):
+        indices: tuple[NDArray[np.intp], ...] = np.nonzero(mask)
+        return indices
+    xp = array_namespace(mask)
+    grid = xp.meshgrid(*[xp.arange(size, device=mask.device) for size in mask.shape], indexing="ij")
+    return tuple(xp.reshape(axis, (-1,)) for axis in grid)

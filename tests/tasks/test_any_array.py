@@ -1,0 +1,184 @@
+"""Tasks and people compute on tensors what they compute on NumPy's arrays, and copy nothing to the host in a step."""
+
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+pytest.importorskip("torch", reason="tensors come with the extra for training")
+
+import torch
+
+from avrgym.geometry import transforms
+from avrgym.models.furniture import BOWL_BODY
+from avrgym.models.human import GEOMS, RECLINED, SEATED, People
+from avrgym.models.scene import TOOL_CONTACTS
+from avrgym.people import arm_limits, behaviour, distributions, impairments
+from avrgym.people.distributions import DISTRIBUTIONS
+from avrgym.people.names import IMPAIRMENTS
+from avrgym.people.zoo import partners
+from avrgym.robots.registry import find_robot
+from avrgym.simulation.state import State
+from avrgym.tasks.minds import Minds
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+from tensors import assert_alike, single, tensors
+
+WORLDS = 32
+
+
+def around(rng: np.random.Generator, *shape: int, spread: float = 0.03) -> Any:
+    """Places about a point where mouths are, so near each other that things touch."""
+    return np.array([0.0, -0.35, 1.1]) + rng.uniform(-spread, spread, (WORLDS, *shape, 3))
+
+
+def rotations(rng: np.random.Generator, *shape: int) -> Any:
+    return transforms.normalize(rng.normal(size=(WORLDS, *shape, 4)))
+
+
+def crowded_state(rng: np.random.Generator, joints: int, particles: int) -> State:
+    """Worlds in which all that matters is within centimetres, and some of it touches."""
+    touching = rng.random((WORLDS, TOOL_CONTACTS)) < 0.5
+    forces = {name: rng.uniform(0.0, 30.0, WORLDS) for name in ("robot", "tool", "total", "links")}
+    velocity = {name: rng.normal(size=(WORLDS, 3)) for name in ("effector", "tool")}
+    fallen = np.where(rng.random((WORLDS, particles, 1)) < 0.3, [0.0, 0.0, 1.0], 0.0)
+    ends = around(rng, len(GEOMS), 2, spread=0.3)
+    return State(
+        robot_pos_w=around(rng),
+        arm_angles_rad=rng.uniform(-3.0, 3.0, (WORLDS, joints)),
+        tool_pos_w=around(rng),
+        tool_q_w=rotations(rng),
+        pad_pos_w=around(rng),
+        pad_q_w=rotations(rng),
+        head_pos_w=around(rng),
+        head_q_w=rotations(rng),
+        mouth_pos_w=around(rng),
+        placed_pos_w={BOWL_BODY: around(rng) - [0.0, 0.0, 0.3]},
+        particle_pos_w=around(rng, particles) - fallen * rng.uniform(0.2, 1.2, (WORLDS, particles, 1)),
+        particle_velocity_w=rng.normal(size=(WORLDS, particles, 3)),
+        person_segment_w=ends,
+        person_radius_m=rng.uniform(0.002, 0.04, (WORLDS, len(GEOMS))),
+        right_arm_pos_w=around(rng, 3),
+        right_arm_q_w=rotations(rng, 3),
+        tool_contact_pos_w=around(rng, TOOL_CONTACTS, spread=0.05),
+        tool_contact_normal_w=transforms.normalize(rng.normal(size=(WORLDS, TOOL_CONTACTS, 3))),
+        tool_contact_force_n=np.where(touching, rng.uniform(0.0, 8.0, touching.shape), 0.0),
+        **{f"{name}_force_n": force for name, force in forces.items()},
+        **{f"{name}_velocity_w": each for name, each in velocity.items()},
+    )
+
+
+def people_from(uniforms: Any, distribution: str, impairment: str, task: str) -> People:
+    whom, usual = DISTRIBUTIONS[distribution], TASKS[task]
+    of_people, of_mind, of_impairment = np.cumsum(
+        [distributions.UNIFORMS, behaviour.UNIFORMS, impairments.UNIFORMS]
+    ).tolist()
+    posture = RECLINED if task == "BedBathing" else SEATED
+    who = distributions.sample(whom, whom.pose_in(task, usual.pose), posture, None, uniforms[:, :of_people])
+    if whom.partners is not None:
+        who = partners.endow(who, whom.partners.draw(uniforms[:, of_people:of_mind]))
+    return impairments.impair(
+        who, impairments.find_impairment(impairment), uniforms[:, of_mind:of_impairment]
+    )
+
+
+UNIFORMS = distributions.UNIFORMS + behaviour.UNIFORMS + impairments.UNIFORMS
+
+
+def step(environment: str, state: Any, action: Any, task_state: Any) -> tuple[Any, ...]:
+    """All that is computed for a step once physics is done."""
+    name, robot = ENVIRONMENTS[environment]
+    task = TASKS[name]
+    result = task.evaluate_step(state, action, task_state)
+    seen = task.observation(task.scene(find_robot(robot)))
+    detour = () if task.detour_m is None else (task.detour_m(state, result.task_state),)
+    return result, task.reward(result.terms), seen.of(state, result.task_state), *detour
+
+
+@pytest.fixture(params=ENVIRONMENTS)
+def situation(request: pytest.FixtureRequest) -> tuple[str, State, Any, Any]:
+    """An environment, a state, an action, and what the task keeps."""
+    name, robot = ENVIRONMENTS[request.param]
+    task, rng = TASKS[name], np.random.default_rng(7)
+    scene = task.scene(find_robot(robot))
+    particles, joints = scene.tool.particles, len(scene.arm.joints)
+    state = crowded_state(rng, joints, 0 if particles is None else len(particles.bodies))
+    kept = task.init_state(
+        people_from(rng.random((WORLDS, UNIFORMS)), "revised", "none", name),
+        rng.random((WORLDS, task.uniforms)),
+    )
+    if task.marks is not None:
+        spots = task.marks.places(state, kept)[:, rng.integers(task.marks.count, size=TOOL_CONTACTS)]
+        state = replace(state, tool_contact_pos_w=spots + rng.uniform(-0.01, 0.01, spots.shape))
+    return request.param, state, rng.uniform(-1.0, 1.0, (WORLDS, joints)), kept
+
+
+def test_a_step_is_worth_the_same_on_tensors(situation: tuple[str, State, Any, Any]) -> None:
+    environment, state, action, kept = situation
+    for _ in range(2):
+        wanted = step(environment, state, action, kept)
+        assert_alike(step(environment, *tensors((state, action, kept))), wanted, environment)
+        kept = wanted[0].task_state
+    constant = [name for name, term in step(*situation)[0].terms.items() if np.ptp(term) == 0.0]
+    assert not constant, "nothing happened that they count"
+
+
+def test_a_step_copies_nothing_to_the_host(situation: tuple[str, State, Any, Any]) -> None:
+    environment, *given = situation
+    result, reward, observation, *_ = step(environment, *tensors(tuple(given), "meta"))
+    assert {each.device.type for each in (reward, observation, result.success, result.gone)} == {"meta"}
+
+
+def test_single_precision_stays_single(situation: tuple[str, State, Any, Any]) -> None:
+    environment, *given = situation
+    result, reward, observation, *_ = step(environment, *single(tensors(tuple(given))))
+    assert {each.dtype for each in (reward, observation, *result.terms.values())} == {torch.float32}
+    assert_allclose(observation, step(environment, *given)[2], rtol=1e-5, atol=1e-5)
+
+
+def lives(who: People, uniforms: Any, sights: Any, distribution: str, task: str, steered: bool) -> list[Any]:
+    """Where people want their joints in each of some control steps."""
+    offered, posture = TASKS[task].offered, RECLINED if task == "BedBathing" else SEATED
+    minds = Minds(DISTRIBUTIONS[distribution], who, offered, posture, steered=steered)
+    minds.begin(np.arange(WORLDS), who, uniforms)
+    joints = behaviour.OFFERED_JOINTS[offered]
+
+    def possible(angles: Any) -> Any:
+        return arm_limits.clip(impairments.limit(who, angles))
+
+    def targets(sight: Any) -> Any:
+        if steered:
+            minds.steer(joints, uniforms[:, :1] + 0.0 * who.tremor_rad[:, : len(joints)], possible)
+        return minds.live(lambda: sight, who, possible)
+
+    return [targets(sight) for sight in sights]
+
+
+@pytest.mark.parametrize(
+    ("distribution", "impairment", "steered"),
+    [(*kind, False) for kind in product(DISTRIBUTIONS, IMPAIRMENTS)] + [("original", "none", True)],
+)
+@pytest.mark.parametrize("task", TASKS)
+def test_people_are_and_do_the_same_on_tensors(
+    task: str, distribution: str, impairment: str, steered: bool
+) -> None:
+    rng = np.random.default_rng(3)
+    uniforms = rng.random((WORLDS, UNIFORMS))
+    who = people_from(uniforms, distribution, impairment, task)
+    assert_alike(people_from(tensors(uniforms), distribution, impairment, task), who)
+    given = who, uniforms[:, -behaviour.UNIFORMS :], tuple(crowded_state(rng, 7, 0) for _ in range(4))
+    wanted = lives(*given, distribution, task, steered)
+    assert_alike(tuple(lives(*tensors(given), distribution, task, steered)), tuple(wanted))
+
+
+@pytest.mark.parametrize("distribution", ["participants", "zoo/train"])
+@pytest.mark.parametrize("task", ["Feeding", "ScratchItch"])
+def test_what_people_do_copies_nothing_to_the_host(task: str, distribution: str) -> None:
+    rng = np.random.default_rng(3)
+    uniforms = rng.random((WORLDS, UNIFORMS))
+    who = people_from(uniforms, distribution, "tremor", task)
+    given = who, uniforms[:, -behaviour.UNIFORMS :], (crowded_state(rng, 7, 0),)
+    (targets,) = lives(*tensors(given, "meta"), distribution, task, steered=False)
+    assert targets.device.type == "meta"
