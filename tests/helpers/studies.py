@@ -11,6 +11,7 @@ from pathlib import Path
 from uuid import uuid4
 
 import psycopg
+import sqlalchemy as sa
 from msgspec.structs import asdict
 
 from avrgym.recording.files import RecordingWriter
@@ -193,9 +194,10 @@ def postgresql_server(programs: Path) -> Iterator[Path]:
         shutil.rmtree(folder)
 
 
-def new_postgresql_database(server: Path) -> str:
-    """The URL of a new, empty database."""
+def new_postgresql_database(server: Path, like: str | None = None) -> str:
+    """The URL of a new database: empty, or a copy of one that nobody is connected to."""
     name = f"study_{uuid4().hex}"
+    template = sa.make_url(like).database if like else "template1"
     with psycopg.connect(host=str(server), user="avrgym", dbname="postgres", autocommit=True) as connection:
-        connection.execute(f"CREATE DATABASE {name}".encode())
+        connection.execute(f"CREATE DATABASE {name} TEMPLATE {template}".encode())
     return f"postgresql://avrgym@/{name}?host={server}"

@@ -30,27 +30,47 @@ from studies import (
 OLD = DATA / "study-of-0.1.0"
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
-def folder(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A study in each kind of database: one participant has finished, one has begun."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
-    if request.param == "postgresql":
-        server = request.getfixturevalue("postgresql")
-        monkeypatch.setenv(database.URL_VARIABLE, new_postgresql_database(server))
-    return _study(tmp_path / "study")
+@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
+def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A study in each kind of database, and the database's URL if a server holds it; tests get copies."""
+    on_server = request.param == "postgresql"
+    url = new_postgresql_database(request.getfixturevalue("postgresql")) if on_server else ""
+    return _study(tmp_path_factory.mktemp("made") / "study", url), url
 
 
 @pytest.fixture
-def on_sqlite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+def folder(
+    request: pytest.FixtureRequest, made: tuple[Path, str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> Path:
+    """A study in each kind of database: one participant has finished, one has begun."""
+    study, url = made
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
-    return _study(tmp_path / "study")
+    if url:
+        copy = new_postgresql_database(request.getfixturevalue("postgresql"), like=url)
+        monkeypatch.setenv(database.URL_VARIABLE, copy)
+    return Path(shutil.copytree(study, tmp_path / "study"))
 
 
-def _study(folder: Path) -> Path:
-    with Store(small_study(folder)) as store:
-        run_participant(store, take_in(store))
-        run_participant(store, take_in(store, simulated=False, name="Ada"), trials=2, simulated=False)
-        add_note(store, "sub-002", "laughed")
+@pytest.fixture(scope="module")
+def made_on_sqlite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _study(tmp_path_factory.mktemp("made") / "study", "")
+
+
+@pytest.fixture
+def on_sqlite(made_on_sqlite: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    return Path(shutil.copytree(made_on_sqlite, tmp_path / "study"))
+
+
+def _study(folder: Path, url: str) -> Path:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(database.URL_VARIABLE, raising=False)
+        if url:
+            patch.setenv(database.URL_VARIABLE, url)
+        with Store(small_study(folder)) as store:
+            run_participant(store, take_in(store))
+            run_participant(store, take_in(store, simulated=False, name="Ada"), trials=2, simulated=False)
+            add_note(store, "sub-002", "laughed")
     return folder
 
 
