@@ -15,7 +15,7 @@ CSS = """
   --rule: #363d45; --accent: #6db7f2; --warning: #ffb673; --warning-ground: #35230f;
   --line-1: #6db7f2; --line-2: #f0a35e; --line-3: #6fcf97; --line-4: #d99ae0; --line-5: #cfcf5a; --line-6: #ff8f9c; } }
 * { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 68rem; padding: 1rem; background: var(--ground); color: var(--ink);
+body { margin: 0 auto; max-width: 72rem; padding: 1rem; background: var(--ground); color: var(--ink);
   font: 1rem/1.5 system-ui, sans-serif; overflow-wrap: break-word; }
 h1, h2, h3, h4 { line-height: 1.2; }
 article { border-top: 1px solid var(--rule); margin-top: 2.5rem; }

@@ -19,7 +19,7 @@ from avrgym.vr.session.attempt import versions
 SIMULATED = "SIMULATED PARTICIPANTS: all that follows was made up by a program and says nothing about people."
 MOMENTS = {
     "before_session": "before each session",
-    "after_trial": "after each trial but practice",
+    "after_trial": "after each trial",
     "after_session": "after each session",
 }
 Sections = Mapping[str, list[str]]
@@ -170,6 +170,8 @@ def _measures(analysis: Analysis) -> Iterator[str]:
     yield "Objective: the reward summed over a trial, and whether the robot succeeded."
     for each in analysis.design.questionnaires:
         yield _questionnaire(each)
+    if analysis.design.practice_policy:
+        yield "Nothing is asked after practice."
 
 
 def _questionnaire(asked: Questionnaire) -> str:
