@@ -2,7 +2,7 @@
 
 python scripts/figures/policy_tables.py                                   what their own files say
 python scripts/figures/policy_tables.py settings                          how each task is trained; needs avrgym[train]
-python scripts/figures/policy_tables.py original.json revised.json        Original against Revised on the same people, of
+python scripts/figures/policy_tables.py original.json revised.json       Original against Revised on the same people, of
                                                                    what `avrgym evaluate --all --json` wrote of each
 """
 

@@ -1,13 +1,15 @@
 """The commands ``avrgym export``."""
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from avrgym.cli.options import PEOPLE, Impairment, Seed
 from avrgym.cli.terminal import plain_errors, say
 
-app = typer.Typer(no_args_is_help=True, help="Write policies for other programs.")
+app = typer.Typer(no_args_is_help=True, help="Write policies and scenes for other programs.")
 
 
 @app.command("policy")
@@ -39,3 +41,36 @@ def export_policy(
             say(
                 f"It was trained to act with chance, ±{found.action_deviation:g}; the file holds its mean actions."
             )
+
+
+@app.command("scene")
+def export_scene(
+    env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.", metavar="ENV")],
+    out: Annotated[Path, typer.Argument(help="A new folder.", metavar="OUT")],
+    people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
+    impairment: Impairment = "none",
+    seed: Seed = 0,
+    usd: Annotated[bool, typer.Option("--usd", help="Write it as USD too.")] = False,
+) -> None:
+    """Write a scene with its person, as an episode begins, for MuJoCo and other programs.
+
+    scene.mjb steps to the same bits as here, scene.xml (MJCF) can be read, changed and drawn, start.json is the start.
+    """
+    import numpy as np
+
+    from avrgym.envs.scene_files import MJB, MJCF, START, USD, check_new_folder, write_scene, write_usd
+    from avrgym.tasks.episodes import Episodes
+
+    with plain_errors():
+        if usd and find_spec("pxr") is None:
+            raise ValueError("usd-core is missing; `pip install avrgym[usd]` brings what --usd needs")
+        check_new_folder(out)
+        episodes = Episodes(env, 1, distribution=people, impairment=impairment, num_threads=1)
+        episodes.begin(np.array([0]), [np.random.default_rng(seed)])
+        write_scene(episodes, out)
+        say(f"MJB       {out / MJB}: all that is simulated, no looks")
+        say(f"MJCF      {out / MJCF}: with looks; its person gives way less where they are pressed")
+        say(f"start     {out / START}")
+        if usd:
+            write_usd(episodes, out / USD)
+            say(f"USD       {out / USD}: how it looks at the start")

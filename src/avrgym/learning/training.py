@@ -99,6 +99,8 @@ def train(
 
 
 def _refuse_used(out: Path) -> None:
+    if out.exists() and not out.is_dir():
+        raise FileExistsError(f"{out} is a file; choose a folder with --out")
     if (out / CONFIGURATION_FILE).exists():
         raise FileExistsError(
             f"{out} already holds a training; choose another folder, or go on with --resume"

@@ -1,7 +1,9 @@
 """Reading a study for its analysis: every participant, trial, attempt and answer, each completed recording once."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import add
 from statistics import fmean, median
 
 import numpy as np
@@ -214,7 +216,7 @@ def _kind(recording: Recording, measured: Measured) -> str:
 def _step_metrics(measured: Measured) -> dict[str, float]:
     forces = [step.force_on_person_n for step in measured.steps]
     return {
-        "reward_recorded": sum(step.reward for step in measured.steps),
+        "reward_recorded": _added(step.reward for step in measured.steps),
         "distance_least_m": min(step.distance_m for step in measured.steps),
         "force_mean_n": fmean(forces),
         "force_peak_n": max(forces),
@@ -247,7 +249,7 @@ def _body_metrics(body: Body) -> dict[str, float]:
 
 def _terms(row: TrialRow, measured: Measured) -> list[TermRow]:
     names = dict.fromkeys(name for step in measured.steps for name in step.reward_terms)
-    sums = {name: sum(step.reward_terms.get(name, 0.0) for step in measured.steps) for name in names}
+    sums = {name: _added(step.reward_terms.get(name, 0.0) for step in measured.steps) for name in names}
     weights = measured.weights
     return [
         TermRow(
@@ -294,3 +296,8 @@ def _participant(store: Store, participant: Participant, found: Observations) ->
         attempts=sum(row.attempts for row in trials),
         attempts_broken_off=sum(row.attempts_broken_off for row in trials),
     )
+
+
+def _added(values: Iterable[float]) -> float:
+    """The sum as sessions add it up, value by value: since Python 3.12 ``sum`` rounds otherwise."""
+    return reduce(add, values, 0.0)

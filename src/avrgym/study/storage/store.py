@@ -231,7 +231,7 @@ def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> R
     """The one row with these values; ``StudyError``, saying ``what``, when there is none."""
     rows = find_all(connection, kind, **key)
     if not rows:
-        raise StudyError(f"there is no {what} in this study")
+        raise StudyError(f"there is no {what} in this study; `avrgym study status` lists what there is")
     return rows[0]
 
 
