@@ -67,7 +67,9 @@ pytestmark = pytest.mark.usefixtures("unhurried")
 M = TypeVar("M", bound=Message)
 
 PATIENCE_S = 60.0
-TYPES = "hello, tracking, receipt, entered, left, ready, scene_loaded, stop, recalibrate, origin_reset, answer"
+TYPES = (
+    "hello, tracking, receipt, entered, left, ready, scene_loaded, stop, recalibrate, origin_reset, answer"
+)
 
 
 PLAN = plan(free_movement_s=0.2, trial_steps=200)
