@@ -15,8 +15,8 @@ from avrgym.recording import records
 
 PROTOCOL = 11
 
-STATES_ON_THE_WAY = 16
-"""So many states are sent beyond those that the client says it received: on a network that takes longer than 140 ms
+STATES_ON_THE_WAY = 8
+"""So many states are sent beyond those that the client says it received: on a network that takes longer than 60 ms
 there and back, fewer come than are made."""
 STATES_A_RECEIPT = 2
 
