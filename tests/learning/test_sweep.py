@@ -108,7 +108,7 @@ def test_a_sweep_makes_what_train_makes_and_goes_on(tmp_path: Path, monkeypatch:
         (0, "complete", 1200),
         (1, "complete", 1200),
     ]
-    assert heard == {second.name: 1200}
+    assert heard == {first.name: 1200, second.name: 1200}
     assert (out / first.name / "policy.safetensors").stat().st_mtime_ns == measured
     assert Policy.load(rows[1].policy).metadata.measured["success_rate"] == rows[1].success_rate
     training.train(replace(second.configuration, threads=1), tmp_path / "second")
