@@ -201,8 +201,11 @@ def _outcome(out: Path, each: Planned) -> Outcome:
 @contextmanager
 def _quiet() -> Generator[None]:
     """Keep Ray Tune from logs of its own beside the trainings', from printing, and from taking Ctrl+C for itself."""
-    said = dict.fromkeys(("TUNE_DISABLE_AUTO_CALLBACK_LOGGERS", "TUNE_DISABLE_SIGINT_HANDLER"), "1")
-    said["RAY_AIR_NEW_OUTPUT"] = "0"
+    said = {
+        "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
+        "TUNE_DISABLE_SIGINT_HANDLER": "1",
+        "RAY_AIR_NEW_OUTPUT": "0",
+    }
     before = {name: os.environ.get(name) for name in said}
     os.environ.update(said)
     try:
