@@ -138,7 +138,9 @@ def test_single_precision_stays_single(situation: tuple[str, State, Any, Any]) -
     assert_allclose(observation, step(environment, *given)[2], rtol=1e-5, atol=1e-5)
 
 
-def lives(who: People, uniforms: Any, sights: Any, distribution: str, task: str, steered: bool) -> list[Any]:
+def lives(
+    who: People, uniforms: Any, sights: Any, *, distribution: str, task: str, steered: bool
+) -> list[Any]:
     """Where people want their joints in each of some control steps."""
     offered, posture = TASKS[task].offered, RECLINED if task == "BedBathing" else SEATED
     minds = Minds(DISTRIBUTIONS[distribution], who, offered, posture, steered=steered)
@@ -169,8 +171,10 @@ def test_people_are_and_do_the_same_on_tensors(
     who = people_from(uniforms, distribution, impairment, task)
     assert_alike(people_from(tensors(uniforms), distribution, impairment, task), who)
     given = who, uniforms[:, -behaviour.UNIFORMS :], tuple(crowded_state(rng, 7, 0) for _ in range(4))
-    wanted = lives(*given, distribution, task, steered)
-    assert_alike(tuple(lives(*tensors(given), distribution, task, steered)), tuple(wanted))
+    wanted = lives(*given, distribution=distribution, task=task, steered=steered)
+    assert_alike(
+        tuple(lives(*tensors(given), distribution=distribution, task=task, steered=steered)), tuple(wanted)
+    )
 
 
 @pytest.mark.parametrize("distribution", ["participants", "zoo/train"])
@@ -180,5 +184,5 @@ def test_what_people_do_copies_nothing_to_the_host(task: str, distribution: str)
     uniforms = rng.random((WORLDS, UNIFORMS))
     who = people_from(uniforms, distribution, "tremor", task)
     given = who, uniforms[:, -behaviour.UNIFORMS :], (crowded_state(rng, 7, 0),)
-    (targets,) = lives(*tensors(given, "meta"), distribution, task, steered=False)
+    (targets,) = lives(*tensors(given, "meta"), distribution=distribution, task=task, steered=False)
     assert targets.device.type == "meta"

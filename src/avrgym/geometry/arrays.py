@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 RAD_PER_DEGREE = float(np.radians(1.0))
 
@@ -71,9 +71,8 @@ def worth_computing(mask: Any) -> tuple[Any, ...]:
     With other libraries it is everything, since how much is true would have to be copied to the host, which would wait
     for it. What is computed has to be masked, therefore.
     """
-    if isinstance(mask, np.ndarray):
-        indices: tuple[NDArray[np.intp], ...] = np.nonzero(mask)
-        return indices
-    xp = array_namespace(mask)
+    xp = namespace(mask)
+    if xp is np:
+        return np.nonzero(mask)
     grid = xp.meshgrid(*[xp.arange(size, device=mask.device) for size in mask.shape], indexing="ij")
     return tuple(xp.reshape(axis, (-1,)) for axis in grid)

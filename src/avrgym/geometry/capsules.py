@@ -99,10 +99,10 @@ def _clamp(x: Array, low: Array | float, high: Array | float) -> Array:
 
 def _axis_first(*vectors: Array) -> list[Array]:
     """Vectors (..., n), as many leading axes as they have, as (n, ...) with equally many axes."""
-    xp, *vectors = floats(*vectors)
-    axes = max(v.ndim for v in vectors)
+    xp, *arrays = floats(*vectors)
+    axes = max(v.ndim for v in arrays)
     order = (axes - 1, *range(axes - 1))
-    turned = [xp.permute_dims(v.reshape((1,) * (axes - v.ndim) + v.shape), order) for v in vectors]
+    turned = [xp.permute_dims(v.reshape((1,) * (axes - v.ndim) + v.shape), order) for v in arrays]
     return [v.copy() for v in turned] if xp is np else turned
 
 

@@ -26,7 +26,7 @@ from avrgym.learning.configuration import (
 )
 from avrgym.learning.course import POLICY_FILE
 from avrgym.learning.sweep_file import Planned, Stopping, planned, read_sweep
-from avrgym.policies.trained import Policy
+from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 
@@ -164,7 +164,8 @@ def _train_one(given: dict[str, Any]) -> None:
         reward = NOTHING_YET if now.reward_mean is None else now.reward_mean
         tune.report({"steps": now.steps, "reward_mean": reward})
 
-    if _is_measured(out):
+    if (made := _complete(out)) is not None:
+        tune.report({"steps": made.steps, "reward_mean": made.measured["reward_mean"]})
         return
     if (out / CONFIGURATION_FILE).exists():
         training.resume(out, tell)
@@ -172,9 +173,11 @@ def _train_one(given: dict[str, Any]) -> None:
         training.train(replace(configuration, threads=1), out, tell)
 
 
-def _is_measured(out: Path) -> bool:
+def _complete(out: Path) -> PolicyMetadata | None:
+    """What the policy's file says of itself, where the training is complete."""
     path = out / POLICY_FILE
-    return path.exists() and bool(Policy.load(path).metadata.measured)
+    metadata = Policy.load(path).metadata if path.exists() else None
+    return metadata if metadata is not None and metadata.measured else None
 
 
 def _outcome(out: Path, each: Planned) -> Outcome:
@@ -197,8 +200,12 @@ def _outcome(out: Path, each: Planned) -> Outcome:
 
 @contextmanager
 def _quiet() -> Generator[None]:
-    """Keep Ray Tune from logs of its own beside the trainings', and from printing."""
-    said = {"TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1", "RAY_AIR_NEW_OUTPUT": "0"}
+    """Keep Ray Tune from logs of its own beside the trainings', from printing, and from taking Ctrl+C for itself."""
+    said = {
+        "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
+        "TUNE_DISABLE_SIGINT_HANDLER": "1",
+        "RAY_AIR_NEW_OUTPUT": "0",
+    }
     before = {name: os.environ.get(name) for name in said}
     os.environ.update(said)
     try:

@@ -168,7 +168,7 @@ def _view(mind: Mind, manner: Manner, sight: Sight, offered: Offered, posture: P
             gap = xp.min(transforms.norm(sight.right_arm_pos_w - tool[:, None]), axis=-1)
         case "nothing":
             gap = xp.full_like(back, xp.inf)
-    side = 2.0 * (ahead[:, 0] > 0.0) - 1.0
+    side = xp.where(ahead[:, 0] > 0.0, 1.0, -1.0)
     return _View(aware, behaviour.facing_rad(ahead), xp.where(aware, gap, np.inf), side)
 
 

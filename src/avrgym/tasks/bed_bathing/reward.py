@@ -169,7 +169,8 @@ def _on_face(state: State) -> Bools:
 
 def _touched(contact_pos: Array, near: Bools, marker_pos: Array) -> Bools:
     """Which markers (N, 2, M) are within 2.5 cm of what the cloth touches of their limb."""
-    xp, touching = namespace(marker_pos), near.any(axis=-1)
+    xp = namespace(marker_pos)
+    touching = xp.any(near, axis=-1)
     touched = xp.zeros(marker_pos.shape[:-1], dtype=xp.bool, device=near.device)
     world, limb = worth_computing(touching)
     if len(world):

@@ -1,0 +1,116 @@
+"""A sweep makes every training that its file asks for, each as ``train`` makes it, and goes on where it was cut off."""
+
+import json
+import os
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+pytest.importorskip("stable_baselines3", reason="training is an extra")
+
+from avrgym.cli.main import app
+from avrgym.learning.configuration import configuration_for
+from avrgym.learning.sweep_file import planned, read_sweep
+from places import ROOT
+
+LITTLE = """
+environments = ["avrgym/ScratchItchJaco-v1"]
+steps = 1200
+seeds = [0, 1]
+
+[recipes.little]
+worlds = 1
+minibatch = 100
+epochs = 1
+imitation_rounds = 1
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "sweep.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_sweep_has_every_combination_once(tmp_path: Path) -> None:
+    sweep = read_sweep(written(tmp_path, LITTLE + "\n[recipes.usual]\n"))
+    (group,) = planned(sweep, "sweep.toml").values()
+    assert [(each.recipe, each.configuration.seed) for each in group] == [
+        ("little", 0),
+        ("little", 1),
+        ("usual", 0),
+        ("usual", 1),
+    ]
+    assert len({each.name for each in group}) == 4
+    usual = configuration_for("avrgym/ScratchItchJaco-v1", "original", 1200, 1)
+    assert group[3].configuration == usual
+    changed = {"worlds": 1, "minibatch": 100, "epochs": 1, "imitation_rounds": 1}
+    assert group[1].configuration == replace(usual, **changed)
+
+
+def test_the_example_is_a_sweep() -> None:
+    path = ROOT / "examples" / "clusters" / "sweep.toml"
+    assert sum(map(len, planned(read_sweep(path), str(path)).values())) == 12
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        pytest.param(("steps = 1200", "steps = 0"), "steps: expected `int` >= 1", id="steps"),
+        pytest.param(
+            ("seeds", "seedz"), "a sweep has no seedz; allowed: environments, steps, seeds", id="key"
+        ),
+        pytest.param(
+            ("ScratchItchJaco", "Cooking"), "the environments are avrgym/FeedingJaco", id="environment"
+        ),
+        pytest.param(
+            ("epochs", "epoch"), "recipes.little: no training setting is called epoch", id="setting"
+        ),
+        pytest.param(("minibatch = 100", "minibatch = 1"), "minibatch: expected `int` >= 2", id="value"),
+        pytest.param(("[recipes", "[[recipes"), "no TOML", id="toml"),
+        pytest.param(("recipes.little", 'recipes."../out"'), "matching regex", id="name"),
+    ],
+)
+def test_a_bad_file_is_one_clear_line(tmp_path: Path, change: tuple[str, str], told: str) -> None:
+    pytest.importorskip("ray", reason="clusters are an extra, too large for every computer")
+    out = tmp_path / "out"
+    file = written(tmp_path, LITTLE.replace(*change))
+    result = CliRunner().invoke(app, ["sweep", str(file), "--out", str(out)])
+    assert result.exit_code == 1
+    assert told in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not out.exists()
+
+
+@pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
+def test_a_sweep_makes_what_train_makes_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("ray.tune", reason="clusters are an extra, too large for every computer")
+    from avrgym.learning import sweep, training
+    from avrgym.policies.trained import Policy
+    from avrgym.system.cluster import connected
+    from ray_nodes import assert_same_training
+
+    out, heard = tmp_path / "out", dict[str, int]()
+    sweep.begin(written(tmp_path, LITTLE), out)
+    with pytest.raises(FileExistsError, match="already holds a sweep"):
+        sweep.begin(tmp_path / "sweep.toml", out)
+    first, second = next(iter(sweep.plan_of(out).values()))
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
+    training.train(replace(first.configuration, threads=1), tmp_path / "alone")
+    training.train(replace(first.configuration, threads=1), out / first.name)
+    measured = (out / first.name / "policy.safetensors").stat().st_mtime_ns
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT / "src")]))
+    with connected("local") as _:
+        rows = sweep.run(out, None, heard.__setitem__)
+    assert [(row.seed, row.outcome, row.steps) for row in rows] == [
+        (0, "complete", 1200),
+        (1, "complete", 1200),
+    ]
+    assert heard == {first.name: 1200, second.name: 1200}
+    assert (out / first.name / "policy.safetensors").stat().st_mtime_ns == measured
+    assert Policy.load(rows[1].policy).metadata.measured["success_rate"] == rows[1].success_rate
+    training.train(replace(second.configuration, threads=1), tmp_path / "second")
+    assert_same_training(out / second.name, tmp_path / "second")
+    assert json.loads(json.dumps(asdict(rows[0])))["env"] == "avrgym/ScratchItchJaco-v1"
