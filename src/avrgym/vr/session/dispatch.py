@@ -47,8 +47,10 @@ def take_message(phase: Phase, message: Received) -> Phase:
             return obey(phase, message.name)
         case messages.SceneWatched():
             pass
-        case messages.Hello():
-            phase.state.report("a message of type Hello has no place in a running session")
+        case messages.Hello() | messages.Receipt():
+            phase.state.report(
+                f"a message of type {type(message).__name__} has no place in a running session"
+            )
     return phase
 
 
