@@ -11,6 +11,7 @@ import pytest
 from avrgym.cli import progress
 from avrgym.cli.progress import Pace, duration, progress_bar
 from avrgym.cli.terminal import print_table
+from processes import die_with_parent
 
 STOPPED = """
 import os, signal
@@ -129,7 +130,10 @@ def test_a_table_in_a_file_has_no_colours(monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
 def test_stopped_work_says_in_one_line_how_it_goes_on(number: signal.Signals) -> None:
     ran = subprocess.run(
-        [sys.executable, "-c", STOPPED.replace("{signal}", number.name)], capture_output=True, text=True
+        [sys.executable, "-c", STOPPED.replace("{signal}", number.name)],
+        capture_output=True,
+        text=True,
+        preexec_fn=die_with_parent,
     )
     assert ran.returncode == 128 + number
     assert ran.stderr == "avrgym: stopped; `work --resume` goes on\n"

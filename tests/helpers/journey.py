@@ -35,7 +35,8 @@ _DRAW_LITTLE = """() => {
         return own;
     };
     window.cancelAnimationFrame = (own) => asked.delete(own);
-    for (const name of ["drawElements", "drawArrays", "drawElementsInstanced", "drawArraysInstanced"]) {
+    const drawing = ["drawElements", "drawArrays", "drawElementsInstanced", "drawArraysInstanced"];
+    for (const name of [...drawing, "clear", "clearBufferfv", "clearBufferfi", "blitFramebuffer"]) {
         const draw = WebGL2RenderingContext.prototype[name];
         WebGL2RenderingContext.prototype[name] = function (...given) {
             if (window.drawsTriangles) draw.apply(this, given);
@@ -90,7 +91,7 @@ def await_buttons(headset: EmulatedHeadset, item: str) -> None:
 
 
 def draw_little(headset: EmulatedHeadset) -> None:
-    """Let the page do all that it does but fill triangles, which takes software ten times as long as all the rest.
+    """Let the page do all that it does but fill pixels, which takes software ten times as long as all the rest.
 
     It draws a frame every third time that a display would. Tests that look at pictures ask for them with
     ``draw_triangles``.
