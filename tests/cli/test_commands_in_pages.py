@@ -5,6 +5,8 @@ the tests in ``tests/vr`` and ``tests/replay``; here its command line is read.
 """
 
 import ast
+import errno
+import os
 import re
 import shutil
 import tomllib
@@ -102,7 +104,8 @@ def test_what_it_adds_to_a_study_is_a_design(page: str) -> None:
 def test_errors_are_those_that_the_program_tells() -> None:
     """Every part of a quoted message between names and numbers stands in a text of the source."""
     said = " ".join(file.read_text("utf-8") for file in (ROOT / "src").rglob("texts/*.toml"))
-    texts = " ".join([*_texts(ROOT / "src"), said]).replace("`", "")
+    systems = os.strerror(errno.ENOENT).lower()
+    texts = " ".join([*_texts(ROOT / "src"), said, systems]).replace("`", "")
     quoted = re.findall(r"^\| `([^|]+)` \|", (DOCS / "reference" / "errors.md").read_text(), re.M)
     assert len(quoted) > 20
     parts = [part.strip() for message in quoted for part in re.split(r"…|\[…\]", message)]

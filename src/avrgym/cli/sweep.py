@@ -28,9 +28,9 @@ def sweep(
     jobs: Jobs = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Train with many seeds, recipes, people and environments on a Ray cluster; worse trainings may end early.
+    """Make many trainings on a Ray cluster.
 
-    Needs the extras `train` and `cluster`.
+    Many seeds, recipes, people and environments; worse trainings may end early. Needs `avrgym[train,cluster]`.
     """
     with plain_errors():
         check_json(json_file)
