@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from avrgym.cli.terminal import needs
+
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
@@ -30,11 +32,7 @@ def on_cluster(address: str | None, jobs: int | None) -> Generator["Cluster | No
     if address is None:
         yield None
         return
-    try:
+    with needs("cluster", "clusters need"):
         from avrgym.system.cluster import connected
-    except ModuleNotFoundError as error:
-        raise RuntimeError(
-            f"{error.name} is missing; `pip install avrgym[cluster]` brings what clusters need"
-        ) from error
     with connected(address, jobs) as cluster:
         yield cluster

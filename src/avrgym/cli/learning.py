@@ -17,6 +17,7 @@ from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
     check_json,
+    needs,
     plain_errors,
     print_regions,
     print_table,
@@ -137,12 +138,8 @@ def train(
 
 
 def _training() -> ModuleType:
-    try:
+    with needs("train", "training needs"):
         from avrgym.learning import training
-    except ModuleNotFoundError as error:
-        raise RuntimeError(
-            f"{error.name} is missing; `pip install avrgym[train]` brings what training needs"
-        ) from error
     return training
 
 

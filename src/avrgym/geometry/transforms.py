@@ -155,8 +155,8 @@ def euler_xyz(q: Numbers) -> Array:
     """
     m = to_matrix(q)
     xp = namespace(m)
-    b = elementary.arctan2(m[..., 0, 2], xp.hypot(m[..., 1, 2], m[..., 2, 2]))
-    locked = xp.hypot(m[..., 1, 2], m[..., 2, 2]) < 1e-9
+    across = xp.hypot(m[..., 1, 2], m[..., 2, 2])
+    b, locked = elementary.arctan2(m[..., 0, 2], across), across < 1e-9
     above = xp.where(locked, m[..., 2, 1], -m[..., 1, 2])
     a = elementary.arctan2(above, xp.where(locked, m[..., 1, 1], m[..., 2, 2]))
     # Rx(−a) q = Ry(b) Rz(c), whose second row is (sin c, cos c, 0): precise however close to the lock.

@@ -21,11 +21,27 @@ def read_settings(path: Path, environment: str) -> TrainingSettings:
         ValueError: for a file that is no TOML, or says what cannot be, naming what is allowed.
         OSError: when it cannot be read.
     """
+    return changed_settings(read_toml(path), environment, str(path))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """What a file says.
+
+    Raises:
+        ValueError: for a file that is no TOML.
+        OSError: when it cannot be read.
+    """
     try:
-        said = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise ValueError(f"{path}: no TOML: {error}") from None
-    return changed_settings(said, environment, str(path))
+
+
+def refusal(error: msgspec.ValidationError, where: str) -> ValueError:
+    """What is wrong with a value, and the place that has it in what is said at ``where``."""
+    what, _, path = str(error).partition(" - at `$")
+    place = path.strip("`.")
+    return ValueError(f"{where}: {place}{': ' if place else ''}{what[:1].lower()}{what[1:]}")
 
 
 def changed_settings(said: Mapping[str, Any], environment: str, where: str) -> TrainingSettings:
@@ -46,8 +62,7 @@ def changed_settings(said: Mapping[str, Any], environment: str, where: str) -> T
     try:
         return msgspec.convert({**usual, **said}, TrainingSettings)
     except msgspec.ValidationError as error:
-        what, _, place = str(error).partition(" - at `$.")
-        raise ValueError(f"{where}: {place.rstrip('`')}: {what[:1].lower()}{what[1:]}") from None
+        raise refusal(error, where) from None
 
 
 def settings_text(environment: str) -> str:

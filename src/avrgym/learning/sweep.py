@@ -25,7 +25,7 @@ from avrgym.learning.configuration import (
     stored_configuration,
 )
 from avrgym.learning.course import POLICY_FILE
-from avrgym.learning.sweep_file import Planned, Stopping, planned, read_sweep
+from avrgym.learning.sweep_file import Planned, Stopping, Sweep, planned, read_sweep
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
@@ -76,10 +76,14 @@ def plan_of(out: Path) -> dict[str, list[Planned]]:
     Raises:
         ValueError: when it holds none.
     """
+    return planned(_stored(out), str(out / SWEEP_FILE))
+
+
+def _stored(out: Path) -> Sweep:
     path = out / SWEEP_FILE
     if not path.exists():
         raise ValueError(f"{out} holds no sweep to resume")
-    return planned(read_sweep(path), str(path))
+    return read_sweep(path)
 
 
 def run(out: Path, jobs: int | None, told: Told) -> list[Outcome]:
@@ -92,14 +96,15 @@ def run(out: Path, jobs: int | None, told: Told) -> list[Outcome]:
         ValueError: when it holds no sweep, or goes on in another process.
         RuntimeError: naming the trainings that failed; the others are made.
     """
-    groups, stopping = plan_of(out), read_sweep(out / SWEEP_FILE).stopping
+    sweep = _stored(out)
+    groups = planned(sweep, str(out / SWEEP_FILE))
     with locked(out), _quiet():
         token = _told.set(told)
         try:
             failed = [
                 failure
                 for number, group in enumerate(groups.values())
-                for failure in _run_group(out.resolve(), f"group_{number}", group, stopping, jobs)
+                for failure in _run_group(out.resolve(), f"group_{number}", group, sweep.stopping, jobs)
             ]
         finally:
             _told.reset(token)

@@ -1,6 +1,5 @@
 """Files that say which trainings a sweep makes: TOML, every combination of environments, people, recipes and seeds."""
 
-import tomllib
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -9,7 +8,7 @@ import msgspec
 from msgspec import Meta
 
 from avrgym.learning.configuration import TrainingConfiguration, configuration_for
-from avrgym.learning.settings_file import changed_settings
+from avrgym.learning.settings_file import changed_settings, read_toml, refusal
 from avrgym.people.distributions import NAMED, find_distribution
 from avrgym.people.impairments import find_impairment
 from avrgym.people.names import ORIGINAL
@@ -59,19 +58,14 @@ def read_sweep(path: Path) -> Sweep:
         ValueError: for a file that is no TOML, or says what cannot be, naming what is allowed.
         OSError: when it cannot be read.
     """
-    try:
-        said = tomllib.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path}: no TOML: {error}") from None
+    said = read_toml(path)
     unknown = ", ".join(said.keys() - set(Sweep.__struct_fields__))
     if unknown:
         raise ValueError(f"{path}: a sweep has no {unknown}; allowed: {', '.join(Sweep.__struct_fields__)}")
     try:
         return msgspec.convert(said, Sweep)
     except msgspec.ValidationError as error:
-        what, _, place = str(error).partition(" - at `$")
-        where = place.strip("`.")
-        raise ValueError(f"{path}: {where}{': ' if where else ''}{what[:1].lower()}{what[1:]}") from None
+        raise refusal(error, str(path)) from None
 
 
 def planned(sweep: Sweep, where: str) -> dict[str, list[Planned]]:
