@@ -134,6 +134,7 @@ export class App {
     this.connection.open();
     this.refresh();
     this.view.renderer.setAnimationLoop((timeMs, frame) => this.frame(timeMs, frame));
+    this.view.renderer.domElement.addEventListener("webglcontextlost", () => this.drawingLost());
     window.addEventListener("keydown", (event) => this.key(event));
     setInterval(() => this.playFrame(), PLAY_INTERVAL_MS);
     navigator.xr?.addEventListener("devicechange", () => void this.checkVR());
@@ -272,6 +273,12 @@ export class App {
     this.immersive.stopPointing();
     this.showPresenting(false);
     this.send({ type: "left" });
+  }
+
+  /** Nobody takes part who sees nothing; VR the browser ends by itself. */
+  private drawingLost(): void {
+    if (this.flat.playing) this.playOrEnd();
+    this.explain("drawing_lost");
   }
 
   private showPresenting(presenting: boolean): void {

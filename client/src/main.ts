@@ -1,6 +1,8 @@
 import "./page.css";
 import { App } from "./app";
-import { FULL_DETAIL, LIGHT_DETAIL } from "./view";
+import { element } from "./element";
+import { CannotDrawError, FULL_DETAIL, LIGHT_DETAIL } from "./view";
+import { ENGLISH, firstWords } from "./words";
 
 const asked = new URLSearchParams(location.search);
 const emulated = asked.get("emulate") === "1";
@@ -12,9 +14,22 @@ const device = emulator?.installEmulator();
 
 const watches = location.pathname.endsWith("/spectator");
 
+function sayWhyNothingIsDrawn(error: unknown): void {
+  if (!(error instanceof CannotDrawError)) throw error;
+  const words = watches ? ENGLISH : firstWords(navigator.languages);
+  words.fill(document);
+  for (const id of ["loading", "status", "take-part", "help"]) element(id).hidden = true;
+  element("problem").hidden = false;
+  element("problem").textContent = words.say("no_drawing");
+}
+
 document.body.classList.toggle("embedded", asked.get("embedded") === "1");
 
-const app = new App(token, emulated, detail, watches);
-if (emulator && device) emulator.exposeEmulator(app, device);
-app.start();
+try {
+  const app = new App(token, emulated, detail, watches);
+  if (emulator && device) emulator.exposeEmulator(app, device);
+  app.start();
+} catch (error) {
+  sayWhyNothingIsDrawn(error);
+}
 window.addEventListener("hashchange", () => location.reload());

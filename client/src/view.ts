@@ -32,6 +32,19 @@ export const FULL_DETAIL: Detail = { antialias: true, lighting: true, anisotropy
 /** For emulated headsets, whose pictures the processor draws: shadows alone would cost two frames of three. */
 export const LIGHT_DETAIL: Detail = { antialias: false, lighting: false, anisotropy: 1 };
 
+/** This browser draws nothing in three dimensions. */
+export class CannotDrawError extends Error {}
+
+function rendererOf(antialias: boolean): WebGLRenderer {
+  try {
+    return new WebGLRenderer({ antialias });
+  } catch (cause) {
+    throw new CannotDrawError("this browser draws nothing in 3D: switch on its graphics acceleration, or use another", {
+      cause,
+    });
+  }
+}
+
 /** The renderer and the third-person view of the flat page. */
 export class View {
   readonly renderer: WebGLRenderer;
@@ -48,7 +61,7 @@ export class View {
     private readonly card: HTMLElement,
     { antialias, lighting }: Detail,
   ) {
-    const renderer = new WebGLRenderer({ antialias });
+    const renderer = rendererOf(antialias);
     this.renderer = renderer;
     renderer.toneMapping = ACESFilmicToneMapping;
     renderer.shadowMap.enabled = lighting;

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, Playwright, expect, sync_playwright
 from test_replay_shown import nothing, recording  # noqa: F401
 
 from avrgym.replay.server import ReplayServer
@@ -20,12 +20,27 @@ from visit import driving, plan
 
 PATIENCE_MS = 90_000.0
 PLAN = plan()
+LOSE_THE_PICTURE = """() => {
+    const drawing = document.querySelector("#view canvas").getContext("webgl2");
+    drawing.getExtension("WEBGL_lose_context").loseContext();
+}"""
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
+def playwright() -> Iterator[Playwright]:
     with sync_playwright() as playwright:
-        yield playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        yield playwright
+
+
+def launch(playwright: Playwright, *flags: str) -> Browser:
+    return playwright.chromium.launch(executable_path=find_chromium(), args=[*CHROMIUM_FLAGS, *flags])
+
+
+@pytest.fixture
+def browser(playwright: Playwright) -> Iterator[Browser]:
+    """One for each test: what one page asks of the process that draws keeps no other waiting."""
+    with launch(playwright) as browser:
+        yield browser
 
 
 @pytest.fixture(scope="module")
@@ -53,10 +68,13 @@ def visited(browser: Browser, url: str) -> Iterator[Page]:
     page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
     page.on("pageerror", lambda error: said.append(f"error: {error}"))
     page.on("requestfailed", lambda failed: said.append(f"error: {failed.url} {failed.failure}"))
-    page.goto(url)
-    yield page
-    page.close()
-    assert not [words for words in said if words.startswith("error") or "policy" in words.lower()]
+    try:
+        page.goto(url)
+        yield page
+        page.close()
+    finally:
+        complaints = [words for words in said if words.startswith("error") or "policy" in words.lower()]
+        assert not complaints
 
 
 def test_the_participants_page_connects_draws_and_enters_vr(
@@ -75,13 +93,17 @@ def test_the_page_draws_every_detail_without_a_headset(browser: Browser, server:
         page.get_by_role("button", name="Play without a headset").click()
         expect(page.locator("#phase-text")).not_to_be_empty(timeout=PATIENCE_MS)
         page.wait_for_load_state("networkidle")
+        page.evaluate(LOSE_THE_PICTURE)
+        expect(page.locator("#problem")).to_contain_text("The picture was lost")
+        expect(page.locator("#play")).to_have_text("Play without a headset")
 
 
 @pytest.mark.parametrize("role", ["experimenter", "spectator"])
 def test_the_watchers_page_shows_the_session(
     browser: Browser, server: LiveServer[Session], role: str
 ) -> None:
-    with visited(browser, server.urls("spectator", getattr(server.tokens, role))[0]) as page:
+    address = server.urls("spectator", getattr(server.tokens, role))[0].replace("#", "?detail=light#")
+    with visited(browser, address) as page:
         expect(page.locator("#watch-phase")).not_to_have_text("–", timeout=PATIENCE_MS)
         page.wait_for_load_state("networkidle")
 
@@ -96,11 +118,22 @@ def test_the_dashboard_shows_study_and_picture(browser: Browser, server: LiveSer
 def test_the_replay_is_shown(browser: Browser, recording) -> None:  # noqa: F811
     with (
         ReplayServer(recording, *timeline_of(recording, nothing), port=0) as server,
-        visited(browser, server.url) as page,
+        visited(browser, server.url.replace("#", "?detail=light#")) as page,
     ):
         page.get_by_role("button", name="Play").click()
         expect(page.locator("#step td")).not_to_have_text("–", timeout=PATIENCE_MS)
         page.wait_for_load_state("networkidle")
+
+
+@pytest.mark.parametrize("page_name", ["", "spectator"])
+def test_a_page_that_cannot_draw_says_so(
+    playwright: Playwright, server: LiveServer[Session], page_name: str
+) -> None:
+    with launch(playwright, "--disable-3d-apis") as browser:
+        page = browser.new_page()
+        page.goto(server.urls(page_name, server.tokens.experimenter)[0])
+        expect(page.locator("#problem")).to_contain_text("cannot draw in 3D")
+        expect(page.locator("#enter")).to_be_hidden()
 
 
 def test_a_page_of_another_origin_shows_none_of_ours(browser: Browser, server: LiveServer[Session]) -> None:

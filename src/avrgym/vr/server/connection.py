@@ -110,18 +110,23 @@ async def serve_connection(
 async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast) -> Role | None:
     """The role that the first message proves; without one, the client is told why it is refused."""
     refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
-    with contextlib.suppress(msgspec.DecodeError, TimeoutError, KeyError, WebSocketDisconnect):
+    hello = None
+    try:
         hello = channel.decode(await asyncio.wait_for(socket.receive_bytes(), HELLO_TIMEOUT_S))
-        if isinstance(hello, Hello) and hello.protocol != messages.PROTOCOL:
-            refusal = 4400, _OTHER_VERSION.format(hello.protocol)
-        elif isinstance(hello, Hello):
-            role = tokens.role(hello.token)
-            if role not in channel.roles:
-                refusal = (4403, _EARLIER_START) if hello.token else (4401, _NO_TOKEN)
-            elif role == "participant" and broadcast.taken:
-                refusal = 4409, "a participant is already connected; one at a time"
-            else:
-                return role
+    except TimeoutError:
+        refusal = 4408, f"no hello came within {HELLO_TIMEOUT_S:g} s; connect again"
+    except (msgspec.DecodeError, KeyError, WebSocketDisconnect):
+        pass
+    if isinstance(hello, Hello) and hello.protocol != messages.PROTOCOL:
+        refusal = 4400, _OTHER_VERSION.format(hello.protocol)
+    elif isinstance(hello, Hello):
+        role = tokens.role(hello.token)
+        if role not in channel.roles:
+            refusal = (4403, _EARLIER_START) if hello.token else (4401, _NO_TOKEN)
+        elif role == "participant" and broadcast.taken:
+            refusal = 4409, "a participant is already connected; one at a time"
+        else:
+            return role
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
         await socket.send_bytes(messages.encode(Problem(message=refusal[1])))
         await socket.close(*refusal)
