@@ -20,7 +20,7 @@ export PYTHONDONTWRITEBYTECODE =
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test test-engines format lint docs bench soak setup client clean
+.PHONY: help demo test client-test test-engines format lint docs bench soak setup client clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
@@ -28,9 +28,14 @@ help: ## list the targets
 demo: $(DONE)/demo $(DONE)/chromium $(CLIENT) ## a whole session of a simulated participant, then its report
 	@.venv/bin/avrgym demo
 
-test: setup lint ## every check: linters, types, the client's tests, the tests
+# What the tests leave idle while they wait is enough for the other checks.
+test: setup ## every check: linters, types, the client's tests, the tests
+	@nice -n 19 $(MAKE) --no-print-directory lint client-test > .venv/checks.log 2>&1 & checks=$$!; \
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder; \
+	tests=$$?; wait $$checks; checks=$$?; cat .venv/checks.log; exit $$((tests | checks))
+
+client-test: $(CLIENT) ## the client's tests
 	cd client && npm test
-	OMP_NUM_THREADS=1 .venv/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 soak: setup ## crashes, and sessions of up to an hour: nothing is lost, memory stays flat
 	.venv/bin/python -m pytest -s $(filter-out tests/soak/soak_cluster.py,$(wildcard tests/soak/*.py))

@@ -230,7 +230,7 @@ def complaint(result: Result) -> str:
         (["evaluate", "avrgym/Nope-v1"], ENVIRONMENT),
         (["evaluate", ENVIRONMENT, "--people", "martians"], "original, revised"),
         (["evaluate", ENVIRONMENT, "--impairment", "gout"], "none, limits, weakness, tremor"),
-        (["view", ENVIRONMENT, "--impairment", "gout"], "none, limits, weakness, tremor"),
+        (["view", ENVIRONMENT, "--impairment", "gout", "--port", "0"], "none, limits, weakness, tremor"),
         (["study", "simulate", ".", "--people", "martians"], "zoo/train, zoo/unseen"),
         (["evaluate", ENVIRONMENT, "--policy", "nope"], "original, revised, oracle, random, zero, FILE"),
         (

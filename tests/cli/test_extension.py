@@ -78,7 +78,9 @@ def test_the_arm_can_be_lifted_and_is_not_while_the_example_s_controller_drives(
 
 
 def test_it_is_trained_studied_reported_and_verified(installed: Path) -> None:
-    train_and_study(installed, TASK, ROBOT, "to_armrest_m", TRAINING_STEPS, little=True)
+    train_and_study(
+        installed, TASK, ROBOT, "to_armrest_m", TRAINING_STEPS, policies=("hold-still",), little=True
+    )
 
 
 def test_a_browser_is_served_its_scene(installed: Path) -> None:

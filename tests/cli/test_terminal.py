@@ -148,7 +148,7 @@ COMMANDS = [
     (("evaluate", "avrgym/FeedingJaco-v1", "--policy", "[/]"), 1, "no policy '[/]'"),
     (("evaluate", "avrgym/FeedingJaco-v1", "--people", "[/]"), 1, "[/]"),
     (("train", "[/]"), 1, "[/]"),
-    (("view", "[/]"), 1, "[/]"),
+    (("view", "[/]", "--port", "0"), 1, "[/]"),
     (("serve", "--person", "[/]"), 1, "[/]"),
     (("serve", "--study", "[/]", "--participant", "[/]"), 1, "[/]"),
     (("bench", "sim", "--env", "[/]"), 1, "[/]"),

@@ -7,17 +7,18 @@ import subprocess
 import sys
 from pathlib import Path
 
+from avrgym.study.storage.store import create_study
 from places import ROOT
 
-STUDY = """
-from pathlib import Path
-from avrgym.study.storage.store import create_study
-
-create_study(Path("study"))
-"""
-
-
 LITTLE = "from avrgym.learning import training; training.MEASURED_EPISODES = 2; "
+COMMANDS = """
+import json
+import sys
+from avrgym.cli import app
+
+for command in json.loads(sys.argv[1]):
+    assert not app(command, standalone_mode=False), command
+"""
 
 
 def install(folder: Path) -> None:
@@ -71,41 +72,56 @@ def avrgym(folder: Path, *arguments: str) -> str:
 
 
 def train_and_study(
-    folder: Path, task: str, robot: str, term: str, steps: int, *, little: bool = False
+    folder: Path,
+    task: str,
+    robot: str,
+    term: str,
+    steps: int,
+    *,
+    policies: tuple[str, ...],
+    little: bool = False,
 ) -> None:
     """From training to a report with a reward term and a recording that steps again to the same bits, by command.
 
-    A little training takes few worlds, and is measured by few episodes.
+    The study compares the trained policy with others. A little training takes few worlds, and is measured by few
+    episodes.
     """
     environment = f"avrgym/{task}{robot}-v1"
     (folder / "settings.toml").write_text("worlds = 4\nminibatch = 200\n" if little else "")
-    python(
-        folder,
-        *("-c", f"{LITTLE if little else ''}from avrgym.cli import app; app()", "train", environment),
-        *("--steps", str(steps), "--config", "settings.toml", "--out", "run"),
-    )
     policy = "run/policy.safetensors"
-    avrgym(folder, "evaluate", environment, "--policy", policy, "--episodes", "2", "--json", "rows.json")
+    _commands(
+        folder,
+        ["train", environment, "--steps", str(steps), "--config", "settings.toml", "--out", "run"],
+        ["evaluate", environment, "--policy", policy, "--episodes", "2", "--json", "rows.json"],
+        first=LITTLE if little else "",
+    )
     (row,) = json.loads((folder / "rows.json").read_text())
     print(f"\n{environment} after {steps} steps: {row}")
-    python(folder, "-c", STUDY)
+    design = create_study(folder / "study")
     _set(
-        folder / "study" / "study.toml",
+        design,
         tasks=[task],
         robots=[robot],
-        policies=["mine", "hold-still"],
+        policies=["mine", *policies],
         practice_policy="mine",
         trial_steps=20,
         free_movement_s=0.5,
     )
     (folder / "study" / "mine").mkdir()
     (folder / policy).rename(folder / "study" / "mine" / f"{task}{robot}.safetensors")
-    avrgym(folder, "study", "simulate", "study", "--participants", "1", "--seed", "1")
-    avrgym(folder, "analyze", "study", "--out", "report")
+    _commands(
+        folder,
+        ["study", "simulate", "study", "--participants", "1", "--seed", "1"],
+        ["analyze", "study", "--out", "report"],
+    )
     assert term in (folder / "report" / "tables" / "reward_terms.csv").read_text()
-    recordings = sorted((folder / "study" / "recordings").rglob("*.mcap"))
-    assert recordings
-    avrgym(folder, "replay", str(recordings[0]), "--verify")
+    recording = next((folder / "study" / "recordings").rglob("*.mcap"))
+    avrgym(folder, "replay", str(recording), "--verify")
+
+
+def _commands(folder: Path, *commands: list[str], first: str = "") -> None:
+    """Run commands one after another in one process."""
+    python(folder, "-c", first + COMMANDS, json.dumps(commands))
 
 
 def _set(design: Path, **values: object) -> None:

@@ -185,7 +185,9 @@ def test_nobody_is_served_who_may_not_take_part(folder: Path) -> None:
         ("sub-001", "is enrolled; only the allocated"),
         ("sub-002", "there is no sub-002"),
     ):
-        served = CliRunner().invoke(app, ["serve", "--study", str(folder), "--participant", pseudonym])
+        served = CliRunner().invoke(
+            app, ["serve", "--study", str(folder), "--participant", pseudonym, "--port", "0"]
+        )
         assert (served.exit_code, served.stderr.count(why)) == (1, 1)
     assert not (folder / "recordings").exists()
 

@@ -1,7 +1,6 @@
 """A task of another package, built from docs/add_a_task.md, works wherever an environment's id does."""
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -10,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.skeletons.writing import write_skeleton
+from extension import environment_with, train_and_study
 from places import ROOT
 
 PAGE = (ROOT / "docs" / "add_a_task.md").read_text()
@@ -49,10 +49,9 @@ def _install(folder: Path, name: str, entries: str) -> None:
 
 
 def _python(installed: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
-    paths = os.pathsep.join([str(ROOT / "src"), str(installed)])
     return subprocess.run(
         [sys.executable, *arguments],
-        env={**os.environ, "PYTHONPATH": paths},
+        env=environment_with(installed),
         cwd=installed,
         capture_output=True,
         text=True,
@@ -112,39 +111,19 @@ def test_it_is_evaluated_and_measured(installed):
     assert measured.returncode == 0, measured.stderr
 
 
-STUDY = """
-from pathlib import Path
-import re
+LIVE = f"""
 import avrgym
 from avrgym.models.human import Person
-from avrgym.study.storage.store import create_study
 from avrgym.vr.tracking.world import LiveWorld
 
-LiveWorld("{environment}", Person()).begin(seed=1)
-path = create_study(Path("study"))
-design = path.read_text()
-changes = {{"tasks": '["TouchElbow"]', "robots": '["Jaco"]', "policies": '["mine"]', "practice_policy": '"mine"'}}
-changes |= {{"trial_steps": "20", "free_movement_s": "0.5"}}
-for name, value in changes.items():
-    design = re.sub(f"^{{name}} = .*$", f"{{name}} = {{value}}", design, flags=re.M)
-path.write_text(design)
+LiveWorld("{ENVIRONMENT}", Person()).begin(seed=1)
 """
 
 
-def test_it_is_trained_studied_reported_and_verified(installed):
-    def run(*arguments: str) -> None:
-        ran = _avrgym(installed, *arguments)
-        assert ran.returncode == 0, ran.stderr + ran.stdout
+def test_a_participant_can_meet_it(installed):
+    ran = _python(installed, "-c", LIVE)
+    assert ran.returncode == 0, ran.stderr
 
-    run("train", ENVIRONMENT, "--steps", "800", "--out", "run")
-    made = _python(installed, "-c", STUDY.format(environment=ENVIRONMENT))
-    assert made.returncode == 0, made.stderr
-    (installed / "study" / "mine").mkdir()
-    (installed / "run" / "policy.safetensors").rename(
-        installed / "study" / "mine" / "TouchElbowJaco.safetensors"
-    )
-    run("study", "simulate", "study", "--participants", "1", "--seed", "1")
-    run("analyze", "study", "--out", "report")
-    assert "touched" in (installed / "report" / "tables" / "reward_terms.csv").read_text()
-    recording = next((installed / "study" / "recordings").rglob("*.mcap"))
-    run("replay", str(recording), "--verify")
+
+def test_it_is_trained_studied_reported_and_verified(installed):
+    train_and_study(installed, "TouchElbow", "Jaco", "touched", 800, policies=(), little=True)
