@@ -23,6 +23,9 @@ _ON_WHITE = {INK: "#1c2024", GROUND: "#ffffff", RULE: "#d5dae0", WARNING: "#8a3b
 _IN_PAGE = {INK: "currentColor", GROUND: "none", RULE: "var(--rule)", WARNING: "var(--warning)"} | {
     colour: f"var(--line-{index})" for index, colour in enumerate(LINES, start=1)
 }
+WIDTH_IN = 5.0
+GROUP_WIDTH = 0.8
+"""What the bars of one group take of the space from one group to the next."""
 STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "avrgym",
@@ -73,3 +76,11 @@ def _coloured(svg: str, colours: Mapping[str, str]) -> str:
     for colour, shown in colours.items():
         svg = svg.replace(colour, shown)
     return svg
+
+
+def finished(simulated: bool, kind: str, caption: str, figure: Figure) -> Drawing:
+    """Finish a figure: what was simulated says so in it."""
+    if simulated:
+        figure.suptitle("SIMULATED PARTICIPANTS", color=WARNING, fontsize=8, x=0.01, ha="left")
+    suffix, group = ("simulated", "simulated participants") if simulated else ("people", "people")
+    return Drawing(f"{kind}-{suffix}", f"{caption} ({group})", figure)

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+from avrgym.analysis.figures.answer_figures import session_figure_name, trial_figure_name
 from avrgym.analysis.figures.drawing import Drawing
-from avrgym.analysis.figures.study_figures import session_figure_name, trial_figure_name
 from avrgym.analysis.page import Markup, brief, figure, listing, quantity, table, tag
 from avrgym.analysis.rows import ObjectiveRow, RangeRow, SessionAnswerRow, SubjectiveRow, TestedRow
 from avrgym.analysis.statistics.biomechanics_tests import HEADS, HEIGHTS
