@@ -19,6 +19,12 @@ SEATING = ("calibration", "loading", "check")
 """The phases in which a participant takes their place."""
 TRIAL = ("free_before", "countdown", "trial", "retreat", "free_after", "questionnaire")
 """The phases of a trial in their order; all but the last end by themselves."""
+WATCH_SCENES = """
+window.scenes = [];
+window.__THREE_DEVTOOLS__ = new EventTarget();
+__THREE_DEVTOOLS__.addEventListener("observe", ({ detail }) => detail.isScene && scenes.push(detail));
+"""
+"""three.js tells developers' tools of its scenes: so the page is asked what it draws, and needs no door for tests."""
 _DRAW_LITTLE = """() => {
     const next = window.requestAnimationFrame.bind(window);
     const asked = new Map();

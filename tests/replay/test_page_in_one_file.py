@@ -20,17 +20,12 @@ from avrgym.replay.packing import STEP, pack_poses
 from avrgym.replay.page import PLACE, ReplayedTrial, write_page
 from avrgym.replay.timeline import aligned, timeline_of
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from journey import WATCH_SCENES
 from visit import Visit, plan
 
 PATIENCE_MS = 180_000.0
 STEPS = 3
 ROBOT = "robot/"
-WATCH_SCENES = """
-window.scenes = [];
-window.__THREE_DEVTOOLS__ = new EventTarget();
-__THREE_DEVTOOLS__.addEventListener("observe", ({ detail }) => detail.isScene && scenes.push(detail));
-"""
-"""three.js tells developers' tools of its scenes: so the page is asked what it draws, and needs no door for tests."""
 DRAWN = """async () => {
   for (const _ of [1, 2]) await new Promise(requestAnimationFrame);
   const bodies = {};
