@@ -72,7 +72,7 @@ export function scoresTable(scores: Score[]): Table {
     rows: scores.map((each) => [
       each.position === null ? each.moment.replace("_", " the ") : `after trial ${each.position}`,
       `${each.instrument}: ${each.scale}`,
-      each.score === null ? "too few answers" : String(Math.round(100 * each.score) / 100),
+      each.score === null ? "answers missing" : String(Math.round(100 * each.score) / 100),
       `${each.least} to ${each.most}`,
     ]),
   };
