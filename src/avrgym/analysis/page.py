@@ -27,8 +27,8 @@ a { color: var(--accent); }
 .badge { display: inline-block; padding: .1rem .5rem; margin: 0 .4rem .4rem 0; font-size: .85rem; }
 .scroll { overflow-x: auto; background: linear-gradient(to right, var(--ground) 50%, transparent) left / 2.5rem 100%,
   linear-gradient(to left, var(--ground) 50%, transparent) right / 2.5rem 100%,
-  linear-gradient(to right, var(--faint), transparent) left / .7rem 100%,
-  linear-gradient(to left, var(--faint), transparent) right / .7rem 100%;
+  linear-gradient(to right, var(--rule), transparent) left / .7rem 100%,
+  linear-gradient(to left, var(--rule), transparent) right / .7rem 100%;
   background-repeat: no-repeat; background-attachment: local, local, scroll, scroll; }
 .scroll svg { min-width: 27rem; }
 table { border-collapse: collapse; margin: 1rem 0; overflow-wrap: normal; }
