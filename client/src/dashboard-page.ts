@@ -1,5 +1,6 @@
 import type { Action, Furniture, Overview, Participant, Study } from "./dashboard-study";
 import {
+  answeredItems,
   beginWords,
   buildTable,
   moment,
@@ -139,9 +140,11 @@ export class Dashboard {
     this.fill("language", languages, () => Object.entries(languages).map(([tag, name]) => new Option(name, tag)));
     element("results-words").textContent = resultsWords(overview.blinded);
     this.showTable("participants", participantsTable(summary.participants, live), (name) => this.chooser(name));
-    this.showTable("results", resultsTable(results, Object.keys(overview.items)));
+    const items = Object.keys(overview.items);
+    this.showTable("results", resultsTable(results, items));
     this.showFurniture(furniture);
-    this.fill("items", overview.items, () => Object.entries(overview.items).map(([id, text]) => line(`${id}: ${text}`)));
+    const answered = answeredItems(results, items);
+    this.fill("items", answered, () => answered.map((id) => line(`${id}: ${overview.items[id]}`)));
   }
 
   /** What is in the fields when nobody changes them, also after a form is emptied. */

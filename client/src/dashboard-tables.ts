@@ -31,7 +31,8 @@ function textNode(text: string): Node {
 function heading(text: string, scope: "col" | "row"): HTMLTableCellElement {
   const cell = document.createElement("th");
   cell.scope = scope;
-  cell.textContent = text;
+  const parts = text.split(/(?<=_)/).flatMap((part) => [document.createElement("wbr"), part]);
+  cell.append(...parts.slice(1));
   return cell;
 }
 
@@ -67,20 +68,24 @@ export function trialsTable(trials: Trial[]): Table {
 export function scoresTable(scores: Score[]): Table {
   return {
     caption: "",
-    head: ["Asked", "Instrument", "Scale", "Score", "Range"],
+    head: ["Asked", "Scale", "Score", "Range"],
     rows: scores.map((each) => [
       each.position === null ? each.moment.replace("_", " the ") : `after trial ${each.position}`,
-      each.instrument,
-      each.scale,
-      each.score === null ? "too few answers" : String(Math.round(100 * each.score) / 100),
+      `${each.instrument}: ${each.scale}`,
+      each.score === null ? "answers missing" : String(Math.round(100 * each.score) / 100),
       `${each.least} to ${each.most}`,
     ]),
   };
 }
 
-/** One row for each condition, with a column for each statement. */
+/** Which items were answered after trials. */
+export function answeredItems(results: ConditionResults[], items: string[]): string[] {
+  return items.filter((item) => results.some(({ answer_means }) => item in answer_means));
+}
+
+/** One row for each condition, with a column for each statement that was answered. */
 export function resultsTable(results: ConditionResults[], items: string[]): Table {
-  const asked = items.filter((item) => results.some(({ answer_means }) => item in answer_means));
+  const asked = answeredItems(results, items);
   return {
     caption: results.length ? "" : "No trial is completed yet.",
     head: ["Task", "Robot", "Policy", "Who", "Trials", "Success", "Mean reward", ...asked.map((item) => `Mean ${item}`)],

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from avrgym.analysis.statistics.session_answers import AFTER, BEFORE, CHANGE, changed, values_at
+from avrgym.analysis.statistics.subjective import DIGITS
 from avrgym.analysis.statistics.tests import (
     EXACT_SIGNED_RANK,
     energy_test,
@@ -146,6 +148,24 @@ def test_the_energy_test_finds_another_place_and_another_spread(rng: np.random.G
     assert (energy_test(a + np.array([0.0, 1.5, 0.0]), b, 1, 999).p or 1.0) < 0.01
     assert (energy_test(0.2 * a, b, 1, 999).p or 1.0) < 0.05
     assert energy_test(a, b, 1, 999) == energy_test(a, b, 1, 999)
+
+
+def test_changes_of_equal_size_have_equal_ranks_whatever_a_scale_counts_in(rng: np.random.Generator) -> None:
+    steps = {moment: rng.integers(0, 12, 20).tolist() for moment in (BEFORE, AFTER)}
+
+    def change(factor: float) -> tuple[float | None, int, list[float]]:
+        given = {
+            (moment, "total"): {
+                f"sub-{who:03}": round(factor * step, DIGITS) for who, step in enumerate(each)
+            }
+            for moment, each in steps.items()
+        }
+        found = changed("total", given).found
+        return found.p, found.zeros, values_at(CHANGE, "total", given)
+
+    p, zeros, values = change(1.0)
+    assert change(3.74) == (p, zeros, pytest.approx([3.74 * value for value in values], abs=1e-12))
+    assert len(set(change(3.74)[2])) == len(set(values))
 
 
 def test_holm_keeps_the_order_and_leaves_out_what_was_not_tested() -> None:

@@ -14,14 +14,19 @@ from avrgym.study.checking.finding import Finding
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, withdraw
 from avrgym.study.storage import database, schema, seal
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.database import LEDGER_BEGUN
+from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from flips import flip_bit, noticed
 from places import DATA
 from processes import die_with_parent
 from studies import (
+    METRICS,
+    TORSO_HEIGHT_M,
     new_postgresql_database,
+    record,
     run_participant,
     small_study,
     take_in,
@@ -119,6 +124,19 @@ def test_an_edit_of_the_database_is_noticed(folder: Path, edit: str) -> None:
     assert wrong(folder) == []
     run_sql(folder, EDITS[edit])
     assert wrong(folder) != []
+
+
+@pytest.mark.parametrize("more_m", [0.0, 0.01], ids=["same", "taller"])
+def test_a_recording_of_a_body_of_another_height_is_noticed(tmp_path: Path, more_m: float) -> None:
+    with Store(small_study(tmp_path)) as store:
+        session = open_session(store, take_in(store))
+        trial = store.remaining_trials("sub-001")[0]
+        attempt = begin_attempt(store, session.id, trial.position, torso_height_m=TORSO_HEIGHT_M + more_m)
+        record(store, attempt, trial)
+        complete_attempt(store, attempt.id, METRICS)
+        close_session(store, session.id)
+    words = "was recorded with another torso height than was planned or stored"
+    assert [finding.what for finding in wrong(tmp_path)] == [words] * (more_m > 0.0)
 
 
 def test_the_end_of_chain_and_rows_cannot_be_cut_together(folder: Path) -> None:

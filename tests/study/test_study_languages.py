@@ -18,7 +18,7 @@ from avrgym.study.people.participants import add_note, edit_note, enrol, record_
 from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.texts.texts import normal, read_texts
+from avrgym.texts.texts import Said, TextsError, normal, read_texts
 from avrgym.vr.protocol.messages import Back, Language, Phase, Question, Ready
 from studies import fitting_answers, make_study
 from visit import Visit
@@ -78,6 +78,18 @@ def test_what_lacks_a_translation_is_named_with_its_line(
     with pytest.raises(DesignError, match=re.escape(words)) as refused:
         parse_design(text, folder=tmp_path)
     assert str(refused.value).startswith(f"study.toml:{line}: ")
+
+
+def test_a_study_may_have_words_for_the_page_alone(tmp_path: Path) -> None:
+    own = tmp_path / "texts" / "de.toml"
+    own.parent.mkdir()
+    own.write_text('[session]\nreach_ahead_page = "Strecken Sie beide Arme."\n')
+    texts, ahead = read_texts("de", tmp_path), Said("reach_ahead")
+    assert (texts.say(ahead), texts.say_on_page(ahead)) == (GERMAN.say(ahead), "Strecken Sie beide Arme.")
+    for wrong, words in (("reach_ahead_page = '{hand}'", "other names"), ("ahead_page = ''", "unknown")):
+        own.write_text(f"[session]\n{wrong}\n")
+        with pytest.raises(TextsError, match=words):
+            read_texts("de", tmp_path)
 
 
 def test_a_participant_reads_one_language_throughout(folder: Path, tmp_path: Path) -> None:

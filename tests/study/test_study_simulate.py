@@ -14,6 +14,9 @@ from avrgym.people.zoo.partners import PARTNERS
 from avrgym.policies.trained import PolicyError
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.summary import summarise_study
+from avrgym.study.people.participants import withdraw
+from avrgym.study.sessions import simulation
+from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.sessions.simulation import (
     Cast,
     cast_of,
@@ -109,6 +112,25 @@ def test_a_dry_run_is_a_whole_study_and_a_second_one_goes_on(folder: Path) -> No
         assert len(answers) == 10
         heights = {traits_of(person, Cast(SEED)).torso_height_m for person in store.participants()}
         assert len(heights) == 2
+
+
+def test_who_is_withdrawn_during_a_dry_run_is_no_failure(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_trial = simulation._run_trial  # pyright: ignore[reportPrivateUsage]
+
+    def run_and_withdraw(visit: StudyVisit, cast: Cast) -> None:
+        run_trial(visit, cast)
+        if visit.store.participant(visit.pseudonym).state == "allocated":
+            withdraw(visit.store, visit.pseudonym, "felt sick")
+
+    monkeypatch.setattr(simulation, "_run_trial", run_and_withdraw)
+    with Store(folder) as store:
+        simulated_participant(store, 0, Cast(SEED))
+        simulation.simulate_participant(folder, "sub-001", Cast(SEED))
+        assert store.participant("sub-001").state == "withdrawn"
+        assert [trial.state for trial in store.trials("sub-001")] == ["completed", "planned", "planned"]
+        assert [finding for finding in check_study(store) if finding.wrong] == []
 
 
 def test_another_seed_does_not_go_on_with_earlier_people(folder: Path) -> None:

@@ -17,9 +17,9 @@ from avrgym.people.names import IMPAIRMENTS, Impairment
 from avrgym.recording.files import read_recording
 from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.tasks.registry import TASKS
-from avrgym.vr.emulation.in_process import InProcessClient
+from avrgym.vr.emulation.in_process import STATE_EVERY_TICKS, InProcessClient
 from avrgym.vr.emulation.simulated_participant import RATINGS, SimulatedParticipant, draw_traits
-from avrgym.vr.protocol.messages import State, Tracking, XRPose, decode_client, encode
+from avrgym.vr.protocol.messages import Sent, State, Tracking, XRPose, decode_client, encode
 from avrgym.vr.protocol.webxr import Registration, is_valid
 from avrgym.vr.session.attempt import Experience
 from avrgym.vr.session.session import Session
@@ -210,12 +210,21 @@ def test_participants_rate_the_same_more_and_less_leniently_and_never_quite_alik
 
 
 def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
-    phases: list[str] = []
+    phases, seen = list[str](), list[int]()
     client = InProcessClient(participant(1), phases.append)
     trials = plan(practice=True, seeds=(1, 2), trial_steps=5)
-    session = Session(trials, driving(trials), tmp_path, client.hear, "whole")
+
+    def send(message: Sent) -> None:
+        if isinstance(message, State):
+            seen.append(message.sequence)
+        client.hear(message)
+
+    session = Session(trials, driving(trials), tmp_path, send, "whole", state_every_ticks=STATE_EVERY_TICKS)
     client.run(session)
     assert phases[-1] == "finished (trial 2 of 2)"
+    assert set(np.diff(seen)) == {2, 3}, (
+        "a state that is due when a control step ends is that of the next tick"
+    )
     practice, trial = (read_recording(path) for path in session.recordings)
     assert practice.complete
     assert trial.complete

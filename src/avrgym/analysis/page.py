@@ -25,10 +25,14 @@ a { color: var(--accent); }
 .notice, .badge { background: var(--warning-ground); color: var(--warning); border-radius: .3rem; }
 .notice { padding: .75rem 1rem; }
 .badge { display: inline-block; padding: .1rem .5rem; margin: 0 .4rem .4rem 0; font-size: .85rem; }
-.scroll { overflow-x: auto; }
+.scroll { overflow-x: auto; background: linear-gradient(to right, var(--ground) 50%, transparent) left / 2.5rem 100%,
+  linear-gradient(to left, var(--ground) 50%, transparent) right / 2.5rem 100%,
+  linear-gradient(to right, var(--rule), transparent) left / .7rem 100%,
+  linear-gradient(to left, var(--rule), transparent) right / .7rem 100%;
+  background-repeat: no-repeat; background-attachment: local, local, scroll, scroll; }
 .scroll svg { min-width: 27rem; }
 table { border-collapse: collapse; margin: 1rem 0; overflow-wrap: normal; }
-caption { text-align: left; padding-bottom: .3rem; }
+caption { text-align: left; padding-bottom: .3rem; max-width: 88vw; }
 th, td { padding: .3rem .8rem .3rem 0; border-bottom: 1px solid var(--rule); text-align: left;
   vertical-align: top; }
 td.text { min-width: 4.5rem; }

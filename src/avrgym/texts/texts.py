@@ -23,7 +23,8 @@ NAMED = 5
 """As many missing keys are named; of more, how many there are."""
 _NUMBER = re.compile(r"^(\d+)\.(\d+)$")
 ON_PAGE = "_page"
-"""A text whose key ends so is for somebody who takes part on the page, without a headset."""
+"""A text whose key ends so is for somebody who takes part on the page, without a headset; every key under
+``session`` may have one."""
 
 
 class TextsError(ValueError):
@@ -161,14 +162,18 @@ def _read(text: str, name: str) -> File:
 
 
 def _check(texts: Texts, where: str) -> None:
-    """Raise ``TextsError`` unless these are all the texts that English has, with the same names in their braces."""
+    """Raise ``TextsError`` unless these are all the texts that English has, with the same names in their braces.
+
+    Those for the page alone may be more.
+    """
     if texts.direction not in DIRECTIONS:
         raise TextsError(f"{where}: direction {texts.direction!r}; allowed: {', '.join(DIRECTIONS)}")
     for table in ("session", "page"):
         wanted: Mapping[str, str] = getattr(_ENGLISH, table)
         found: Mapping[str, str] = getattr(texts, table)
         missing = [key for key in wanted if not found.get(key, "").strip()]
-        unknown = [key for key in found if key not in wanted]
+        like = {key: key if key in wanted else key.removesuffix(ON_PAGE) for key in found}
+        unknown = [key for key, english in like.items() if english not in wanted]
         if missing:
             more = f" and {len(missing) - NAMED} more" if len(missing) > NAMED else ""
             lacking = f"{', '.join(missing[:NAMED])}{more}"
@@ -176,7 +181,7 @@ def _check(texts: Texts, where: str) -> None:
         if unknown:
             raise TextsError(f"{where}: unknown {unknown[0]} in [{table}]; allowed: {', '.join(wanted)}")
         for key, text in found.items():
-            if _names(text) != (names := _names(wanted[key])):
+            if _names(text) != (names := _names(wanted[like[key]])):
                 allowed = ", ".join(f"{{{name}}}" for name in sorted(names)) or "none"
                 raise TextsError(
                     f"{where}: {key} in [{table}] has other names in braces than English; allowed: {allowed}"

@@ -7,7 +7,7 @@ import numpy as np
 
 from avrgym.analysis.rows import AnswerRow, LikertRow, SessionAnswerRow
 from avrgym.analysis.statistics.families import PARTICIPANT, Compared, Family, Question, corrected
-from avrgym.analysis.statistics.subjective import counts
+from avrgym.analysis.statistics.subjective import DIGITS, counts
 from avrgym.analysis.statistics.tests import signed_rank, spread
 from avrgym.recording.questionnaire import SESSION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
@@ -68,7 +68,7 @@ def values_at(moment: str, quantity: str, given: Given) -> list[float]:
     if moment != CHANGE:
         return list(given.get((moment, quantity), {}).values())
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
-    return [after[who] - before[who] for who in after if who in before]
+    return [round(after[who] - before[who], DIGITS) for who in after if who in before]
 
 
 def changed(quantity: str, given: Given) -> Compared:
@@ -76,7 +76,8 @@ def changed(quantity: str, given: Given) -> Compared:
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
     both = [who for who in before if who in after]
     a, b = [after[who] for who in both], [before[who] for who in both]
-    return Compared(quantity, (WORDS[AFTER], a), (WORDS[BEFORE], b), signed_rank(np.subtract(a, b)))
+    found = signed_rank(np.round(np.subtract(a, b), DIGITS))
+    return Compared(quantity, (WORDS[AFTER], a), (WORDS[BEFORE], b), found)
 
 
 def change_question(questionnaire: Questionnaire) -> Question:

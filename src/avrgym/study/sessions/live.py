@@ -104,8 +104,12 @@ class StudyVisit:
         workers: Executor | None = None,
         scenes: list[tuple[str, Person]] | None = None,
         streams: Streams | None = None,
+        state_every_ticks: int = 1,
     ) -> Session:
-        """A session in VR that runs the visit's plan or the first trials of it, and is stored as it happens."""
+        """A session in VR that runs the visit's plan or the first trials of it, and is stored as it happens.
+
+        The arguments are those of ``Session``.
+        """
         return Session(
             plan,
             self.policies,
@@ -118,6 +122,7 @@ class StudyVisit:
             workers=workers,
             scenes=scenes,
             streams=streams,
+            state_every_ticks=state_every_ticks,
         )
 
     def _observer(self) -> Observer:

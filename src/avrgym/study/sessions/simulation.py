@@ -28,7 +28,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.jobs import cores, run_all
 from avrgym.tasks.registry import TASKS
-from avrgym.vr.emulation.in_process import ANSWER_AFTER_S, InProcessClient
+from avrgym.vr.emulation.in_process import ANSWER_AFTER_S, STATE_EVERY_TICKS, InProcessClient
 from avrgym.vr.emulation.simulated_participant import (
     PARTICIPANTS,
     SimulatedParticipant,
@@ -129,8 +129,17 @@ def _simulate_where_seen(folder: Path, pseudonym: str, cast: Cast) -> None:
 
 
 def simulate_participant(folder: Path, pseudonym: str, cast: Cast) -> None:
-    """Let one simulated participant go through all trials that remain, in this process."""
-    with Store(folder) as store, StudyVisit(store, pseudonym) as visit:
+    """Let one simulated participant go through all trials that remain, in this process, unless they are withdrawn."""
+    with Store(folder) as store:
+        try:
+            _attend(store, pseudonym, cast)
+        except RuntimeError:
+            if store.participant(pseudonym).state not in GONE:
+                raise
+
+
+def _attend(store: Store, pseudonym: str, cast: Cast) -> None:
+    with StudyVisit(store, pseudonym) as visit:
         chance = _random(cast.seed, visit.stored.participant)
         _answer(visit, "before_session", chance)
         for _ in store.remaining_trials(pseudonym):
@@ -162,7 +171,8 @@ def _run_trial(visit: StudyVisit, cast: Cast) -> None:
     traits = traits_of(visit.store.participant(visit.pseudonym), cast)
     participant = SimulatedParticipant(traits, plan.trials[number - 1].seed, plan.furniture)
     client = InProcessClient(participant, lambda text: None)
-    session = visit.session(replace(plan, trials=plan.trials[:number]), client.hear)
+    reached = replace(plan, trials=plan.trials[:number])
+    session = visit.session(reached, client.hear, state_every_ticks=STATE_EVERY_TICKS)
     client.run(session)
 
 

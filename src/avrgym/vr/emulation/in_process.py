@@ -14,6 +14,9 @@ ANSWER_AFTER_S = 1.5
 MOST_TRIES = 4
 """How often a participant presses the trigger to begin a trial before they give up."""
 TRACKING_EVERY_TICKS = 2
+STATE_EVERY_TICKS = 2
+"""How often participants of dry runs see the world. What they do follows from when they see it, to the last bit: with
+another number the same seed gives another study."""
 
 
 class InProcessClient:

@@ -19,9 +19,10 @@ NOTHING_FELT = messages.Feedback(left_touched=False, right_touched=False, events
 class Reporter:
     """Sends states and feedback of the world that stands; call ``tick`` once a tick."""
 
-    def __init__(self, send: Send) -> None:
-        self._send = send
-        self._ticks = 0
+    def __init__(self, send: Send, state_every_ticks: int = 1) -> None:
+        """With ``state_every_ticks`` above 1 a state that is due when a control step ends is that of the next tick."""
+        self._send, self._state_every_ticks = send, state_every_ticks
+        self._ticks, self._state_due = 0, state_every_ticks
         self._felt = NOTHING_FELT
         self._touched = False, False
         self._world: LiveWorld | None = None
@@ -40,7 +41,9 @@ class Reporter:
         if self._ticks % SUBSTEPS == 0:
             self._touched = self._touch.sides()
         self._tell_feedback(step)
-        self._send(self._state(world, tracking))
+        if self._ticks >= self._state_due and (step is None or self._state_every_ticks == 1):
+            self._state_due = self._ticks + self._state_every_ticks
+            self._send(self._state(world, tracking))
 
     def _state(self, world: LiveWorld, tracking: TrackingState) -> messages.State:
         held = {*tracking.held, *self._held_back.now()}

@@ -56,6 +56,7 @@ class Session:
         workers: Executor | None = None,
         scenes: list[tuple[str, Person]] | None = None,
         streams: Streams | None = None,
+        state_every_ticks: int = 1,
     ) -> None:
         """Start in phase ``waiting`` with a person of reference height.
 
@@ -73,6 +74,7 @@ class Session:
                 controllers are waited for.
             scenes: those of sessions before this one, which keep their addresses; the session adds its own.
             streams: those of other devices, for sessions in real time.
+            state_every_ticks: how often the world's state is sent.
         """
         trial, person = plan.first_trial - 1, Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height)
         worlds = TrialWorlds(plan, trial, person, workers or AtOnce(), [] if scenes is None else scenes)
@@ -82,7 +84,7 @@ class Session:
         self._state = SessionState(plan, drivers, identifier, send, sink, storage, worlds, trial, person)
         self._called_off = called_off
         self._streams = None if streams is None else StreamRecording(streams, self._state)
-        self._reporter = Reporter(send)
+        self._reporter = Reporter(send, state_every_ticks)
         self._ticked_s: float | None = None
         self._enter(Waiting(self._state))
 
