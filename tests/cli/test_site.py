@@ -101,7 +101,7 @@ def test_every_kind_of_page_is_accessible(site: dict[Path, Page]) -> None:
             page.wait_for_load_state("networkidle")
             found[name] = violations(page)
         browser.close()
-    assert found == dict.fromkeys(shown, [])
+    assert found == {name: [] for name in shown}
 
 
 def test_the_reference_has_every_command_message_and_topic(site: dict[Path, Page]) -> None:
