@@ -33,7 +33,7 @@ def tables(episodes: int) -> Iterator[str]:
             for robot in ROBOTS
             for policy, people in POLICIES.items()
         }
-        yield from (f"#### {task}", "")
+        yield from (f"### {task}", "")
         yield "| | " + " | ".join(sums) + " |"
         yield "|---" * (len(sums) + 1) + "|"
         for name in dict.fromkeys(name for found in sums.values() for part in found for name in part):

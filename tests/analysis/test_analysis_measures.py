@@ -1,9 +1,14 @@
 """What a recording tells about the body: kinematics as MuJoCo's, targets that hold until they change."""
 
+from dataclasses import replace
+from math import fsum
+
+import msgspec
 import mujoco
 import numpy as np
 import pytest
 
+from avrgym.analysis.reading import observations
 from avrgym.analysis.reading.measures import head_centres, measure
 from avrgym.models import human
 from avrgym.models.human import JOINTS, LOWER_RAD, RECLINED, SEATED, UPPER_RAD, People, Person, Posture
@@ -59,3 +64,15 @@ def test_without_targets_or_a_known_body_there_is_none(targets: list, metadata: 
     measured = measure(_recorded(targets, metadata), SEATED)
     assert measured.body is None
     assert measured.times_s == [0.1, 0.2, 0.3]
+
+
+def test_rewards_are_added_up_one_by_one_whatever_sum_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Since Python 3.12 ``sum`` makes up for rounding, and a session's total does not."""
+    monkeypatch.setattr(observations, "sum", fsum, raising=False)
+    measured = measure(_recorded([], {}), SEATED)
+    steps = [msgspec.structs.replace(measured.steps[0], reward=0.1) for _ in range(10)]
+    total = 0.0
+    for step in steps:
+        total += step.reward
+    assert total != fsum(step.reward for step in steps)
+    assert observations._step_metrics(replace(measured, steps=steps))["reward_recorded"] == total

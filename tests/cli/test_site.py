@@ -10,7 +10,10 @@ from pathlib import Path
 from urllib.parse import unquote, urldefrag
 
 import pytest
+from playwright.sync_api import sync_playwright
 
+from accessibility import violations
+from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from pages import DOCS
 from places import ROOT
 
@@ -83,6 +86,22 @@ def test_nothing_is_loaded_from_the_network(site: dict[Path, Page]) -> None:
     lazily_loaded = "mermaid", "glightbox", "pyodide", "ace-editor"
     text = "".join(file.read_text() for file in site)
     assert [name for name in lazily_loaded if f'class="{name}' in text] == []
+
+
+def test_every_kind_of_page_is_accessible(site: dict[Path, Page]) -> None:
+    """Text, code and pictures, wide tables, and the longest reference; the checker's every rule."""
+    shown = {"index.html", "vr.html", "policies.html", "reference/study_file.html"}
+    assert shown <= {file.relative_to(SITE).as_posix() for file in site}
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        page = browser.new_page()
+        found = {}
+        for name in sorted(shown):
+            page.goto((SITE / name).as_uri())
+            page.wait_for_load_state("networkidle")
+            found[name] = violations(page)
+        browser.close()
+    assert found == {name: [] for name in shown}
 
 
 def test_the_reference_has_every_command_message_and_topic(site: dict[Path, Page]) -> None:

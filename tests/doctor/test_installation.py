@@ -30,9 +30,15 @@ def test_what_the_package_asks_for_is_what_its_metadata_say() -> None:
     assert {"mujoco", "numpy", "gymnasium"} <= by_itself
     assert {each.name for each in installation.asked_for("browser")} == {"playwright"}
     assert not by_itself & {
-        each.name for extra in installation.EXTRAS for each in installation.asked_for(extra)
+        each.name for extra in installation.offered_extras() for each in installation.asked_for(extra)
     }
     assert installation.packages(installation.asked_for()).state == "ok"
+
+
+def test_every_extra_but_the_developers_is_told() -> None:
+    offered = set(installation.offered_extras())
+    assert {"train", "lsl", "foxglove", "usd", "cluster"} <= offered
+    assert not {"dev", "docs"} & offered
 
 
 def test_an_extra_that_is_missing_is_no_trouble_and_one_in_another_version_is() -> None:

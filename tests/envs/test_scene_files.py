@@ -17,7 +17,8 @@ from avrgym.tasks.episodes import Episodes
 STEPS = 100
 SIX_DIGITS_M = 1e-5
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-SCENES = ["avrgym/FeedingPR2-v1", "avrgym/BedBathingJaco-v1"]
+SCENES = {"avrgym/FeedingPR2-v1": "none", "avrgym/BedBathingJaco-v1": "tremor"}
+CHAIR, BED = SCENES
 
 
 def begun(environment: str, impairment: str = "none") -> Episodes:
@@ -38,7 +39,9 @@ def at_start(model: mujoco.MjModel, folder: Path) -> mujoco.MjData:
 def written(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Episodes, Path]:
-    episodes, folder = begun(request.param), tmp_path_factory.mktemp("scene") / "out"
+    """A scene at its start, and the folder it is written into."""
+    episodes = begun(request.param, SCENES[request.param])
+    folder = tmp_path_factory.mktemp("scene") / "out"
     write_scene(episodes, folder)
     return episodes, folder
 
@@ -72,24 +75,23 @@ def test_the_mjcf_shows_person_and_robot_and_says_what_it_lacks(written: tuple[E
     assert json.loads((folder / START).read_text())["environment"] == episodes.environment_id
 
 
-def test_the_mjb_steps_to_the_same_bits(tmp_path: Path) -> None:
-    for number, (environment, impairment) in enumerate([(SCENES[0], "none"), (SCENES[1], "tremor")]):
-        episodes, folder = begun(environment, impairment), tmp_path / str(number)
-        write_scene(episodes, folder)
-        model = mujoco.MjModel.from_binary_path(str(folder / MJB))
-        data = at_start(model, folder)
-        for _ in range(STEPS):
-            episodes.simulation.step(1)
-            mujoco.mj_step(model, data)
-        state = np.empty(mujoco.mj_stateSize(model, STATE))
-        mujoco.mj_getState(model, data, state, STATE)
-        np.testing.assert_array_equal(state, episodes.simulation.integration_state())
+def test_the_mjb_steps_to_the_same_bits(written: tuple[Episodes, Path]) -> None:
+    """Episodes step on from where they were written: the other tests look at files alone."""
+    episodes, folder = written
+    model = mujoco.MjModel.from_binary_path(str(folder / MJB))
+    data = at_start(model, folder)
+    for _ in range(STEPS):
+        episodes.simulation.step(1)
+        mujoco.mj_step(model, data)
+    state = np.empty(mujoco.mj_stateSize(model, STATE))
+    mujoco.mj_getState(model, data, state, STATE)
+    np.testing.assert_array_equal(state, episodes.simulation.integration_state())
 
 
 def test_usd_shows_the_scene_where_it_stands(tmp_path: Path) -> None:
     Usd = pytest.importorskip("pxr.Usd", reason="`pip install avrgym[usd]` brings what reads USD")
     UsdGeom = import_module("pxr.UsdGeom")
-    episodes = begun(SCENES[1])
+    episodes = begun(BED)
     write_usd(episodes, tmp_path / USD)
     stage = Usd.Stage.Open(str(tmp_path / USD))
     assert UsdGeom.GetStageUpAxis(stage) == "Z"
@@ -111,12 +113,12 @@ def test_the_command_overwrites_nothing_and_names_what_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = CliRunner().invoke
-    said = run(app, ["export", "scene", SCENES[1], str(tmp_path)])
+    said = run(app, ["export", "scene", CHAIR, str(tmp_path)])
     assert (said.exit_code, "exists; scenes go into a new folder" in said.output) == (1, True)
     monkeypatch.setattr("avrgym.cli.export.find_spec", lambda _: None)
-    said = run(app, ["export", "scene", SCENES[1], str(tmp_path / "new"), "--usd"])
+    said = run(app, ["export", "scene", CHAIR, str(tmp_path / "new"), "--usd"])
     assert (said.exit_code, "pip install avrgym[usd]" in said.output) == (1, True)
     assert not (tmp_path / "new").exists()
-    said = run(app, ["export", "scene", SCENES[1], str(tmp_path / "new")])
+    said = run(app, ["export", "scene", CHAIR, str(tmp_path / "new")])
     assert said.exit_code == 0
     assert sorted(file.name for file in (tmp_path / "new").glob("scene.*")) == [MJB, MJCF]

@@ -8,6 +8,7 @@ import pytest
 from playwright.sync_api import Browser, Page, Playwright, expect, sync_playwright
 from test_replay_shown import nothing, recording  # noqa: F401
 
+from accessibility import violations
 from avrgym.replay.server import ReplayServer
 from avrgym.replay.timeline import timeline_of
 from avrgym.study.dashboard.application import dashboard_app
@@ -113,6 +114,7 @@ def test_the_dashboard_shows_study_and_picture(browser: Browser, server: LiveSer
         expect(page.locator("#title")).to_have_text("A study", timeout=PATIENCE_MS)
         inside = page.frame_locator("iframe")
         expect(inside.locator("#view canvas")).to_be_visible(timeout=PATIENCE_MS)
+        assert violations(page) == []
 
 
 def test_the_replay_is_shown(browser: Browser, recording) -> None:  # noqa: F811

@@ -291,6 +291,8 @@ def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Pa
     for arguments, words in (
         ((tmp_path / "none.mcap", "--verify"), "none.mcap"),
         ((tmp_path / "text.mcap", "--verify"), "not a recording"),
+        ((tmp_path / "text.mcap",), "give one of the .mcap files that `avrgym serve` writes"),
+        ((tmp_path / "study",), "study: a folder; give one of the .mcap files"),
         ((incomplete, "--verify"), f"{incomplete}: its configuration lacks 'session'"),
         ((paths[-1], "--first-person"), "goes with --video, --gif or --frames"),
         ((paths[-1], "--frames", 4), "go together"),

@@ -69,3 +69,5 @@ def test_a_wheel_in_an_empty_environment(lab: Path) -> None:
     run(lab, "avrgym", "study", "simulate", "studie", "--participants", "2")
     run(lab, "avrgym", "analyze", "studie")
     assert "simulated" in (lab / "studie" / "analysis" / "report" / "index.html").read_text()
+    python = run(lab, "python", "--version").strip()
+    print(f"\n{wheel.name} on {python}, in {lab}: doctor, demo, study and its report, no fault")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace as replace_frame
 from numpy.typing import NDArray
 
 from avrgym.recording.latency import STAGES
@@ -105,6 +106,19 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     visit.leave()
     (recording,) = visit.recordings()
     assert recording.metadata["headset_check"]["display_hz"] == 90.0
+
+
+def test_who_plays_with_a_mouse_stretches_no_arms(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, CHECKED)
+    visit.frame = lambda of=visit.frame: replace_frame(of(), left_modality="mouse", right_modality="mouse")
+    visit.tell(Entered())
+    visit.tick(5)
+    visit.tell(Ready())
+    while visit.phase == "headset_check" and not visit.said(Question):
+        visit.tick()
+    shown = [phase.text for phase in visit.said(Phase)]
+    assert any("hold still" in text for text in shown)
+    assert not any("Stretch" in text for text in shown)
 
 
 def test_who_feels_no_buzz_is_told_and_checks_again(tmp_path: Path) -> None:

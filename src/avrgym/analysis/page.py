@@ -115,13 +115,16 @@ def table(
 ) -> Markup:
     """A table that scrolls by itself where the page is narrow; ``numbers`` are the columns to align at their ends."""
     kinds = ["number" if column in numbers else "text" for column in range(len(heads))]
-    head = [tag("th", text, scope="col", class_=kind) for text, kind in zip(heads, kinds, strict=True)]
+    head = [
+        tag("th", text, scope="col", class_=kind) if text else tag("td", class_=kind)
+        for text, kind in zip(heads, kinds, strict=True)
+    ]
     body = [
         tag("tr", *(tag("td", cell, class_=kind) for cell, kind in zip(row, kinds, strict=True)))
         for row in rows
     ]
     whole = tag("table", tag("caption", caption), tag("thead", tag("tr", *head)), tag("tbody", *body))
-    return tag("div", whole, class_="scroll", tabindex=0, role="region", aria_label=caption)
+    return tag("div", whole, class_="scroll", tabindex=0, role="group", aria_label=caption)
 
 
 def brief(value: float | None) -> str:

@@ -12,6 +12,7 @@ from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
     JsonFile,
     check_json,
+    needs,
     plain_errors,
     print_regions,
     print_table,
@@ -23,6 +24,8 @@ from avrgym.vr.server.addresses import PORT
 if TYPE_CHECKING:
     from avrgym.recording.files import Recording
     from avrgym.replay.verification import Verification
+
+WHERE_RECORDINGS_ARE = "give one of the .mcap files that `avrgym serve` writes into STUDY/recordings"
 
 
 def replay(
@@ -112,7 +115,7 @@ def _naming(file: Path) -> Generator[None]:
     try:
         yield
     except RecordingError as error:  # which names its file
-        raise ValueError(str(error)) from error
+        raise ValueError(f"{error}; {WHERE_RECORDINGS_ARE}") from error
     except ReplayError as error:
         raise ValueError(f"{file}: {error}") from error
 
@@ -121,6 +124,8 @@ def _read(file: Path) -> "Recording":
     from avrgym.recording.files import read_recording
     from avrgym.replay.trial import trial_of
 
+    if file.is_dir():
+        raise ValueError(f"{file}: a folder; {WHERE_RECORDINGS_ARE}")
     recording = read_recording(file)
     trial = trial_of(recording)
     say(f"{trial.title}, {trial.result or 'broken off'} after {trial.seconds:.2f} s")
@@ -201,12 +206,8 @@ def _write_gif(recording: "Recording", gif: Path, first_person: bool) -> None:
 
 
 def _write_mcap(recording: "Recording", mcap: Path) -> None:
-    try:
+    with needs("foxglove", "--mcap needs"):
         from avrgym.replay.foxglove import write_foxglove
-    except ModuleNotFoundError as error:
-        raise ValueError(
-            f"{error.name} is missing; `pip install avrgym[foxglove]` brings what --mcap needs"
-        ) from error
     with _progress(recording, "stepping again") as advance:
         write_foxglove(recording, mcap, advance)
     when = (

@@ -282,12 +282,10 @@ def _tell_check(happened: "SessionEvent") -> None:
 def _explain(server: "LiveServer[Any]", experimenters_page: str) -> None:
     """Say which addresses to open."""
     own, *in_network = server.urls()
-    say(
-        "Headset on a USB cable (Quest, Pico): run this first, then open the address in the headset's browser"
-    )
-    say(f"    adb reverse tcp:{server.port} tcp:{server.port}")
+    say("No headset, or one connected to this computer (SteamVR, Rift S): open this in Chrome here")
     say(f"    {own}")
-    say("Headset connected to this computer (SteamVR, Rift S), or none at all: open it in Chrome here")
+    say("Headset on a USB cable (Quest, Pico): run this first, then open the same address in its browser")
+    say(f"    adb reverse tcp:{server.port} tcp:{server.port}")
     if in_network:
         _explain_network(in_network)
     say("Experimenter: watch and command here; this address is not for the participant")

@@ -6,14 +6,14 @@ from pathlib import Path
 
 from avrgym.doctor import connections, graphics, installation, machine
 from avrgym.doctor.finding import Check, Finding, fault
-from avrgym.doctor.installation import EXTRAS
+from avrgym.doctor.installation import asked_for, offered_extras
 from avrgym.vr.server.addresses import PORT
 from avrgym.vr.server.certificate import certificate_in, data_folder, lan_names
 
 CHECKS = (
     Check("Python", lambda: installation.python(platform.python_version())),
     Check("packages", lambda: installation.packages(installation.asked_for())),
-    Check("extras", lambda: installation.extras({name: installation.asked_for(name) for name in EXTRAS})),
+    Check("extras", lambda: installation.extras({name: asked_for(name) for name in offered_extras()})),
     Check("plug-ins", installation.plugins),
     Check("client", installation.client),
     Check("graphics card", graphics.card),

@@ -15,7 +15,8 @@ from avrgym.vr.server.web import HOW_TO_GET_PAGES, PAGES, ServerError, check_pag
 
 SHOWN = ("mujoco", "numpy", "gymnasium")
 """The packages whose versions most reports of bugs need."""
-EXTRAS = ("train", "gpu", "browser", "onnx", "export", "video", "pettingzoo", "postgresql")
+FOR_DEVELOPERS = ("dev", "docs")
+"""The extras that only work on AVR Gym itself needs."""
 
 
 def python(running: str, asked: str | None = None) -> Finding:
@@ -42,6 +43,11 @@ def asked_for(extra: str = "") -> list[Requirement]:
     """What the installed AVR Gym asks for by itself, or for one of its extras alone."""
     needed = [Requirement(each) for each in requires("avrgym") or ()]
     return [each for each in needed if _applies(each, extra) and not (extra and _applies(each, ""))]
+
+
+def offered_extras() -> list[str]:
+    """The extras of the installed AVR Gym that its users may want."""
+    return [each for each in metadata("avrgym").get_all("Provides-Extra") or () if each not in FOR_DEVELOPERS]
 
 
 def _applies(needed: Requirement, extra: str) -> bool:

@@ -111,8 +111,10 @@ class CheckAtRest(Measuring):
         super().__init__(state, measurement)
         self.seconds = self._durations.at_rest_s
 
-    def time_over(self) -> CheckStretched:
-        return CheckStretched(self.state, self._measurement)
+    def time_over(self) -> CheckStretched | CheckMoving:
+        """Somebody who plays with a mouse has no arms to stretch."""
+        with_mouse = "mouse" in self.state.tracking.modalities
+        return (CheckMoving if with_mouse else CheckStretched)(self.state, self._measurement)
 
 
 class CheckStretched(Measuring):
