@@ -139,6 +139,25 @@ def test_where_a_policy_drives_nobody_else_does(tmp_path: Path) -> None:
     assert visit.said(Status)[-1].operated is False
 
 
+def after(world: LiveWorld, seconds: float) -> np.ndarray:
+    """Where the hand is once so much more is simulated, however long that takes here."""
+    until_s, give_up_s = world.time_s + seconds, time.monotonic() + PATIENCE_MS / 1000
+    while world.time_s < until_s:
+        assert time.monotonic() < give_up_s
+        time.sleep(TICK_S)
+    return hand_pos_w(world)
+
+
+def at_rest(world: LiveWorld) -> np.ndarray:
+    """Where the hand comes to rest."""
+    give_up_s = time.monotonic() + PATIENCE_MS / 1000
+    before, now = hand_pos_w(world), after(world, 0.3)
+    while np.abs(now - before).max() > 1e-3:
+        assert time.monotonic() < give_up_s
+        before, now = now, after(world, 0.3)
+    return now
+
+
 @contextmanager
 def attended(server: LiveServer[Session]) -> Iterator[None]:
     """Somebody takes part in a server's session, in this process."""
@@ -186,19 +205,16 @@ def test_an_experimenter_drives_with_the_keyboard_in_the_dashboard(tmp_path: Pat
             expect(panel).to_be_visible(timeout=PATIENCE_MS)
             expect(words).to_have_text("The robot holds still.", timeout=PATIENCE_MS)
             world = server.session.world
-            before = hand_pos_w(world)
+            before = at_rest(world)
             page.keyboard.down("KeyE")
-            page.wait_for_timeout(300)
-            np.testing.assert_allclose(hand_pos_w(world), before, atol=1e-3)
+            np.testing.assert_allclose(after(world, 0.3), before, atol=1e-3)
             page.keyboard.down("Space")
             expect(words).to_have_text("You drive the robot.", timeout=PATIENCE_MS)
             page.keyboard.down("KeyK")
-            page.wait_for_timeout(500)
+            while hand_pos_w(world)[2] < before[2] + 0.02:
+                after(world, TICK_S)
             page.keyboard.up("Space")
             expect(words).to_have_text("The robot holds still.", timeout=PATIENCE_MS)
-            risen = hand_pos_w(world)
-            assert risen[2] > before[2] + 0.01
-            page.wait_for_timeout(300)
-            np.testing.assert_allclose(hand_pos_w(world), risen, atol=1e-2)
+            assert at_rest(world)[2] > before[2] + 0.01
             assert server.session.phase == "trial", "K skips no trial while the hand is driven"
         browser.close()
