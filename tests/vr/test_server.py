@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -628,6 +628,24 @@ def speak_and_fall_silent(server: LiveServer, raw: socket.socket) -> None:
 # Scenes are rendered elsewhere -------------------------------------------------------------------------------
 
 
+class Pool(ThreadPoolExecutor):
+    """As a pool of processes, takes nothing more once one of them has ended."""
+
+    broken = False
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        if self.broken:
+            raise BrokenProcessPool("killed")
+        return super().submit(self._run, fn, *args)
+
+    def _run(self, fn: Callable[..., Any], *args: Any) -> Any:
+        try:
+            return fn(*args)
+        except BrokenProcessPool:
+            self.broken = True
+            raise
+
+
 class Rendering:
     """Stands in for the process that renders."""
 
@@ -640,7 +658,7 @@ class Rendering:
 
     def _make(self) -> ThreadPoolExecutor:
         self.pools += 1
-        return ThreadPoolExecutor(1)
+        return Pool(1)
 
     def _render(self, environment: str, person: Person) -> bytes:
         time.sleep(0.02)
@@ -678,12 +696,21 @@ def test_a_failure_is_told_to_all_and_tried_again(rendering: Rendering) -> None:
     rendering.failure = ValueError("no mesh")
     assert [str(error) for error in ask(0, 0, renderer=renderer)] == ["no mesh", "no mesh"]
     rendering.failure = BrokenProcessPool("killed")
-    ask(0, renderer=renderer)
+    assert [str(error) for error in ask(0, 1, renderer=renderer)] == ["killed", "killed"]
     rendering.failure = None
     assert ask(0, renderer=renderer) == [b"0"]
     renderer.close()
-    assert rendering.rendered == ["0"] * 3
+    assert rendering.rendered == ["0", "0", "1", "0"]
     assert rendering.pools == 2
+
+
+def test_what_is_rendered_ahead_is_there_when_it_is_asked_for(rendering: Rendering) -> None:
+    renderer = SceneRenderer()
+    ahead = renderer.render(0, "0", Person())
+    assert ask(0, renderer=renderer) == [b"0"]
+    assert ahead.done()
+    renderer.close()
+    assert rendering.rendered == ["0"]
 
 
 def test_only_the_newest_scenes_are_kept(rendering: Rendering) -> None:

@@ -157,6 +157,7 @@ def serve(
             reach=reach,
         )
         with LiveServer(make_session, address, port, certificate) as server:
+            server.render_ahead()
             _explain(server, "spectator")
             _wait(server)
 
@@ -203,6 +204,7 @@ def _serve_study(
             tokens=Tokens.kept(folder / PRIVATE / "tokens.json"),
         ) as server,
     ):
+        server.render_ahead()
         _explain(server, "dashboard")
         _wait(server)
 
@@ -328,6 +330,7 @@ def view(
             lambda send: Viewing(env, policy, people, seed, send, impairment), "127.0.0.1", port
         ) as server,
     ):
+        server.render_ahead()
         say("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
         say(f"    {server.urls('spectator', server.tokens.experimenter)[0]}")
         _wait(server)

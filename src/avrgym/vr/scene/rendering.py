@@ -2,8 +2,11 @@
 
 import asyncio
 import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from typing import ParamSpec, TypeVar
 
 import mujoco
 
@@ -14,8 +17,15 @@ from avrgym.system.children import end_with_parent, undisturbed
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.scene.scene_export import export_glb
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
 SCENES_KEPT = 10
 """All eight environments, and a little more: each is about two megabytes."""
+
+
+def loaded() -> None:
+    """What a process can do once it has loaded all that rendering needs."""
 
 
 def render_scene(environment_id: str, person: Person) -> bytes:
@@ -35,29 +45,41 @@ class SceneRenderer:
 
     def __init__(self) -> None:
         self._pool = rendering_process()
-        self._scenes: dict[int, asyncio.Task[bytes]] = {}
+        self._scenes: dict[int, Future[bytes]] = {}
+        self._lock = threading.Lock()
+
+    def start(self) -> None:
+        """Start the process, so that the first scene does not wait for it."""
+        with self._lock:
+            self._submit(loaded)
+
+    def render(self, number: int, environment_id: str, person: Person) -> Future[bytes]:
+        """Have the scene of a number rendered, unless it already is."""
+        with self._lock:
+            if number not in self._scenes:
+                self._scenes[number] = self._submit(render_scene, environment_id, person)
+                while len(self._scenes) > SCENES_KEPT:
+                    del self._scenes[next(iter(self._scenes))]
+            return self._scenes[number]
 
     async def glb(self, number: int, environment_id: str, person: Person) -> bytes:
         """The scene of a number; a failure is raised to all who wait, and the next request tries again."""
-        if number not in self._scenes:
-            self._scenes[number] = asyncio.create_task(self._render(environment_id, person))
-            while len(self._scenes) > SCENES_KEPT:
-                del self._scenes[next(iter(self._scenes))]
+        scene = self.render(number, environment_id, person)
         try:
-            return await asyncio.shield(self._scenes[number])
+            return await asyncio.shield(asyncio.wrap_future(scene))
         except Exception:
-            self._scenes.pop(number, None)
+            with self._lock:
+                if self._scenes.get(number) is scene:
+                    del self._scenes[number]
             raise
 
-    async def _render(self, environment_id: str, person: Person) -> bytes:
-        events = asyncio.get_running_loop()
-        try:
-            with undisturbed():
-                rendered = events.run_in_executor(self._pool, render_scene, environment_id, person)
-            return await rendered
-        except BrokenProcessPool:
-            self._pool = rendering_process()
-            raise
+    def _submit(self, work: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> Future[R]:
+        with undisturbed():
+            try:
+                return self._pool.submit(work, *args, **kwargs)
+            except BrokenProcessPool:
+                self._pool = rendering_process()
+                return self._pool.submit(work, *args, **kwargs)
 
     def close(self) -> None:
         """End the process."""

@@ -21,6 +21,8 @@ Numbers = NDArray[Any]
 
 BONES_PER_VERTEX = 4
 TWISTING = ("upper_arm", "forearm")
+TOGETHER_M = 1e-5
+"""Vertices of two skins that are no further apart are one place."""
 
 
 @dataclass(frozen=True)
@@ -123,9 +125,8 @@ def closed(skin: Skin, other: Skin) -> Skin:
 
 def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
     """The edges (E, 2) at which a skin ends and another goes on, in the direction of the skin's own triangles."""
-    together = np.concatenate([skin.vertices, other.vertices]).round(5)
-    _, place = np.unique(together, axis=0, return_inverse=True)
-    own_place, other_place = np.split(place.ravel(), [len(skin.vertices)])
+    together = np.concatenate([skin.vertices, other.vertices])
+    own_place, other_place = np.split(_places(together), [len(skin.vertices)])
     places, vertices = np.unique(own_place, return_index=True)
     own, others = _edges(own_place[skin.faces]), _edges(other_place[other.faces])
     turned = _edge_numbers(own[:, ::-1], len(together))
@@ -133,6 +134,14 @@ def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
     ends = ~np.isin(turned, _edge_numbers(own, len(together)))
     rim = np.unique(own[goes_on & ends], axis=0)
     return vertices[np.searchsorted(places, rim)]
+
+
+def _places(points: Array) -> NDArray[np.int64]:
+    """A number (V,) for each point (V, 3), the same where they lie together, in the order of x, y and z."""
+    steps = np.round(points / TOGETHER_M).astype(np.int64)
+    steps -= steps.min(axis=0)
+    cells = np.ravel_multi_index(tuple(steps.T), tuple(steps.max(axis=0) + 1))
+    return np.unique(cells, return_inverse=True)[1]
 
 
 def _edges(faces: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -177,6 +177,12 @@ class LiveServer(Generic[S]):
         if failure in (None, KeyboardInterrupt) and self.loop.error is not None:
             raise ServerError(str(self.loop.error)) from self.loop.error
 
+    def render_ahead(self) -> None:
+        """Have the newest scene rendered before a browser asks for it, or all made ready where there is none yet."""
+        self._renderer.start()
+        for number, scene in list(enumerate(self.session.scenes))[-1:]:
+            self._renderer.render(number, *scene)
+
     def wait(self) -> None:
         """Wait until the server ends or the simulation fails."""
         while self._web.running and self.loop.error is None:
