@@ -63,8 +63,10 @@ function beyondDeadZone(value: number): number {
   return (Math.sign(value) * Math.max(0, Math.abs(value) - DEAD_ZONE)) / (1 - DEAD_ZONE);
 }
 
+const DRIVEN_IN: Status["phase"][] = ["trial", "viewing"];
+
 export function drivingWords(status: Status): string {
-  if (status.phase !== "trial") return "You drive in this trial. The robot holds still until it begins.";
+  if (!DRIVEN_IN.includes(status.phase)) return "You drive in this trial. The robot holds still until it begins.";
   return status.idle ? "The robot holds still." : "You drive the robot.";
 }
 

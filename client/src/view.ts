@@ -14,6 +14,8 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 const EYE_W = new Vector3(0.93, -1.57, 1.4);
 /** What eyes see across the shorter side of a picture, so that a phone held upright shows no less beside them. */
 const EYES_ANGLE = 75;
+/** From the lower to the upper edge of what the card leaves free of the scene, degrees. */
+const SCENE_ANGLE = 45;
 const REFLECTION = 0.5;
 /** Nearer than this two spectators stand and look alike. */
 const ALIKE_M = 1e-6;
@@ -83,10 +85,10 @@ export class View {
     const area = this.holder.getBoundingClientRect();
     const { width, height } = area;
     this.renderer.setSize(width, height);
-    this.spectator.fov = width > height ? 45 : 62;
     this.controls.enabled = !this.borrowed;
     const [x, y] = offset(area, this.card.getBoundingClientRect());
-    if (this.borrowed) this.borrowed.fov = heightOf(EYES_ANGLE, width, height);
+    this.spectator.fov = timesAsHigh(height / Math.max(height - 2 * y, height / 4), SCENE_ANGLE);
+    if (this.borrowed) this.borrowed.fov = timesAsHigh(Math.max(height / width, 1), EYES_ANGLE);
     for (const camera of [this.spectator, this.borrowed]) {
       if (!camera) continue;
       camera.aspect = width / height;
@@ -145,10 +147,9 @@ export class View {
   }
 }
 
-/** The angle from the lower to the upper edge of a picture that shows `across` along its shorter side; degrees. */
-function heightOf(across: number, width: number, height: number): number {
-  const half = Math.tan((across * Math.PI) / 360) * Math.max(height / width, 1);
-  return (Math.atan(half) * 360) / Math.PI;
+/** The angle, degrees, that so many times the height of another takes up. */
+function timesAsHigh(times: number, angle: number): number {
+  return (Math.atan(Math.tan((angle * Math.PI) / 360) * times) * 360) / Math.PI;
 }
 
 /** By how much a picture is moved, px, to leave free what a card covers at its left or its lower edge. */

@@ -1,5 +1,6 @@
 import { describe, expect, it } from "vitest";
-import { gamepadWish, keysWish } from "../src/driving";
+import { drivingWords, gamepadWish, keysWish } from "../src/driving";
+import type { Status } from "../src/messages";
 
 const still = [0, 0, 0];
 
@@ -33,5 +34,17 @@ describe("the operator's gamepad", () => {
     expect(gamepadWish(pad([0.1, -0.1, 0.1, 0.1], { 4: 1 }))).toMatchObject({ linear: [0, 0, 0], angular: [0, 0, 0] });
     const { linear, angular } = gamepadWish(pad([1, 1, -1, -1], { 4: 1, 7: 1, 12: 1 }));
     expect([linear, angular]).toEqual([[-1, -1, 1], [1, -1, 1]]);
+  });
+});
+
+describe("the words beside the keys", () => {
+  const words = (phase: Status["phase"], idle: boolean) => drivingWords({ phase, idle } as Status);
+
+  it("say who moves the robot, in a trial and where an environment is viewed", () => {
+    for (const phase of ["trial", "viewing"] as const) {
+      expect(words(phase, false)).toBe("You drive the robot.");
+      expect(words(phase, true)).toBe("The robot holds still.");
+    }
+    expect(words("countdown", true)).toContain("until it begins");
   });
 });

@@ -164,6 +164,11 @@ def test_the_operator_drives_from_the_page_and_lets_go():
     watcher.run(0.3)
     moved = place(watcher.heard(State)[-1])
     assert np.abs(moved - rest).max() > 0.005
+    watcher.viewing.receive(Drive(engaged=True, linear=(0, 0, 1), angular=(0, 0, 0)), 0.5)
+    watcher.command("pause")
+    assert watcher.heard(Status)[-1].idle
+    watcher.command("continue")
+    assert not watcher.heard(Status)[-1].idle
     watcher.run(1.0)
     assert watcher.heard(Status)[-1].idle
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from avrgym.cli.options import PEOPLE, Impairment, Seed
-from avrgym.cli.terminal import plain_errors, say
+from avrgym.cli.terminal import needs, plain_errors, say
 
 app = typer.Typer(no_args_is_help=True, help="Write policies and scenes for other programs.")
 
@@ -26,10 +26,8 @@ def export_policy(
     from avrgym.policies.trained import Policy
 
     with plain_errors():
-        try:
+        with needs("onnx", "ONNX files need"):
             from avrgym.policies.onnx_export import write_onnx
-        except ModuleNotFoundError as error:
-            raise ValueError(f"{error.name} is missing; `pip install avrgym[onnx]` brings it") from error
         found = find(policy, env)
         if not isinstance(found, Policy):
             raise ValueError(

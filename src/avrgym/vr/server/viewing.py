@@ -186,7 +186,7 @@ class Viewing:
             left_modality="none",
             right_modality="none",
             operated=isinstance(self._driver, Operator),
-            idle=self._driver.idle,
+            idle=self.at_rest or self._driver.idle,
             latency=[],
             streams=[],
         )
