@@ -78,10 +78,11 @@ def test_the_timeline_tells_rewards_phases_and_answers(recording: Recording) -> 
     control = [record for _, record in recording.topics["/control"]]
     assert timeline.steps.reward[-1] == pytest.approx(sum(record.reward for record in control))
     assert timeline.steps.force_n == [record.force_on_person_n for record in control]
-    kinds = [happening.kind for happening in timeline.happenings]
+    happenings = [each for each in timeline.happenings if each.kind != "event"]  # a busy machine may stall
+    kinds = [happening.kind for happening in happenings]
     phases = ["free_before", "countdown", "trial", "retreat", "free_after", "questionnaire", "confirm"]
     assert kinds == [*phases, "answer", "answer", "answer", "answer"]
-    assert timeline.happenings[7].words.startswith("L1: 1 of 7: The robot successfully")
+    assert happenings[7].words.startswith("L1: 1 of 7: The robot successfully")
     assert (timeline.simulated, timeline.complete, timeline.result) == (True, True, "completed")
 
 
