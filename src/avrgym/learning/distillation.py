@@ -39,7 +39,6 @@ from avrgym.system.locks import locked
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import find_environment, sizes
 
-RECIPE = "adaptive"
 FILE = "distillation.json"
 SHOWN_FOLDER = "shown"
 MEASURED_EPISODES = 100
@@ -48,7 +47,7 @@ EXPERT_SHARE = 0.7
 WINDOW = 50
 SEQUENCES = 32
 """Episodes of one step of the optimizer."""
-PASSES, LAST_PASSES = 60, 1000
+PASSES, LAST_PASSES = 60, 600
 """How many such steps through whole episodes a round takes, and the last one."""
 LEARNING_RATE, FALL, LAST_FALL = 1e-3, 0.3, 0.01
 """The learning rate, and the share of it that is left at the end of a round and of the last."""
@@ -73,6 +72,11 @@ class Distillation:
     def rounds(self) -> int:
         """How many episodes are made in each world."""
         return -(-self.steps // (self.worlds * EPISODE_STEPS))
+
+    @property
+    def whole_steps(self) -> int:
+        """Environment steps in all."""
+        return self.rounds * self.worlds * EPISODE_STEPS
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,8 @@ def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
     with locked(out):
         learner = _Learner(configuration, out, tell)
         if (out / CHECKPOINT_FILE).exists():
+            if not (out / SHOWN_FOLDER).exists():
+                raise ValueError(f"the training in {out} is complete")
             learner.restore()
         return learner.learn()
 
@@ -121,7 +127,7 @@ def stored_distillation(out: Path) -> Distillation:
     """
     path = out / FILE
     if not path.exists():
-        raise ValueError(f"{out} holds no training by the recipe {RECIPE} to resume")
+        raise ValueError(f"{out} holds no training of an adaptive policy to resume")
     try:
         return msgspec.json.decode(path.read_bytes(), type=Distillation)
     except msgspec.DecodeError as error:
@@ -164,8 +170,6 @@ class _Learner:
     def learn(self) -> Policy:
         """Do the rounds that remain, and measure what they led to."""
         configuration, path = self._configuration, self._out / POLICY_FILE
-        if len(self._shown) == configuration.rounds and not (self._out / SHOWN_FOLDER).exists():
-            raise ValueError(f"the training in {self._out} is complete")
         (self._out / SHOWN_FOLDER).mkdir(exist_ok=True)
         for number in range(len(self._shown), configuration.rounds):
             self._round(number)
@@ -191,6 +195,7 @@ class _Learner:
         self._fit(random, last=number == configuration.rounds - 1)
         self._hear(rollout, ~by_expert)
         self._save()
+        self._say(f"round {number + 1} of {configuration.rounds}")
 
     def _order(self, number: int, by_expert: NDArray[np.bool_]) -> Order:
         """A round's episodes; those of another seed, round or world are others."""
@@ -236,7 +241,6 @@ class _Learner:
         if finished:
             reward, success = (sum(column) / len(column) for column in zip(*finished, strict=True))
             self._curve.append((self._steps, reward, success))
-        self._say(f"round {len(self._shown)} of {self._configuration.rounds}")
 
     def _say(self, stage: str) -> None:
         reward, success = self._curve[-1][1:] if self._curve else (None, None)
