@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 STEPS = 1_000_000
 """Of a training, unless another number is asked for."""
+ADAPTIVE = "adaptive"
+"""The recipe for policies that remember."""
 
 
 def envs(json_file: JsonFile = None) -> None:
@@ -77,6 +79,13 @@ def train(
         Path | None,
         typer.Option(help="A TOML file of training settings, as --help-config prints.", metavar="FILE"),
     ] = None,
+    recipe: Annotated[
+        str | None,
+        typer.Option(
+            help="How; without it by imitation, then PPO. adaptive: a policy that remembers, from the task's expert "
+            "with zoo/train and each impairment in turn.",
+        ),
+    ] = None,
     help_config: Annotated[
         bool,
         typer.Option("--help-config", help="Print the environment's training settings, and train nothing."),
@@ -105,6 +114,18 @@ def train(
         if help_config:
             say(settings_text(env))
             return
+        if recipe is not None:
+            _check_recipe(
+                recipe,
+                {
+                    "--people": people != "original",
+                    "--impairment": impairment != "none",
+                    "--config": config is not None,
+                    "--cluster": cluster is not None,
+                    "--engine": engine != THREADS,
+                    "--resume with --steps": resume and steps is not None,
+                },
+            )
         if resume and config is not None:
             raise ValueError(
                 "a training goes on with the settings it began with; --resume goes without --config"
@@ -118,6 +139,11 @@ def train(
         settings = None if config is None else read_settings(config, env)
         check_engine(engine)
         training = _training()
+        if recipe is not None:
+            folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{recipe}-{seed}"
+            _distil(env, steps, seed, worlds, folder, resume=resume)
+            say(f"policy    {folder / training.POLICY_FILE}")
+            return
         folder = out or Path("runs") / _run_name(env, people, impairment, seed)
         if resume:
             stored = training.stored_configuration(folder)
@@ -135,6 +161,48 @@ def train(
             with on_cluster(cluster, jobs) as workers, _shown(env, configuration.whole_steps, folder) as tell:
                 training.train(configuration, folder, tell, cluster=workers)
     say(f"policy    {folder / training.POLICY_FILE}")
+
+
+def _check_recipe(recipe: str, others: dict[str, bool]) -> None:
+    """Refuse recipes that there are not, and options that belong to none."""
+    if recipe != ADAPTIVE:
+        raise ValueError(f"unknown recipe {recipe!r}; allowed: {ADAPTIVE}")
+    given = [name for name, is_given in others.items() if is_given]
+    if given:
+        raise ValueError(f"--recipe {recipe} says that itself or cannot do it: leave out {', '.join(given)}")
+
+
+def _distil(
+    env: str, steps: int | None, seed: int, worlds: int | None, folder: Path, *, resume: bool
+) -> None:
+    """Train by the recipe ``ADAPTIVE``."""
+    from avrgym.learning import distillation
+
+    if resume:
+        configuration = distillation.stored_distillation(folder)
+        if configuration.environment != env:
+            raise ValueError(f"{folder} holds a training of {configuration.environment}, not of {env}")
+    else:
+        configuration = distillation.Distillation(environment=env, seed=seed)
+        configuration = replace(
+            configuration, steps=steps or configuration.steps, worlds=worlds or configuration.worlds
+        )
+    again = f"avrgym train {env} --recipe {ADAPTIVE} --resume --out {shlex.quote(str(folder))}"
+    with progress_bar(env, configuration.whole_steps, "steps", stopped=f"`{again}` goes on") as bar:
+
+        def tell(now: "training.Progress") -> None:
+            bar.show(now.steps, words=f"{env}  {now.stage}{_so_far(now)}")
+
+        if resume:
+            distillation.resume(folder, tell)
+        else:
+            distillation.distil(configuration, folder, tell)
+
+
+def _so_far(now: "training.Progress") -> str:
+    if now.reward_mean is None:
+        return ""
+    return f"  reward {now.reward_mean:.1f}  success {now.success_rate:.1%}".replace("%", " %")
 
 
 def _training() -> ModuleType:
@@ -159,10 +227,7 @@ def _shown(env: str, steps: int, folder: Path) -> "Generator[training.Tell]":
                     f"log       {log}; `tensorboard --logdir {shlex.quote(str(log))}` shows it while it grows"
                 )
             told = True
-            words = f"{env}  {now.stage}"
-            if now.reward_mean is not None:
-                words += f"  reward {now.reward_mean:.1f}  success {now.success_rate:.1%}".replace("%", " %")
-            bar.show(now.steps, words=words)
+            bar.show(now.steps, words=f"{env}  {now.stage}{_so_far(now)}")
 
         yield tell
 

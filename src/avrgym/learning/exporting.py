@@ -37,7 +37,6 @@ def export_policy(
         layer for layer in actor.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)
     ]
     layers.append(actor.action_net)
-    stride = -(-len(curve) // CURVE_POINTS) or 1
     return Policy(
         weights=tuple(layer.weight.detach().numpy().T for layer in layers),
         biases=tuple(layer.bias.detach().numpy() for layer in layers),
@@ -52,15 +51,22 @@ def export_policy(
             impairment=configuration.impairment,
             steps=steps,
             seed=configuration.seed,
-            git_commit=_git_commit(),
+            git_commit=git_commit(),
             seconds=round(seconds, 1),
-            curve=curve[::-stride][::-1],
+            curve=thinned(curve),
         ),
     )
 
 
+def thinned(curve: list[tuple[int, float, float]]) -> list[tuple[int, float, float]]:
+    """A curve with at most ``CURVE_POINTS`` of its points, the last among them."""
+    stride = -(-len(curve) // CURVE_POINTS) or 1
+    return curve[::-stride][::-1]
+
+
 @cache
-def _git_commit() -> str:
+def git_commit() -> str:
+    """The commit that this code is of; empty where nobody knows."""
     found = subprocess.run(
         ["git", "rev-parse", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent, check=False
     )

@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.policies.actors import Actor
 from avrgym.policies.trained import Policy
 from avrgym.system.carried import Carried
 from avrgym.tasks.episodes import Episodes, Step
@@ -102,12 +103,12 @@ def roll_out(policy: Policy, order: Order) -> Rollout:
     generators = [np.random.default_rng(int(seed)) for seed in order.episodes]
     seen = [worlds.begin(np.arange(count), generators).astype(np.float32)]
     expert = None if order.by_expert is None else worlds.task.reactive_expert(worlds)
-    noise = _noise(policy, order)
+    actor, noise = Actor(policy, count), _noise(policy, order)
     done: list[Floats] = []
     rewards: list[Array] = []
     returns, force_n, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
     for number in range(EPISODE_STEPS):
-        action = (policy.mean(seen[-1]) + policy.action_deviation * noise[number]).astype(np.float32)
+        action = (actor.mean(seen[-1]) + policy.action_deviation * noise[number]).astype(np.float32)
         done.append(action)
         if expert is not None:
             done[-1] = np.clip(expert(worlds.observe()), -1.0, 1.0).astype(np.float32)

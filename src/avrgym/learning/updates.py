@@ -64,7 +64,7 @@ class UpdateLearner:
         )
         self._parts = np.array_split(np.arange(configuration.worlds), parts)
         self._make_all = make_all
-        self._normaliser = UpdateNormaliser(_observation(configuration.environment), configuration.discount)
+        self._normaliser = UpdateNormaliser(observation_of(configuration.environment), configuration.discount)
         self.model = make_ppo_alone(configuration, *sizes(configuration.environment), out)
 
     def restore(self) -> None:
@@ -191,7 +191,8 @@ class UpdateNormaliser:
         )
 
 
-def _observation(environment: str) -> Observation:
+def observation_of(environment: str) -> Observation:
+    """What observations in an environment are."""
     task, robot = find_environment(environment)
     return TASKS[task].observation(TASKS[task].scene(find_robot(robot)))
 

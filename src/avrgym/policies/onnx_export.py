@@ -6,7 +6,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from avrgym.policies.trained import Policy
+from avrgym.policies.trained import Policy, PolicyError
 from avrgym.system.files import write_whole
 
 OPSET, IR_VERSION = 17, 8
@@ -18,7 +18,14 @@ def onnx_model(policy: Policy, rows: int | str | None = "N", *, double: bool = T
 
     The chance that a policy acts with is no part of the graph. ``rows`` may be a name for any number; numbers are 64
     bits wide if ``double``, else 32.
+
+    Raises:
+        PolicyError: for a policy with a memory, which such a graph has not.
     """
+    if policy.memory is not None:
+        raise PolicyError(
+            "a policy that remembers cannot be written as ONNX; its .safetensors file runs as it is"
+        )
     dtype, kind = (np.float64, TensorProto.DOUBLE) if double else (np.float32, TensorProto.FLOAT)
     constants: dict[str, np.ndarray] = {
         "mean": policy.observation_mean,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.policies import controllers
+from avrgym.policies.actors import Actor
 from avrgym.policies.controllers import Foreign
 from avrgym.policies.names import FORMS, OPERATOR, SCRIPTS
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
@@ -109,9 +110,13 @@ def acting(policy: Autonomous, world: Episodes, generators: Sequence[np.random.G
 
 
 def actor(policy: Policy | Script, world: Episodes, generators: Sequence[np.random.Generator]) -> Act:
-    """What turns observations (N, O) into actions (N, A), in a world whose episodes have begun."""
+    """What turns observations (N, O) into actions (N, A), in a world whose episodes have begun.
+
+    It serves these episodes only: a policy with a memory remembers them.
+    """
     if isinstance(policy, Policy):
-        return lambda observation: policy.act(observation, generators)
+        at_work = Actor(policy, len(generators))
+        return lambda observation: at_work.act(observation, generators)
     if policy.name == "zero":
         return lambda observation: np.zeros((len(observation), world.action_size), np.float32)
     if policy.name == "random":

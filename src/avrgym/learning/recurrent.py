@@ -1,0 +1,56 @@
+"""A network that remembers, in PyTorch: what ``policies.trained.Policy`` is with a memory, while it learns."""
+
+# PyTorch's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+from itertools import pairwise
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from avrgym.policies.layers import Memory
+from avrgym.policies.trained import Policy, PolicyMetadata
+
+
+class RecurrentNetwork(nn.Module):
+    """A gated recurrent unit, and tanh layers that see the observation and what is remembered."""
+
+    def __init__(self, observation_size: int, memory: int, hidden: tuple[int, ...], action_size: int) -> None:
+        """Draw the weights from PyTorch's random stream."""
+        super().__init__()
+        self.memory = nn.GRU(observation_size, memory)
+        sizes = [observation_size + memory, *hidden, action_size]
+        self.layers = nn.ModuleList(nn.Linear(*pair) for pair in pairwise(sizes))
+
+    def forward(self, observations: Tensor, remembered: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Mean actions (T, n, A) for normalised observations (T, n, O), and what is remembered (1, n, U) at the end."""
+        told, remembered = self.memory(observations, remembered)
+        rows = torch.cat([observations, told], dim=-1)
+        for layer in self.layers[:-1]:
+            rows = torch.tanh(layer(rows))
+        return self.layers[-1](rows), remembered
+
+    def policy(self, normaliser: Any, metadata: PolicyMetadata) -> Policy:
+        """The same as a policy that acts without chance, behind a normaliser of observations."""
+        unit, layers = self.memory, [*self.layers]
+        return Policy(
+            weights=tuple(_array(layer.weight).T for layer in layers),
+            biases=tuple(_array(layer.bias) for layer in layers),
+            observation_mean=normaliser.obs_rms.mean,
+            observation_variance=normaliser.obs_rms.var,
+            observation_clip=normaliser.clip_obs,
+            observation_epsilon=normaliser.epsilon,
+            action_deviation=0.0,
+            metadata=metadata,
+            memory=Memory(
+                input_weight=_array(unit.weight_ih_l0).T,
+                input_bias=_array(unit.bias_ih_l0),
+                hidden_weight=_array(unit.weight_hh_l0).T,
+                hidden_bias=_array(unit.bias_hh_l0),
+            ),
+        )
+
+
+def _array(tensor: Any) -> Any:
+    return tensor.detach().numpy()

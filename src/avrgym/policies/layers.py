@@ -1,0 +1,64 @@
+"""What policies' networks are made of, in sums whose order neither batch nor processor changes."""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import elementary
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """A gated recurrent unit (Cho et al., EMNLP 2014), in the variant that PyTorch has.
+
+    Columns are those of the reset gates, then the update gates, then what is new; U units. All arrays are kept as
+    read-only float64.
+
+    Args:
+        input_weight: (inputs, 3 U).
+        input_bias: (3 U,).
+        hidden_weight: (U, 3 U).
+        hidden_bias: (3 U,).
+    """
+
+    input_weight: Array
+    input_bias: Array
+    hidden_weight: Array
+    hidden_bias: Array
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            object.__setattr__(self, each.name, frozen(getattr(self, each.name)))
+
+    @property
+    def units(self) -> int:
+        """U."""
+        return self.hidden_weight.shape[0]
+
+    def after(self, rows: Array, remembered: Array) -> Array:
+        """What is remembered (N, U) after inputs (N, inputs), of what was before them; all within -1 to 1."""
+        seen = np.split(product(rows, self.input_weight) + self.input_bias, 3, axis=1)
+        known = np.split(product(remembered, self.hidden_weight) + self.hidden_bias, 3, axis=1)
+        reset, kept = (_sigmoid(seen[gate] + known[gate]) for gate in (0, 1))
+        new = elementary.tanh(seen[2] + reset * known[2])
+        return (1.0 - kept) * new + kept * remembered
+
+
+def product(rows: Array, weight: Array) -> Array:
+    """The rows (N, inputs) times (inputs, outputs); a library for matrices would sum in an order of its own."""
+    return (rows[:, :, None] * weight).sum(axis=1)
+
+
+def frozen(array: Any) -> Array:
+    """A read-only copy."""
+    copy = np.array(array, np.float64, order="C")
+    copy.setflags(write=False)
+    return copy
+
+
+def _sigmoid(x: Array) -> Array:
+    return 0.5 + 0.5 * elementary.tanh(0.5 * x)

@@ -1,0 +1,95 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+pytest.importorskip("stable_baselines3", reason="training is an extra")
+
+import torch
+
+from avrgym.learning import distillation
+from avrgym.learning.distillation import Distillation, distil, resume
+from avrgym.learning.recurrent import RecurrentNetwork
+from avrgym.learning.updates import UpdateNormaliser, observation_of
+from avrgym.policies.actors import Actor
+from avrgym.policies.trained import PolicyMetadata
+from avrgym.tasks.registry import ENVIRONMENTS, sizes
+
+TINY = Distillation(
+    environment="avrgym/ScratchItchJaco-v1", steps=400, seed=4, worlds=1, memory=8, hidden=(8,), threads=1
+)
+
+
+class CutOffError(Exception):
+    pass
+
+
+@pytest.fixture(autouse=True)
+def _short(monkeypatch):
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    for name, value in {"MEASURED_EPISODES": 1, "PASSES": 3, "LAST_PASSES": 3}.items():
+        monkeypatch.setattr(distillation, name, value)
+    yield
+    torch.set_num_threads(threads)
+
+
+def tensors(out: Path) -> bytes:
+    """A policy's numbers; its header says how long it took."""
+    data = (out / "policy.safetensors").read_bytes()
+    return data[8 + int.from_bytes(data[:8], "little") :]
+
+
+def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(tmp_path):
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    policy = distil(TINY, whole)
+    assert policy.metadata.steps == 400
+    assert policy.metadata.measured["episodes"] == 1
+
+    def stop(progress):
+        if progress.steps == 200:
+            raise CutOffError
+
+    with pytest.raises(CutOffError):
+        distil(TINY, cut, stop)
+    assert json.loads((cut / "distillation.json").read_text())["seed"] == 4
+    assert (cut / "checkpoint.pt").exists()
+    torch.manual_seed(99)
+    resume(cut)
+    assert tensors(cut) == tensors(whole)
+    with pytest.raises(ValueError, match="complete"):
+        resume(cut)
+    with pytest.raises(FileExistsError, match="not empty"):
+        distil(TINY, cut)
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_numpy_does_as_torch_does(environment):
+    observation_size, action_size = sizes(environment)
+    torch.manual_seed(1)
+    network = RecurrentNetwork(observation_size, 12, (9, 8), action_size)
+    normaliser = UpdateNormaliser(observation_of(environment), 0.99)
+    policy = network.policy(normaliser, PolicyMetadata(environment=environment, people="", steps=0, seed=0))
+    observations = np.random.default_rng(2).standard_normal((30, 4, observation_size))
+    with torch.no_grad():
+        means, _ = network(torch.as_tensor(normaliser.normalize_obs(observations)))
+    actor = Actor(policy, 4)
+    assert_allclose(np.stack([actor.mean(each) for each in observations]), means.numpy(), atol=1e-6)
+
+
+def test_windows_begin_where_the_one_before_ended():
+    torch.manual_seed(1)
+    network = RecurrentNetwork(5, 6, (4,), 2)
+    observations = torch.randn(20, 3, 5)
+    with torch.no_grad():
+        whole, _ = network(observations)
+        first, remembered = network(observations[:10])
+        second, _ = network(observations[10:], remembered)
+    assert_array_equal(torch.cat([first, second]).numpy(), whole.numpy())
+
+
+def test_a_folder_without_training_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="no training of an adaptive policy"):
+        resume(tmp_path)
