@@ -224,11 +224,10 @@ class _Learner:
         for _ in range(passes):
             columns = torch.as_tensor(random.integers(actions.shape[1], size=SEQUENCES))
             remembered = None
-            for seen, wanted in zip(
-                observations[:, columns].split(WINDOW), actions[:, columns].split(WINDOW), strict=True
-            ):
-                means, remembered = self._network(seen, remembered)
-                loss = torch.nn.functional.mse_loss(means, wanted)
+            for first in range(0, EPISODE_STEPS, WINDOW):
+                window = slice(first, first + WINDOW)
+                means, remembered = self._network(observations[window, columns], remembered)
+                loss = torch.nn.functional.mse_loss(means, actions[window, columns])
                 optimizer.zero_grad()
                 loss.backward()
                 torch.nn.utils.clip_grad_norm_(self._network.parameters(), GRADIENT_NORM)

@@ -25,11 +25,11 @@ class RecurrentNetwork(nn.Module):
 
     def forward(self, observations: Tensor, remembered: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Mean actions (T, n, A) for normalised observations (T, n, O), and what is remembered (1, n, U) at the end."""
-        told, remembered = self.memory(observations, remembered)
+        told, last = self.memory(observations, remembered)
         rows = torch.cat([observations, told], dim=-1)
         for layer in self.layers[:-1]:
             rows = torch.tanh(layer(rows))
-        return self.layers[-1](rows), remembered
+        return self.layers[-1](rows), last
 
     def policy(self, normaliser: Any, metadata: PolicyMetadata) -> Policy:
         """The same as a policy that acts without chance, behind a normaliser of observations."""
