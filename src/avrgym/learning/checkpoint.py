@@ -39,8 +39,8 @@ def save(
         "updates": model._n_updates,  # pyright: ignore[reportPrivateUsage]
         "policy": model.policy.state_dict(),
         "optimizer": model.policy.optimizer.state_dict(),
-        "observations": _moments(normaliser.obs_rms),
-        "returns": _moments(normaliser.ret_rms),
+        "observations": moments(normaliser.obs_rms),
+        "returns": moments(normaliser.ret_rms),
         "torch_random": torch.get_rng_state(),
         "minibatches": json.dumps(np.random.get_state(legacy=False), default=np.ndarray.tolist),  # noqa: NPY002
         "episodes": json.dumps(episodes),
@@ -65,14 +65,15 @@ def restore(path: Path, model: PPO, normaliser: Normaliser) -> tuple[list[dict[s
         raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
     model.num_timesteps = state["steps"]
     model._n_updates = state["updates"]  # pyright: ignore[reportPrivateUsage]
-    _set_moments(normaliser.obs_rms, state["observations"])
-    _set_moments(normaliser.ret_rms, state["returns"])
+    set_moments(normaliser.obs_rms, state["observations"])
+    set_moments(normaliser.ret_rms, state["returns"])
     torch.set_rng_state(state["torch_random"])
     np.random.set_state(_numpy_state(json.loads(state["minibatches"])))  # noqa: NPY002
     return json.loads(state["episodes"]), json.loads(state["notes"])
 
 
-def _moments(statistics: Any) -> dict[str, Any]:
+def moments(statistics: Any) -> dict[str, Any]:
+    """A normaliser's statistics, as a checkpoint keeps them."""
     assert isinstance(statistics, RunningMeanStd)
     return {
         "mean": torch.as_tensor(np.asarray(statistics.mean)),
@@ -81,10 +82,11 @@ def _moments(statistics: Any) -> dict[str, Any]:
     }
 
 
-def _set_moments(statistics: Any, moments: dict[str, Any]) -> None:
+def set_moments(statistics: Any, kept: dict[str, Any]) -> None:
+    """Bring statistics back to what ``moments`` gave."""
     assert isinstance(statistics, RunningMeanStd)
-    statistics.mean, statistics.var = moments["mean"].numpy(), moments["variance"].numpy()
-    statistics.count = moments["count"]
+    statistics.mean, statistics.var = kept["mean"].numpy(), kept["variance"].numpy()
+    statistics.count = kept["count"]
 
 
 def _numpy_state(state: dict[str, Any]) -> dict[str, Any]:

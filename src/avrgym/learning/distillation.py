@@ -25,9 +25,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from avrgym.learning.checkpoint import moments, set_moments
 from avrgym.learning.course import CHECKPOINT_FILE, POLICY_FILE, CurvePoint, Progress, Tell
 from avrgym.learning.evaluation import evaluate
 from avrgym.learning.exporting import git_commit, thinned
+from avrgym.learning.imitation import Shown, load_shown
 from avrgym.learning.recurrent import RecurrentNetwork
 from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
 from avrgym.learning.updates import UpdateNormaliser, observation_of
@@ -77,14 +79,6 @@ class Distillation:
     def whole_steps(self) -> int:
         """Environment steps in all."""
         return self.rounds * self.worlds * EPISODE_STEPS
-
-
-@dataclass(frozen=True)
-class Shown:
-    """A round's episodes: observations (T, n, O) and the expert's actions (T, n, A), single precision."""
-
-    observations: NDArray[np.float32]
-    actions: NDArray[np.float32]
 
 
 def distil(configuration: Distillation, out: Path, tell: Tell = lambda progress: None) -> Policy:
@@ -156,12 +150,9 @@ class _Learner:
         try:
             state = torch.load(path, weights_only=True)
             self._network.load_state_dict(state["network"])
-            self._normaliser.obs_rms.mean, self._normaliser.obs_rms.var = (
-                state[name].numpy() for name in ("mean", "variance")
-            )
-            self._normaliser.obs_rms.count = state["count"]
+            set_moments(self._normaliser.obs_rms, state["observations"])
             notes: dict[str, Any] = json.loads(state["notes"])
-            self._shown = [_load(self._file(number)) for number in range(notes["rounds"])]
+            self._shown = [load_shown(self._file(number)) for number in range(notes["rounds"])]
         except Exception as error:  # torch raises many kinds
             raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
         self._curve = [(steps, reward, success) for steps, reward, success in notes["curve"]]
@@ -247,15 +238,12 @@ class _Learner:
 
     def _save(self) -> None:
         """Save where the training is, between two rounds, and the policy as it is now."""
-        statistics = self._normaliser.obs_rms
         notes = {"rounds": len(self._shown), "curve": self._curve, "seconds": self._seconds}
         buffer = io.BytesIO()
         torch.save(
             {
                 "network": self._network.state_dict(),
-                "mean": torch.as_tensor(statistics.mean),
-                "variance": torch.as_tensor(statistics.var),
-                "count": float(statistics.count),
+                "observations": moments(self._normaliser.obs_rms),
                 "notes": json.dumps(notes),
             },
             buffer,
@@ -287,8 +275,3 @@ class _Learner:
 
     def _file(self, number: int) -> Path:
         return self._out / SHOWN_FOLDER / f"round_{number:04}.npz"
-
-
-def _load(file: Path) -> Shown:
-    with np.load(file) as arrays:
-        return Shown(**arrays)

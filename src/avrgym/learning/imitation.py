@@ -66,7 +66,7 @@ def imitate(
     done = model.num_timesteps // (worlds * EPISODE_STEPS)
     shown.mkdir(exist_ok=True)
     files = [shown / f"round_{number:04}.npz" for number in range(rounds)]
-    gathered = [_load(file) for file in files[:done]]
+    gathered = [load_shown(file) for file in files[:done]]
     for number in range(done, rounds):
         random = np.random.default_rng([seed, 2, number])
         by_expert = random.random(worlds) < EXPERT_SHARE**number
@@ -80,7 +80,7 @@ def imitate(
 
 @dataclass(frozen=True)
 class Shown:
-    """What an expert showed: observations (S, O) and its actions (S, J), single precision."""
+    """What an expert showed: observations (S, O) and its actions (S, J), or (T, N, ...), single precision."""
 
     observations: NDArray[np.float32]
     actions: NDArray[np.float32]
@@ -90,7 +90,12 @@ Gather = Callable[[NDArray[np.bool_]], tuple[Shown, Finished]]
 """From which worlds (N,) the expert drives to what it showed in an episode of each."""
 
 
-def _load(file: Path) -> Shown:
+def load_shown(file: Path) -> Shown:
+    """What a file keeps of a round.
+
+    Raises:
+        ValueError: for a file that is missing or damaged.
+    """
     try:
         with np.load(file) as arrays:
             return Shown(**arrays)
