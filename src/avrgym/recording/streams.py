@@ -81,11 +81,11 @@ def times_s(chunks: Sequence[StreamSamples]) -> Array:
 
 
 def stream_figures(topics: Mapping[str, Sequence[tuple[int, Any]]]) -> list[StreamFigures]:
-    """Of each stream in a recording, by its topics; in the order of their first samples."""
+    """Of each stream in a recording, by its topics; in the order of their names."""
     described: dict[str, Stream] = {each.stream: each for _, each in topics["/streams"]}
     return [
         _figures(stream, [chunk for _, chunk in topics["/samples"] if chunk.stream == name])
-        for name, stream in described.items()
+        for name, stream in sorted(described.items())
     ]
 
 
