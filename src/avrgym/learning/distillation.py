@@ -16,7 +16,7 @@ import io
 import json
 import shutil
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 from avrgym.learning.checkpoint import moments, set_moments
 from avrgym.learning.course import CHECKPOINT_FILE, POLICY_FILE, CurvePoint, Progress, Tell
-from avrgym.learning.evaluation import evaluate
 from avrgym.learning.exporting import git_commit, thinned
 from avrgym.learning.imitation import Shown, load_shown
+from avrgym.learning.measuring import measure
 from avrgym.learning.recurrent import RecurrentNetwork
 from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
 from avrgym.learning.updates import UpdateNormaliser, observation_of
@@ -165,12 +165,7 @@ class _Learner:
         for number in range(len(self._shown), configuration.rounds):
             self._round(number)
         self._say(f"measuring, {MEASURED_EPISODES} episodes")
-        figures = evaluate(configuration.environment, str(path), configuration.people, MEASURED_EPISODES, 0)
-        names = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
-        measured = {name: getattr(figures, name) for name in names}
-        policy = self._policy()
-        policy = replace(policy, metadata=msgspec.structs.replace(policy.metadata, measured=measured))
-        policy.save(path, overwrite=True)
+        policy = measure(path, configuration.people, "none", MEASURED_EPISODES)
         shutil.rmtree(self._out / SHOWN_FOLDER)
         return policy
 

@@ -5,11 +5,9 @@ Needs the extra ``train``. What it leaves is a policy file that needs no PyTorch
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import msgspec
 import numpy as np
 
 from avrgym.learning.configuration import (
@@ -23,8 +21,8 @@ from avrgym.learning.configuration import (
     stored_configuration,
 )
 from avrgym.learning.course import CHECKPOINT_FILE, POLICY_FILE, Course, Progress, Tell
-from avrgym.learning.evaluation import evaluate
 from avrgym.learning.exporting import export_policy
+from avrgym.learning.measuring import measure
 from avrgym.learning.ppo import steps_of
 from avrgym.learning.rollouts import Order, Rollout, roll_out
 from avrgym.learning.stepwise import StepwiseLearner
@@ -226,20 +224,5 @@ def _stored_people(configuration: TrainingConfiguration, out: Path) -> str:
 
 def _measure(configuration: TrainingConfiguration, out: Path) -> Policy:
     """Write into the policy's file what it reaches."""
-    path, people = out / POLICY_FILE, _stored_people(configuration, out)
-    figures = evaluate(
-        configuration.environment,
-        str(path),
-        people,
-        MEASURED_EPISODES,
-        seed=0,
-        impairment=configuration.impairment,
-    )
-    measured = {
-        name: getattr(figures, name)
-        for name in ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
-    }
-    policy = Policy.load(path)
-    policy = replace(policy, metadata=msgspec.structs.replace(policy.metadata, measured=measured))
-    policy.save(path, overwrite=True)
-    return policy
+    people = _stored_people(configuration, out)
+    return measure(out / POLICY_FILE, people, configuration.impairment, MEASURED_EPISODES)

@@ -179,9 +179,11 @@ class LiveServer(Generic[S]):
 
     def render_ahead(self) -> None:
         """Have the newest scene rendered before a browser asks for it, or all made ready where there is none yet."""
-        self._renderer.start()
-        for number, scene in list(enumerate(self.session.scenes))[-1:]:
-            self._renderer.render(number, *scene)
+        scenes = self.session.scenes
+        if scenes:
+            self._renderer.render(len(scenes) - 1, *scenes[-1])
+        else:
+            self._renderer.start()
 
     def wait(self) -> None:
         """Wait until the server ends or the simulation fails."""

@@ -1,0 +1,23 @@
+"""What a trained policy reaches, written into its own file."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from avrgym.learning.evaluation import evaluate
+from avrgym.policies.trained import Policy
+
+MEASURES = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
+
+
+def measure(path: Path, people: str, impairment: str, episodes: int) -> Policy:
+    """Write into a policy's file what it reaches with people that training never saw; gives that policy."""
+    policy = Policy.load(path)
+    figures = evaluate(
+        policy.metadata.environment, str(path), people, episodes, seed=0, impairment=impairment
+    )
+    measured = {name: getattr(figures, name) for name in MEASURES}
+    policy = replace(policy, metadata=msgspec.structs.replace(policy.metadata, measured=measured))
+    policy.save(path, overwrite=True)
+    return policy
