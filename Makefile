@@ -7,6 +7,7 @@ PYTHON ?= $(firstword $(foreach name,python3 python3.14 python3.13 python3.12 py
 TORCH ?= torch==2.13.0
 DONE := .venv/stamps
 PIP_INSTALL := .venv/bin/python -m pip install --quiet --disable-pip-version-check
+PYTEST_IN_PARALLEL := .venv/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 NODE_IS_NEW := const [major, minor] = process.versions.node.split("."); \
 	process.exit(+(major * 100 + +minor < 2019))
 CLIENT := src/avrgym/vr/static/index.html
@@ -20,7 +21,7 @@ export PYTHONDONTWRITEBYTECODE =
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test client-test test-engines format lint docs bench soak setup client clean
+.PHONY: help demo test test-slow client-test test-engines format lint docs bench soak setup client clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
@@ -29,10 +30,13 @@ demo: $(DONE)/demo $(DONE)/chromium $(CLIENT) ## a whole session of a simulated 
 	@.venv/bin/avrgym demo
 
 # What the tests leave idle while they wait is enough for the other checks.
-test: setup ## every check: linters, types, the client's tests, the tests
+test: setup ## linters, types, the client's tests, and all tests but slow ones
 	@nice -n 19 $(MAKE) --no-print-directory lint client-test > .venv/checks.log 2>&1 & checks=$$!; \
-	OMP_NUM_THREADS=1 .venv/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder; \
+	OMP_NUM_THREADS=1 $(PYTEST_IN_PARALLEL) -m 'not slow'; \
 	tests=$$?; wait $$checks; checks=$$?; cat .venv/checks.log; exit $$((tests | checks))
+
+test-slow: setup ## whole journeys, trainings and kills that take more than two seconds each
+	OMP_NUM_THREADS=1 $(PYTEST_IN_PARALLEL) -m slow
 
 client-test: $(CLIENT) ## the client's tests
 	cd client && npm test

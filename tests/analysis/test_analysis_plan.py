@@ -85,6 +85,7 @@ def test_a_model_is_confirmatory_where_the_plan_names_it_and_no_deviation_where_
     assert {row.note for row in analysis.models if row.quantity == "L1"} == {"fewer than 4 participants"}
 
 
+@pytest.mark.slow
 def test_the_report_lists_the_deviations_that_the_check_lists(folder: Path, tmp_path: Path) -> None:
     design = folder / "study.toml"
     design.write_text(design.read_text().replace("blind_experimenter = false", "blind_experimenter = true"))
@@ -112,6 +113,7 @@ def test_the_report_lists_the_deviations_that_the_check_lists(folder: Path, tmp_
     assert [line.removeprefix("note   ").replace("deviates from the plan: ", "") for line in told] == listed
 
 
+@pytest.mark.slow
 def test_a_record_that_was_changed_tells_nothing(folder: Path, tmp_path: Path) -> None:
     record = folder / "plan-frozen.json"
     record.write_bytes(record.read_bytes().replace(b"higher", b"lower"))

@@ -88,6 +88,7 @@ def test_the_report_describes_the_sites(made: tuple[Path, Analysis, Path]) -> No
         assert words in page.text
 
 
+@pytest.mark.slow
 def test_a_study_without_sites_or_of_one_has_nothing_by_site(tmp_path: Path) -> None:
     with Store(small_study(tmp_path / "study")) as store:
         for site in ("", ""):

@@ -153,6 +153,7 @@ def test_words_say_what_so_few_can_show(participants: int, words: str) -> None:
     assert smallest_p(8, 4) == (2 / 2**8, 4 * 2 / 2**8)
 
 
+@pytest.mark.slow
 def test_a_studys_power_on_the_command_line(tmp_path: Path) -> None:
     """Two processes give what one gives."""
     design = tmp_path / "study.toml"

@@ -97,6 +97,7 @@ def test_figures_replace_nothing_but_a_regular_file(tmp_path: Path) -> None:
 # Figures -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_evaluate_writes_a_row_for_each_environment(tmp_path: Path) -> None:
     file = tmp_path / "figures.json"
     result = avrgym(

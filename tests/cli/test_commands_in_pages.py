@@ -177,6 +177,7 @@ def studied(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_tutorial_on_studies_ends_with_a_report(studied: Path) -> None:
     assert (studied / "my-study" / "analysis" / "report" / "index.html").stat().st_size > 5_000
     assert (studied / "my-data" / "codebook.csv").is_file()
@@ -199,6 +200,7 @@ def test_the_first_trial_is_replayed_and_shown(lab: Path) -> None:
     assert (lab / "my-first-trial.png").is_file()
 
 
+@pytest.mark.slow
 def test_a_policy_is_trained_and_measured(lab: Path) -> None:
     run_page("docs/tutorials/train_and_meet.md", lab)
     assert (lab / "mine.json").is_file()

@@ -53,6 +53,7 @@ def test_all_are_run_here_shown_on_the_site_and_short() -> None:
         assert [file.name for file in files if file.name not in page] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_it_runs_and_leaves_what_it_says(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if name in NEEDED:

@@ -71,18 +71,21 @@ def test_gymnasium_and_our_own_check_find_nothing_wrong(installed: Path) -> None
     python(installed, "-c", CHECK)
 
 
+@pytest.mark.slow
 def test_the_arm_can_be_lifted_and_is_not_while_the_example_s_controller_drives(installed: Path) -> None:
     rates = json.loads(python(installed, "-c", LIFT).splitlines()[-1])
     assert min(rates["oracle"]) >= 0.5
     assert max(rates["hold-still"]) == 0.0
 
 
+@pytest.mark.slow
 def test_it_is_trained_studied_reported_and_verified(installed: Path) -> None:
     train_and_study(
         installed, TASK, ROBOT, "to_armrest_m", TRAINING_STEPS, policies=("hold-still",), little=True
     )
 
 
+@pytest.mark.slow
 def test_a_browser_is_served_its_scene(installed: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", environment_with(installed)["PYTHONPATH"])

@@ -51,6 +51,7 @@ def site() -> dict[Path, Page]:
     return {file: Page(file) for file in sorted(SITE.rglob("*.html"))}
 
 
+@pytest.mark.slow
 def test_every_page_is_built_and_stands_in_the_navigation(site: dict[Path, Page]) -> None:
     pages = {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")}
     assert {file.relative_to(SITE).with_suffix(".md").as_posix() for file in site} == {*pages, "404.md"}

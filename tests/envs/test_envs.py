@@ -45,6 +45,7 @@ def test_every_environment_passes_the_checker(environment_id):
     check_env(gym.make(environment_id).unwrapped, skip_render_check=True)
 
 
+@pytest.mark.slow
 @needs_graphics
 @pytest.mark.parametrize("environment_id", ENVIRONMENTS)
 def test_every_environment_passes_the_checker_with_pictures(environment_id):

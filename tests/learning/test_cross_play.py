@@ -9,6 +9,7 @@ from visit import ENVIRONMENT
 POLICIES, PEOPLE = ["zero", "random"], ["original", "zoo/unseen/startled"]
 
 
+@pytest.mark.slow
 def test_every_cell_is_what_it_is_alone() -> None:
     told: list[int] = []
     rows = cross_play([ENVIRONMENT], POLICIES, PEOPLE, 1, 5, told.append, impairment="weakness", jobs=1)

@@ -39,6 +39,7 @@ def rewards(monkeypatch: pytest.MonkeyPatch) -> Callable[..., np.ndarray]:
     return episodes
 
 
+@pytest.mark.slow
 def test_an_episode_is_the_same_however_many_there_are(rewards: Callable[..., np.ndarray]) -> None:
     """Its figures depend on seed and number alone, not on the count nor on who runs beside it."""
     three = rewards(3)
@@ -75,6 +76,7 @@ def test_who_does_nothing_succeeds_never_and_touches_nobody() -> None:
     assert all(each.peak_n == each.contact_share == 0.0 for each in figures.force_regions.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force_guard", [False, True])
 def test_forces_by_region_do_not_depend_on_who_runs_beside(
     monkeypatch: pytest.MonkeyPatch, force_guard: bool

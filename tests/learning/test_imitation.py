@@ -28,6 +28,7 @@ def imitated(tmp_path_factory) -> tuple[UpdateLearner, list[int]]:
     return learner, [progress.steps for progress in heard if progress.reward_mean is not None]
 
 
+@pytest.mark.slow
 def test_the_policy_does_as_its_expert_does_with_people_it_never_met(imitated):
     policy = imitated[0].save()
     episodes = Episodes(FEEDING, WORLDS, distribution="revised", num_threads=1)
@@ -51,6 +52,7 @@ def test_only_episodes_of_the_policy_are_told_of(imitated):
     assert 4 * steps in heard
 
 
+@pytest.mark.slow
 def test_ppo_goes_on_where_imitation_ended_in_trainings_of_before(tmp_path):
     learner = StepwiseLearner(HOW, "revised", tmp_path, Course(HOW, tmp_path, lambda progress: None))
     learner.imitate(1, tmp_path / "shown")

@@ -176,6 +176,7 @@ def test_detours_cost_what_the_wrapper_is_told_but_for_the_last_step():
 # Training
 
 
+@pytest.mark.slow
 def test_a_training_leaves_a_policy_that_loads(trained):
     policy, out = trained
     found = Policy.load(out / "policy.safetensors")
@@ -202,6 +203,7 @@ def test_a_used_folder_is_refused_and_left_alone(trained):
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
 
 
+@pytest.mark.slow
 def test_scratching_gets_better_within_20_000_steps(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
     few = TrainingConfiguration(
@@ -242,11 +244,13 @@ def whole(tmp_path_factory) -> Whole:
     return out, heard
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("told", [1, 3], ids=["in its imitation", "in PPO"])
 def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(told, whole, tmp_path, monkeypatch):
     assert_goes_on(LONG, told, whole, tmp_path, monkeypatch)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [1, 2])
 def test_a_training_with_hard_episodes_that_was_cut_off_goes_on_with_the_same(version, tmp_path, monkeypatch):
     """Also one of the version in which the normaliser learned at every step."""
@@ -356,6 +360,7 @@ def test_a_wrong_file_of_settings_is_refused(text, said, tmp_path):
         read_settings(file, FEEDING)
 
 
+@pytest.mark.slow
 def test_a_training_whose_expert_s_files_are_damaged_says_so(tmp_path):
     def kill(progress: Progress) -> None:
         if progress.steps > UPDATE:
@@ -394,6 +399,7 @@ def test_a_training_of_before_goes_on_as_it_was_begun(tmp_path):
         stored_configuration(tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", [(2, 3), (1, 1, 3)])
 def test_who_makes_an_update_s_episodes_changes_none_of_them(sizes):
     """Parts beside each other give what one gives; with an expert in some worlds and without."""

@@ -197,6 +197,7 @@ def test_controllers_are_let_go_with_their_session(tmp_path: Path) -> None:
     assert bad_controllers.Steady.closed == before + 2, "the one that was tried out, and the one that drove"
 
 
+@pytest.mark.slow
 def test_figures_follow_from_the_seed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever runs beside, in however many processes, and whether each is made or copied."""
     noisy, ready = ("bad_controllers:Noisy", "bad_controllers:READY")
@@ -308,6 +309,7 @@ def test_the_page_says_how_many_numbers_are_observed() -> None:
         assert sum(entries) == size == sizes(f"avrgym/{task}Jaco-v1")[0]
 
 
+@pytest.mark.slow
 def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
     def study(name: str, policies: str) -> Path:
         choices = {

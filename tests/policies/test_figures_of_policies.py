@@ -14,6 +14,7 @@ def test_figures_were_measured_in_todays_world(environment: str) -> None:
         assert Policy.load(path).metadata.measured["world_version"] == WORLD_VERSION
 
 
+@pytest.mark.slow
 def test_a_row_of_the_figures_returns() -> None:
     """The same bits where the C library rounds as where it was measured, and nearly the same elsewhere."""
     environment, kind = "avrgym/ScratchItchPR2-v1", "revised"

@@ -192,6 +192,7 @@ def test_a_recording_whose_messages_are_not_numbered_reads_whole(tmp_path, monke
     assert read.topics == written
 
 
+@pytest.mark.slow
 def test_a_file_cut_anywhere_gives_a_prefix(tmp_path, small_chunks):
     path = tmp_path / "trial.mcap"
     written = write_trial(path)
@@ -229,6 +230,7 @@ def records_of_the_data_section(content: bytes) -> list[tuple[int, int]]:
     return [*found, (Opcode.DATA_END, position)]
 
 
+@pytest.mark.slow
 def test_damage_to_any_byte_ends_the_reading(tmp_path, small_chunks):
     path = tmp_path / "trial.mcap"
     written = write_trial(path, steps=20)

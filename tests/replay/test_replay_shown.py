@@ -99,6 +99,7 @@ def test_only_who_has_the_token_reads_a_replay(server: ReplayServer) -> None:
     assert httpx.get(f"{base}/timeline", headers=named, timeout=PATIENCE_S).status_code == 400
 
 
+@pytest.mark.slow
 def test_the_page_plays_seeks_and_changes_its_view(server: ReplayServer) -> None:
     expect.set_options(timeout=1000 * PATIENCE_S)
     with sync_playwright() as playwright:
@@ -135,6 +136,7 @@ def test_the_page_plays_seeks_and_changes_its_view(server: ReplayServer) -> None
 # Pictures ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_video_lasts_as_long_as_the_trial_until_the_questionnaire(
     recording: Recording, tmp_path: Path
 ) -> None:
@@ -154,6 +156,7 @@ def test_a_video_lasts_as_long_as_the_trial_until_the_questionnaire(
         write_video(recording, out, first_person=False, progress=nothing)
 
 
+@pytest.mark.slow
 def test_an_animation_lasts_as_long_as_the_trial_and_begins_again(
     recording: Recording, tmp_path: Path
 ) -> None:

@@ -94,6 +94,7 @@ def test_a_person_who_never_has_room_is_refused_in_words(pose, words):
         episodes.begin(np.arange(2), [np.random.default_rng(i) for i in range(2)])
 
 
+@pytest.mark.slow
 def test_no_live_world_begins_inside_the_participant():
     with pytest.raises(NoRoomError, match="the person's right"):
         LiveWorld(FEEDING, Person("woman", 0.54, HAND_AT_THE_ROBOT_RAD))

@@ -265,6 +265,7 @@ def page(server: LiveServer) -> Iterator[Page]:
     assert complaints == []
 
 
+@pytest.mark.slow
 def test_a_participant_is_taken_in_by_keyboard_alone(server: LiveServer, store: Store, page: Page) -> None:
     """Enrol, consent, include, note: the table shows it, texts stay texts, and nothing overflows a narrow page."""
     expect.set_options(timeout=1000 * PATIENCE_S)

@@ -213,6 +213,7 @@ def test_of_answers_given_twice_the_later_counts_and_the_report_says_so(store: S
 # Results
 
 
+@pytest.mark.slow
 def test_each_questionnaire_is_a_family(out: Path) -> None:
     tests = table(out, "tests")
     families = {

@@ -43,6 +43,7 @@ def farewell(client: ClientConnection) -> tuple[int | None, str | None]:
     return client.close_code, client.close_reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_server_says_goodbye_and_ends(tmp_path: Path, number: signal.Signals) -> None:
     with served(make_study(tmp_path)) as server:
@@ -66,6 +67,7 @@ def test_a_command_that_is_broken_off_says_so_in_its_exit_code(number: signal.Si
     assert "Traceback" not in errors
 
 
+@pytest.mark.slow
 def test_simulated_participants_end_with_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A terminal sends Ctrl+C to all of them."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
@@ -86,6 +88,7 @@ def test_simulated_participants_end_with_the_command(tmp_path: Path, monkeypatch
     assert "Traceback" not in errors
 
 
+@pytest.mark.slow
 def test_a_session_whose_end_cannot_be_stored_is_told_and_exit_code_1(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

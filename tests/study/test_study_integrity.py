@@ -190,6 +190,7 @@ def test_a_refused_action_leaves_no_entry(folder: Path) -> None:
 # SQLite's file
 
 
+@pytest.mark.slow
 def test_every_flipped_bit_of_the_file_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
     assert wrong(on_sqlite) == []
     chance = random.Random(19)
@@ -231,6 +232,7 @@ def test_a_database_set_back_to_an_older_copy_is_noticed(on_sqlite: Path, tmp_pa
     assert "it was set back" in str(wrong(on_sqlite))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["study.head", "study.db.sha256"])
 def test_damage_beside_the_database_is_noticed(on_sqlite: Path, name: str) -> None:
     path = on_sqlite / name
@@ -259,6 +261,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 def test_kills_between_transaction_and_seal_raise_no_alarm(folder: Path) -> None:
     """The share of 200 that every run of the tests can afford."""
     for pause in range(3):

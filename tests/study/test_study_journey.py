@@ -46,6 +46,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
     expect.set_options(timeout=1000 * PATIENCE_S)
     participant = SimulatedParticipant(draw_traits("woman", 5), 5)

@@ -205,6 +205,7 @@ def test_each_site_is_a_block_and_all_of_them_together_are_balanced(sites):
     assert max(counts) - min(counts) <= max(1, sites - 1)
 
 
+@pytest.mark.slow
 def test_sites_with_databases_of_their_own_do_not_all_begin_with_the_same_cells():
     firsts = Counter(order_of_cells(PAPER, f"site-{number}")[0] for number in range(400))
     assert all(60 < firsts[cell] < 140 for cell in range(4))

@@ -54,12 +54,14 @@ def study(*arguments: str | int | Path, answers: str = "") -> Result:
     return CliRunner().invoke(app, ["study", *(str(each) for each in arguments)], input=answers)
 
 
+@pytest.mark.slow
 def test_kill_9_at_any_instant_changes_nothing_of_the_study(folder: Path, tmp_path: Path) -> None:
     """Orders, seeds, answers and figures are those of a study that was never broken off."""
     whole = make_study(tmp_path / "whole", **DESIGN)
     print(compare_with_killed(whole, folder, tmp_path / "journal", kills=20))
 
 
+@pytest.mark.slow
 def test_a_dry_run_that_is_killed_goes_on_as_if_it_never_had_been(tmp_path: Path) -> None:
     """The program with its processes, by `kill -9` between two trials of a participant, or in the second."""
     design = DESIGN | {"practice_policy": '""'}
@@ -85,6 +87,7 @@ def completed(folder: Path) -> int:
         return sum(row.trials_completed for row in summarise_study(store).participants)
 
 
+@pytest.mark.slow
 def test_a_dry_run_is_a_whole_study_and_a_second_one_goes_on(folder: Path) -> None:
     with open(folder / "study.toml", "a") as file:
         for when in ("before_session", "after_session"):
@@ -155,6 +158,7 @@ def test_other_people_do_not_go_on_with_them_either(folder: Path) -> None:
             simulated_participant(store, 0, Cast(SEED))
 
 
+@pytest.mark.slow
 def test_partners_of_the_zoo_take_part(tmp_path: Path) -> None:
     design = DESIGN | {"practice_policy": '""', "policies": '["revised"]'}
     folder = make_study(tmp_path / "study", **design)

@@ -409,6 +409,7 @@ with Store(Path(sys.argv[1])) as store:
 """
 
 
+@pytest.mark.slow
 def test_kill_9_at_any_moment_changes_neither_order_nor_seeds_nor_loses_a_trial(
     kind: str, tmp_path: Path
 ) -> None:
@@ -485,6 +486,7 @@ with Store(Path(sys.argv[1])) as store:
 """
 
 
+@pytest.mark.slow
 def test_stations_at_the_same_time_never_share_an_allocation(kind: str, tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding", "Drinking"]')
     each, stations = 4, 3

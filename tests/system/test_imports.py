@@ -63,6 +63,7 @@ def test_nothing_heavy_is_imported(program: str) -> None:
     assert sorted(modules & (LIBRARIES | OURS)) == []
 
 
+@pytest.mark.slow
 def test_who_trains_imports_nothing_of_what_serves() -> None:
     modules = imported(TRAINING)
     assert {"torch", "mujoco", "avrgym.tasks.episodes"} <= modules

@@ -43,6 +43,7 @@ def end(number: int) -> None:
     os._exit(number)
 
 
+@pytest.mark.slow
 def test_results_come_in_order_and_what_was_reported_is_told() -> None:
     told: list[int] = []
     assert run_all(twice, [(number,) for number in range(5)], 2, told.append) == [0, 2, 4, 6, 8]
@@ -51,6 +52,7 @@ def test_results_come_in_order_and_what_was_reported_is_told() -> None:
     assert 1 <= cores() <= (os.cpu_count() or 1)
 
 
+@pytest.mark.slow
 def test_an_error_in_a_process_is_that_of_the_call() -> None:
     with pytest.raises(ValueError, match="-1 is negative"):
         run_all(twice, [(1,), (-1,)], 2)
@@ -76,6 +78,7 @@ def test_processes_end_with_the_one_that_started_them(tmp_path: Path) -> None:
             time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_rows_are_the_same_from_any_number_of_processes() -> None:
     """Two environments, with batches that end in the middle of those of one process."""
     rows, steps = {}, {}
@@ -89,6 +92,7 @@ def test_rows_are_the_same_from_any_number_of_processes() -> None:
     assert set(steps.values()) == {2 * 5 * EPISODE_STEPS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("environment", [JACO, "avrgym/BedBathingPR2-v1"])
 def test_a_script_s_rows_do_not_depend_on_who_runs_beside(environment, monkeypatch) -> None:
     whole = evaluate(environment, "oracle", "participants", 3, 2)
@@ -107,6 +111,7 @@ def test_what_cannot_run_is_refused_before_any_process_begins(monkeypatch) -> No
         evaluate_all([JACO, PR2], "nope", "original", 40, 0, jobs=2)
 
 
+@pytest.mark.slow
 def test_a_dry_run_is_the_same_from_any_number_of_processes(tmp_path: Path, monkeypatch) -> None:
     """Rows, and all that the recordings hold."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)

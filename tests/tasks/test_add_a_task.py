@@ -100,6 +100,7 @@ def test_a_module_that_is_imported_before_avrgym_is_told_so(installed):
     assert "touch_elbow.task was imported before avrgym; import avrgym first" in ran.stderr
 
 
+@pytest.mark.slow
 def test_it_is_evaluated_and_measured(installed):
     evaluated = _avrgym(
         installed, "evaluate", ENVIRONMENT, "--policy", "oracle", "--episodes", "4", "--json", "rows.json"
@@ -125,5 +126,6 @@ def test_a_participant_can_meet_it(installed):
     assert ran.returncode == 0, ran.stderr
 
 
+@pytest.mark.slow
 def test_it_is_trained_studied_reported_and_verified(installed):
     train_and_study(installed, "TouchElbow", "Jaco", "touched", 800, policies=(), little=True)

@@ -370,6 +370,7 @@ def test_episodes_begin_before_the_person_with_an_upright_cup(robot):
     assert_allclose(transforms.rotate(CUP_Q_W, [1.0, 0.0, 0.0]), BACK, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_a_script_gives_a_drink(robot):
     episodes = begun(3, robot)

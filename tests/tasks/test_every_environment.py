@@ -51,6 +51,7 @@ def test_an_episode_is_the_same_alone_and_among_64(environment, rng):
     assert_same_steps(alone, among, 41, rng.uniform(-1, 1, (4, 64, 7)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_random_episodes_stay_finite_without_a_warning(environment, rng):
     assert_sane(begun(environment, 12), rng, EPISODE_STEPS)

@@ -57,11 +57,13 @@ def share_of_successes(episodes: Episodes) -> float:
     return success.mean()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", ["Feeding", "ScratchItch", "BedBathing"])
 def test_a_reactive_expert_mostly_succeeds(task):
     assert share_of_successes(begun(f"avrgym/{task}Jaco-v1", 16)) >= 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_a_reactive_expert_scratches_the_far_side_of_the_forearm(robot):
     """On its upper, inner side, where the robot is on the outer one."""

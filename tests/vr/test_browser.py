@@ -45,6 +45,7 @@ def journey(tmp_path: Path) -> Iterator[Journey]:
         yield Journey(tmp_path, plan, load_policies(plan), opened)
 
 
+@pytest.mark.slow
 def test_a_participant_is_seated_fed_and_asked(journey: Journey) -> None:
     headset, session = journey.headset, journey.session
     journey.enter()
@@ -99,6 +100,7 @@ def test_a_participant_is_seated_fed_and_asked(journey: Journey) -> None:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seat_height_m", [0.45, 0.52])
 def test_the_same_person_is_as_tall_on_any_chair(tmp_path: Path, seat_height_m: float) -> None:
     """The chair's height is told, and kept with the recording."""
@@ -121,6 +123,7 @@ NEAR_M, NEAR_DEG = 0.01, 3.0
 STEP_M = 0.03
 
 
+@pytest.mark.slow
 def test_own_hands_are_drawn_in_the_frame_of_their_pose_and_held_by_the_robot(tmp_path: Path) -> None:
     """Even while the server stands still; but where the robot is in the way, a hand is drawn where it touches."""
     trial = TrialPlan("avrgym/FeedingJaco-v1", "revised", seed=3, practice=False)

@@ -17,6 +17,7 @@ from visit import driving, plan
 pytestmark = pytest.mark.usefixtures("unhurried")
 
 
+@pytest.mark.slow
 def test_the_emulated_headset_is_measured_and_told_what_it_lacks(tmp_path: Path) -> None:
     """No frame rate is asserted: the emulated headset draws in software."""
     checked = replace(plan(), headset_check=HeadsetCheckPlan(at_rest_s=1.5, stretched_s=0.5, moving_s=1.5))

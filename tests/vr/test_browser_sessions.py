@@ -48,6 +48,7 @@ def plan(*environments: str, steps: int) -> SessionPlan:
     )
 
 
+@pytest.mark.slow
 def test_every_task_with_one_robot_or_the_other(
     journey: Callable[[SessionPlan], Journey], tmp_path: Path
 ) -> None:
@@ -66,6 +67,7 @@ def test_every_task_with_one_robot_or_the_other(
     await_that(lambda: not whole.headset.call("presenting"))
 
 
+@pytest.mark.slow
 def test_a_session_with_interruptions(journey: Callable[[SessionPlan], Journey]) -> None:
     """Body, stop, second visitor, lost connections, reload: whatever happens the trial is repeated."""
     visit = journey(plan("avrgym/FeedingJaco-v1", steps=ENDLESS))

@@ -283,6 +283,7 @@ def test_time_that_is_lost_after_the_robot_has_finished_is_only_noted(visit: Cal
     assert "time_lost" in events(recording)
 
 
+@pytest.mark.slow
 def test_a_server_that_is_stopped_in_a_trial_says_so_when_it_goes_on(tmp_path: Path) -> None:
     folder = make_study(
         tmp_path / "study",

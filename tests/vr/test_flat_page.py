@@ -19,6 +19,7 @@ pytestmark = pytest.mark.usefixtures("unhurried")
 ENDLESS = 100_000
 
 
+@pytest.mark.slow
 def test_a_press_stops_the_robot_and_nobody_speaks_of_triggers(tmp_path: Path) -> None:
     trial = TrialPlan(ENVIRONMENT, "drive", seed=3, practice=False)
     plan = SessionPlan([trial], "woman", 0.3, simulated=True, trial_steps=ENDLESS, countdown_s=0.3)

@@ -100,6 +100,7 @@ class Listener:
         assert self.ended is None
 
 
+@pytest.mark.slow
 def test_the_three_parties_stay_and_are_served_whatever_comes(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -69,6 +69,7 @@ def test_the_tool_is_away_before_questions_come_and_replay_takes_it_away_alike(t
     assert found.identical_steps == found.steps == STEPS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("told", [Stop(), Command(name="pause")], ids=str)
 def test_a_retreat_can_be_stopped_and_the_trial_counts(
     tmp_path: Path, told: ClientMessage | ExperimenterMessage

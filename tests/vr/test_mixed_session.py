@@ -82,6 +82,7 @@ def happened(visit: Visit, kind: type) -> list:
 # Several environments ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_session_goes_through_all_environments(visit: Callable[..., Visit]) -> None:
     """Each recording is of its environment; the body keeps its size; a new posture is calibrated."""
     session = visit(environments=list(ENVIRONMENTS), seeds=range(8), practice=True)

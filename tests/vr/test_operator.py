@@ -184,6 +184,7 @@ def attended(server: LiveServer[Session]) -> Iterator[None]:
         thread.join()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unhurried")
 def test_an_experimenter_drives_with_the_keyboard_in_the_dashboard(tmp_path: Path) -> None:
     planned = operated(steps=3000)

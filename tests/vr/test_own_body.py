@@ -27,6 +27,7 @@ def test_the_clients_examples_are_what_the_server_solves() -> None:
             assert length == pytest.approx(other["skeleton"][measure])
 
 
+@pytest.mark.slow
 def test_the_client_finds_the_same_angles_for_ten_thousand_poses(tmp_path: Path) -> None:
     node = shutil.which("node")
     if node is None or not VITEST.exists():

@@ -234,6 +234,7 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_participant_sits_and_then_lies_through_a_session(tmp_path: Path) -> None:
     client = InProcessClient(participant(1), lambda text: None)
     trials = plan(environments=(FEEDING, BATHING), seeds=(1, 2))

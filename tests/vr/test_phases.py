@@ -170,6 +170,7 @@ class Walk:
         self.visit.tell(message)
 
 
+@pytest.mark.slow
 def test_no_message_and_no_tick_leads_where_no_annotation_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -44,6 +44,7 @@ def test_stages_add_up_to_the_round_trip() -> None:
     assert speed.undisturbed_round_trip_ms == pytest.approx(speed.round_trip_ms)
 
 
+@pytest.mark.slow
 def test_a_live_session_is_measured() -> None:
     speed = measure_vr("avrgym/FeedingJaco-v1", 1.0)
     assert speed.env == "avrgym/FeedingJaco-v1"
@@ -86,6 +87,7 @@ def test_what_touches_no_span_is_outside() -> None:
     assert outside([], began_s, ended_s).all()
 
 
+@pytest.mark.slow
 def test_a_process_that_goes_before_the_watch_stops_a_processor() -> None:
     with CpuSteal() as watch:
         context = multiprocessing.get_context("spawn")
