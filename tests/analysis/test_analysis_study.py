@@ -355,6 +355,7 @@ def test_figures_of_simulated_participants_say_so(out: Path, group: str) -> None
         assert ("SIMULATED PARTICIPANTS" in figure.read_text()) == (group == "simulated"), figure.name
 
 
+@pytest.mark.slow
 def test_the_same_study_gives_the_same_bytes(store: Store, out: Path, tmp_path: Path) -> None:
     folder = out.parent / tmp_path.name
     write_analysis(analyse(store), store.folder, folder)

@@ -192,6 +192,7 @@ def test_envs_lists_the_environments(tmp_path: Path) -> None:
     assert list(rows[0]) == ["env", "task", "robot", "observation_size", "policies"]
 
 
+@pytest.mark.slow
 def test_bench_sim_measures_whole_episodes_against_bare_physics(tmp_path: Path) -> None:
     file = tmp_path / "speed.json"
     result = avrgym("bench", "sim", "--env", ENVIRONMENT, "--num-envs", 2, "--json", file)

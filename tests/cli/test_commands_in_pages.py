@@ -194,6 +194,7 @@ def lab(studied: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_first_trial_is_replayed_and_shown(lab: Path) -> None:
     run_page("docs/tutorials/first_trial.md", lab)
     assert (lab / "my-first-trial.html").stat().st_size > 100_000

@@ -65,6 +65,7 @@ def _files(entries: list[dict[str, object]]) -> Iterator[str]:
             yield from [inside] if isinstance(inside, str) else _files(inside)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_every_link_and_picture_leads_somewhere(site: dict[Path, Page]) -> None:
     broken = [(file.name, link) for file, page in site.items() for link in page.links | page.loads
               if not _leads(file, link, site)]  # fmt: skip
@@ -89,6 +90,7 @@ def test_nothing_is_loaded_from_the_network(site: dict[Path, Page]) -> None:
     assert [name for name in lazily_loaded if f'class="{name}' in text] == []
 
 
+@pytest.mark.slow
 def test_every_kind_of_page_is_accessible(site: dict[Path, Page]) -> None:
     """Text, code and pictures, wide tables, and the longest reference; the checker's every rule."""
     shown = {"index.html", "vr.html", "policies.html", "reference/study_file.html"}

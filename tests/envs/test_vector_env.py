@@ -20,6 +20,7 @@ MODES = list(AutoresetMode)
 IN_TURN = [(environment, MODES[i % len(MODES)]) for i, environment in enumerate(ENVIRONMENTS)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("environment", "mode"), [*IN_TURN, (FEEDING, MODES[1]), (FEEDING, MODES[2])])
 def test_it_gives_what_gymnasium_s_own_gives(environment, mode, rng):
     """Observations, rewards, ends and infos, over episodes that end at different times."""

@@ -42,6 +42,7 @@ def tensors(out: Path) -> bytes:
     return data[8 + int.from_bytes(data[:8], "little") :]
 
 
+@pytest.mark.slow
 def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(tmp_path):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     policy = distil(TINY, whole)

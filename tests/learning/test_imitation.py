@@ -44,6 +44,7 @@ def test_the_policy_does_as_its_expert_does_with_people_it_never_met(imitated):
     assert difference < 0.5 * size
 
 
+@pytest.mark.slow
 def test_only_episodes_of_the_policy_are_told_of(imitated):
     """The expert drives every world in the first round."""
     _, heard = imitated

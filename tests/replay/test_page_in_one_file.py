@@ -217,6 +217,7 @@ def test_the_page_draws_what_was_recorded(
         assert np.asarray(seen.convert("L"))[:, 400:].std() > 5
 
 
+@pytest.mark.slow
 def test_two_trials_are_drawn_beside_each_other(
     browser: Browser, scratching: Path, feeding: Path, tmp_path: Path
 ) -> None:

@@ -88,6 +88,7 @@ def test_the_participants_page_connects_draws_and_enters_vr(
         page.wait_for_function("() => window.avrgymEmulator.lastState() !== null")
 
 
+@pytest.mark.slow
 def test_the_page_draws_every_detail_without_a_headset(browser: Browser, server: LiveServer[Session]) -> None:
     with visited(browser, server.url) as page:
         expect(page.locator("#status-words")).to_have_text("Connected to the server", timeout=PATIENCE_MS)
@@ -99,6 +100,7 @@ def test_the_page_draws_every_detail_without_a_headset(browser: Browser, server:
         expect(page.locator("#play")).to_have_text("Play without a headset")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("role", ["experimenter", "spectator"])
 def test_the_watchers_page_shows_the_session(
     browser: Browser, server: LiveServer[Session], role: str
@@ -109,6 +111,7 @@ def test_the_watchers_page_shows_the_session(
         page.wait_for_load_state("networkidle")
 
 
+@pytest.mark.slow
 def test_the_dashboard_shows_study_and_picture(browser: Browser, server: LiveServer[Session]) -> None:
     with visited(browser, server.urls("dashboard", server.tokens.experimenter)[0]) as page:
         expect(page.locator("#title")).to_have_text("A study", timeout=PATIENCE_MS)
@@ -117,6 +120,7 @@ def test_the_dashboard_shows_study_and_picture(browser: Browser, server: LiveSer
         assert violations(page) == []
 
 
+@pytest.mark.slow
 def test_the_replay_is_shown(browser: Browser, recording) -> None:  # noqa: F811
     with (
         ReplayServer(recording, *timeline_of(recording, nothing), port=0) as server,

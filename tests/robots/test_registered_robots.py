@@ -122,6 +122,7 @@ def test_its_looks_change_nothing_that_moves(robot):
         assert_allclose(getattr(plain, field), getattr(dressed, field))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", [GEN3, UR5], ids=lambda robot: robot.name)
 def test_a_browser_is_shown_a_robot_of_a_package(robot):
     """Every moving link has a node with a mesh in the scene that clients draw."""

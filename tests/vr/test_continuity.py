@@ -152,6 +152,7 @@ def test_what_the_robot_gave_is_kept_when_tracking_is_lost_after_it_has_finished
     assert result(finished.recordings()[0]) == "completed"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("answers_pings", [True, False], ids=["frozen page", "half-open socket"])
 def test_the_robot_holds_within_a_second_when_a_headset_falls_silent(
     tmp_path: Path, answers_pings: bool, monkeypatch: pytest.MonkeyPatch

@@ -66,6 +66,7 @@ def lived(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveVisit]:
         visit.leave()
 
 
+@pytest.mark.slow
 def test_samples_come_with_their_own_times_into_the_recording(lived: LiveVisit) -> None:
     (recording,) = lived.recordings()
     began_s = next(event.time_s for event in lived.observed if type(event).__name__ == "TrialBegun")

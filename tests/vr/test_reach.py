@@ -69,6 +69,7 @@ def test_two_poses_tell_how_long_the_arms_are(tmp_path: Path, arm_scale: float) 
     assert reaches["simulated"] == pytest.approx(reaches["tracked"], abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_trial_with_other_arms_verifies_bit_by_bit(tmp_path: Path) -> None:
     visit = Reacher(tmp_path, 1.15)
     visit.stretch()

@@ -188,7 +188,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Visit:
     return visit
 
 
-@pytest.mark.slow
 def test_every_tick_hands_out_its_state(whole: Visit) -> None:
     told = [state.sequence for state in whole.said(State)]
     assert told == list(range(1, len(told) + 1))
