@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 STEPS = 1_000_000
 """Of a training, unless another number is asked for."""
-ADAPTIVE = "adaptive"
-"""The recipe for policies that remember."""
+ADAPTIVE, PAPER = RECIPES = ("adaptive", "paper")
+"""For policies that remember; and what the paper did."""
 
 
 def envs(json_file: JsonFile = None) -> None:
@@ -67,7 +67,8 @@ def train(
     steps: Annotated[
         int | None,
         typer.Option(
-            help=f"Environment steps in all, {STEPS} unless said. With --resume, more than before go on beyond.",
+            help=f"Environment steps in all; {STEPS}, or the recipe's own number. With --resume, more than before go "
+            "on beyond.",
             min=1,
         ),
     ] = None,
@@ -83,7 +84,7 @@ def train(
         str | None,
         typer.Option(
             help="How; without it by imitation, then PPO. adaptive: a policy that remembers, from the task's expert "
-            "with zoo/train and each impairment in turn.",
+            "with zoo/train and each impairment in turn. paper: PPO alone, ten million steps.",
         ),
     ] = None,
     help_config: Annotated[
@@ -105,6 +106,7 @@ def train(
     ] = None,
 ) -> None:
     """Train a policy with PPO. Needs the extra `train`."""
+    from avrgym.learning.configuration import PAPER_SETTINGS, PAPER_STEPS
     from avrgym.learning.settings_file import read_settings, settings_text
     from avrgym.simulation.engines.engine import check_engine
     from avrgym.tasks.registry import find_environment
@@ -115,17 +117,15 @@ def train(
             say(settings_text(env))
             return
         if recipe is not None:
-            _check_recipe(
-                recipe,
-                {
-                    "--people": people != "original",
-                    "--impairment": impairment != "none",
-                    "--config": config is not None,
-                    "--cluster": cluster is not None,
-                    "--engine": engine != THREADS,
-                    "--resume with --steps": resume and steps is not None,
-                },
-            )
+            of_all = {"--config": config is not None}
+            of_adaptive = {
+                "--people": people != "original",
+                "--impairment": impairment != "none",
+                "--cluster": cluster is not None,
+                "--engine": engine != THREADS,
+                "--resume with --steps": resume and steps is not None,
+            }
+            _check_recipe(recipe, of_all | of_adaptive if recipe == ADAPTIVE else of_all)
         if resume and config is not None:
             raise ValueError(
                 "a training goes on with the settings it began with; --resume goes without --config"
@@ -136,37 +136,38 @@ def train(
             raise ValueError(
                 "--jobs goes with --cluster: without one, threads of this process step the worlds"
             )
-        settings = None if config is None else read_settings(config, env)
+        settings = PAPER_SETTINGS if recipe == PAPER else None
+        if config is not None:
+            settings = read_settings(config, env)
         check_engine(engine)
         training = _training()
-        if recipe is not None:
+        if recipe == ADAPTIVE:
             folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{recipe}-{seed}"
             _distil(env, steps, seed, worlds, folder, resume=resume)
             say(f"policy    {folder / training.POLICY_FILE}")
             return
-        folder = out or Path("runs") / _run_name(env, people, impairment, seed)
+        folder = out or Path("runs") / _run_name(env, people, impairment, recipe, seed)
         if resume:
-            stored = training.stored_configuration(folder)
-            if stored.environment != env:
-                raise ValueError(f"{folder} holds a training of {stored.environment}, not of {env}")
-            wanted = replace(stored, steps=steps or stored.steps)
-            with on_cluster(cluster, jobs) as workers, _shown(env, wanted.whole_steps, folder) as tell:
-                training.resume(folder, tell, steps, cluster=workers)
+            configuration = training.stored_configuration(folder)
+            if configuration.environment != env:
+                raise ValueError(f"{folder} holds a training of {configuration.environment}, not of {env}")
+            configuration = replace(configuration, steps=steps or configuration.steps)
         else:
-            configuration = training.configuration_for(
-                env, people, steps or STEPS, seed, impairment, settings, engine
-            )
-            if worlds is not None:
-                configuration = replace(configuration, worlds=worlds)
-            with on_cluster(cluster, jobs) as workers, _shown(env, configuration.whole_steps, folder) as tell:
+            steps = steps or (PAPER_STEPS if recipe == PAPER else STEPS)
+            configuration = training.configuration_for(env, people, steps, seed, impairment, settings, engine)
+            configuration = replace(configuration, worlds=worlds or configuration.worlds)
+        with on_cluster(cluster, jobs) as workers, _shown(env, configuration.whole_steps, folder) as tell:
+            if resume:
+                training.resume(folder, tell, steps, cluster=workers)
+            else:
                 training.train(configuration, folder, tell, cluster=workers)
     say(f"policy    {folder / training.POLICY_FILE}")
 
 
 def _check_recipe(recipe: str, others: dict[str, bool]) -> None:
-    """Refuse recipes that there are not, and options that belong to none."""
-    if recipe != ADAPTIVE:
-        raise ValueError(f"unknown recipe {recipe!r}; allowed: {ADAPTIVE}")
+    """Refuse recipes that there are not, and options that one leaves no choice of."""
+    if recipe not in RECIPES:
+        raise ValueError(f"unknown recipe {recipe!r}; allowed: {', '.join(RECIPES)}")
     given = [name for name, is_given in others.items() if is_given]
     if given:
         raise ValueError(f"--recipe {recipe} says that itself or cannot do it: leave out {', '.join(given)}")
@@ -232,12 +233,13 @@ def _shown(env: str, steps: int, folder: Path) -> "Generator[training.Tell]":
         yield tell
 
 
-def _run_name(env: str, people: str, impairment: str, seed: int) -> str:
+def _run_name(env: str, people: str, impairment: str, recipe: str | None, seed: int) -> str:
     from avrgym.people.distributions import NAMED
 
     whom = people.replace("/", "-") if people in NAMED else Path(people).stem
     limited = [] if impairment == "none" else [impairment]
-    return "-".join([env.removeprefix("avrgym/"), whom, *limited, str(seed)])
+    by_recipe = [] if recipe is None else [recipe]
+    return "-".join([env.removeprefix("avrgym/"), whom, *limited, *by_recipe, str(seed)])
 
 
 def fit_people(

@@ -14,6 +14,19 @@ from avrgym.tasks.training_settings import TrainingSettings
 
 CONFIGURATION_FILE, LOG_FOLDER = "configuration.json", "tensorboard"
 STEPWISE, BY_UPDATES = 1, 2
+PAPER_STEPS = 10_000_000
+"""Environment steps of each of the paper's trainings (section VI)."""
+PAPER_SETTINGS = TrainingSettings(
+    imitation_rounds=0,
+    imitation_share=0.0,
+    critic_updates=0,
+    log_std=(-0.7, -2.5),
+    force_weight_per_n=0.0,
+    detour_weight_per_m=0.0,
+    hard_share=0.0,
+)
+"""The paper's recipe, the same for every task: PPO alone, on the task's rewards as they are. The paper says nothing of
+how random actions are: they begin and end here as in feeding, which learns by PPO alone, too."""
 
 
 @dataclass(frozen=True, kw_only=True)
