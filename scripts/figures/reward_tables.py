@@ -11,7 +11,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.learning.evaluation import EVALUATION_STREAM, MAX_WORLDS
+from avrgym.learning.evaluation import MAX_WORLDS
+from avrgym.learning.seed_streams import SHOWING, episode_generators
 from avrgym.policies.registry import acting, find
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.world_version import WORLD_VERSIONS
@@ -57,7 +58,7 @@ def added_up(
 
 def _run(environment: str, policy: str, people: str, numbers: range, seed: int) -> list[dict[str, Array]]:
     world = Episodes(environment, len(numbers), distribution=people)
-    generators = [np.random.default_rng([EVALUATION_STREAM, seed, episode]) for episode in numbers]
+    generators = episode_generators(SHOWING, seed, numbers)
     observation = world.begin(np.arange(len(numbers)), generators)
     tasks = [find_task(world.task.name, version) for version in WORLD_VERSIONS]
     memories = [world.task_state for _ in tasks]

@@ -284,6 +284,13 @@ def evaluate(
     ] = False,
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
     seed: Seed = 0,
+    stream: Annotated[
+        str,
+        typer.Option(
+            help="What episodes are drawn from: showing, for figures that are shown; choosing, for whatever is "
+            "chosen by them, such as settings and checkpoints."
+        ),
+    ] = "showing",
     jobs: Jobs = None,
     cluster: Address = None,
     allow_other_environment: Annotated[
@@ -307,6 +314,7 @@ def evaluate(
     """
     from avrgym.learning.cross_play import cross_play as evaluate_each
     from avrgym.learning.cross_play import matrix
+    from avrgym.learning.seed_streams import stream_of
     from avrgym.tasks.known import EPISODE_STEPS
 
     with plain_errors():
@@ -327,6 +335,7 @@ def evaluate(
                 seed,
                 bar.advance,
                 impairment=impairment,
+                stream=stream_of(stream),
                 jobs=jobs,
                 cluster=workers,
                 allow_other_environment=allow_other_environment,

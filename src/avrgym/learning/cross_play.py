@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from avrgym.learning.evaluation import Evaluation, Progress, evaluate_all
+from avrgym.learning.seed_streams import SHOWING, Stream
 from avrgym.people.distributions import find_distribution
 from avrgym.people.impairments import find_impairment
 from avrgym.policies import registry
@@ -24,6 +25,7 @@ def cross_play(
     progress: Progress = lambda steps: None,
     *,
     impairment: str = "none",
+    stream: Stream = SHOWING,
     jobs: int | None = None,
     cluster: "Cluster | None" = None,
     allow_other_environment: bool = False,
@@ -57,6 +59,7 @@ def cross_play(
             seed,
             progress,
             impairment=impairment,
+            stream=stream,
             jobs=jobs,
             cluster=cluster,
             allow_other_environment=allow_other_environment,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.learning.seed_streams import SHOWING, Stream, episode_generators
 from avrgym.models.scene import SUBSTEPS
 from avrgym.policies import registry
 from avrgym.policies.force_guard import ForceGuard
@@ -28,8 +29,6 @@ Progress = Callable[[int], None]
 MAX_WORLDS = 64
 WORTH_A_PROCESS = 16
 """How many episodes take longer than a process to start."""
-EVALUATION_STREAM = 1_000_003
-"""Evaluation draws from streams of its own, which training never uses."""
 
 
 class Results(NamedTuple):
@@ -47,6 +46,7 @@ class Results(NamedTuple):
 class Evaluation:
     """The figures of one policy in one environment; force is the mean over all steps.
 
+    ``stream`` is what its episodes were drawn from: figures of ``showing`` are of episodes that no choice has seen.
     ``force_regions`` are the forces by region of the body, ``episodes_over_limit`` counts the episodes in which any
     region bore more than its limits allow, see ``RegionLoads``. ``guard_interventions`` is how often a force guard drew
     the arm back, per episode; ``None`` without one. ``engine`` and ``device`` say where physics ran.
@@ -56,6 +56,7 @@ class Evaluation:
     policy: str
     people: str
     impairment: str
+    stream: Stream
     episodes: int
     reward_mean: float
     reward_std: float
@@ -77,6 +78,7 @@ class _Batch:
     policy: Carried
     people: Carried
     impairment: str
+    stream: Stream
     seed: int
     episodes: range
     threads: int
@@ -94,11 +96,12 @@ def evaluate(
     progress: Progress = lambda steps: None,
     *,
     impairment: str = "none",
+    stream: Stream = SHOWING,
     engine: str = THREADS,
 ) -> Evaluation:
     """Run episodes of 200 steps in this process, and sum them up; see ``evaluate_all``."""
     asked = [environment_id], policy, people, episodes, seed, progress
-    return evaluate_all(*asked, impairment=impairment, jobs=1, engine=engine)[0]
+    return evaluate_all(*asked, impairment=impairment, stream=stream, jobs=1, engine=engine)[0]
 
 
 def evaluate_all(
@@ -110,6 +113,7 @@ def evaluate_all(
     progress: Progress = lambda steps: None,
     *,
     impairment: str = "none",
+    stream: Stream = SHOWING,
     jobs: int | None = None,
     cluster: "Cluster | None" = None,
     allow_other_environment: bool = False,
@@ -126,6 +130,7 @@ def evaluate_all(
         seed: of the episodes; another seed gives other people and starts.
         progress: told again and again how many environment steps were made since it was told last.
         impairment: a name in ``people.impairments.IMPAIRMENTS``.
+        stream: what the episodes are drawn from, see ``seed_streams``.
         jobs: how many processes share the work and the cores; without it one for each core that has enough to do,
             and one alone for a device.
             It changes no figure.
@@ -158,6 +163,7 @@ def evaluate_all(
             policy=driver,
             people=whom,
             impairment=impairment,
+            stream=stream,
             seed=seed,
             episodes=numbers,
             threads=threads,
@@ -206,7 +212,7 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
         by_region=True,
         engine=batch.engine,
     )
-    generators = [np.random.default_rng([EVALUATION_STREAM, batch.seed, number]) for number in batch.episodes]
+    generators = episode_generators(batch.stream, batch.seed, batch.episodes)
     return _run(world, batch, generators, progress)
 
 
@@ -222,6 +228,7 @@ def _sum_up(batch: _Batch, results: list[Results]) -> Evaluation:
         policy=batch.policy.name,
         people=batch.people.name,
         impairment=batch.impairment,
+        stream=batch.stream,
         episodes=len(reward),
         reward_mean=float(reward.mean()),
         reward_std=float(reward.std()),
