@@ -40,9 +40,8 @@ def packaged_table(kind: str) -> Iterator[str]:
 
 def _packaged_row(environment: str, policy: Policy) -> str:
     metadata = policy.metadata
-    measured = {name: float(value) for name, value in metadata.measured.items()}
-    episodes = round(measured["episodes"])
-    success = _success(round(measured["success_rate"] * episodes), episodes)
+    measured = metadata.measured
+    success = _success(round(measured["success_rate"] * measured["episodes"]), measured["episodes"])
     paper_success, paper_reward = PAPER[environment]
     hours = f"{metadata.seconds / 3600:.1f}" if metadata.seconds else "–"
     return (
