@@ -31,7 +31,7 @@ demo: $(DONE)/demo $(DONE)/chromium $(CLIENT) ## a whole session of a simulated 
 
 # What the tests leave idle while they wait is enough for the other checks.
 test: setup ## linters, types, the client's tests, and all tests but slow ones
-	@nice -n 19 $(MAKE) --no-print-directory lint client-test > .venv/checks.log 2>&1 & checks=$$!; \
+	@nice -n 5 $(MAKE) --no-print-directory lint client-test > .venv/checks.log 2>&1 & checks=$$!; \
 	OMP_NUM_THREADS=1 $(PYTEST_IN_PARALLEL) -m 'not slow'; \
 	tests=$$?; wait $$checks; checks=$$?; cat .venv/checks.log; exit $$((tests | checks))
 

@@ -19,6 +19,7 @@ from avrgym.learning.evaluation import evaluate
 from avrgym.policies.trained import Policy
 from avrgym.system.files import write_whole
 from avrgym.tasks.registry import ENVIRONMENTS
+from papers_results import VIRTUAL_REALITY, row, short
 
 SEEDS = (1, 2, 3)
 PEOPLE = ("original", "revised")
@@ -31,17 +32,6 @@ FIGURES = ("episodes", "success_rate", "success_ci95", "reward_mean", "reward_st
 MET_FILE = FOLDER / "participants.json"
 
 
-PAPER = {
-    "avrgym/FeedingJaco-v1": (63, 45),
-    "avrgym/FeedingPR2-v1": (100, 100),
-    "avrgym/DrinkingJaco-v1": (0, 42),
-    "avrgym/DrinkingPR2-v1": (75, 75),
-    "avrgym/ScratchItchJaco-v1": (0, 62),
-    "avrgym/ScratchItchPR2-v1": (25, 45),
-    "avrgym/BedBathingJaco-v1": (0, 0),
-    "avrgym/BedBathingPR2-v1": (0, 0),
-}
-"""Success in percent of the paper's Original and Revised policies with eight people in VR (tables I and II)."""
 HEAD = (
     "environment",
     "Original on Original",
@@ -126,29 +116,25 @@ def table() -> Iterator[str]:
     by_name = _met()
     met: Figures = {run: by_name[run.name] for run in RUNS}
     columns = [(figures, people) for figures in (own, met) for people in PEOPLE]
-    yield _row(*HEAD)
-    yield _row(*["---"] * len(HEAD))
+    yield row(*HEAD)
+    yield row(*["---"] * len(HEAD))
     for environment in ENVIRONMENTS:
         cells = [
             _spread([figures[Run(environment, people, seed)] for seed in SEEDS])
             for figures, people in columns
         ]
-        yield _row(short(environment), *cells, *(f"{success} %" for success in PAPER[environment]))
+        yield row(short(environment), *cells, *(f"{success} %" for success in _paper(environment)))
     cells = [_percents([_overall(figures, people, seed) for seed in SEEDS]) for figures, people in columns]
-    yield _row("all", *cells, *(f"{mean(each):.0f} %" for each in zip(*PAPER.values(), strict=True)))
+    papers = zip(*map(_paper, ENVIRONMENTS), strict=True)
+    yield row("all", *cells, *(f"{mean(each):.0f} %" for each in papers))
 
 
-def short(environment: str) -> str:
-    """An environment's id without what is the same in all."""
-    return environment.split("/")[1].removesuffix("-v1")
+def _paper(environment: str) -> list[int]:
+    return [reached[environment].success for reached in VIRTUAL_REALITY.values()]
 
 
 def _met() -> dict[str, dict[str, object]]:
     return msgspec.json.decode(MET_FILE.read_bytes()) if MET_FILE.exists() else {}
-
-
-def _row(*cells: str) -> str:
-    return f"| {' | '.join(cells)} |"
 
 
 def _spread(measured: Sequence[Mapping[str, object]]) -> str:

@@ -14,18 +14,7 @@ from pathlib import Path
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-
-PAPER = {
-    "avrgym/FeedingJaco-v1": (75, 82),
-    "avrgym/FeedingPR2-v1": (77, 103),
-    "avrgym/DrinkingJaco-v1": (32, 144),
-    "avrgym/DrinkingPR2-v1": (59, 380),
-    "avrgym/ScratchItchJaco-v1": (48, 218),
-    "avrgym/ScratchItchPR2-v1": (35, 62),
-    "avrgym/BedBathingJaco-v1": (28, 118),
-    "avrgym/BedBathingPR2-v1": (13, 85),
-}
-"""Success in percent and mean reward of the paper's Original policies in its simulation (section VII)."""
+from papers_results import SIMULATION, short
 
 
 def packaged_table(kind: str) -> Iterator[str]:
@@ -42,10 +31,10 @@ def _packaged_row(environment: str, policy: Policy) -> str:
     metadata = policy.metadata
     measured = metadata.measured
     success = _success(round(measured["success_rate"] * measured["episodes"]), measured["episodes"])
-    paper_success, paper_reward = PAPER[environment]
+    paper_success, paper_reward = SIMULATION[environment]
     hours = f"{metadata.seconds / 3600:.1f}" if metadata.seconds else "–"
     return (
-        f"| {_short(environment)} | {success} | {paper_success} % | {measured['reward_mean']:.0f} | {paper_reward} "
+        f"| {short(environment)} | {success} | {paper_success} % | {measured['reward_mean']:.0f} | {paper_reward} "
         f"| {measured['force_mean_newton']:.1f} N | {policy.action_deviation:.2g} | {metadata.steps / 1e6:.2f} M "
         f"| {hours} |"
     )
@@ -57,7 +46,7 @@ def comparison_table(original: list[dict], revised: list[dict]) -> Iterator[str]
     yield "|---|---|---|---|---|"
     for one, other in zip(original, revised, strict=True):
         forces = f"{one['force_mean_newton']:.1f} N | {other['force_mean_newton']:.1f} N"
-        yield f"| {_short(one['env'])} | {_row_success([one])} | {_row_success([other])} | {forces} |"
+        yield f"| {short(one['env'])} | {_row_success([one])} | {_row_success([other])} | {forces} |"
     yield f"| all | {_row_success(original)} | {_row_success(revised)} | | |"
 
 
@@ -88,10 +77,6 @@ def _row_success(rows: list[dict]) -> str:
 def _success(successes: int, episodes: int) -> str:
     low, high = wilson_interval(successes, episodes)
     return f"{100.0 * successes / episodes:.3g} % [{100.0 * low:.0f}, {100.0 * high:.0f}]"
-
-
-def _short(environment: str) -> str:
-    return environment.removeprefix("avrgym/").removesuffix("-v1")
 
 
 if __name__ == "__main__":

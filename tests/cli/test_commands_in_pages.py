@@ -208,6 +208,7 @@ def test_a_policy_is_trained_and_measured(lab: Path) -> None:
     assert (lab / "learning.png").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
     ["how_to/people.md", "how_to/own_analysis.md", "reference/recording.md", "reference/policy_file.md"],
@@ -216,6 +217,7 @@ def test_the_page_runs(page: str, lab: Path) -> None:
     run_page(f"docs/{page}", lab)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "page", ["README.md", "docs/analysis.md", "docs/replay.md", "docs/closing_the_loop.md", "docs/study.md"]
 )

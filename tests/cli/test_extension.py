@@ -56,6 +56,7 @@ def test_each_of_its_files_is_short() -> None:
     assert max(lines.values()) < MOST_LINES
 
 
+@pytest.mark.slow
 def test_its_environments_are_listed_and_what_is_broken_is_named_and_skipped(installed: Path) -> None:
     said = " ".join(avrgym(installed, "envs", "--json", "envs.json").split())
     listed = {row["env"] for row in json.loads((installed / "envs.json").read_text())}
@@ -67,6 +68,7 @@ def test_its_environments_are_listed_and_what_is_broken_is_named_and_skipped(ins
     assert len(re.findall(broken, said)) >= 2, said
 
 
+@pytest.mark.slow
 def test_gymnasium_and_our_own_check_find_nothing_wrong(installed: Path) -> None:
     python(installed, "-c", CHECK)
 

@@ -80,6 +80,7 @@ def _leads(file: Path, link: str, site: dict[Path, Page]) -> bool:
     return target.exists() and (target not in site or unquote(anchor) in site[target].anchors)
 
 
+@pytest.mark.slow
 def test_nothing_is_loaded_from_the_network(site: dict[Path, Page]) -> None:
     foreign = re.compile(r"(?:[a-z]+:)?//")
     assert {link for page in site.values() for link in page.loads if foreign.match(link)} == set()
@@ -107,6 +108,7 @@ def test_every_kind_of_page_is_accessible(site: dict[Path, Page]) -> None:
     assert found == {name: [] for name in shown}
 
 
+@pytest.mark.slow
 def test_the_reference_has_every_command_message_and_topic(site: dict[Path, Page]) -> None:
     from avrgym.recording.records import TOPICS
     from avrgym.vr.typescript import UNIONS

@@ -281,6 +281,7 @@ def test_without_a_render_mode_there_is_no_picture():
     assert env.render() is None
 
 
+@pytest.mark.slow
 @needs_graphics
 def test_a_picture_shows_the_scene_as_it_stands():
     env = AssistiveEnv(FEEDING, people="revised", render_mode="rgb_array")

@@ -189,6 +189,7 @@ def test_a_training_leaves_a_policy_that_loads(trained):
     assert found.mean(np.zeros((2, 30))).shape == (2, 7)
 
 
+@pytest.mark.slow
 def test_a_training_stores_its_configuration_and_its_log(trained):
     _, out = trained
     assert json.loads((out / "configuration.json").read_text())["minibatch"] == TINY.minibatch

@@ -343,7 +343,7 @@ def test_a_packaged_policy_says_where_and_on_whom_it_was_trained(path):
     metadata = Policy.load(path).metadata
     assert (metadata.environment, metadata.people) == (f"avrgym/{scene}-v1", kind)
     assert metadata.steps > 0
-    assert metadata.measured["episodes"] == 100
+    assert metadata.measured["episodes"] == 1000
 
 
 def test_arrays_that_do_not_fit_make_no_policy():

@@ -189,6 +189,7 @@ def test_trials_are_aligned_where_the_robot_begins(trial: ReplayedTrial, feeding
 # What is seen ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_page_draws_what_was_recorded(
     browser: Browser, page_file: Path, trial: ReplayedTrial, tmp_path: Path
 ) -> None:

@@ -78,6 +78,7 @@ def visited(browser: Browser, url: str) -> Iterator[Page]:
         assert not complaints
 
 
+@pytest.mark.slow
 def test_the_participants_page_connects_draws_and_enters_vr(
     browser: Browser, server: LiveServer[Session]
 ) -> None:

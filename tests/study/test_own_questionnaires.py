@@ -229,6 +229,7 @@ def test_each_questionnaire_is_a_family(out: Path) -> None:
         assert [None if pd.isna(p) else p for p in own["p_holm"]] == expected
 
 
+@pytest.mark.slow
 def test_answers_before_and_after_and_their_change_are_those_given(out: Path) -> None:
     rows = table(out, "session_answers").set_index(["item", "moment"])
     numbers = range(1, PEOPLE + 1)

@@ -210,6 +210,7 @@ def test_load_is_scored_after_each_trial_and_weighted_by_what_was_chosen(out: Pa
             assert list(own.loc[list(FACTORS), "score"]) == ratings
 
 
+@pytest.mark.slow
 def test_symptoms_are_scored_before_and_after_and_a_missing_answer_leaves_no_score(out: Path) -> None:
     tables = out / "analysis" / "tables"
     scores = read(tables / "scores.csv").query("questionnaire == 'ssq' and moment == 'after_session'")
