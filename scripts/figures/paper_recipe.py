@@ -2,8 +2,8 @@
 
     python scripts/figures/paper_recipe.py train [ENVIRONMENT ...]   trains what is not trained yet, in all environments
                                                                      unless some are named, and goes on where it stopped
-    python scripts/figures/paper_recipe.py measure                   has each meet people like those it was trained with,
-                                                                     and `participants`
+    python scripts/figures/paper_recipe.py measure                   has each meet people like its own, and
+                                                                     `participants`
     python scripts/figures/paper_recipe.py table                     prints the table of docs/policies.md
 
 Policies and figures lie in `scripts/figures/paper_recipe/`, what trainings under way need in `runs/`. Needs the extra
