@@ -87,7 +87,7 @@ export class View {
     this.renderer.setSize(width, height);
     this.controls.enabled = !this.borrowed;
     const [x, y] = offset(area, this.card.getBoundingClientRect());
-    this.spectator.fov = timesAsHigh(height / Math.max(height - 2 * y, height / 4), SCENE_ANGLE);
+    this.spectator.fov = timesAsHigh(height / Math.max(height - 2 * Math.abs(y), height / 4), SCENE_ANGLE);
     if (this.borrowed) this.borrowed.fov = timesAsHigh(Math.max(height / width, 1), EYES_ANGLE);
     for (const camera of [this.spectator, this.borrowed]) {
       if (!camera) continue;
@@ -152,9 +152,12 @@ function timesAsHigh(times: number, angle: number): number {
   return (Math.atan(Math.tan((angle * Math.PI) / 360) * times) * 360) / Math.PI;
 }
 
-/** By how much a picture is moved, px, to leave free what a card covers at its left or its lower edge. */
-function offset(area: DOMRect, card: DOMRect): [x: number, y: number] {
-  const besides = card.width < area.width * 0.7;
-  if (card.right <= area.left || card.top >= area.bottom) return [0, 0];
-  return besides ? [(area.left - card.right) / 2, 0] : [0, (area.bottom - card.top) / 2];
+type Rectangle = Pick<DOMRect, "left" | "right" | "top" | "bottom" | "width">;
+
+/** By how much the view of a picture is moved, px, so that its middle is not behind a card at its left or across it. */
+export function offset(area: Rectangle, card: Rectangle): [x: number, y: number] {
+  if (card.right <= area.left || card.top >= area.bottom || card.bottom <= area.top) return [0, 0];
+  if (card.width < area.width * 0.7) return [(area.left - card.right) / 2, 0];
+  const atTop = card.top - area.top < area.bottom - card.bottom;
+  return [0, (atTop ? area.top - card.bottom : area.bottom - card.top) / 2];
 }
