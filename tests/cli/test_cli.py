@@ -21,7 +21,7 @@ from processes import AVRGYM, die_with_parent
 from visit import ENVIRONMENT, drive
 
 FIGURES = [
-    "env", "policy", "people", "impairment", "episodes", "reward_mean", "reward_std", "success_rate",
+    "env", "policy", "people", "impairment", "stream", "episodes", "reward_mean", "reward_std", "success_rate",
     "success_ci95", "force_mean_newton", "episodes_over_limit", "guard_interventions",
     "engine", "device",
 ]  # fmt: skip
