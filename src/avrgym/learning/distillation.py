@@ -49,7 +49,7 @@ EXPERT_SHARE = 0.7
 WINDOW = 50
 SEQUENCES = 32
 """Episodes of one step of the optimizer."""
-PASSES, LAST_PASSES = 60, 600
+PASSES, LAST_PASSES = 40, 1500
 """How many such steps through whole episodes a round takes, and the last one."""
 LEARNING_RATE, FALL, LAST_FALL = 1e-3, 0.3, 0.01
 """The learning rate, and the share of it that is left at the end of a round and of the last."""
@@ -66,8 +66,8 @@ class Distillation:
     steps: int = 500_000
     seed: int = 0
     worlds: int = 64
-    memory: int = 64
-    hidden: tuple[int, ...] = (64, 64)
+    memory: int = 128
+    hidden: tuple[int, ...] = (128, 128)
     threads: int = 0
 
     @property

@@ -14,6 +14,7 @@ from avrgym.policies.trained import Policy
 from avrgym.system.carried import Carried
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.task import Controller
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -43,7 +44,7 @@ class Order:
         first: the number of the first world in the training.
         episodes: seeds that the episodes are drawn from, (n,).
         noise: what the actions' chance is drawn from, beside the world's number; without it there is none.
-        by_expert: (n,) which worlds the task's reactive expert drives; it then says in all of them what it would do.
+        by_expert: (n,) which worlds an expert drives, see ``_expert_for``; it then says in all of them what it would do.
         force_weight_per_n: what each newton on the person takes off a step's reward.
         detour_weight_per_m: what each metre of a detour that the tool has to make to its goal takes off, but for an
             episode's last step.
@@ -102,7 +103,7 @@ def roll_out(policy: Policy, order: Order) -> Rollout:
     worlds = _worlds(order.place, count)
     generators = [np.random.default_rng(int(seed)) for seed in order.episodes]
     seen = [worlds.begin(np.arange(count), generators).astype(np.float32)]
-    expert = None if order.by_expert is None else worlds.task.reactive_expert(worlds)
+    expert = None if order.by_expert is None else _expert_for(policy, worlds)
     actor, noise = Actor(policy, count), _noise(policy, order)
     done: list[Floats] = []
     rewards: list[Array] = []
@@ -122,6 +123,13 @@ def roll_out(policy: Policy, order: Order) -> Rollout:
         success = step.success
     told = np.stack(rewards).astype(np.float32)
     return Rollout(np.stack(seen), np.stack(done), told, returns, success, force_n)
+
+
+def _expert_for(policy: Policy, worlds: Episodes) -> Controller:
+    """Whom a policy learns from: one that remembers from the task's teacher, others from its reactive expert."""
+    task = worlds.task
+    teacher = task.teacher if policy.memory is not None else None
+    return (teacher or task.reactive_expert)(worlds)
 
 
 def _noise(policy: Policy, order: Order) -> Array:

@@ -345,6 +345,10 @@ class Episodes:
             events=result.events,
         )
 
+    def state(self) -> State:
+        """What tasks and experts see now."""
+        return self.simulation.state()
+
     def observe(self) -> Array:
         """Observations (N, O) of the present state."""
         return self.observation.of(self.simulation.state(), self.task_state)

@@ -64,6 +64,10 @@ class RunningEpisodes(Protocol):
         """What the task keeps of their episodes."""
         ...
 
+    def state(self) -> State:
+        """What there is to see now."""
+        ...
+
 
 Controller = Callable[[Array], Array]
 """From the observations (N, O) of a control step to actions (N, A)."""
@@ -126,6 +130,7 @@ class Task:
             task's state before.
         expert: plans with all that can be known: it shows that the task can be done.
         reactive_expert: does without plan or memory what depends evenly on the present: training imitates it.
+        teacher: whom policies that remember learn from; without one from the reactive expert.
         views: from where pictures are taken.
         training: how policies are trained.
         detour_m: how much longer than straight on the way of tool and hand to the goal is, (N,); with a
@@ -151,6 +156,7 @@ class Task:
     expert: Expert
     reactive_expert: Expert
     views: Views
+    teacher: Expert | None = None
     strength_share: float | None = None
     training: TrainingSettings = field(default_factory=TrainingSettings)
     detour_m: Callable[[State, TaskState], Array] | None = None

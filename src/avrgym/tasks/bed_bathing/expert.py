@@ -59,7 +59,7 @@ class BedBathingExpert:
         self._depth_m, self._left_m = np.zeros(count), np.full(count, np.inf)
 
     def __call__(self, observation: Array) -> Array:
-        state, sweep, phase = self._episodes.simulation.state(), self._sweep, self._phase
+        state, sweep, phase = self._episodes.state(), self._sweep, self._phase
         self._press(state)
         share = np.where(phase <= TOUCH, self._first[sweep], self._last[sweep])
         above = np.where((phase == COME) | (phase >= LIFT), LIFT_M, -self._depth_m)

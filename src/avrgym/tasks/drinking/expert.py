@@ -61,15 +61,15 @@ class DrinkingExpert:
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Plan for the people who are there now."""
-        self._simulation = episodes.simulation
+        self._episodes = episodes
         self._guide, self._clearance = Guide(episodes), Clearance(episodes.simulation)
-        count = self._simulation.num_worlds
+        count = self._episodes.simulation.num_worlds
         self._tilt_rad, self._arrived = np.full(count, TIPPED_RAD), np.zeros(count, dtype=bool)
-        self._way, self._before_rad = self._plan(self._simulation.state())
+        self._way, self._before_rad = self._plan(self._episodes.state())
 
     def __call__(self, observation: Array) -> Array:
         """Actions (N, J)."""
-        state, guide = self._simulation.state(), self._guide
+        state, guide = self._episodes.state(), self._guide
         self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
         swing = guide.swing(self._before_rad, CARRY_M_S, TIPPED_RAD)
         pos_w, q_w = at_mouth(state, self._way, self._tilt_rad)
@@ -84,7 +84,7 @@ class DrinkingExpert:
 
         Also the arm's angles (N, J) where it begins.
         """
-        worlds = np.arange(self._simulation.num_worlds)
+        worlds = np.arange(self._episodes.simulation.num_worlds)
         ways = np.radians([(aside, roll) for aside in ASIDE_DEG for roll in ROLL_DEG])
         tried = [self._try(state, Way(*np.tile(way[:, None], len(worlds)))) for way in ways]
         costs, before_rad = (np.array(parts) for parts in zip(*tried, strict=True))

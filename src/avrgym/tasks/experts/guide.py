@@ -36,7 +36,7 @@ class Guide:
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin where the arms are."""
-        self._simulation = episodes.simulation
+        self._episodes, self._simulation = episodes, episodes.simulation
         self._chain = places.arm_chain(episodes.scene)
         self._reach_rad = episodes.scene.arm.speed_limit_rad_s * CONTROL_STEP_S
         self._clearance = Clearance(self._simulation)
@@ -125,7 +125,7 @@ class Guide:
     def _cost_clear_s(self, angles_rad: Array) -> Array:
         """What it costs that swings to angles (N, M, J) come close to something, (N, M)."""
         way = angles_rad - self.angles_rad[:, None]
-        state, gap = self._simulation.state(), np.full(way.shape[:2], np.inf)
+        state, gap = self._episodes.state(), np.full(way.shape[:2], np.inf)
         for share in PARTS_OF_THE_WAY:
             there = self.angles_rad[:, None] + share * way
             gap = np.minimum(gap, self._clearance.least_m(there, state, tool=share < 1.0))

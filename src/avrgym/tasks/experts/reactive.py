@@ -56,7 +56,7 @@ class Reactive:
     def __call__(self, observation: Array) -> Array:
         """Actions (N, J)."""
         self._guide.relax()
-        state, task_state = self._episodes.simulation.state(), self._episodes.task_state
+        state, task_state = self._episodes.state(), self._episodes.task_state
         pos_w, q_w, speed = self._aim(state, task_state, self._guide)
         return self._guide.toward(pos_w, q_w, speed, TURN_RAD_S)
 

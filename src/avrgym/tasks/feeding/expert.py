@@ -36,17 +36,17 @@ UP = np.array([0.0, 0.0, 1.0])
 class FeedingExpert:
     """Chooses a way for each person, then follows it: first before the mouth, then straight in."""
 
-    def __init__(self, episodes: RunningEpisodes) -> None:
+    def __init__(self, episodes: RunningEpisodes, guide: type[Guide] = Guide) -> None:
         """Plan for the people who are there now."""
-        self._simulation = episodes.simulation
-        self._guide = Guide(episodes)
-        self._clearance_m = np.full(self._simulation.num_worlds, CLEARANCE_M)
-        self._arrived = np.zeros(self._simulation.num_worlds, dtype=bool)
-        self._plan(self._simulation.state())
+        self._episodes = episodes
+        self._guide = guide(episodes)
+        count = episodes.simulation.num_worlds
+        self._clearance_m, self._arrived = np.full(count, CLEARANCE_M), np.zeros(count, dtype=bool)
+        self._plan(episodes.state())
 
     def __call__(self, observation: Array) -> Array:
         """Actions (N, J)."""
-        state, guide = self._simulation.state(), self._guide
+        state, guide = self._episodes.state(), self._guide
         self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
         swing = guide.swing(self._before_rad, CARRY_M_S, TILT_RAD)
         target = at_mouth(state, self._q_w, self._rise_m, self._clearance_m)

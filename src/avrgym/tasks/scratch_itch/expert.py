@@ -75,7 +75,7 @@ class ScratchItchExpert:
 
     def _rub(self) -> tuple[Array, Array]:
         """The tip's next place (N, 3) and the rod's rotation (N, 4)."""
-        state, task_state = self._episodes.simulation.state(), self._episodes.task_state
+        state, task_state = self._episodes.state(), self._episodes.task_state
         _, limb_q_w = limb_frame(state, task_state)
         out, _ = surface(task_state, limb_q_w)
         q_w = transforms.multiply(limb_q_w, self._q_limb)
@@ -88,7 +88,7 @@ class ScratchItchExpert:
 
     def _find_detour(self) -> tuple[Array, Array]:
         """Angles (N, J) before and above the wrist, the rod pointing down, and what it costs to go there (N,)."""
-        wrist_w = self._episodes.simulation.state().right_arm_pos_w[:, 2]
+        wrist_w = self._episodes.state().right_arm_pos_w[:, 2]
         turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
         q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))
         place_w = np.repeat((wrist_w + FROM_WRIST_M)[:, None], q_w.shape[1], axis=1)
@@ -104,7 +104,7 @@ class ScratchItchExpert:
         Returns:
             What the way there costs, (N,) seconds.
         """
-        state, task_state = self._episodes.simulation.state(), self._episodes.task_state
+        state, task_state = self._episodes.state(), self._episodes.task_state
         _, limb_q_w = limb_frame(state, task_state)
         out, along = surface(task_state, limb_q_w)
         into, tilt = _ways(out, along)
