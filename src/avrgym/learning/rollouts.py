@@ -44,7 +44,8 @@ class Order:
         first: the number of the first world in the training.
         episodes: seeds that the episodes are drawn from, (n,).
         noise: what the actions' chance is drawn from, beside the world's number; without it there is none.
-        by_expert: (n,) which worlds an expert drives, see ``_expert_for``; it then says in all of them what it would do.
+        by_expert: (n,) which worlds an expert drives, see ``_expert_for``; it then says in all of them what it would
+            do.
         force_weight_per_n: what each newton on the person takes off a step's reward.
         detour_weight_per_m: what each metre of a detour that the tool has to make to its goal takes off, but for an
             episode's last step.

@@ -165,7 +165,7 @@ class Task:
     def __post_init__(self) -> None:
         for part, kind in _KINDS.items():
             self._check_part(part, isinstance(getattr(self, part), kind), kind.__name__)
-        for part in _FUNCTIONS:
+        for part in (*_FUNCTIONS, *(["teacher"] if self.teacher is not None else [])):
             self._check_part(part, callable(getattr(self, part)), "function")
         if not (self.name.isascii() and self.name.isidentifier()):
             raise ValueError(
