@@ -1,6 +1,6 @@
 """How packaged policies do with people of every kind: those like their own, participants, the zoo, and impaired ones.
 
-    python scripts/figures/partners.py measure [KIND ...]   measures what is not measured yet, of `adaptive` unless other
+    python scripts/figures/partners.py measure [KIND ...]   measures what is not yet, of `adaptive` unless other
                                                             kinds of policies are named; goes on where it stopped
     python scripts/figures/partners.py table [KIND ...]     prints the tables of docs/policies.md
 
