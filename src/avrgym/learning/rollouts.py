@@ -13,6 +13,7 @@ from avrgym.policies.actors import Actor
 from avrgym.policies.trained import Policy
 from avrgym.system.carried import Carried
 from avrgym.tasks.episodes import Episodes, Step
+from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.task import Controller
 
@@ -127,10 +128,9 @@ def roll_out(policy: Policy, order: Order) -> Rollout:
 
 
 def _expert_for(policy: Policy, worlds: Episodes) -> Controller:
-    """Whom a policy learns from: one that remembers from the task's teacher, others from its reactive expert."""
-    task = worlds.task
-    teacher = task.teacher if policy.memory is not None else None
-    return (teacher or task.reactive_expert)(worlds)
+    """Whom a policy learns from: the task's reactive expert; one that remembers, from it without people's tremor."""
+    expert = worlds.task.reactive_expert
+    return (expert if policy.memory is None else steadied(expert))(worlds)
 
 
 def _noise(policy: Policy, order: Order) -> Array:

@@ -24,8 +24,6 @@ def check_task(name: str) -> None:
             episodes = Episodes(environment_id, WORLDS, num_threads=1)
             _check_expert(episodes, "expert", TASKS[name].expert)
             _check_expert(episodes, "reactive_expert", TASKS[name].reactive_expert)
-            if (teacher := TASKS[name].teacher) is not None:
-                _check_expert(episodes, "teacher", teacher)
 
 
 def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:

@@ -130,7 +130,6 @@ class Task:
             task's state before.
         expert: plans with all that can be known: it shows that the task can be done.
         reactive_expert: does without plan or memory what depends evenly on the present: training imitates it.
-        teacher: whom policies that remember learn from; without one from the reactive expert.
         views: from where pictures are taken.
         training: how policies are trained.
         detour_m: how much longer than straight on the way of tool and hand to the goal is, (N,); with a
@@ -156,7 +155,6 @@ class Task:
     expert: Expert
     reactive_expert: Expert
     views: Views
-    teacher: Expert | None = None
     strength_share: float | None = None
     training: TrainingSettings = field(default_factory=TrainingSettings)
     detour_m: Callable[[State, TaskState], Array] | None = None
@@ -165,7 +163,7 @@ class Task:
     def __post_init__(self) -> None:
         for part, kind in _KINDS.items():
             self._check_part(part, isinstance(getattr(self, part), kind), kind.__name__)
-        for part in (*_FUNCTIONS, *(["teacher"] if self.teacher is not None else [])):
+        for part in _FUNCTIONS:
             self._check_part(part, callable(getattr(self, part)), "function")
         if not (self.name.isascii() and self.name.isidentifier()):
             raise ValueError(

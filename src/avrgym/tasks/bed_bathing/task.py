@@ -21,7 +21,6 @@ from avrgym.tasks.bed_bathing.reactive import wipe
 from avrgym.tasks.bed_bathing.reward import MARKERS, WEIGHTS, BedBathingState, evaluate_step, init_state
 from avrgym.tasks.bed_bathing.training import TRAINING
 from avrgym.tasks.experts.reactive import Reactive
-from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.observation import Observation
 from avrgym.tasks.person import ARM_SPREAD_RAD, above_clothes
 from avrgym.tasks.task import Marks, Task, View, Views
@@ -99,7 +98,6 @@ BED_BATHING = Task(
     evaluate_step=evaluate_step,
     expert=BedBathingExpert,
     reactive_expert=partial(Reactive, aim=wipe),
-    teacher=steadied(BedBathingExpert),
     views=Views(
         mounted=View((-0.25, -0.02, 0.92), 1.85, 70.0, -28.0),
         on_floor=View((-0.35, -0.05, 0.85), 2.6, 112.0, -28.0),

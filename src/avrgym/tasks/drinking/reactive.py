@@ -11,6 +11,8 @@ from avrgym.tasks.experts.guide import Guide
 from avrgym.tasks.experts.reactive import TURN_RAD_S, Aim, funnel_m, speed_m_s
 from avrgym.tasks.task import TaskState
 
+NEAR_M = 0.015
+"""How near the lips a cup is tilted on: people move, and the arm lags behind where it is sent."""
 TILT_RAD_S = 0.12
 """How fast a cup is tilted that pours."""
 
@@ -22,7 +24,7 @@ def give_drink(state: State, task_state: TaskState, guide: Guide) -> Aim:
     tilt = np.maximum(elementary.arccos(np.clip(z_w, -1.0, 1.0)), expert.TIPPED_RAD)
     into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
     offset = expert.at_mouth(state, way, tilt)[0] - guide.pos_w
-    near = norm(offset) < expert.NEAR_M
+    near = norm(offset) < NEAR_M
     rate = np.where(tilt < expert.FULL_RAD, TURN_RAD_S, TILT_RAD_S)
     far = norm(offset) > expert.AWAY_M
     tilt = np.where(near, tilt + CONTROL_STEP_S * rate, np.where(far, expert.TIPPED_RAD, tilt))

@@ -18,7 +18,6 @@ from avrgym.tasks.drinking.reactive import give_drink
 from avrgym.tasks.drinking.reward import WEIGHTS, evaluate_step, init_state
 from avrgym.tasks.drinking.training import TRAINING
 from avrgym.tasks.experts.reactive import Reactive
-from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.observation import tool_at_the_mouth
 from avrgym.tasks.person import HEAD_TURNED
 from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
@@ -58,7 +57,6 @@ DRINKING = Task(
     evaluate_step=evaluate_step,
     expert=DrinkingExpert,
     reactive_expert=partial(Reactive, aim=give_drink),
-    teacher=steadied(DrinkingExpert),
     views=Views(
         mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
         on_floor=BESIDE_WHEELCHAIR,

@@ -36,10 +36,10 @@ UP = np.array([0.0, 0.0, 1.0])
 class FeedingExpert:
     """Chooses a way for each person, then follows it: first before the mouth, then straight in."""
 
-    def __init__(self, episodes: RunningEpisodes, guide: type[Guide] = Guide) -> None:
+    def __init__(self, episodes: RunningEpisodes) -> None:
         """Plan for the people who are there now."""
         self._episodes = episodes
-        self._guide = guide(episodes)
+        self._guide = Guide(episodes)
         count = episodes.simulation.num_worlds
         self._clearance_m, self._arrived = np.full(count, CLEARANCE_M), np.zeros(count, dtype=bool)
         self._plan(episodes.state())

@@ -14,8 +14,7 @@ from avrgym.models.scene import SceneConfig
 from avrgym.models.spoon import SPOON
 from avrgym.simulation.worlds import Start
 from avrgym.tasks import places
-from avrgym.tasks.experts.reactive import PresentGuide, Reactive
-from avrgym.tasks.experts.steadied import steadied
+from avrgym.tasks.experts.reactive import Reactive
 from avrgym.tasks.feeding.expert import FeedingExpert
 from avrgym.tasks.feeding.reactive import feed
 from avrgym.tasks.feeding.reward import WEIGHTS, evaluate_step, init_state
@@ -71,7 +70,6 @@ FEEDING = Task(
     evaluate_step=evaluate_step,
     expert=FeedingExpert,
     reactive_expert=partial(Reactive, aim=feed),
-    teacher=steadied(partial(FeedingExpert, guide=PresentGuide)),
     views=Views(
         mounted=View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
         on_floor=BESIDE_WHEELCHAIR,

@@ -18,7 +18,6 @@ from avrgym.simulation.worlds import RightArm, Start
 from avrgym.tasks import observation as seen
 from avrgym.tasks import places
 from avrgym.tasks.experts.reactive import Reactive
-from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.observation import Observation, from_goal, position
 from avrgym.tasks.person import ARM_SPREAD_RAD, above_clothes
 from avrgym.tasks.scratch_itch.detour import around_arm_m
@@ -108,7 +107,6 @@ SCRATCH_ITCH = Task(
     evaluate_step=evaluate_step,
     expert=ScratchItchExpert,
     reactive_expert=partial(Reactive, aim=scratch),
-    teacher=steadied(partial(Reactive, aim=scratch)),
     views=Views(
         mounted=View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
         on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
