@@ -3,20 +3,40 @@
 import numpy as np
 
 from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import angle_between, norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.guide import Guide
 from avrgym.tasks.experts.head import heading
-from avrgym.tasks.experts.reactive import Aim, funnel_m, speed_m_s
+from avrgym.tasks.experts.reactive import Aim, Array, funnel_m, speed_m_s
 from avrgym.tasks.feeding import expert
 from avrgym.tasks.task import TaskState
 
+TURNS_RAD = np.radians([0.0, -30.0, -60.0, -90.0])
+"""How the spoon may come: its tip first, or turned towards its left side, where the arm does not reach so far."""
+MISSED_M_RAD, TURNED_M_RAD = 0.1, 0.02
+"""What a radian counts that the arm misses, and one that the spoon is turned, beside metres that the arm misses."""
+
 
 def feed(state: State, task_state: TaskState, guide: Guide) -> Aim:
-    """The level spoon, tip first, through a funnel before the face into the mouth."""
+    """The level spoon through a funnel before the face into the mouth, turned as the arm gets there."""
     into = heading(state)
-    q_w = transforms.from_axis_angle(expert.UP, elementary.arctan2(into[:, 1], into[:, 0]))
-    clearance_m = np.full(len(into), expert.CLEARANCE_M)
-    goal_w = expert.at_mouth(state, q_w, 0.0, clearance_m)
+    goal_w, q_w = _within_reach(state, guide, elementary.arctan2(into[:, 1], into[:, 0]))
     back_m = funnel_m(goal_w - guide.pos_w, into, 0.005, expert.AWAY_M)
     speed = speed_m_s(goal_w - guide.pos_w, expert.ENTER_M_S)
     return goal_w - back_m[:, None] * into, q_w, speed
+
+
+def _within_reach(state: State, guide: Guide, yaw_rad: Array) -> tuple[Array, Array]:
+    """The place (N, 3) in the mouth and the rotation (N, 4) of the turn at which the arm misses least."""
+    clearance_m = np.full(len(yaw_rad), expert.CLEARANCE_M)
+    goals_w, rotations_w, costs_m = [], [], []
+    for turn in TURNS_RAD.tolist():
+        q_w = transforms.from_axis_angle(expert.UP, yaw_rad + turn)
+        goal_w = expert.at_mouth(state, q_w, 0.0, clearance_m)
+        reached_w, reached_q_w = guide.pose(guide.angles_at(goal_w, q_w, guide.angles_rad))
+        missed_m = norm(reached_w - goal_w) + MISSED_M_RAD * angle_between(reached_q_w, q_w)
+        costs_m.append(missed_m + TURNED_M_RAD * abs(turn))
+        goals_w.append(goal_w)
+        rotations_w.append(q_w)
+    best, world = np.argmin(costs_m, axis=0), np.arange(len(yaw_rad))
+    return np.stack(goals_w)[best, world], np.stack(rotations_w)[best, world]
