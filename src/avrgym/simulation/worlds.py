@@ -24,6 +24,7 @@ from avrgym.models.scene import (
 )
 from avrgym.simulation.brakes import Brakes
 from avrgym.simulation.engines.engine import Arrays, make_engine
+from avrgym.simulation.idle_parts import without_idle_parts
 from avrgym.simulation.names import Names
 from avrgym.simulation.person_fields import PersonFields
 from avrgym.simulation.region_forces import RegionForces
@@ -92,7 +93,7 @@ class Simulation:
         self.model = spec.compile()
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
         return_large_blocks()
-        self.engine = make_engine(engine, self.model, num_worlds, num_threads)
+        self.engine = make_engine(engine, without_idle_parts(self.model), num_worlds, num_threads)
         self.batch, self._now = self.engine.batch, self.engine.now
         self._host = Arrays.of(self.batch)
         self._names = Names(self.model, scene)
