@@ -1,6 +1,6 @@
 """A policy that remembers, learned from an expert that sees everything: one recipe for every environment.
 
-The expert is the task's reactive one, which knows where the person is and what the person does. The policy sees
+The expert is the task's reactive one, which knows where the person is and sees nobody tremble. The policy sees
 observations only, and learns by dataset aggregation (Ross, Gordon, Bagnell, AISTATS 2011, algorithm 3.1) to do as the
 expert does: whatever observations do not say, such as how somebody moves, it has to remember (Chen et al., "Learning by
 cheating", CoRL 2019). Its partners are those of ``zoo/train``, with each impairment in turn. Gradients go back through
