@@ -75,8 +75,8 @@ class Simulation:
             by_region: whether ``region_force_n`` is measured, which takes time and changes nothing else.
             gliding: whether moving people go evenly from one target to the next, see ``command_person``.
             engine: where physics runs, one of ``engines.engine.ENGINES``. Brakes and live sessions need threads.
-            on_device: whether states and commands are tensors on the engine's device, see ``engines.engine.make_engine``.
-                What belongs to how worlds begin stays on the host.
+            on_device: whether states and commands are tensors on the engine's device, see ``make_engine``. What belongs
+                to how worlds begin stays on the host.
 
         Raises:
             ValueError: for an unknown engine or device, for more worlds than there is memory for, or for what cannot
@@ -84,7 +84,9 @@ class Simulation:
             RuntimeError: where what the engine needs is not installed.
         """
         if by_region and on_device:
-            raise ValueError("forces by region are measured on the host; allowed: by_region without on_device")
+            raise ValueError(
+                "forces by region are measured on the host; allowed: by_region without on_device"
+            )
         self.scene = scene
         self.num_worlds = num_worlds
         self.moving = moving
@@ -144,7 +146,7 @@ class Simulation:
         self._now = self.engine.now
 
     def _show_person(self, ids: Ids) -> None:
-        """Bring the capsules of people of worlds ``ids`` (n,) to where the states are: their sizes, and where they are."""
+        """Bring sizes and places of the capsules of people of worlds ``ids`` (n,) to where the states are."""
         size_m = self._person.geom_size[np.ix_(ids, self._names.person_geoms)][..., :2]
         self._capsule_m[ids] = brought(size_m, self._capsule_m)
         segment_w = _segments(self._host, self._names.person_geoms, size_m[..., 1:], ids)

@@ -331,10 +331,7 @@ class Episodes:
             ValueError: for actions that ``step`` refuses.
         """
         shape = self.simulation.num_worlds, self.action_size
-        if self._on_device:
-            action = self._checked_there(action, shape)
-        else:
-            action = checked_actions(action, shape)
+        action = self._checked_there(action, shape) if self._on_device else checked_actions(action, shape)
         self.simulation.command_robot(action)
         if self._moved_by_themselves:
             targets = self._minds.live(self.simulation.state, self._people, self._possible)
@@ -365,7 +362,9 @@ class Episodes:
         count = int(self._unusable.sum())
         if count:
             self._unusable = self._unusable & False
-            raise ValueError(f"actions in {count} worlds were not finite; {_allowed_actions((self.action_size,))}")
+            raise ValueError(
+                f"actions in {count} worlds were not finite; {_allowed_actions((self.action_size,))}"
+            )
 
     def steer_people(self, action: Array) -> None:
         """Say where steered people go in the control step that is commanded next.

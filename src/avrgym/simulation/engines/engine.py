@@ -125,6 +125,20 @@ def check_engine(engine: str) -> None:
         raise ValueError(f"unknown engine {engine!r}; allowed: {ENGINES}")
 
 
+def check_ready(engine: str) -> None:
+    """Refuse an engine that cannot compute here.
+
+    Raises:
+        ValueError: for an unknown engine or device.
+        RuntimeError: where what the engine needs is not installed.
+    """
+    check_engine(engine)
+    if engine != THREADS:
+        from avrgym.simulation.engines.warp import find_device
+
+        find_device(engine.partition(":")[2])
+
+
 def check_memory(num_worlds: int, bytes_per_world: int, free_bytes: int | None, where: str) -> None:
     """Refuse more worlds than there is memory for.
 

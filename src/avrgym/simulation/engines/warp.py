@@ -1,7 +1,8 @@
 """MuJoCo Warp: the worlds of a batch stepped on a GPU, in single precision. Needs the extra ``gpu``.
 
 Episodes begin on the host, in double precision; ``take_over`` brings the worlds with all that differs between their
-models to the device. Whoever computes there too reads and writes Warp's own memory, as tensors. Warp compiles its kernels when a scene is stepped for the first time and keeps them on disk.
+models to the device. Whoever computes there too reads and writes Warp's own memory, as tensors. Warp compiles its
+kernels when a scene is stepped for the first time and keeps them on disk.
 """
 
 from copy import copy
@@ -71,7 +72,7 @@ class Warp:
             RuntimeError: where the extra is not installed.
         """
         self._warp, self._mujoco_warp, self._torch = libraries()
-        self._device = _find_device(self._warp, device or _first_gpu(self._torch))
+        self._device = find_device(device)
         self.device, self._num_worlds = str(self._device.name), num_worlds
         self._capacity = Capacity.of(model)
         check_host_memory(num_worlds, model)
@@ -246,12 +247,15 @@ def _first_gpu(torch: Any) -> str:
     return "cuda:0"
 
 
-def _find_device(warp: Any, name: str) -> Any:
-    """The device of that name.
+def find_device(name: str) -> Any:
+    """The device of that name by Warp's names, the first GPU without one.
 
     Raises:
         ValueError: naming the devices there are.
+        RuntimeError: where the extra is not installed.
     """
+    warp, _, torch = libraries()
+    name = name or _first_gpu(torch)
     try:
         return warp.get_device(name)
     except ValueError as error:
