@@ -210,6 +210,7 @@ def weights(out: Path) -> dict[str, torch.Tensor]:
     return torch.load(out / "checkpoint.pt", weights_only=True)["policy"]
 
 
+@pytest.mark.slow
 def test_a_training_on_the_device_leaves_what_any_other_does_and_goes_on_to_the_same_bits(
     tmp_path: Path,
 ) -> None:
@@ -235,6 +236,7 @@ def test_a_training_on_the_device_leaves_what_any_other_does_and_goes_on_to_the_
         assert_array_equal(one["exp_avg"], other["exp_avg"])
 
 
+@pytest.mark.slow
 def test_imitation_is_that_of_threads(tmp_path: Path) -> None:
     for engine in ("threads", "warp:cpu"):
         trained(replace(TINY, engine=engine), tmp_path / engine, kill_after=2)
@@ -285,6 +287,6 @@ def test_more_worlds_than_the_device_has_room_for_are_refused_before_a_training_
 ) -> None:
     monkeypatch.setattr(warp.Warp, "_bytes_per_world", lambda *_: 1 << 30)
     monkeypatch.setattr(warp.Warp, "_free_bytes", lambda _: 5 << 30)
-    with pytest.raises(ValueError, match=r"^7 worlds take 7.0 GiB of memory on cpu; allowed: up to 5$"):
+    with pytest.raises(ValueError, match=r"^7 worlds take 7.0 GiB of memory on CPU; allowed: up to 5$"):
         train(replace(TINY, worlds=7), tmp_path / "out")
     assert not (tmp_path / "out" / "configuration.json").exists()
