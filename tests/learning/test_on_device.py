@@ -3,6 +3,7 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,7 +99,7 @@ def test_a_policy_acts_on_the_device_as_it_does_on_the_host(rng: np.random.Gener
     assert_allclose(double, policy.mean(observations), atol=1e-6)
 
 
-def seen_and_done(rng: np.random.Generator, worlds: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def seen_and_done(rng: np.random.Generator, worlds: int) -> tuple[Any, Any, Any]:
     """Normalised observations, actions and rewards of some update."""
     observation, action = sizes(SCRATCHING)
     return (
@@ -157,7 +158,7 @@ def test_the_exported_policy_acts_as_the_network_does(rng: np.random.Generator, 
     exported = export_policy(model, normaliser, TINY, 0.0, [])
     assert_array_equal(exported.weights[-1], model.policy.action_net.weight.detach().T)
     plain = rng.uniform(-3.0, 3.0, (200, observations.shape[-1]))
-    network = model.policy.double()
+    network: Any = model.policy.double()
     with torch.no_grad():
         latent = network.mlp_extractor.forward_actor(
             torch.as_tensor(normaliser.normalize_obs(plain)).double()
@@ -168,9 +169,10 @@ def test_the_exported_policy_acts_as_the_network_does(rng: np.random.Generator, 
 def test_the_normaliser_learns_the_same_of_tensors(rng: np.random.Generator) -> None:
     observations, actions, rewards = (each.numpy() for each in seen_and_done(rng, 3))
     here, there = (UpdateNormaliser(observation_of(SCRATCHING), 0.9) for _ in range(2))
-    rest = np.zeros(3), np.zeros(3, dtype=bool), np.zeros(3)
-    on_host = rollouts.Rollout(observations, actions, rewards, *rest)
-    on_it = rollouts.Rollout(*map(torch.as_tensor, (observations, actions, rewards)), *rest)
+    rest = {"episode_return": np.zeros(3), "success": np.zeros(3, dtype=bool), "episode_force_n": np.zeros(3)}
+    given = {"observations": observations, "actions": actions, "rewards": rewards}
+    on_host = rollouts.Rollout(**given, **rest)
+    on_it = rollouts.Rollout(**{name: torch.as_tensor(each) for name, each in given.items()}, **rest)
     for _ in range(2):
         assert_allclose(there.rewards(on_it), here.rewards(on_host), atol=1e-6)
         for normaliser, rollout in ((here, on_host), (there, on_it)):
