@@ -3,7 +3,7 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -156,9 +156,10 @@ def test_the_exported_policy_acts_as_the_network_does(rng: np.random.Generator, 
     observations, actions, rewards = seen_and_done(rng, WORLDS)
     DeviceImprovement(TINY)(model, observations, actions, rewards)
     exported = export_policy(model, normaliser, TINY, 0.0, [])
-    assert_array_equal(exported.weights[-1], model.policy.action_net.weight.detach().T)
+    last = cast(Any, model.policy).action_net.weight
+    assert_array_equal(exported.weights[-1], last.detach().T)
     plain = rng.uniform(-3.0, 3.0, (200, observations.shape[-1]))
-    network: Any = model.policy.double()
+    network = cast(Any, model.policy.double())
     with torch.no_grad():
         latent = network.mlp_extractor.forward_actor(
             torch.as_tensor(normaliser.normalize_obs(plain)).double()

@@ -105,7 +105,9 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     if apart is None:  # another set of worlds would take the device's memory twice
         _begin(episodes, seed)
         return _Run(reset_s, episode_s, _physics_s(engine, engine.now.ctrl, engine.step, commands))
-    return _Run(reset_s, episode_s, _physics_s(engine, apart.bind("ctrl"), partial(apart.step, None), commands))
+    return _Run(
+        reset_s, episode_s, _physics_s(engine, apart.bind("ctrl"), partial(apart.step, None), commands)
+    )
 
 
 def _begin(episodes: Episodes, seed: int) -> None:
