@@ -239,7 +239,6 @@ def test_a_training_on_the_device_leaves_what_any_other_does_and_goes_on_to_the_
         assert_array_equal(one["exp_avg"], other["exp_avg"])
 
 
-@pytest.mark.slow
 def test_imitation_is_that_of_threads(tmp_path: Path) -> None:
     for engine in ("threads", "warp:cpu"):
         trained(replace(TINY, engine=engine), tmp_path / engine, kill_after=2)
