@@ -45,7 +45,7 @@ soak: setup ## crashes, and sessions of up to an hour: nothing is lost, memory s
 	.venv/bin/python -m pytest -s $(filter-out tests/soak/soak_cluster.py,$(wildcard tests/soak/*.py))
 
 test-engines: setup $(DONE)/gpu $(DONE)/cluster ## what needs MuJoCo Warp or Ray; compiles kernels for half an hour
-	OMP_NUM_THREADS=1 .venv/bin/python -m pytest tests/simulation/test_engines.py tests/engines/*.py
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest tests/simulation/test_engines.py tests/learning/test_on_device.py tests/engines/*.py
 	.venv/bin/python -m pytest -s tests/learning/test_cluster.py tests/soak/soak_cluster.py
 	.venv/bin/python -m pytest tests/cli/test_examples.py -k 'rllib or torchrl'
 

@@ -1,13 +1,16 @@
 """Engines: what each refuses, and that Warp's worlds go the way of those on threads."""
 
+import pickle
 import sys
 from importlib.util import find_spec
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 from avrgym.simulation.engines import engine, warp
+from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Controller
 from engines import on_both, put_in_the_same_state, step_both
@@ -44,6 +47,17 @@ def test_memory_is_enough_to_the_last_world() -> None:
     engine.check_memory(10, 100, None, "a device that does not tell")
     with pytest.raises(ValueError, match="on a device; allowed: up to 9"):
         engine.check_memory(10, 100, 999, "a device")
+
+
+def test_threads_have_no_device_of_their_own() -> None:
+    with pytest.raises(ValueError, match="threads has no device of its own; allowed: warp, or warp:DEVICE"):
+        Episodes(ENVIRONMENT, 1, on_device=True)
+
+
+def test_forces_by_region_are_not_had_on_a_device() -> None:
+    scene = Episodes(ENVIRONMENT, 1).scene
+    with pytest.raises(ValueError, match="measured on the host; allowed: by_region without on_device"):
+        Simulation(scene, 1, by_region=True, engine="warp:cpu", on_device=True)
 
 
 # On Warp's own processor device --------------------------------------------------------------------------------
@@ -130,3 +144,95 @@ def test_without_a_gpu_the_engine_says_so() -> None:
         ValueError, match="needs a CUDA device, and PyTorch finds none here; `warp:cpu` runs it"
     ):
         Episodes(ENVIRONMENT, 1, engine="warp")
+
+
+# Where steps stay on the device ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def there() -> Episodes:
+    """Two worlds whose steps stay on the device."""
+    return Episodes(ENVIRONMENT, 2, distribution="revised", engine="warp:cpu", num_threads=1, on_device=True)
+
+
+def begin(episodes: Episodes) -> Any:
+    return episodes.begin(np.arange(2), [np.random.default_rng([3, world]) for world in range(2)])
+
+
+def tensor(values: Any) -> Any:
+    return warp.libraries().torch.as_tensor(values, dtype=warp.libraries().torch.float32)
+
+
+@with_warp
+def test_steps_on_the_device_go_the_way_of_those_on_threads(there: Episodes) -> None:
+    threads = Episodes(ENVIRONMENT, 2, distribution="revised", num_threads=1)
+    np.testing.assert_allclose(begin(there), begin(threads), atol=1e-6)
+    expert = threads.task.expert(threads)
+    most_n = 0.0
+    for _ in range(25):
+        action = np.clip(np.asarray(expert(threads.observe()), float), -1.0, 1.0)
+        wanted, found = threads.step(action), there.step(tensor(action))
+        for name in ("reward", "distance_m", "force_on_person_n", "observation"):
+            np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=0.05, err_msg=name)
+        np.testing.assert_array_equal(found.success, wanted.success)
+        most_n = max(most_n, float(wanted.force_on_person_n.max()))
+    there.check()
+    assert most_n > 1.0
+    assert {value.dtype for value in (found.observation, found.reward, *found.reward_terms.values())} == {
+        warp.libraries().torch.float32
+    }
+
+
+@with_warp
+def test_a_step_on_the_device_copies_nothing_to_the_host(there: Episodes, both: list[Episodes]) -> None:
+    from copies import Copied, nothing_copied
+
+    begin(there)
+    action = tensor(np.full((2, 7), 0.3))
+    there.step(action)
+    with nothing_copied():
+        for _ in range(2):
+            there.step(action)
+    with pytest.raises(Copied), nothing_copied():
+        there.check()
+    with pytest.raises(Copied), nothing_copied():
+        both[1].step(np.full((3, 7), 0.3))
+
+
+@with_warp
+def test_an_overflow_on_the_device_ends_the_episode(there: Episodes) -> None:
+    begin(there)
+    overflow = there.simulation.engine._data.overflow  # pyright: ignore[reportAttributeAccessIssue]
+    for ask in (there.check, lambda: begin(there)):
+        overflow.assign(np.array([1, 0], dtype=np.int32))
+        there.step(tensor(np.zeros((2, 7))))
+        with pytest.raises(
+            RuntimeError, match="buffers of the engine warp overflowed: NEFC in 1 of 2 worlds"
+        ):
+            ask()
+    there.check()
+
+
+@with_warp
+def test_actions_on_the_device_are_tensors_there_and_finite(there: Episodes) -> None:
+    begin(there)
+    for wrong in (np.zeros((2, 7)), tensor(np.zeros((2, 6))), tensor(np.zeros((2, 7))).double()):
+        with pytest.raises(ValueError, match=r"allowed: tensors of shape \(2, 7\), torch.float32 on cpu"):
+            there.step(wrong)
+    there.step(tensor(np.array([[np.nan] * 7, [0.0] * 7])))
+    assert np.isfinite(there.simulation.qpos(0)).all()
+    with pytest.raises(ValueError, match=r"actions in 1 worlds were not finite; allowed: finite numbers"):
+        there.check()
+    there.check()
+
+
+@with_warp
+def test_a_copy_goes_on_where_its_original_is(there: Episodes) -> None:
+    begin(there)
+    action = tensor(np.full((2, 7), -0.2))
+    there.step(action)
+    copy = pickle.loads(pickle.dumps(there))
+    assert copy.simulation.engine.name == "warp"
+    for _ in range(3):
+        wanted, found = there.step(action), copy.step(action)
+    np.testing.assert_allclose(found.observation, wanted.observation, atol=1e-5)

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 from functools import partial
 from statistics import median
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import brought
 from avrgym.models.scene import SUBSTEPS
+from avrgym.simulation.engines.engine import Engine
 from avrgym.system.engines import THREADS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import EPISODE_STEPS
@@ -26,7 +29,8 @@ class SimulationSpeed:
 
     ``steps_per_second`` are control steps of 0.1 s, with resets, observations and rewards;
     ``physics_steps_per_second`` are steps of 10 ms of the same models, from the same starts, under the same
-    commands and nothing else; ``ratio`` is the first over the second, in the same unit, per run.
+    commands and nothing else; ``ratio`` is the first over the second, in the same unit, per run. On any engine but
+    threads control steps stay on its device, as they do in training.
     """
 
     env: str
@@ -58,7 +62,9 @@ def measure_simulation(
     """
     if num_envs < 1:
         raise ValueError(f"{num_envs} environments; at least 1 is needed")
-    episodes = Episodes(environment_id, num_envs, distribution="revised", engine=engine)
+    episodes = Episodes(
+        environment_id, num_envs, distribution="revised", engine=engine, on_device=engine != THREADS
+    )
     _run(episodes, seed=0, steps=2)
     runs: list[_Run] = []
     for seed in range(RUNS):
@@ -81,9 +87,10 @@ def measure_simulation(
 def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     """One episode of all worlds, then its physics alone."""
     engine = episodes.simulation.engine
-    actions = np.random.default_rng(seed).uniform(
+    drawn = np.random.default_rng(seed).uniform(
         -1.0, 1.0, (steps, episodes.simulation.num_worlds, episodes.action_size)
     )
+    actions = brought(drawn, episodes.simulation.exemplar)
     began = perf_counter()
     _begin(episodes, seed)
     reset_s = perf_counter() - began
@@ -93,11 +100,14 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     for action in actions:
         episodes.step(action)
         commands.append(episodes.simulation.controls())
+    episodes.check()  # which waits for what is still under way on a device
     episode_s = perf_counter() - began
     if apart is None:  # another set of worlds would take the device's memory twice
         _begin(episodes, seed)
-        return _Run(reset_s, episode_s, _physics_s(engine.now.ctrl, engine.step, commands))
-    return _Run(reset_s, episode_s, _physics_s(apart.bind("ctrl"), partial(apart.step, None), commands))
+        return _Run(reset_s, episode_s, _physics_s(engine, engine.now.ctrl, engine.step, commands))
+    return _Run(
+        reset_s, episode_s, _physics_s(engine, apart.bind("ctrl"), partial(apart.step, None), commands)
+    )
 
 
 def _begin(episodes: Episodes, seed: int) -> None:
@@ -105,12 +115,13 @@ def _begin(episodes: Episodes, seed: int) -> None:
     episodes.begin(worlds, [np.random.default_rng([seed, world]) for world in worlds.tolist()])
 
 
-def _physics_s(ctrl: Array, step: Callable[[int], None], commands: list[Array]) -> float:
+def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands: list[Array]) -> float:
     """How long control steps under these commands take, without anything that reads what comes of them."""
     began = perf_counter()
     for command in commands:
         ctrl[:] = command
         step(SUBSTEPS)
+    engine.check()
     return perf_counter() - began
 
 

@@ -5,12 +5,13 @@ arrays they give what NumPy gives, to the bit. With others nothing is copied to 
 value, or asks how often something is true.
 """
 
+from dataclasses import is_dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
-from numpy.typing import ArrayLike
+from array_api_compat import array_namespace, to_device
+from numpy.typing import ArrayLike, NDArray
 
 RAD_PER_DEGREE = float(np.radians(1.0))
 
@@ -52,6 +53,27 @@ def like(values: Any, array: Any) -> Any:
 @lru_cache(maxsize=1024)
 def _there(numbers: bytes, shape: tuple[int, ...], kind: str, xp: Any, dtype: Any, device: Any) -> Any:
     return xp.asarray(np.frombuffer(numbers, kind).reshape(shape).copy(), dtype=dtype, device=device)
+
+
+def brought(values: Any, beside: Any) -> Any:
+    """An array of the host, or a dataclass of some, brought to where another array is; those not of the host stay.
+
+    Floating numbers get the type of that array.
+    """
+    if isinstance(beside, _NUMPYS):
+        return values
+    if is_dataclass(values) and not isinstance(values, type):
+        return replace(values, **{name: brought(each, beside) for name, each in vars(values).items()})
+    if not isinstance(values, _NUMPYS):
+        return values
+    numbers = np.asarray(values)
+    dtype = beside.dtype if numbers.dtype.kind == "f" else None
+    return namespace(beside).asarray(numbers.copy(), dtype=dtype, device=beside.device)
+
+
+def on_host(array: Any) -> NDArray[Any]:
+    """NumPy's array of the same numbers: the same one, or a copy that waits for the device."""
+    return np.asarray(array if isinstance(array, _NUMPYS) else to_device(array, "cpu"))
 
 
 def copied(array: ArrayLike) -> Any:

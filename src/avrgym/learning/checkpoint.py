@@ -58,7 +58,7 @@ def restore(path: Path, model: PPO, normaliser: Normaliser) -> tuple[list[dict[s
         ValueError: for a file that is no checkpoint of such a training.
     """
     try:
-        state = torch.load(path, weights_only=True)
+        state = torch.load(path, map_location="cpu", weights_only=True)
         model.policy.load_state_dict(state["policy"])
         model.policy.optimizer.load_state_dict(state["optimizer"])
     except Exception as error:  # torch raises many kinds

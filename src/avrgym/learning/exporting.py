@@ -38,8 +38,8 @@ def export_policy(
     ]
     layers.append(actor.action_net)
     return Policy(
-        weights=tuple(layer.weight.detach().numpy().T for layer in layers),
-        biases=tuple(layer.bias.detach().numpy() for layer in layers),
+        weights=tuple(layer.weight.detach().cpu().numpy().T for layer in layers),
+        biases=tuple(layer.bias.detach().cpu().numpy() for layer in layers),
         observation_mean=normaliser.obs_rms.mean,
         observation_variance=normaliser.obs_rms.var,
         observation_clip=normaliser.clip_obs,

@@ -1,17 +1,21 @@
 """Episodes for training: the same of the same policy and order, in whatever process and beside whomever they are made.
 
-So the worlds of an update may be shared among processes, and a part that was lost is made again.
+So the worlds of an update may be shared among processes, and a part that was lost is made again. On an engine with a
+device of its own they stay there from an episode's beginning to its end.
 """
 
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.policies.actors import Actor
+from avrgym.geometry.arrays import brought, namespace, on_host
+from avrgym.policies.actors import Actor, ActorThere
 from avrgym.policies.trained import Policy
 from avrgym.system.carried import Carried
+from avrgym.system.engines import THREADS
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.known import EPISODE_STEPS
@@ -27,7 +31,7 @@ NOISE_STREAM = 4
 
 @dataclass(frozen=True)
 class Place:
-    """The worlds of a training, which a process compiles once."""
+    """The worlds of a training, which a process compiles once; on any engine but threads they stay on its device."""
 
     environment: str
     people: Carried
@@ -46,7 +50,7 @@ class Order:
         episodes: seeds that the episodes are drawn from, (n,).
         noise: what the actions' chance is drawn from, beside the world's number; without it there is none.
         by_expert: (n,) which worlds an expert drives, see ``_expert_for``; it then says in all of them what it would
-            do.
+            do. Experts compute on the host only.
         force_weight_per_n: what each newton on the person takes off a step's reward.
         detour_weight_per_m: what each metre of a detour that the tool has to make to its goal takes off, but for an
             episode's last step.
@@ -67,12 +71,13 @@ class Rollout:
 
     ``observations`` (T + 1, n, O) are the plain ones, the last of them after the last step. ``actions`` (T, n, J) are
     those of the policy before they are clipped, or the expert's. ``rewards`` (T, n) are less what the order takes off.
-    Of each episode (n,): the sum of the task's own rewards, whether it succeeded, the mean force on the person.
+    Of each episode (n,): the sum of the task's own rewards, whether it succeeded, the mean force on the person. These
+    are always on the host, the others are tensors where the worlds are on a device.
     """
 
-    observations: Floats
-    actions: Floats
-    rewards: Floats
+    observations: Any
+    actions: Any
+    rewards: Any
     episode_return: Array
     success: Bools
     episode_force_n: Array
@@ -80,6 +85,8 @@ class Rollout:
     @classmethod
     def joined(cls, parts: list["Rollout"]) -> "Rollout":
         """The worlds of several parts beside each other."""
+        if len(parts) == 1:
+            return parts[0]
         return cls(
             **{
                 field.name: np.concatenate([getattr(part, field.name) for part in parts], axis=-1)
@@ -100,31 +107,43 @@ class Rollout:
 
 
 def roll_out(policy: Policy, order: Order) -> Rollout:
-    """Make the episodes of an order."""
+    """Make the episodes of an order.
+
+    Raises:
+        RuntimeError, ValueError: where episodes on a device are worth nothing, see ``Episodes.check``.
+    """
     count = len(order.episodes)
-    worlds = _worlds(order.place, count)
+    worlds = worlds_of(order.place, count)
     generators = [np.random.default_rng(int(seed)) for seed in order.episodes]
-    seen = [worlds.begin(np.arange(count), generators).astype(np.float32)]
+    first = worlds.begin(np.arange(count), generators)
+    xp: Any = namespace(first)
+    seen, chance = (
+        [xp.astype(first, xp.float32)],
+        brought(policy.action_deviation * _noise(policy, order), first),
+    )
     expert = None if order.by_expert is None else _expert_for(policy, worlds)
-    actor, noise = Actor(policy, count), _noise(policy, order)
-    done: list[Floats] = []
-    rewards: list[Array] = []
-    returns, force_n, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
+    actor = Actor(policy, count) if xp is np else ActorThere(policy, first)
+    done: list[Any] = []
+    rewards: list[Any] = []
+    returns = force_n = xp.zeros(count, dtype=xp.float64, device=first.device)
+    success: Any = None
     for number in range(EPISODE_STEPS):
-        action = (actor.mean(seen[-1]) + policy.action_deviation * noise[number]).astype(np.float32)
+        action = xp.astype(actor.mean(seen[-1]) + chance[number], xp.float32)
         done.append(action)
         if expert is not None:
             done[-1] = np.clip(expert(worlds.observe()), -1.0, 1.0).astype(np.float32)
             assert order.by_expert is not None
             action = np.where(order.by_expert[:, None], done[-1], action)
-        step = worlds.step(np.clip(action, -1.0, 1.0).astype(float))
-        seen.append(step.observation.astype(np.float32))
+        step = worlds.step(xp.astype(xp.clip(action, -1.0, 1.0), first.dtype))
+        seen.append(xp.astype(step.observation, xp.float32))
         rewards.append(step.reward - _cost(worlds, order, step, last=number == EPISODE_STEPS - 1))
-        returns += step.reward
-        force_n += step.force_on_person_n / EPISODE_STEPS
+        returns = returns + step.reward
+        force_n = force_n + step.force_on_person_n / EPISODE_STEPS
         success = step.success
-    told = np.stack(rewards).astype(np.float32)
-    return Rollout(np.stack(seen), np.stack(done), told, returns, success, force_n)
+    worlds.check()
+    told = xp.astype(xp.stack(rewards), xp.float32)
+    of_episodes = on_host(returns), on_host(success), on_host(force_n)
+    return Rollout(xp.stack(seen), xp.stack(done), told, *of_episodes)
 
 
 def _expert_for(policy: Policy, worlds: Episodes) -> Controller:
@@ -154,8 +173,12 @@ def _cost(worlds: Episodes, order: Order, step: Step, *, last: bool) -> Array:
 
 
 @lru_cache(maxsize=2)
-def _worlds(place: Place, count: int) -> Episodes:
-    """Of a training whose worlds are not shared evenly a process makes parts of two sizes."""
+def worlds_of(place: Place, count: int) -> Episodes:
+    """So many worlds, made once: of a training whose worlds are not shared evenly a process makes parts of two sizes.
+
+    Raises:
+        ValueError: for more worlds than there is memory for.
+    """
     return Episodes(
         place.environment,
         count,
@@ -163,4 +186,5 @@ def _worlds(place: Place, count: int) -> Episodes:
         impairment=place.impairment,
         num_threads=place.threads,
         engine=place.engine,
+        on_device=place.engine != THREADS,
     )

@@ -1,6 +1,7 @@
-"""Training: imitation of an expert, then PPO (Stable-Baselines3), over worlds here or on a cluster.
+"""Training: imitation of an expert, then PPO, over worlds here, on a cluster or on a GPU.
 
-Needs the extra ``train``. What it leaves is a policy file that needs no PyTorch.
+Stable-Baselines3 learns, with RSL-RL where the worlds are on a device; see ``updates`` and ``on_device``. Needs the
+extra ``train``, on a device ``gpu`` too. What it leaves is a policy file that needs no PyTorch.
 """
 
 import shutil
@@ -23,13 +24,16 @@ from avrgym.learning.configuration import (
 from avrgym.learning.course import CHECKPOINT_FILE, POLICY_FILE, Course, Progress, Tell
 from avrgym.learning.exporting import export_policy
 from avrgym.learning.measuring import measure
+from avrgym.learning.on_device import DeviceImprovement, libraries
 from avrgym.learning.ppo import steps_of
-from avrgym.learning.rollouts import Order, Rollout, roll_out
+from avrgym.learning.rollouts import Order, Rollout, roll_out, worlds_of
 from avrgym.learning.stepwise import StepwiseLearner
 from avrgym.learning.updates import UpdateLearner, make_here
 from avrgym.people.distributions import NAMED, find_distribution
 from avrgym.people.impairments import find_impairment
 from avrgym.policies.trained import Policy
+from avrgym.simulation.engines.engine import check_ready
+from avrgym.system.engines import THREADS
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 from avrgym.system.memory import memory_bytes
@@ -92,8 +96,10 @@ def train(
         _refuse_used(out)
         if configuration.people not in NAMED:
             write_whole(out / PEOPLE_FILE, Path(configuration.people).read_bytes())
+        course = Course(configuration, out, tell)
+        learner = _learner(configuration, out, course, cluster)
         store(configuration, out)
-        return _go_on(configuration, out, tell, cluster)
+        return _go_on(configuration, out, course, learner)
 
 
 def _refuse_used(out: Path) -> None:
@@ -133,7 +139,8 @@ def resume(
     with locked(out):
         if steps is not None and steps != configuration.steps:
             configuration = _extended(configuration, steps, out)
-        return _go_on(configuration, out, tell, cluster)
+        course = Course(configuration, out, tell)
+        return _go_on(configuration, out, course, _learner(configuration, out, course, cluster))
 
 
 def _extended(configuration: TrainingConfiguration, steps: int, out: Path) -> TrainingConfiguration:
@@ -151,7 +158,14 @@ def _check(configuration: TrainingConfiguration, people: str, cluster: "Cluster 
     find_environment(configuration.environment)
     find_distribution(people, TASKS)
     find_impairment(configuration.impairment)
+    check_ready(configuration.engine)
     _check_memory(configuration, cluster)
+    if configuration.engine != THREADS:
+        libraries()
+        if cluster is not None:
+            raise ValueError(
+                f"a cluster's workers step worlds on threads; allowed: --cluster, or --engine {configuration.engine}"
+            )
     if cluster is None:
         return
     if configuration.learning_version == STEPWISE:
@@ -190,6 +204,12 @@ def _learner(
     if configuration.learning_version == STEPWISE:
         return StepwiseLearner(configuration, people, out, course)
     how = configuration, people, out, course
+    if configuration.engine != THREADS:
+        learner = UpdateLearner(
+            *how, 1, make_here, configuration.threads, improve=DeviceImprovement(configuration)
+        )
+        worlds_of(learner.place, configuration.worlds)  # before anything is written, should they have no room
+        return learner
     if cluster is None:
         return UpdateLearner(*how, 1, make_here, configuration.threads)
 
@@ -199,9 +219,9 @@ def _learner(
     return UpdateLearner(*how, _parts(configuration, cluster), make_all, 1)
 
 
-def _go_on(configuration: TrainingConfiguration, out: Path, tell: Tell, cluster: "Cluster | None") -> Policy:
-    course = Course(configuration, out, tell)
-    learner = _learner(configuration, out, course, cluster)
+def _go_on(
+    configuration: TrainingConfiguration, out: Path, course: Course, learner: StepwiseLearner | UpdateLearner
+) -> Policy:
     if (out / CHECKPOINT_FILE).exists():
         learner.restore()
         done = steps_of(learner.model)

@@ -19,6 +19,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.utils import configure_logger
 
+from avrgym.geometry.arrays import brought, namespace, on_host
 from avrgym.learning import checkpoint
 from avrgym.learning.configuration import TrainingConfiguration
 from avrgym.learning.course import CHECKPOINT_FILE, Course
@@ -29,11 +30,15 @@ from avrgym.learning.stable_baselines import ObservationScale
 from avrgym.policies.trained import Policy
 from avrgym.robots.registry import find_robot
 from avrgym.system.carried import Carried
+from avrgym.system.engines import THREADS
 from avrgym.tasks.observation import Observation
 from avrgym.tasks.registry import TASKS, find_environment, sizes
 
 MakeAll = Callable[[Policy, Sequence[Order]], list[Rollout]]
 """Makes the episodes of several orders, wherever."""
+Improve = Callable[[PPO, Any, Any, Any], object]
+"""Lets a model learn from whole episodes that were cut off: normalised observations (T + 1, N, O), the last of them
+after the last step, actions (T, N, J) and scaled rewards (T, N), of single precision, where their worlds are."""
 
 
 def make_here(policy: Policy, orders: Sequence[Order]) -> list[Rollout]:
@@ -41,8 +46,17 @@ def make_here(policy: Policy, orders: Sequence[Order]) -> list[Rollout]:
     return [roll_out(policy, order) for order in orders]
 
 
+def improve_here(model: PPO, observations: Any, actions: Any, rewards: Any) -> None:
+    """Let Stable-Baselines3 improve it, in this process."""
+    _fill(model, observations, actions, rewards)
+    model.train()
+
+
 class UpdateLearner:
-    """A model that is given the episodes of each update, from ``parts`` beside each other that ``make_all`` makes."""
+    """A model that is given the episodes of each update, from ``parts`` beside each other that ``make_all`` makes.
+
+    ``improve`` then lets it learn from them. Experts drive on threads, whatever the engine.
+    """
 
     def __init__(
         self,
@@ -53,19 +67,23 @@ class UpdateLearner:
         parts: int,
         make_all: MakeAll,
         threads: int,
+        improve: Improve = improve_here,
     ) -> None:
         self._configuration, self._out, self._course = configuration, out, course
-        self._place = Place(
-            configuration.environment,
-            Carried.of(people),
-            configuration.impairment,
-            threads,
-            configuration.engine,
-        )
+        whom = Carried.of(people)
+        self._places = {
+            engine: Place(configuration.environment, whom, configuration.impairment, threads, engine)
+            for engine in (THREADS, configuration.engine)
+        }
         self._parts = np.array_split(np.arange(configuration.worlds), parts)
-        self._make_all = make_all
+        self._make_all, self._improve = make_all, improve
         self._normaliser = UpdateNormaliser(observation_of(configuration.environment), configuration.discount)
         self.model = make_ppo_alone(configuration, *sizes(configuration.environment), out)
+
+    @property
+    def place(self) -> Place:
+        """Where PPO's episodes are made."""
+        return self._places[self._configuration.engine]
 
     def restore(self) -> None:
         """Go on from the checkpoint."""
@@ -125,7 +143,7 @@ class UpdateLearner:
         episodes = np.array(self._course.hard.choose(steps))
         orders = [
             Order(
-                place=self._place,
+                place=self.place if by_expert is None else self._places[THREADS],
                 first=int(worlds[0]),
                 episodes=episodes[worlds],
                 noise=noise,
@@ -140,9 +158,9 @@ class UpdateLearner:
     def _learn_from(self, rollout: Rollout, last: int) -> None:
         model = self.model
         rewards = self._normaliser.rewards(rollout)
-        _fill(model, self._normaliser.normalize_obs(rollout.observations), rollout.actions, rewards)
+        observations = self._normaliser.normalize_obs(rollout.observations)
         model._update_current_progress_remaining(steps_of(model), last)  # pyright: ignore[reportPrivateUsage]
-        model.train()
+        self._improve(model, observations, rollout.actions, rewards)
         self._normaliser.see(rollout)
 
     def _log(self, rollout: Rollout, began: float) -> None:
@@ -169,26 +187,34 @@ class UpdateNormaliser:
 
     def normalize_obs(self, obs: Any) -> Any:
         """Observations (…, O) in standard deviations from the mean, single precision."""
+        xp = namespace(obs)
         deviation = np.sqrt(self.obs_rms.var + self.epsilon)
-        scaled = (obs - self.obs_rms.mean) / deviation
-        return np.clip(scaled, -self.clip_obs, self.clip_obs).astype(np.float32)
+        scaled = (obs - brought(self.obs_rms.mean, obs)) / brought(deviation, obs)
+        return xp.astype(xp.clip(scaled, -self.clip_obs, self.clip_obs), xp.float32)
 
     def see(self, rollout: Rollout) -> None:
         """Learn what observations are like."""
-        observations = rollout.observations
-        self.obs_rms.update(observations.reshape(-1, observations.shape[-1]).astype(float))
+        observations, xp = rollout.observations, namespace(rollout.observations)
+        _see(self.obs_rms, xp.astype(observations.reshape(-1, observations.shape[-1]), xp.float64))
 
-    def rewards(self, rollout: Rollout) -> NDArray[np.float32]:
+    def rewards(self, rollout: Rollout) -> Any:
         """Learn how far discounted returns go, and scale rewards (T, n) by that."""
-        returns = np.zeros(rollout.rewards.shape)
-        so_far = np.zeros(rollout.rewards.shape[1])
-        for number, reward in enumerate(rollout.rewards):
+        rewards, xp = rollout.rewards, namespace(rollout.rewards)
+        so_far = xp.zeros(rewards.shape[1], dtype=xp.float64, device=rewards.device)
+        returns: list[Any] = []
+        for reward in rewards:
             so_far = so_far * self._discount + reward
-            returns[number] = so_far
-        self.ret_rms.update(returns.ravel())
-        return np.clip(rollout.rewards / np.sqrt(self.ret_rms.var + self.epsilon), -10.0, 10.0).astype(
-            np.float32
-        )
+            returns.append(so_far)
+        _see(self.ret_rms, xp.stack(returns).reshape(-1))
+        scaled = rewards / brought(np.sqrt(self.ret_rms.var + self.epsilon), rewards)
+        return xp.astype(xp.clip(scaled, -10.0, 10.0), xp.float32)
+
+
+def _see(statistics: RunningMeanStd, samples: Any) -> None:
+    """Take in what samples (S, …) were like; nothing but their moments leaves a device."""
+    xp = namespace(samples)
+    mean, variance = (on_host(moment(samples, axis=0)) for moment in (xp.mean, xp.var))
+    statistics.update_from_moments(mean, variance, len(samples))
 
 
 def observation_of(environment: str) -> Observation:

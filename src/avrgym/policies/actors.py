@@ -1,10 +1,12 @@
 """Policies at work: what each remembers of the present episodes."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from avrgym.geometry.arrays import brought, namespace
 from avrgym.policies.trained import Policy, PolicyError
 
 Array = NDArray[np.float64]
@@ -39,3 +41,26 @@ class Actor:
             raise PolicyError(f"{len(observations)} observations for {len(self._remembered)} worlds")
         means, self._remembered = self._policy.step(observations, self._remembered)
         return means
+
+
+class ActorThere:
+    """A policy without memory at work where an array is, such as a tensor on a GPU, in that array's precision.
+
+    There the order of sums is the library's.
+    """
+
+    def __init__(self, policy: Policy, beside: Any) -> None:
+        """Bring the policy there."""
+        deviation = np.sqrt(policy.observation_variance + policy.observation_epsilon)
+        self._mean, self._deviation = brought(policy.observation_mean, beside), brought(deviation, beside)
+        self._clip = policy.observation_clip
+        self._weights = [brought(weight, beside) for weight in policy.weights]
+        self._biases = [brought(bias, beside) for bias in policy.biases]
+
+    def mean(self, observations: Any) -> Any:
+        """The means (N, A) that actions are drawn about; observations (N, O)."""
+        xp = namespace(observations)
+        rows = xp.clip((observations - self._mean) / self._deviation, -self._clip, self._clip)
+        for weight, bias in zip(self._weights[:-1], self._biases[:-1], strict=True):
+            rows = xp.tanh(rows @ weight + bias)
+        return rows @ self._weights[-1] + self._biases[-1]

@@ -1,11 +1,14 @@
 """Addresses in a scene's model of everything that is read or written, found once by name."""
 
 from collections.abc import Sequence
+from copy import copy
+from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import like
 from avrgym.models import human, robot
 from avrgym.models.scene import (
     EFFECTOR_VELOCITY_SENSOR,
@@ -56,6 +59,14 @@ class Names:
         self.tool_contacts = _sensor(model, TOOL_CONTACT_SENSOR)
         self.effector_velocity = _sensor(model, EFFECTOR_VELOCITY_SENSOR)
         self.tool_velocity = _sensor(model, TOOL_VELOCITY_SENSOR)
+
+    def beside(self, array: Any) -> "Names":
+        """The same addresses, for arrays that are where another is."""
+        there = copy(self)
+        for name, addresses in vars(self).items():
+            if isinstance(addresses, np.ndarray):
+                setattr(there, name, like(addresses, array))
+        return there
 
 
 def _qpos(model: mujoco.MjModel, joints: Sequence[str]) -> Ids:

@@ -10,6 +10,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
+from avrgym.geometry.arrays import brought, copied, like, namespace, on_host
 from avrgym.geometry.transforms import norm
 from avrgym.models import human, yielding
 from avrgym.models.human import Person
@@ -61,6 +62,7 @@ class Simulation:
         by_region: bool = False,
         gliding: bool = False,
         engine: str = THREADS,
+        on_device: bool = False,
     ) -> None:
         """Compile the scene.
 
@@ -74,11 +76,18 @@ class Simulation:
             by_region: whether ``region_force_n`` is measured, which takes time and changes nothing else.
             gliding: whether moving people go evenly from one target to the next, see ``command_person``.
             engine: where physics runs, one of ``engines.engine.ENGINES``. Brakes and live sessions need threads.
+            on_device: whether states and commands are tensors on the engine's device, see ``make_engine``. What belongs
+                to how worlds begin stays on the host.
 
         Raises:
-            ValueError: for an unknown engine or device, or more worlds than there is memory for.
+            ValueError: for an unknown engine or device, for more worlds than there is memory for, or for what cannot
+                be had on a device.
             RuntimeError: where what the engine needs is not installed.
         """
+        if by_region and on_device:
+            raise ValueError(
+                "forces by region are measured on the host; allowed: by_region without on_device"
+            )
         self.scene = scene
         self.num_worlds = num_worlds
         self.moving = moving
@@ -93,16 +102,25 @@ class Simulation:
         self.model = spec.compile()
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
         return_large_blocks()
-        self.engine = make_engine(engine, without_idle_parts(self.model), num_worlds, num_threads)
+        engine_model = without_idle_parts(self.model)
+        self.engine = make_engine(engine, engine_model, num_worlds, num_threads, on_device=on_device)
         self.batch, self._now = self.engine.batch, self.engine.now
         self._host = Arrays.of(self.batch)
         self._names = Names(self.model, scene)
+        self._at = self._names.beside(self.exemplar)
         self._person = PersonFields(self.batch, scene, moving, gives_way=gives_way)
-        self._segment_w = np.zeros((num_worlds, len(human.GEOMS), 2, 3))
+        geoms = num_worlds, len(human.GEOMS), 2
+        self._segment_w: Any = brought(np.zeros((*geoms, 3)), self.exemplar)
+        self._capsule_m: Any = brought(np.zeros(geoms), self.exemplar)
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
         self._speed_limit = scene.arm.speed_limit_rad_s
         self._brakes = Brakes(self.batch, scene.arm) if braked and self.engine.name == THREADS else None
         self._region_forces = RegionForces(self.model, self._now.sensordata) if by_region else None
+
+    @property
+    def exemplar(self) -> Any:
+        """An array of where states and commands are, to bring others there."""
+        return self._now.qpos
 
     def reset(self, ids: Ids, start: Start) -> None:
         """Put worlds ``ids`` (n,) into their start: at rest, particles on the tool, the arm where it aims."""
@@ -125,9 +143,16 @@ class Simulation:
                 host.ctrl[np.ix_(ids, names.person_ctrl)] = start.people.joint_angles_rad
         self._place_particles(ids)
         self.batch.forward(ids)
-        self._segment_w[ids] = self._person_segments(host, ids)
+        self._show_person(ids)
         self.engine.take_over(ids)
         self._now = self.engine.now
+
+    def _show_person(self, ids: Ids) -> None:
+        """Bring sizes and places of the capsules of people of worlds ``ids`` (n,) to where the states are."""
+        size_m = self._person.geom_size[np.ix_(ids, self._names.person_geoms)][..., :2]
+        self._capsule_m[ids] = brought(size_m, self._capsule_m)
+        segment_w = _segments(self._host, self._names.person_geoms, size_m[..., 1:], ids)
+        self._segment_w[ids] = brought(segment_w, self._segment_w)
 
     def geoms(self, ids: Ids) -> Geoms:
         """All geoms of worlds ``ids`` (n,), as they are."""
@@ -153,78 +178,93 @@ class Simulation:
         """Set the arm's speed for the coming steps: action (N, J) in −1..1 of each joint's speed limit."""
         if self._brakes is not None:
             self._brakes.release()
-        self.amend_robot(action, np.ones(self.num_worlds, dtype=bool))
+        at = self._at
+        self._now.act[:, at.arm_act] = self.arm_targets_rad()
+        self._now.ctrl[:, at.arm_ctrl] = self._speed(action)
+
+    def _speed(self, action: Array) -> Array:
+        """What actions (n, J) ask of the joints, rad/s."""
+        return namespace(action).clip(action, -1.0, 1.0) * like(self._speed_limit, action)
 
     def amend_robot(self, action: Array, which: NDArray[np.bool_]) -> None:
-        """Set it anew in some worlds (N,), whose robots have been commanded before."""
+        """Set it anew in some worlds (N,), whose robots have been commanded before. Not on a device."""
         rows, names = np.nonzero(which)[0][:, None], self._names
         self._now.act[rows, names.arm_act] = self.arm_targets_rad()[which]
-        self._now.ctrl[rows, names.arm_ctrl] = np.clip(action[which], -1.0, 1.0) * self._speed_limit
+        self._now.ctrl[rows, names.arm_ctrl] = self._speed(action[which])
 
     def halt_robot(self) -> None:
         """Brake the arms: they stop at once and hold where they came to rest. Each servo aims at where its joint is."""
-        names = self._names
+        at = self._at
         if self._brakes is not None:
             self._brakes.put_on()
-        self._now.act[:, names.arm_act] = self._now.qpos[:, names.arm_qpos]
-        self._now.ctrl[:, names.arm_ctrl] = 0.0
+        self._now.act[:, at.arm_act] = self._now.qpos[:, at.arm_qpos]
+        self._now.ctrl[:, at.arm_ctrl] = 0.0
 
     def command_person(self, joint_targets_rad: Array) -> None:
         """Set the targets (N, 20) of a moving person's servos, to be had at once or, gliding, a control step later."""
-        names = self._names
+        at = self._at
         if self._gliding:
-            way = joint_targets_rad - self._now.act[:, names.person_act]
-            self._now.ctrl[:, names.person_ctrl] = way / CONTROL_STEP_S
+            way = joint_targets_rad - self._now.act[:, at.person_act]
+            self._now.ctrl[:, at.person_ctrl] = way / CONTROL_STEP_S
         else:
-            self._now.ctrl[:, names.person_ctrl] = joint_targets_rad
+            self._now.ctrl[:, at.person_ctrl] = joint_targets_rad
 
     def step(self, substeps: int = SUBSTEPS) -> None:
         """Advance all worlds by physics steps; forces are of the last one, positions of its end."""
         self.engine.step(substeps)
         self._now = self.engine.now
 
+    def check(self) -> None:
+        """Refuse to go on where steps so far have been no physics; to be asked once an episode, on a device.
+
+        Raises:
+            RuntimeError: see ``Engine.check``.
+        """
+        self.engine.check()
+
     def park(self, gone: NDArray[np.bool_]) -> None:
         """Take particles (N, K) out of play."""
-        particles = self.scene.tool.particles
-        if particles is None:
+        particles, xp, at, now = self.scene.tool.particles, namespace(gone), self._at, self._now
+        if particles is None or (xp is np and not gone.any()):
             return
-        world, particle = np.nonzero(gone)
-        columns = self._names.particle_qpos[particle]
-        spots = PARKING_W + np.stack([0.02 * particle, 0.0 * particle, 0.0 * particle], axis=-1)
-        self._now.qpos[world[:, None], columns] = spots
-        dof = self._names.particle_dof[particle]
-        self._now.qvel[world[:, None], dof] = 0.0
-        self._now.qfrc_applied[world, dof[:, 2]] = -self.model.opt.gravity[2] * particles.mass_kg
+        number, each = np.arange(len(particles.bodies)), gone[:, :, None]
+        spots = PARKING_W + np.stack([0.02 * number, 0.0 * number, 0.0 * number], axis=-1)
+        pos, velocity = now.qpos[:, at.particle_qpos], now.qvel[:, at.particle_dof]
+        now.qpos[:, at.particle_qpos] = xp.where(each, like(spots, pos), pos)
+        now.qvel[:, at.particle_dof] = xp.where(each, 0.0, velocity)
+        push = now.qfrc_applied[:, at.particle_dof[:, 2]]
+        weight_n = -float(self.model.opt.gravity[2]) * particles.mass_kg
+        now.qfrc_applied[:, at.particle_dof[:, 2]] = xp.where(gone, weight_n, push)
 
     def state(self) -> State:
         """The state of all worlds, in arrays of its own."""
-        names = self._names
-        sensors = self._now.sensordata
-        by_tool = sensors[:, names.tool_contacts].copy().reshape(self.num_worlds, TOOL_CONTACTS, 9)
-        by_robot = sensors[:, names.robot_contacts].reshape(self.num_worlds, ROBOT_CONTACTS, 3)
+        at, now = self._at, self._now
+        sensors, xp = now.sensordata, namespace(now.sensordata)
+        by_tool = copied(sensors[:, at.tool_contacts]).reshape(self.num_worlds, TOOL_CONTACTS, 9)
+        by_robot = sensors[:, at.robot_contacts].reshape(self.num_worlds, ROBOT_CONTACTS, 3)
         tool_contact_force_n, total_force_n = norm(by_tool[..., :3]), _added_up(norm(by_robot))
         return State(
-            robot_pos_w=self._now.xpos[:, names.robot_torso].copy(),
+            robot_pos_w=copied(now.xpos[:, at.robot_torso]),
             arm_angles_rad=self.arm_angles_rad(),
-            effector_velocity_w=sensors[:, names.effector_velocity].copy(),
-            tool_velocity_w=sensors[:, names.tool_velocity].copy(),
-            tool_pos_w=self._now.xpos[:, names.tool].copy(),
-            tool_q_w=self._now.xquat[:, names.tool].copy(),
-            pad_pos_w=self._now.xpos[:, names.pad].copy(),
-            pad_q_w=self._now.xquat[:, names.pad].copy(),
-            head_pos_w=self._now.site_xpos[:, names.head_centre].copy(),
-            head_q_w=self._now.xquat[:, names.head].copy(),
-            mouth_pos_w=self._now.site_xpos[:, names.mouth].copy(),
+            effector_velocity_w=copied(sensors[:, at.effector_velocity]),
+            tool_velocity_w=copied(sensors[:, at.tool_velocity]),
+            tool_pos_w=copied(now.xpos[:, at.tool]),
+            tool_q_w=copied(now.xquat[:, at.tool]),
+            pad_pos_w=copied(now.xpos[:, at.pad]),
+            pad_q_w=copied(now.xquat[:, at.pad]),
+            head_pos_w=copied(now.site_xpos[:, at.head_centre]),
+            head_q_w=copied(now.xquat[:, at.head]),
+            mouth_pos_w=copied(now.site_xpos[:, at.mouth]),
             **vars(self.right_arm()),
-            placed_pos_w={name: self._now.xpos[:, body].copy() for name, body in names.placed.items()},
-            particle_pos_w=self._now.qpos[:, names.particle_qpos],
-            particle_velocity_w=self._now.qvel[:, names.particle_dof],
-            person_segment_w=self._person_segments(self._now) if self.moving else self._segment_w.copy(),
-            person_radius_m=self._person.geom_size[:, names.person_geoms, 0],
-            robot_force_n=norm(sensors[:, names.robot_force]),
-            tool_force_n=norm(sensors[:, names.tool_force]),
+            placed_pos_w={name: copied(now.xpos[:, body]) for name, body in at.placed.items()},
+            particle_pos_w=now.qpos[:, at.particle_qpos],
+            particle_velocity_w=now.qvel[:, at.particle_dof],
+            person_segment_w=self._person_segments() if self.moving else copied(self._segment_w),
+            person_radius_m=copied(self._capsule_m[..., 0]),
+            robot_force_n=norm(sensors[:, at.robot_force]),
+            tool_force_n=norm(sensors[:, at.tool_force]),
             total_force_n=total_force_n,
-            links_force_n=np.maximum(total_force_n - _added_up(tool_contact_force_n), 0.0),
+            links_force_n=xp.clip(total_force_n - _added_up(tool_contact_force_n), 0.0, None),
             tool_contact_pos_w=by_tool[..., 3:6],
             tool_contact_normal_w=by_tool[..., 6:],
             tool_contact_force_n=tool_contact_force_n,
@@ -242,7 +282,7 @@ class Simulation:
 
     def right_arm(self) -> RightArm:
         """The people's right arms, in arrays of their own."""
-        return RightArm(self._now.xpos[:, self._names.right_arm], self._now.xquat[:, self._names.right_arm])
+        return RightArm(self._now.xpos[:, self._at.right_arm], self._now.xquat[:, self._at.right_arm])
 
     def robot_base(self) -> tuple[Array, Array]:
         """Where the robots' bases stand: positions (N, 3), quaternions (N, 4), world frame."""
@@ -255,16 +295,16 @@ class Simulation:
 
     def arm_angles_rad(self) -> Array:
         """Where the arm's joints are, (N, J)."""
-        return self._now.qpos[:, self._names.arm_qpos]
+        return self._now.qpos[:, self._at.arm_qpos]
 
     def arm_targets_rad(self) -> Array:
         """Where the arm's servos aim, (N, J): no farther ahead of the joints than a command leaves them."""
-        angles = self.arm_angles_rad()
-        return np.clip(self._now.act[:, self._names.arm_act], angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD)
+        angles, targets = self.arm_angles_rad(), self._now.act[:, self._at.arm_act]
+        return namespace(targets).clip(targets, angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD)
 
     def controls(self) -> Array:
         """What all servos are told, (N, nu)."""
-        return self._now.ctrl.copy()
+        return copied(self._now.ctrl)
 
     def integration_state(self, world: int = 0) -> Array:
         """Everything that the next step depends on, as MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
@@ -284,8 +324,8 @@ class Simulation:
             "fields": {name: array.copy() for name, array in self._expanded().items()},
             "worlds": {
                 "state": self.batch.state.copy(),
-                "segment_w": self._segment_w.copy(),
-                "sensordata": self._now.sensordata.copy(),
+                "segment_w": on_host(copied(self._segment_w)),
+                "sensordata": on_host(copied(self._now.sensordata)),
             },
         }
 
@@ -298,10 +338,12 @@ class Simulation:
                 self.batch.set_const()
         self.batch.state[:] = saved["worlds"]["state"]
         self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
-        self._segment_w[:] = saved["worlds"]["segment_w"]
-        self.engine.take_over(np.arange(self.num_worlds))
+        everywhere = np.arange(self.num_worlds)
+        self._show_person(everywhere)
+        self._segment_w[:] = brought(saved["worlds"]["segment_w"], self._segment_w)
+        self.engine.take_over(everywhere)
         forces = saved["worlds"]["sensordata"].copy()  # of a step that is not made again
-        self._now = replace(self.engine.now, sensordata=forces)
+        self._now = replace(self.engine.now, sensordata=brought(forces, self.exemplar))
 
     def _expanded(self) -> dict[str, NDArray[Any]]:
         """The model's fields of which every world has its own, by name."""
@@ -311,24 +353,27 @@ class Simulation:
 
     def qpos(self, world: int) -> Array:
         """The joint coordinates (nq,) of one world."""
-        return self._now.qpos[world].copy()
+        return np.array(on_host(self._now.qpos[world]), float)
 
     def body_poses(self, world: int) -> Array:
         """Poses (B, 7) of one world's ``bodies``: x, y, z, then w, x, y, z; world frame."""
         poses = np.empty((len(self.bodies), 7))
-        poses[:, :3], poses[:, 3:] = self._now.xpos[world, 1:], self._now.xquat[world, 1:]
+        poses[:, :3], poses[:, 3:] = on_host(self._now.xpos[world, 1:]), on_host(self._now.xquat[world, 1:])
         return poses
 
     def person_angles_rad(self) -> Array:
         """The joint angles (N, 20) of the moving person."""
-        return self._now.qpos[:, self._names.person_qpos]
+        return self._now.qpos[:, self._at.person_qpos]
 
-    def _person_segments(self, arrays: Arrays, ids: Ids | slice = slice(None)) -> Array:
-        geoms = self._names.person_geoms
-        axis = arrays.geom_xmat[ids][:, geoms, 2::3]
-        centre = arrays.geom_xpos[ids][:, geoms]
-        reach = axis * self._person.geom_size[ids][:, geoms, 1:2]
-        return np.stack([centre - reach, centre + reach], axis=2)
+    def _person_segments(self) -> Array:
+        return _segments(self._now, self._at.person_geoms, self._capsule_m[..., 1:])
+
+
+def _segments(arrays: Arrays, geoms: Ids, half_length_m: Array, ids: Ids | slice = slice(None)) -> Array:
+    """The axes' ends (n, G, 2, 3) of capsules of worlds ``ids`` (n,), half as long as (n, G, 1)."""
+    axis, centre = arrays.geom_xmat[ids][:, geoms, 2::3], arrays.geom_xpos[ids][:, geoms]
+    reach = axis * half_length_m
+    return namespace(centre).stack([centre - reach, centre + reach], axis=2)
 
 
 def _is_expanded(batch: Batch, name: str) -> bool:
@@ -340,4 +385,4 @@ def _is_expanded(batch: Batch, name: str) -> bool:
 
 def _added_up(strongest_first: Array) -> Array:
     """The sums (N,) of forces (N, C), one after the other, so that empty slots at the end change no bit."""
-    return strongest_first.cumsum(axis=-1)[:, -1]
+    return namespace(strongest_first).cumulative_sum(strongest_first, axis=-1)[:, -1]

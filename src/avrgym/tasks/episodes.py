@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from avrgym.geometry import transforms
+from avrgym.geometry.arrays import brought, namespace
 from avrgym.models import robot
 from avrgym.models.human import People, Person
 from avrgym.people import arm_limits, behaviour, distributions, impairments
@@ -38,7 +39,10 @@ _CHANGING = ("people", "task_state", "draws", "_arm_start_rad")
 
 @dataclass(frozen=True)
 class Step:
-    """What one control step gave, each with the world axis first; ``events`` as in ``StepResult``."""
+    """What one control step gave, each with the world axis first; ``events`` as in ``StepResult``.
+
+    NumPy's arrays in double precision, or tensors in single precision of episodes that are on a device.
+    """
 
     observation: Array
     reward: Array
@@ -94,6 +98,7 @@ class Episodes:
         by_region: bool = False,
         steered: bool = False,
         engine: str = THREADS,
+        on_device: bool = False,
     ) -> None:
         """Compile the scene.
 
@@ -110,6 +115,8 @@ class Episodes:
             steered: whether people go where ``steer_people`` has them go, in place of moving by themselves.
             by_region: whether forces are measured by region of the body, see ``Simulation.region_force_n``.
             engine: where physics runs, one of ``simulation.engines.engine.ENGINES``.
+            on_device: whether control steps stay on that engine's device: ``step`` takes and gives tensors, and copies
+                nothing to the host; ``check`` then has to be asked. Episodes begin on the host all the same.
 
         Raises:
             ValueError: for an unknown environment, distribution, impairment, version or engine, naming what there is,
@@ -127,6 +134,8 @@ class Episodes:
             "world_version": world_version,
             "by_region": by_region,
             "steered": steered,
+            "engine": engine,
+            "on_device": on_device,
         }
         self.environment_id = environment_id
         self._action_limit = ACTION_LIMIT[world_version]
@@ -156,13 +165,25 @@ class Episodes:
             by_region=by_region,
             gliding=self._moved_by_themselves and (steered or self._partners is not None),
             engine=engine,
+            on_device=on_device,
         )
         self._room = None if world_version == 1 else self._room_of_scene(led=moving and person is not None)
-        self.people = distributions.repeat(person or Person(), num_worlds)
-        self.task_state = self.task.init_state(self.people, np.zeros((num_worlds, self.task.uniforms)))
-        self._minds = Minds(
-            self._distribution, self.people, self.task.offered, self.scene.posture, steered=steered
+        there = self.simulation.exemplar
+        self._on_device = on_device
+        self._meet(distributions.repeat(person or Person(), num_worlds))
+        self.task_state = brought(
+            self.task.init_state(self.people, np.zeros((num_worlds, self.task.uniforms))), there
         )
+        self._minds = Minds(
+            self._distribution,
+            self.people,
+            self.task.offered,
+            self.scene.posture,
+            steered=steered,
+            beside=there,
+        )
+        self._unusable: Any = brought(np.zeros(num_worlds, dtype=bool), there)
+        """Where actions on the device have not been finite, (N,)."""
         self._arm_start_rad = np.zeros((num_worlds, len(self.scene.arm.joints)))
         self.draws = np.zeros(num_worlds, dtype=int)
         """How often the starts of the present episodes were drawn, (N,)."""
@@ -187,6 +208,12 @@ class Episodes:
         self._minds.go_on_from(state["minds"])
         for name, value in state["changing"].items():
             setattr(self, name, value)
+        self._meet(self.people)
+
+    def _meet(self, people: People) -> None:
+        """Have these people in the worlds: as they began, on the host, and as steps see them, where those are."""
+        self.people = people
+        self._people = brought(people, self.simulation.exemplar)
 
     def begin(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
         """Begin episodes in worlds ``ids`` (n,), each drawn from its generator; give observations (n, O).
@@ -237,7 +264,7 @@ class Episodes:
         pos_w, q_w, angles = (
             np.array([start[name]], float) for name in ("robot_pos_w", "robot_q_w", "arm_angles_rad")
         )
-        self.people = distributions.repeat(self.person or Person(), 1)
+        self._meet(distributions.repeat(self.person or Person(), 1))
         self._put(first, Start(self.people, pos_w, q_w, angles, placed), type(self.task_state)(**task_state))
 
     def _draw(self, ids: Ids, generators: Sequence[np.random.Generator]) -> None:
@@ -251,7 +278,7 @@ class Episodes:
         if self._partners is not None:
             who = partners.endow(who, self._partners.draw(for_minds[:, :2]))
         who = impairments.impair(who, self._impairment, for_impairments)
-        self.people = merge(self.people, who, ids)
+        self._meet(merge(self.people, who, ids))
         self._minds.begin(ids, who, for_minds)
         self._put(ids, self.task.start(self.scene, who, for_task), self.task.init_state(who, for_task))
 
@@ -274,8 +301,8 @@ class Episodes:
         if self._moved_by_themselves and self._room is not None:
             swing_m = SWING_M if self._impairment == "tremor" or self._partners is not None else 0.0
             for direction in (-1.0, 1.0):
-                trembling = self._minds.targets_rad + direction * self.people.tremor_rad
-                self.simulation.pose_people(ids, self._possible(trembling)[ids])
+                trembling = self.people.joint_angles_rad + direction * self.people.tremor_rad
+                self.simulation.pose_people(ids, _possible(self.people, trembling)[ids])
                 found |= self._lacking_room(ids, swing_m)
             self.simulation.pose_people(ids, self.people.joint_angles_rad[ids])
         return found
@@ -290,7 +317,8 @@ class Episodes:
         """One control step of 0.1 s with actions (N, J).
 
         Raises:
-            ValueError: for actions that ``checked_actions`` refuses; nothing has moved then.
+            ValueError: for actions that ``checked_actions`` refuses; nothing has moved then. On a device actions must
+                be tensors there, of single precision, and whether they are finite is asked by ``check``.
         """
         self.command(action)
         self.simulation.step()
@@ -300,13 +328,43 @@ class Episodes:
         """Give the robots their actions (N, J), and people who move by themselves their targets.
 
         Raises:
-            ValueError: for actions that ``checked_actions`` refuses.
+            ValueError: for actions that ``step`` refuses.
         """
-        action = checked_actions(action, (self.simulation.num_worlds, self.action_size))
+        shape = self.simulation.num_worlds, self.action_size
+        action = self._checked_there(action, shape) if self._on_device else checked_actions(action, shape)
         self.simulation.command_robot(action)
         if self._moved_by_themselves:
-            targets = self._minds.live(self.simulation.state, self.people, self._possible)
+            targets = self._minds.live(self.simulation.state, self._people, self._possible)
             self.simulation.command_person(targets)
+
+    def _checked_there(self, action: Any, shape: tuple[int, ...]) -> Any:
+        """Actions on the device, zero where they are not finite; ``check`` tells of those."""
+        there = self.simulation.exemplar
+        for part, wanted in {"shape": shape, "dtype": there.dtype, "device": there.device}.items():
+            found = getattr(action, part, None)
+            if found != wanted:
+                raise ValueError(
+                    f"actions of {part} {found}; allowed: tensors of shape {shape}, {there.dtype} on {there.device}"
+                )
+        xp = namespace(action)
+        finite = xp.isfinite(action)
+        self._unusable = self._unusable | ~xp.all(finite, axis=-1)
+        return xp.where(finite, action, 0.0)
+
+    def check(self) -> None:
+        """Refuse to go on where the episodes so far are worth nothing; to be asked once an episode, on a device.
+
+        Raises:
+            RuntimeError: see ``Engine.check``.
+            ValueError: for actions that were not finite.
+        """
+        self.simulation.check()
+        count = int(self._unusable.sum())
+        if count:
+            self._unusable = self._unusable & False
+            raise ValueError(
+                f"actions in {count} worlds were not finite; {_allowed_actions((self.action_size,))}"
+            )
 
     def steer_people(self, action: Array) -> None:
         """Say where steered people go in the control step that is commanded next.
@@ -320,17 +378,16 @@ class Episodes:
     def evaluate_step(self, action: Array) -> Step:
         """Reward the control step that ends now, and take out of play what has left the task."""
         state = self.simulation.state()
-        clipped = np.clip(action, -self._action_limit, self._action_limit)
+        clipped = namespace(action).clip(action, -self._action_limit, self._action_limit)
         result = self.task.evaluate_step(state, clipped, self.task_state)
         self.task_state = result.task_state
-        if result.gone.any():
-            self.simulation.park(result.gone)
+        self.simulation.park(result.gone)
         return self._step(state, result)
 
     def assess(self) -> Step:
         """Evaluate the present state as if nothing had been asked of the robots; the tasks' states stay as they are."""
         state = self.simulation.state()
-        rest = np.zeros((self.simulation.num_worlds, self.action_size))
+        rest = brought(np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.exemplar)
         return self._step(state, self.task.evaluate_step(state, rest, self.task_state))
 
     def _step(self, state: State, result: StepResult) -> Step:
@@ -364,8 +421,7 @@ class Episodes:
         return self.people.person(world)
 
     def _possible(self, joint_angles_rad: Array) -> Array:
-        """Joint angles (N, 20) brought to where these people's joints can go."""
-        return arm_limits.clip(impairments.limit(self.people, joint_angles_rad))
+        return _possible(self._people, joint_angles_rad)
 
     def _room_of_scene(self, *, led: bool) -> Room:
         """What measures the room here; ``led`` people hold their arms as they do, whatever the furniture."""
@@ -382,3 +438,8 @@ class Episodes:
         return distributions.sample(
             self._distribution, self._pose, self.scene.posture, self._furniture, uniforms
         )
+
+
+def _possible(people: People, joint_angles_rad: Array) -> Array:
+    """Joint angles (N, 20) brought to where these people's joints can go."""
+    return arm_limits.clip(impairments.limit(people, joint_angles_rad))

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.geometry.arrays import copied, like, namespace
+from avrgym.geometry.arrays import brought, copied, like, namespace
 from avrgym.models.human import JOINT_INDEX, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import behaviour
@@ -24,9 +25,16 @@ class Minds:
     """The minds of N people of one kind, each with an episode of its own."""
 
     def __init__(
-        self, distribution: Distribution, people: People, offered: Offered, posture: Posture, *, steered: bool
+        self,
+        distribution: Distribution,
+        people: People,
+        offered: Offered,
+        posture: Posture,
+        *,
+        steered: bool,
+        beside: Any = None,
     ) -> None:
-        """See ``Episodes`` for what is offered and steered."""
+        """See ``Episodes`` for what is offered and steered; they live where the array ``beside`` is, or the people."""
         self._partners = None if steered else distribution.partners
         self._cooperating = distribution.cooperating and not steered
         self._offered: Offered = offered
@@ -35,7 +43,7 @@ class Minds:
         uniforms = namespace(height).zeros(
             (len(height), behaviour.UNIFORMS), dtype=height.dtype, device=height.device
         )
-        self._mind = self._begun(people, uniforms)
+        self._mind = brought(self._begun(people, uniforms), height if beside is None else beside)
 
     def saved(self) -> behaviour.Mind | movement.Mind:
         """All that changes."""
@@ -44,11 +52,6 @@ class Minds:
     def go_on_from(self, saved: behaviour.Mind | movement.Mind) -> None:
         """Have the minds that ``saved`` gave."""
         self._mind = saved
-
-    @property
-    def targets_rad(self) -> Array:
-        """Where their joints are to be, (N, 20), but for what trembles, sways and chews."""
-        return self._mind.targets_rad
 
     def begin(self, ids: Ids, people: People, uniforms: Array) -> None:
         """Begin episodes of people in worlds ``ids`` (n,), from uniform numbers (n, ``behaviour.UNIFORMS``)."""

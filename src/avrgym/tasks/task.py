@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.geometry.arrays import namespace
+from avrgym.geometry.arrays import brought, namespace
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
@@ -235,8 +235,8 @@ def arrays_of(task_state: object) -> dict[str, NDArray[Any]]:
 
 
 def merge(old: TaskState, new: TaskState, ids: NDArray[np.intp]) -> TaskState:
-    """The arrays ``old`` of N worlds with the worlds ``ids`` replaced by ``new``."""
+    """The arrays ``old`` of N worlds with the worlds ``ids`` replaced by ``new``, of the host or where ``old`` is."""
     arrays = {name: namespace(array).asarray(array, copy=True) for name, array in arrays_of(old).items()}
     for name, array in arrays.items():
-        array[ids] = getattr(new, name)
+        array[ids] = brought(getattr(new, name), array)
     return type(old)(**arrays)

@@ -16,7 +16,7 @@ Ids = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Arrays:
-    """Live arrays of N worlds, named as MuJoCo names them, world axis first.
+    """Live arrays of N worlds, named as MuJoCo names them, world axis first; NumPy's, or tensors on a device.
 
     The first five may be written between steps; the others are what a step leaves.
     """
@@ -50,7 +50,7 @@ class Engine(Protocol):
         name: as it stands in ``--engine``, without its device.
         device: what computes.
         batch: the worlds on the host, where episodes begin: with what differs from one to the other in the model.
-        now: the worlds as they are, where physics runs; of ``batch`` itself or copies that ``take_over`` fills.
+        now: the worlds as they are: arrays of ``batch`` itself, copies on the host, or tensors where physics runs.
     """
 
     name: str
@@ -70,12 +70,22 @@ class Engine(Protocol):
         """Advance all worlds by physics steps; forces are of the last one, positions and velocities of its end.
 
         Raises:
-            RuntimeError: where a world has more contacts or constraints than the engine has room for.
+            RuntimeError: as ``check`` does, unless ``now`` are tensors: asking would wait for the device.
+        """
+        ...
+
+    def check(self) -> None:
+        """Refuse to go on where steps so far have been no physics.
+
+        Raises:
+            RuntimeError: where a world has had more contacts or constraints than the engine has room for.
         """
         ...
 
 
-def make_engine(engine: str, model: mujoco.MjModel, num_worlds: int, num_threads: int) -> Engine:
+def make_engine(
+    engine: str, model: mujoco.MjModel, num_worlds: int, num_threads: int, *, on_device: bool = False
+) -> Engine:
     """The engine of that name.
 
     Args:
@@ -83,20 +93,25 @@ def make_engine(engine: str, model: mujoco.MjModel, num_worlds: int, num_threads
         model: what all worlds have in common.
         num_worlds: N.
         num_threads: threads of the host; 0 takes one per core.
+        on_device: whether ``now`` are PyTorch's tensors on the engine's device, of single precision, from which
+            nothing is copied in a step.
 
     Raises:
-        ValueError: for an unknown engine or device, or more worlds than there is memory for.
+        ValueError: for an unknown engine or device, threads that are to have a device, or more worlds than there is
+            memory for.
         RuntimeError: where what the engine needs is not installed.
     """
     check_engine(engine)
     name, _, device = engine.partition(":")
     if name == THREADS:
+        if on_device:
+            raise ValueError("the engine threads has no device of its own; allowed: warp, or warp:DEVICE")
         from avrgym.simulation.engines.threads import Threads
 
         return Threads(model, num_worlds, num_threads)
     from avrgym.simulation.engines.warp import Warp
 
-    return Warp(model, num_worlds, num_threads, device)
+    return Warp(model, num_worlds, num_threads, device, on_device=on_device)
 
 
 def check_engine(engine: str) -> None:
@@ -108,6 +123,20 @@ def check_engine(engine: str) -> None:
     name, colon, device = engine.partition(":")
     if engine != THREADS and (name != WARP or bool(colon) != bool(device)):
         raise ValueError(f"unknown engine {engine!r}; allowed: {ENGINES}")
+
+
+def check_ready(engine: str) -> None:
+    """Refuse an engine that cannot compute here.
+
+    Raises:
+        ValueError: for an unknown engine or device.
+        RuntimeError: where what the engine needs is not installed.
+    """
+    check_engine(engine)
+    if engine != THREADS:
+        from avrgym.simulation.engines.warp import find_device
+
+        find_device(engine.partition(":")[2])
 
 
 def check_memory(num_worlds: int, bytes_per_world: int, free_bytes: int | None, where: str) -> None:

@@ -31,3 +31,6 @@ class Threads:
     def step(self, substeps: int) -> None:
         """See ``Engine``."""
         self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+
+    def check(self) -> None:
+        """Nothing: the host's memory grows with what a world needs."""

@@ -1,7 +1,8 @@
 """MuJoCo Warp: the worlds of a batch stepped on a GPU, in single precision. Needs the extra ``gpu``.
 
 Episodes begin on the host, in double precision; ``take_over`` brings the worlds with all that differs between their
-models to the device. Warp compiles its kernels when a scene is stepped for the first time and keeps them on disk.
+models to the device. Whoever computes there too reads and writes Warp's own memory, as tensors. Warp compiles its
+kernels when a scene is stepped for the first time and keeps them on disk.
 """
 
 from copy import copy
@@ -15,6 +16,7 @@ import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
 from numpy.typing import NDArray
 
+from avrgym.geometry.arrays import on_host
 from avrgym.models.contacts import PARTICLE
 from avrgym.simulation.engines.engine import NAMES, WRITTEN, Arrays, check_host_memory, check_memory
 from avrgym.system.engines import WARP
@@ -56,11 +58,13 @@ def libraries() -> _Libraries:
 
 
 class Warp:
-    """An ``Engine`` whose ``now`` are copies on the host, made anew in each step."""
+    """An ``Engine`` whose ``now`` are tensors of Warp's memory, or copies on the host, made anew in each step."""
 
     name = WARP
 
-    def __init__(self, model: mujoco.MjModel, num_worlds: int, num_threads: int, device: str) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, num_worlds: int, num_threads: int, device: str, *, on_device: bool
+    ) -> None:
         """Make the worlds on a device, by Warp's name of it; without one on the first GPU.
 
         Raises:
@@ -68,7 +72,7 @@ class Warp:
             RuntimeError: where the extra is not installed.
         """
         self._warp, self._mujoco_warp, self._torch = libraries()
-        self._device = _find_device(self._warp, device or _first_gpu(self._torch))
+        self._device = find_device(device)
         self.device, self._num_worlds = str(self._device.name), num_worlds
         self._capacity = Capacity.of(model)
         check_host_memory(num_worlds, model)
@@ -77,16 +81,24 @@ class Warp:
         self._host, self._warm_start = Arrays.of(self.batch), self.batch.bind("qacc_warmstart")
         self._data = self._made(model, num_worlds)
         host = self._host
-        self.now = Arrays(**{name: getattr(host, name).copy() for name in NAMES})
         self._there = {name: self._tensor(name).view(getattr(host, name).shape) for name in NAMES}
+        self._on_device = on_device
+        self.now = Arrays(
+            **(self._there if on_device else {name: getattr(host, name).copy() for name in NAMES})
+        )
         self._model: Any = None
         self._varying: dict[str, Any] = {}
         self._graphs: dict[int, Any] = {}
 
     def take_over(self, ids: Ids) -> None:
-        """See ``Engine``."""
+        """See ``Engine``.
+
+        Raises:
+            RuntimeError: as ``check`` does, for the episodes that end here.
+        """
         if self._model is None:
             self._make_model()
+        self.check()
         rows = self._torch.as_tensor(ids, device=self._place)
         for name, field in self._varying.items():
             values = self.batch.expanded(name)
@@ -96,23 +108,27 @@ class Warp:
         for name in NAMES:
             values = getattr(self._host, name)[ids]
             self._put(self._there[name], rows, values)
-            getattr(self.now, name)[ids] = values
+            if not self._on_device:
+                getattr(self.now, name)[ids] = values
 
     def hand_back(self, ids: Ids) -> None:
         """See ``Engine``; what follows from positions and velocities is computed anew."""
         for name in WRITTEN:
-            getattr(self._host, name)[ids] = getattr(self.now, name)[ids]
-        self._warm_start[ids] = self._tensor("qacc_warmstart").cpu().numpy()[ids]
+            getattr(self._host, name)[ids] = on_host(getattr(self.now, name))[ids]
+        self._warm_start[ids] = on_host(self._tensor("qacc_warmstart"))[ids]
         self.batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def step(self, substeps: int) -> None:
         """See ``Engine``."""
+        if self._on_device:
+            self._run(substeps)
+            return
         for name in WRITTEN:
             self._there[name].copy_(self._torch.as_tensor(getattr(self.now, name)))
         self._run(substeps)
         for name in NAMES:
-            getattr(self.now, name)[:] = self._there[name].cpu().numpy()
-        self._check_overflow()
+            getattr(self.now, name)[:] = on_host(self._there[name])
+        self.check()
 
     def _run(self, substeps: int) -> None:
         """On a GPU the first steps, which load the kernels, are captured as a graph for all later ones.
@@ -163,8 +179,8 @@ class Warp:
                 model, num_worlds, nconmax=self._capacity.contacts, njmax=self._capacity.rows
             )
 
-    def _check_overflow(self) -> None:
-        """Raise ``RuntimeError`` where a buffer was too small: what follows from there is no physics."""
+    def check(self) -> None:
+        """See ``Engine``. Warp keeps on the device, from step to step, which buffers were too small."""
         flags = self._data.overflow.numpy()
         kinds = [kind for kind in self._mujoco_warp.OverflowType if kind.name not in HARMLESS]
         counts = {kind.name: int(((flags & kind.value) != 0).sum()) for kind in kinds}
@@ -231,12 +247,15 @@ def _first_gpu(torch: Any) -> str:
     return "cuda:0"
 
 
-def _find_device(warp: Any, name: str) -> Any:
-    """The device of that name.
+def find_device(name: str) -> Any:
+    """The device of that name by Warp's names, the first GPU without one.
 
     Raises:
         ValueError: naming the devices there are.
+        RuntimeError: where the extra is not installed.
     """
+    warp, _, torch = libraries()
+    name = name or _first_gpu(torch)
     try:
         return warp.get_device(name)
     except ValueError as error:

@@ -1,0 +1,294 @@
+"""Training where the worlds are on a device: the same recipe, the same files, the same bits when it is resumed."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from typer.testing import CliRunner
+
+pytest.importorskip("stable_baselines3", reason="training is an extra")
+pytest.importorskip("mujoco_warp", reason="the extra `gpu` is not installed: 400 MB")
+pytest.importorskip("rsl_rl", reason="the extra `gpu` is not installed: RSL-RL is missing")
+pytest.importorskip("tensordict", reason="the extra `gpu` is not installed: RSL-RL needs tensordict")
+
+import torch
+
+from avrgym.cli.main import app
+from avrgym.learning import configuration as configuration_module
+from avrgym.learning import imitation, ppo, rollouts, training
+from avrgym.learning.configuration import TrainingConfiguration, stored_configuration
+from avrgym.learning.exporting import export_policy
+from avrgym.learning.on_device import DeviceImprovement
+from avrgym.learning.ppo import begin_update, free_actor, make_ppo_alone
+from avrgym.learning.rollouts import Order, Place, roll_out
+from avrgym.learning.training import Progress, resume, train
+from avrgym.learning.updates import UpdateNormaliser, improve_here, observation_of
+from avrgym.policies.actors import ActorThere
+from avrgym.policies.trained import Policy, find_policy
+from avrgym.simulation.engines import warp
+from avrgym.system.carried import Carried
+from avrgym.tasks.registry import sizes
+
+SCRATCHING = "avrgym/ScratchItchJaco-v1"
+WORLDS, STEPS = 2, 12
+UPDATE = WORLDS * STEPS
+TINY = TrainingConfiguration(
+    environment=SCRATCHING,
+    people="revised",
+    steps=3 * UPDATE,
+    seed=4,
+    worlds=WORLDS,
+    minibatch=8,
+    epochs=2,
+    threads=1,
+    imitation_rounds=1,
+    imitation_share=0.5,
+    critic_updates=1,
+    force_weight_per_n=0.05,
+    detour_weight_per_m=5.0,
+    hard_share=0.5,
+    engine="warp:cpu",
+)
+
+
+@pytest.fixture(autouse=True)
+def _brief(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Episodes of ``STEPS`` steps, measured by one."""
+    for module in (configuration_module, imitation, ppo, rollouts, training):
+        monkeypatch.setattr(module, "EPISODE_STEPS", STEPS)
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
+
+
+# One update
+
+
+def test_episodes_on_the_device_are_those_of_threads() -> None:
+    """Of the same policy, with the same chance, from the same starts; costs and all."""
+    policy = Policy.load(find_policy("revised", SCRATCHING))
+    here, there = (
+        roll_out(
+            policy,
+            Order(
+                Place(SCRATCHING, Carried.of("revised"), "none", 1, engine),
+                first=0,
+                episodes=np.arange(50, 50 + WORLDS),
+                noise=(3, 400),
+                force_weight_per_n=0.1,
+                detour_weight_per_m=5.0,
+            ),
+        )
+        for engine in ("threads", "warp:cpu")
+    )
+    assert isinstance(there.observations, torch.Tensor)
+    for name in ("observations", "actions", "rewards", "episode_return", "episode_force_n"):
+        found, wanted = getattr(there, name), getattr(here, name)
+        assert found.shape == wanted.shape
+        assert_allclose(found, wanted, atol=0.02, err_msg=name)
+    assert isinstance(there.success, np.ndarray)
+    assert np.ptp(here.rewards) > 0.1
+
+
+def test_a_policy_acts_on_the_device_as_it_does_on_the_host(rng: np.random.Generator) -> None:
+    policy = Policy.load(find_policy("revised", SCRATCHING))
+    observations = 4.0 * rng.normal(size=(50, policy.observation_size))
+    double = ActorThere(policy, torch.zeros(1, dtype=torch.float64)).mean(torch.as_tensor(observations))
+    assert_allclose(double, policy.mean(observations), atol=1e-6)
+
+
+def seen_and_done(rng: np.random.Generator, worlds: int) -> tuple[Any, Any, Any]:
+    """Normalised observations, actions and rewards of some update."""
+    observation, action = sizes(SCRATCHING)
+    return (
+        torch.as_tensor(rng.normal(size=(STEPS + 1, worlds, observation)), dtype=torch.float32),
+        torch.as_tensor(rng.normal(size=(STEPS, worlds, action)), dtype=torch.float32),
+        torch.as_tensor(rng.normal(size=(STEPS, worlds)), dtype=torch.float32),
+    )
+
+
+@pytest.mark.parametrize("actor_learns", [True, False])
+def test_both_learners_make_the_same_of_an_update(
+    actor_learns: bool, rng: np.random.Generator, tmp_path: Path
+) -> None:
+    """Where a minibatch is the whole update and no gradient is clipped, for there they differ."""
+    worlds = 5
+    how = replace(
+        TINY,
+        worlds=worlds,
+        minibatch=worlds * STEPS,
+        epochs=4,
+        imitation_rounds=0 if actor_learns else 1,
+        steps=2400,
+    )
+    given = seen_and_done(rng, worlds)
+    networks: list[dict[str, torch.Tensor]] = []
+    before: dict[str, torch.Tensor] = {}
+    for improve in (improve_here, DeviceImprovement(how)):
+        model = make_ppo_alone(how, *sizes(SCRATCHING), tmp_path)
+        model.set_logger(ppo_logger())
+        model.num_timesteps, model.max_grad_norm = worlds * STEPS, 1e9
+        before = {name: value.clone() for name, value in model.policy.state_dict().items()}
+        begin_update(model, how)
+        free_actor(model, how)
+        improve(model, *(each.numpy() if improve is improve_here else each for each in given))
+        networks.append(model.policy.state_dict())
+    here, there = networks
+    for name, wanted in here.items():
+        assert_allclose(there[name], wanted, atol=2e-6, err_msg=name)
+    moved = {name for name, value in here.items() if not torch.equal(value, before[name])}
+    assert ("action_net.weight" in moved) == actor_learns
+    assert "value_net.weight" in moved
+
+
+def ppo_logger():
+    from stable_baselines3.common.utils import configure_logger
+
+    return configure_logger(0)
+
+
+def test_the_exported_policy_acts_as_the_network_does(rng: np.random.Generator, tmp_path: Path) -> None:
+    model = make_ppo_alone(TINY, *sizes(SCRATCHING), tmp_path)
+    model.set_logger(ppo_logger())
+    normaliser = UpdateNormaliser(observation_of(SCRATCHING), TINY.discount)
+    observations, actions, rewards = seen_and_done(rng, WORLDS)
+    DeviceImprovement(TINY)(model, observations, actions, rewards)
+    exported = export_policy(model, normaliser, TINY, 0.0, [])
+    last = cast(Any, model.policy).action_net.weight
+    assert_array_equal(exported.weights[-1], last.detach().T)
+    plain = rng.uniform(-3.0, 3.0, (200, observations.shape[-1]))
+    network = cast(Any, model.policy.double())
+    with torch.no_grad():
+        latent = network.mlp_extractor.forward_actor(
+            torch.as_tensor(normaliser.normalize_obs(plain)).double()
+        )
+        assert_allclose(exported.mean(plain), network.action_net(latent), atol=1e-6)
+
+
+def test_the_normaliser_learns_the_same_of_tensors(rng: np.random.Generator) -> None:
+    observations, actions, rewards = (each.numpy() for each in seen_and_done(rng, 3))
+    here, there = (UpdateNormaliser(observation_of(SCRATCHING), 0.9) for _ in range(2))
+    rest = {"episode_return": np.zeros(3), "success": np.zeros(3, dtype=bool), "episode_force_n": np.zeros(3)}
+    given = {"observations": observations, "actions": actions, "rewards": rewards}
+    on_host = rollouts.Rollout(**given, **rest)
+    on_it = rollouts.Rollout(**{name: torch.as_tensor(each) for name, each in given.items()}, **rest)
+    for _ in range(2):
+        assert_allclose(there.rewards(on_it), here.rewards(on_host), atol=1e-6)
+        for normaliser, rollout in ((here, on_host), (there, on_it)):
+            normaliser.see(rollout)
+    assert_allclose(there.obs_rms.var, here.obs_rms.var)
+    assert_allclose(there.ret_rms.mean, here.ret_rms.mean)
+    assert_allclose(
+        there.normalize_obs(on_it.observations), here.normalize_obs(on_host.observations), atol=1e-6
+    )
+
+
+# Whole trainings
+
+
+class Killed(Exception):
+    """Something ended the training."""
+
+
+def trained(configuration: TrainingConfiguration, out: Path, kill_after: int | None = None) -> list[Progress]:
+    """What a training told of, perhaps killed after so many times."""
+    heard: list[Progress] = []
+
+    def hear(progress: Progress) -> None:
+        heard.append(progress)
+        if len(heard) == kill_after:
+            raise Killed
+
+    if kill_after is None:
+        train(configuration, out, hear)
+    else:
+        with pytest.raises(Killed):
+            train(configuration, out, hear)
+    return heard
+
+
+def weights(out: Path) -> dict[str, torch.Tensor]:
+    return torch.load(out / "checkpoint.pt", weights_only=True)["policy"]
+
+
+@pytest.mark.slow
+def test_a_training_on_the_device_leaves_what_any_other_does_and_goes_on_to_the_same_bits(
+    tmp_path: Path,
+) -> None:
+    heard = trained(TINY, tmp_path / "whole")
+    stages = ["imitation, round 1 of 1", "PPO", "PPO", "measuring, 1 episodes"]
+    assert [progress.stage for progress in heard] == stages
+    policy = Policy.load(tmp_path / "whole" / "policy.safetensors")
+    assert policy.metadata.steps == TINY.steps
+    assert policy.action_deviation == pytest.approx(np.exp(TINY.log_std[1]))
+    assert set(policy.metadata.measured) >= {"success_rate", "reward_mean"}
+    assert stored_configuration(tmp_path / "whole") == TINY
+    assert list((tmp_path / "whole" / "tensorboard").rglob("events.out.tfevents.*"))
+
+    trained(TINY, tmp_path / "cut", kill_after=3)
+    resume(tmp_path / "cut")
+    first, second = (
+        torch.load(tmp_path / out / "checkpoint.pt", weights_only=True) for out in ("whole", "cut")
+    )
+    for part in ("policy", "observations", "returns"):
+        for name, value in first[part].items():
+            assert_array_equal(np.asarray(value), np.asarray(second[part][name]), err_msg=name)
+    for one, other in zip(*(each["optimizer"]["state"].values() for each in (first, second)), strict=True):
+        assert_array_equal(one["exp_avg"], other["exp_avg"])
+
+
+def test_imitation_is_that_of_threads(tmp_path: Path) -> None:
+    for engine in ("threads", "warp:cpu"):
+        trained(replace(TINY, engine=engine), tmp_path / engine, kill_after=2)
+    for name, value in weights(tmp_path / "threads").items():
+        assert_array_equal(value, weights(tmp_path / "warp:cpu")[name], err_msg=name)
+
+
+# What cannot be done leaves nothing behind
+
+
+def refused(tmp_path: Path, *options: str) -> str:
+    """What `train` says to that."""
+    done = CliRunner().invoke(app, ["train", SCRATCHING, "--out", str(tmp_path / "out"), *options])
+    assert done.exit_code == 1
+    assert not (tmp_path / "out").exists()
+    assert done.stderr.count("\n") == 1
+    return done.stderr
+
+
+def test_a_missing_extra_is_named_with_its_cure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rsl_rl.algorithms", None)
+    said = refused(tmp_path, "--engine", "warp:cpu")
+    assert "missing; `pip install avrgym[train,gpu]` brings what training on the engine warp needs" in said
+
+
+def test_without_a_gpu_training_says_so(tmp_path: Path) -> None:
+    if torch.cuda.is_available():
+        pytest.skip("there is a GPU here")
+    assert "the engine warp needs a CUDA device, and PyTorch finds none here" in refused(
+        tmp_path, "--engine", "warp"
+    )
+    assert "has no device 'cuda:1'; allowed: " in refused(tmp_path, "--engine", "warp:cuda:1")
+
+
+def test_a_cluster_has_no_device(tmp_path: Path) -> None:
+    class Cluster:
+        """Workers that need not be there."""
+
+    with pytest.raises(
+        ValueError, match="workers step worlds on threads; allowed: --cluster, or --engine warp:cpu"
+    ):
+        train(TINY, tmp_path / "out", cluster=Cluster())  # pyright: ignore[reportArgumentType]
+    assert not (tmp_path / "out").exists()
+
+
+def test_more_worlds_than_the_device_has_room_for_are_refused_before_a_training_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(warp.Warp, "_bytes_per_world", lambda *_: 1 << 30)
+    monkeypatch.setattr(warp.Warp, "_free_bytes", lambda _: 5 << 30)
+    with pytest.raises(ValueError, match=r"^7 worlds take 7.0 GiB of memory on CPU; allowed: up to 5$"):
+        train(replace(TINY, worlds=7), tmp_path / "out")
+    assert not (tmp_path / "out" / "configuration.json").exists()
