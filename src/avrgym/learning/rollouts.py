@@ -3,6 +3,7 @@
 So the worlds of an update may be shared among processes, and a part that was lost is made again.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 
@@ -19,8 +20,9 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 
-NOISE_STREAM = 4
-"""Of the streams that are drawn from a training's seed; the others choose episodes, experts and minibatches."""
+NOISE_STREAMS = 4, 5
+"""Of the robots' actions and of the humans', of the streams that are drawn from a training's seed; the others choose
+episodes, experts and minibatches."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,8 @@ class Order:
         force_weight_per_n: what each newton on the person takes off a step's reward.
         detour_weight_per_m: what each metre of a detour that the tool has to make to its goal takes off, but for an
             episode's last step.
+        shared_reward: whether a human who acts beside the robot is rewarded as the robot is, see
+            ``Episodes.human_reward``.
     """
 
     place: Place
@@ -56,6 +60,7 @@ class Order:
     by_expert: Bools | None = None
     force_weight_per_n: float = 0.0
     detour_weight_per_m: float = 0.0
+    shared_reward: bool = True
 
 
 @dataclass(frozen=True)
@@ -97,42 +102,82 @@ class Rollout:
 
 
 def roll_out(policy: Policy, order: Order) -> Rollout:
-    """Make the episodes of an order."""
+    """Make the episodes of an order, of a robot."""
+    return roll_out_all([policy], order)[0]
+
+
+def roll_out_all(policies: Sequence[Policy], order: Order) -> list[Rollout]:
+    """Make the episodes of an order as the robot met them, and as the human did where one acts beside it.
+
+    ``policies`` are the robot's and, where the human acts, the human's.
+    """
     count = len(order.episodes)
-    worlds = _worlds(order.place, count)
+    worlds = _worlds(order.place, count, steered=len(policies) > 1)
     generators = [np.random.default_rng(int(seed)) for seed in order.episodes]
-    seen = [worlds.begin(np.arange(count), generators).astype(np.float32)]
+    robot, *humans = [_Agent(*each, order) for each in zip(policies, NOISE_STREAMS, strict=False)]
+    robot.see(worlds.begin(np.arange(count), generators))
     expert = None if order.by_expert is None else worlds.task.reactive_expert(worlds)
-    actor, noise = Actor(policy, count), _noise(policy, order)
-    done: list[Floats] = []
-    rewards: list[Array] = []
     returns, force_n, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
     for number in range(EPISODE_STEPS):
-        action = (actor.mean(seen[-1]) + policy.action_deviation * noise[number]).astype(np.float32)
-        done.append(action)
+        action = robot.act(number)
         if expert is not None:
-            done[-1] = np.clip(expert(worlds.observe()), -1.0, 1.0).astype(np.float32)
+            robot.done[-1] = np.clip(expert(worlds.observe()), -1.0, 1.0).astype(np.float32)
             assert order.by_expert is not None
-            action = np.where(order.by_expert[:, None], done[-1], action)
+            action = np.where(order.by_expert[:, None], robot.done[-1], action)
+        for human in humans:
+            human.see(worlds.observe_as_human())
+            worlds.steer_people(np.clip(human.act(number), -1.0, 1.0).astype(float))
         step = worlds.step(np.clip(action, -1.0, 1.0).astype(float))
-        seen.append(step.observation.astype(np.float32))
-        rewards.append(step.reward - _cost(worlds, order, step, last=number == EPISODE_STEPS - 1))
+        robot.see(step.observation)
+        cost = _cost(worlds, order, step, last=number == EPISODE_STEPS - 1)
+        robot.rewards.append(step.reward - cost)
+        for human in humans:
+            reward = worlds.human_reward(step, human.done[-1].astype(float), shared=order.shared_reward)
+            human.rewards.append(reward - cost)
         returns += step.reward
         force_n += step.force_on_person_n / EPISODE_STEPS
         success = step.success
-    told = np.stack(rewards).astype(np.float32)
-    return Rollout(np.stack(seen), np.stack(done), told, returns, success, force_n)
+    for human in humans:
+        human.see(worlds.observe_as_human())
+    return [agent.rollout(returns, success, force_n) for agent in (robot, *humans)]
 
 
-def _noise(policy: Policy, order: Order) -> Array:
+class _Agent:
+    """One agent in the worlds of an order: what it sees, does and is rewarded with."""
+
+    def __init__(self, policy: Policy, noise_stream: int, order: Order) -> None:
+        self.seen: list[Floats] = []
+        self.done: list[Floats] = []
+        self.rewards: list[Array] = []
+        self._deviation = policy.action_deviation
+        self._actor, self._noise = Actor(policy, len(order.episodes)), _noise(policy, noise_stream, order)
+
+    def see(self, observation: Array) -> None:
+        """Take what it observes, (n, O)."""
+        self.seen.append(observation.astype(np.float32))
+
+    def act(self, number: int) -> Floats:
+        """Its actions (n, J) in the step of that number, before they are clipped."""
+        self.done.append(
+            (self._actor.mean(self.seen[-1]) + self._deviation * self._noise[number]).astype(np.float32)
+        )
+        return self.done[-1]
+
+    def rollout(self, returns: Array, success: Bools, force_n: Array) -> Rollout:
+        """All of it, with what came of the episodes."""
+        told = np.stack(self.rewards).astype(np.float32)
+        return Rollout(np.stack(self.seen), np.stack(self.done), told, returns, success, force_n)
+
+
+def _noise(policy: Policy, stream: int, order: Order) -> Array:
     """The actions' chance (T, n, J), in standard deviations; each world draws its own."""
     shape = (EPISODE_STEPS, policy.action_size)
     if order.noise is None:
         return np.zeros((EPISODE_STEPS, len(order.episodes), policy.action_size))
     seed, steps = order.noise
     numbers = range(order.first, order.first + len(order.episodes))
-    streams = (np.random.default_rng([seed, NOISE_STREAM, steps, number]) for number in numbers)
-    return np.stack([stream.standard_normal(shape) for stream in streams], axis=1)
+    streams = (np.random.default_rng([seed, stream, steps, number]) for number in numbers)
+    return np.stack([each.standard_normal(shape) for each in streams], axis=1)
 
 
 def _cost(worlds: Episodes, order: Order, step: Step, *, last: bool) -> Array:
@@ -145,7 +190,7 @@ def _cost(worlds: Episodes, order: Order, step: Step, *, last: bool) -> Array:
 
 
 @lru_cache(maxsize=2)
-def _worlds(place: Place, count: int) -> Episodes:
+def _worlds(place: Place, count: int, *, steered: bool) -> Episodes:
     """Of a training whose worlds are not shared evenly a process makes parts of two sizes."""
     return Episodes(
         place.environment,
@@ -154,4 +199,5 @@ def _worlds(place: Place, count: int) -> Episodes:
         impairment=place.impairment,
         num_threads=place.threads,
         engine=place.engine,
+        steered=steered,
     )
