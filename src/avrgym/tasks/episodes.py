@@ -381,7 +381,7 @@ class Episodes:
 
     def observe_as_human(self) -> Array:
         """What the people observe of the present state, (N, H), see ``HumanView``; of people whose joints move."""
-        return self.human_view.of(self.simulation, self.task_state)
+        return self.human_view.of(self.human_view.seen_in(self.simulation, self.task_state))
 
     def human_reward(self, step: Step, action: Array, *, shared: bool) -> Array:
         """The reward (N,) of people who acted (N, K) in a step: the robots', or, not shared, with their own effort.
