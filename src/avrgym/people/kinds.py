@@ -46,10 +46,10 @@ class Kind:
 
 
 def is_trained(name_or_path: str) -> bool:
-    """Whether people are trained humans: a file of one, or a folder of several."""
+    """Whether people are trained humans: a file of one, or a folder of several, which ends with / where it is gone."""
     if name_or_path in NAMED:
         return False
-    return name_or_path.endswith(FILE_SUFFIX) or Path(name_or_path).is_dir()
+    return name_or_path.endswith((FILE_SUFFIX, "/")) or Path(name_or_path).is_dir()
 
 
 def people_name(name_or_path: str) -> str:
