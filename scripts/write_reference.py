@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.policies.trained import PolicyMetadata
+from avrgym.networks.policy import HumanRole, PolicyMetadata
 from avrgym.recording import records
 from avrgym.recording.questionnaire import Item, Questionnaire
 from avrgym.recording.stop_rules import StopRule
@@ -36,6 +36,7 @@ STUDY_TABLES = {
     "`[database]`": design.DatabaseChoice,
 }
 NAMES: dict[type, str] = {kind: name for name, kind in STUDY_TABLES.items()} | {
+    HumanRole: "what a human's says",
     messages.XRPose: "a pose",
     records.Pose: "a pose",
 }
@@ -62,7 +63,7 @@ def main() -> None:
             [*((f"`{topic}`", kind) for topic, kind in records.TOPICS.items()), ("A pose", records.Pose)]
         ),
         "study_file": structs(STUDY_TABLES.items()),
-        "policy_file": structs([("The header", PolicyMetadata)]),
+        "policy_file": structs([("The header", PolicyMetadata), ("A human", HumanRole)]),
     }
     for name, lines in pages.items():
         (OUT / f"{name}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")

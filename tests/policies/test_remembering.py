@@ -7,9 +7,9 @@ import pytest
 import safetensors.numpy
 from numpy.testing import assert_allclose, assert_array_equal
 
+from avrgym.networks.layers import Memory
 from avrgym.policies import registry
 from avrgym.policies.actors import Actor
-from avrgym.policies.layers import Memory
 from avrgym.policies.trained import Policy, PolicyError, PolicyMetadata, load_policy
 from avrgym.tasks.episodes import Episodes
 

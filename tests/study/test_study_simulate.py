@@ -28,6 +28,7 @@ from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from killing import SEED, assert_same, compare_with_killed
+from networks import network, saved
 from processes import AVRGYM, die_with_parent
 from studies import make_study, take_in
 
@@ -227,3 +228,31 @@ def test_who_does_not_fit_cannot_take_part(folder: Path) -> None:
         1,
         "avrgym: unknown body model 'child'; allowed: man, woman\n",
     )
+
+
+@pytest.mark.slow
+def test_a_trained_human_takes_part_and_only_in_their_own_environment(tmp_path: Path) -> None:
+    """From a folder of them; the same seed gives the same study, and all is marked as simulated."""
+    design = DESIGN | {"practice_policy": '""', "policies": '["revised"]'}
+    folder, again = (make_study(tmp_path / name, **design) for name in ("study", "again"))
+    humans = [network("avrgym/ScratchItchJaco-v1", impairment="tremor", seed=number) for number in range(2)]
+    for number, human in enumerate(humans):
+        saved(tmp_path / "humans" / f"{number}.safetensors", human)
+    asked = "--participants", 1, "--seed", SEED, "--jobs", 1, "--people", tmp_path / "humans"
+    for each in (folder, again):
+        result = study("simulate", each, *asked)
+        assert result.exit_code == 0, result.output
+    assert assert_same(folder, again) >= 1
+    with Store(folder) as store:
+        (person,) = store.participants()
+        assert person.simulated
+        traits = traits_of(person, cast_of(SEED, str(tmp_path / "humans"), "none"))
+        assert traits.trained is not None
+        assert traits.trained.digest in {each.digest for each in humans}
+        assert (traits.tremor_rad > 0.0).any(), "the impairment that the human was trained with"
+    fed = make_study(tmp_path / "fed", **DESIGN | {"tasks": '["Feeding"]', "policies": '["revised"]'})
+    refused = study("simulate", fed, *asked)
+    assert refused.exit_code == 1
+    assert "trained for avrgym/ScratchItchJaco-v1, not for avrgym/Feeding" in " ".join(refused.output.split())
+    with Store(fed) as store:
+        assert store.participants() == []

@@ -6,17 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from avrgym.models import human
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Sex
+from avrgym.models.human import JOINT_INDEX, RECLINED, SEATED, SEXES, Person, Sex
 from avrgym.models.scene import TOOL
+from avrgym.networks.policy import Policy
 from avrgym.people.distributions import find_distribution
 from avrgym.people.names import IMPAIRMENTS, Impairment
+from avrgym.people.zoo.movement import SPEED_RAD_S
 from avrgym.recording.files import read_recording
 from avrgym.recording.questionnaire import LIKERT_ITEMS
-from avrgym.tasks.registry import TASKS
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 from avrgym.vr.emulation.in_process import STATE_EVERY_TICKS, InProcessClient
 from avrgym.vr.emulation.simulated_participant import RATINGS, SimulatedParticipant, draw_traits
 from avrgym.vr.protocol.messages import Sent, State, Tracking, XRPose, decode_client, encode
@@ -24,7 +28,9 @@ from avrgym.vr.protocol.webxr import Registration, is_valid
 from avrgym.vr.session.attempt import Experience
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.calibration import measure_torso_height
-from avrgym.vr.tracking.world import LiveWorld
+from avrgym.vr.tracking.world import LiveWorld, scene_message
+from avrgym.vr.tracking.world import poses as world_poses
+from networks import network
 from visit import driving, plan
 
 Array = NDArray[np.float64]
@@ -251,3 +257,35 @@ def test_a_participant_who_cannot_begin_gives_up_in_words(tmp_path: Path) -> Non
     session = Session(plan(), driving(plan()), blocked, client.hear, "blocked")
     with pytest.raises(RuntimeError, match=r"trial 1 does not begin: .*cannot be recorded"):
         client.run(session)
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_who_was_trained_sees_in_vr_what_they_saw_in_training_and_does_what_they_learned(
+    environment, monkeypatch
+):
+    """But for the itch, whose mark is drawn above the skin, and for forces, of which a headset tells nothing."""
+    told: list[np.ndarray] = []
+    trained = network(environment, deviation=0.0)
+    act = Policy.act
+    monkeypatch.setattr(Policy, "act", lambda self, seen, *how: (told.append(seen), act(self, seen, *how))[1])
+    task = TASKS[find_environment(environment)[0]]
+    traits = draw_traits("man", 3, trained=trained)
+    person = Person("man", traits.torso_height_m, task.pose.rest_rad)
+    worlds = Episodes(environment, 1, person=person, steered=True, num_threads=1)
+    worlds.begin(np.array([0]), [np.random.default_rng(0)])
+    someone = SimulatedParticipant(traits, 3)
+    someone.take_place(environment)
+    someone.watch(scene_message(0, worlds, Registration(np.zeros(3), 0.0)))
+    for step in range(4):
+        someone.watch(State(step, 0.1 * step, -1, b"", [], world_poses(worlds)))
+    (seen,) = worlds.observe_as_human()
+    goal = ~np.isnan(worlds.human_view.scale)
+    assert_allclose(told[0][0, ~goal], seen[~goal], atol=1e-5)
+    assert_allclose(told[0][0, goal], seen[goal], atol=0.03)
+    acted = np.clip(trained.mean(told[0])[0], -1.0, 1.0)
+    offered = [JOINT_INDEX[name] for name in worlds.offered_joints]
+    way = someone._mind.targets_rad[0] - person.joint_angles_rad
+    assert_allclose(way[offered], 4 * 0.1 * SPEED_RAD_S[offered] * acted, atol=1e-6)
+    assert_allclose(np.delete(way, offered), 0.0)
+    rest, gone = (numbers(someone.frame(1.0, moving=moving)) for moving in (False, True))
+    assert np.abs(np.subtract(rest, gone)).max() > 1e-3

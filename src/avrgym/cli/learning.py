@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 STEPS = 1_000_000
 """Of a training, unless another number is asked for."""
-ADAPTIVE, PAPER = RECIPES = ("adaptive", "paper")
-"""For policies that remember; and what the paper did."""
+ADAPTIVE, PAPER, PAIR = RECIPES = ("adaptive", "paper", "pair")
+"""For policies that remember; what the paper did; and for a robot and a human who learn together."""
 
 
 def envs(json_file: JsonFile = None) -> None:
@@ -84,9 +84,22 @@ def train(
         str | None,
         typer.Option(
             help="How; without it by imitation, then PPO. adaptive: a policy that remembers, from the task's expert "
-            "with zoo/train and each impairment in turn. paper: PPO alone, ten million steps.",
+            "with zoo/train and each impairment in turn. paper: PPO alone, ten million steps. pair: robot and human "
+            "together; the human has the bodies of the people.",
         ),
     ] = None,
+    alternate: Annotated[
+        int,
+        typer.Option(
+            help="With --recipe pair: for how many updates one of the two learns while the other stays as it is; "
+            "0 lets both learn in each.",
+            min=0,
+        ),
+    ] = 0,
+    own_reward: Annotated[
+        bool,
+        typer.Option("--own-reward", help="With --recipe pair: each pays for its own effort."),
+    ] = False,
     help_config: Annotated[
         bool,
         typer.Option("--help-config", help="Print the environment's training settings, and train nothing."),
@@ -106,8 +119,9 @@ def train(
     ] = None,
 ) -> None:
     """Train a policy with PPO. Needs the extra `train`."""
-    from avrgym.learning.configuration import PAPER_SETTINGS, PAPER_STEPS
+    from avrgym.learning.configuration import PAPER_SETTINGS, PAPER_STEPS, Pairing
     from avrgym.learning.settings_file import read_settings, settings_text
+    from avrgym.people.kinds import HUMAN_FILE
     from avrgym.simulation.engines.engine import check_engine
     from avrgym.tasks.registry import find_environment
 
@@ -117,7 +131,7 @@ def train(
             say(settings_text(env))
             return
         if recipe is not None:
-            of_all = {"--config": config is not None}
+            of_all = {"--config": config is not None and recipe != PAIR}
             of_adaptive = {
                 "--people": people != "original",
                 "--impairment": impairment != "none",
@@ -126,6 +140,10 @@ def train(
                 "--resume with --steps": resume and steps is not None,
             }
             _check_recipe(recipe, of_all | of_adaptive if recipe == ADAPTIVE else of_all)
+        if recipe != PAIR and (alternate or own_reward):
+            raise ValueError(f"--alternate and --own-reward go with --recipe {PAIR}")
+        if resume and (alternate or own_reward):
+            raise ValueError("a pair goes on as it began; --resume goes without --alternate and --own-reward")
         if resume and config is not None:
             raise ValueError(
                 "a training goes on with the settings it began with; --resume goes without --config"
@@ -151,10 +169,15 @@ def train(
             configuration = training.stored_configuration(folder)
             if configuration.environment != env:
                 raise ValueError(f"{folder} holds a training of {configuration.environment}, not of {env}")
+            if recipe == PAIR and configuration.pairing is None:
+                raise ValueError(f"{folder} holds a training of a robot alone, and no pair")
             configuration = replace(configuration, steps=steps or configuration.steps)
         else:
             steps = steps or (PAPER_STEPS if recipe == PAPER else STEPS)
-            configuration = training.configuration_for(env, people, steps, seed, impairment, settings, engine)
+            pairing = Pairing(alternate=alternate, shared_reward=not own_reward) if recipe == PAIR else None
+            configuration = training.configuration_for(
+                env, people, steps, seed, impairment, settings, engine, pairing
+            )
             configuration = replace(configuration, worlds=worlds or configuration.worlds)
         with on_cluster(cluster, jobs) as workers, _shown(env, configuration.whole_steps, folder) as tell:
             if resume:
@@ -162,6 +185,8 @@ def train(
             else:
                 training.train(configuration, folder, tell, cluster=workers)
     say(f"policy    {folder / training.POLICY_FILE}")
+    if configuration.pairing is not None:
+        say(f"human     {folder / HUMAN_FILE}")
 
 
 def _check_recipe(recipe: str, others: dict[str, bool]) -> None:

@@ -13,7 +13,6 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from avrgym.envs.human_view import HumanView
 from avrgym.envs.rendering import Drawn
 from avrgym.envs.single import METADATA, check_render_mode, info_of, spaces_of
 from avrgym.envs.vector_conventions import plain_seed
@@ -25,8 +24,6 @@ Array = NDArray[np.float64]
 Action = NDArray[np.float32]
 
 ROBOT, HUMAN = "robot", "human"
-EFFORT = "action_squared"
-"""The reward term of an agent's own effort."""
 
 
 class AssistiveParallelEnv(Drawn, ParallelEnv[str, Array, Action]):
@@ -70,9 +67,8 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, Array, Action]):
         )
         self.joints = self.episodes.offered_joints
         """The joints that the human's action drives, in its order."""
-        self._view = HumanView(self.episodes)
         self.possible_agents, self.agents = [ROBOT, HUMAN], []
-        bound, (seen, acted) = self._view.bound, spaces_of(self.episodes)
+        bound, (seen, acted) = self.episodes.human_view.bound, spaces_of(self.episodes)
         self.observation_spaces = {ROBOT: seen, HUMAN: gym.spaces.Box(-bound, bound, dtype=np.float64)}
         human_acts = gym.spaces.Box(-1.0, 1.0, (len(self.joints),), np.float32)
         self.action_spaces = {ROBOT: acted, HUMAN: human_acts}
@@ -121,25 +117,19 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, Array, Action]):
         step = self.episodes.step(robot[None])
         self._steps_left -= 1
         ended, agents = self._steps_left == 0, self.agents
+        rewards = step.reward, self.episodes.human_reward(step, human[None], shared=self._shared_reward)
         if ended:
             self.agents = []
         return (
             self._observations(step),
-            {ROBOT: float(step.reward[0]), HUMAN: self._human_reward(step, human)},
+            {agent: float(reward[0]) for agent, reward in zip(agents, rewards, strict=True)},
             dict.fromkeys(agents, False),
             dict.fromkeys(agents, ended),
             {agent: info_of(step) for agent in agents},
         )
 
     def _observations(self, step: Step) -> dict[str, Array]:
-        return {ROBOT: step.observation[0], HUMAN: self._view.of()}
-
-    def _human_reward(self, step: Step, action: Array) -> float:
-        reward, weight = float(step.reward[0]), self.episodes.task.weights.get(EFFORT, 0.0)
-        if self._shared_reward or not weight:
-            return reward
-        acted = np.clip(action, -1.0, 1.0)
-        return reward + weight * float((acted * acted).sum() - step.reward_terms[EFFORT][0])
+        return {ROBOT: step.observation[0], HUMAN: self.episodes.observe_as_human()[0]}
 
     def _checked(self, actions: Mapping[str, Action]) -> list[Array]:
         """The actions of robot and human, as numbers."""

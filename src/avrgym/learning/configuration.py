@@ -7,12 +7,18 @@ from typing import Any
 import msgspec
 
 from avrgym.learning.settings_file import settings_of
+from avrgym.networks.policy import FILE_SUFFIX
+from avrgym.people.distributions import NAMED
+from avrgym.people.kinds import carried_people, is_trained
 from avrgym.system.engines import THREADS
 from avrgym.system.files import write_whole
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.training_settings import TrainingSettings
 
+PEOPLE = "people"
+"""Name of a copy of the file of people, or the folder of trained humans, that a training was begun with, if it was."""
 CONFIGURATION_FILE, LOG_FOLDER = "configuration.json", "tensorboard"
+PEOPLE_SUFFIX = ".toml"
 STEPWISE, BY_UPDATES = 1, 2
 PAPER_STEPS = 10_000_000
 """Environment steps of each of the paper's trainings (section VI)."""
@@ -27,6 +33,18 @@ PAPER_SETTINGS = TrainingSettings(
 )
 """The paper's recipe, the same for every task: PPO alone, on the task's rewards as they are. The paper says nothing of
 how random actions are: they begin and end here as in feeding, which learns by PPO alone, too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pairing:
+    """That a human is trained beside the robot, in the bodies of the people.
+
+    ``alternate`` is for how many updates one learns while the other stays as it is, first the robot; with 0 both learn
+    in each. Unless the reward is shared, each pays for its own effort.
+    """
+
+    alternate: int = 0
+    shared_reward: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +64,7 @@ class TrainingConfiguration(TrainingSettings):
     threads: int = 0
     engine: str = THREADS
     learning_version: int = BY_UPDATES
+    pairing: Pairing | None = None
 
     @property
     def update_steps(self) -> int:
@@ -86,6 +105,15 @@ class TrainingConfiguration(TrainingSettings):
         return self.imitation_steps == 0 or steps > self.imitation_steps + critic_steps
 
 
+def turn(configuration: TrainingConfiguration, steps: int) -> tuple[bool, bool]:
+    """Whether the robot and the human learn from the update of PPO that begins after so many steps."""
+    alternate = 0 if configuration.pairing is None else configuration.pairing.alternate
+    if not alternate:
+        return True, True
+    update = (steps - configuration.imitation_steps) // configuration.update_steps
+    return (True, False) if update // alternate % 2 == 0 else (False, True)
+
+
 def configuration_for(
     environment: str,
     people: str,
@@ -94,6 +122,7 @@ def configuration_for(
     impairment: str = "none",
     settings: TrainingSettings | None = None,
     engine: str = THREADS,
+    pairing: Pairing | None = None,
 ) -> TrainingConfiguration:
     """How we train in an environment; ``settings`` stand for the task's own.
 
@@ -107,6 +136,7 @@ def configuration_for(
         steps=steps,
         seed=seed,
         engine=engine,
+        pairing=pairing,
         **vars(settings or settings_of(environment)),
     )
 
@@ -120,6 +150,24 @@ def lengthened(configuration: TrainingConfiguration, steps: int) -> TrainingConf
 def store(configuration: TrainingConfiguration, out: Path) -> None:
     """Write what the training in ``out`` is made of."""
     write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
+
+
+def store_people(people: str, out: Path) -> None:
+    """Keep a copy of people who have no name in the folder of a training."""
+    if people in NAMED:
+        return
+    kept = out / PEOPLE
+    if not Path(people).is_dir():
+        kept = kept.with_suffix(FILE_SUFFIX if is_trained(people) else PEOPLE_SUFFIX)
+    carried_people(people).write(kept)
+
+
+def stored_people(configuration: TrainingConfiguration, out: Path) -> str:
+    """Name, file or folder of the people of the training in ``out``."""
+    if configuration.people in NAMED:
+        return configuration.people
+    copies = [out / f"{PEOPLE}{suffix}" for suffix in (PEOPLE_SUFFIX, FILE_SUFFIX, "")]
+    return str(next((copy for copy in copies if copy.exists()), copies[0]))
 
 
 def stored_configuration(out: Path) -> TrainingConfiguration:

@@ -4,19 +4,19 @@
 # pyright: reportUnknownMemberType=false
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stable_baselines3 import PPO
-
 from avrgym.learning import checkpoint
-from avrgym.learning.configuration import TrainingConfiguration
+from avrgym.learning.configuration import TrainingConfiguration, stored_people
 from avrgym.learning.exporting import export_policy
 from avrgym.learning.hard_episodes import HardEpisodes
-from avrgym.learning.stable_baselines import Normaliser
-from avrgym.policies.trained import Policy
+from avrgym.learning.stable_baselines import Normaliser, Trainee
+from avrgym.networks.policy import HumanRole, Policy
+from avrgym.people.distributions import NAMED
+from avrgym.people.kinds import HUMAN_FILE
 
 POLICY_FILE, CHECKPOINT_FILE = "policy.safetensors", "checkpoint.pt"
 
@@ -85,12 +85,22 @@ class Course:
         """How long it was trained for."""
         return self._seconds_before + time.monotonic() - self._began
 
-    def policy(self, model: PPO, normaliser: Normaliser) -> Policy:
-        """The policy as it is now."""
-        return export_policy(model, normaliser, self.configuration, self.seconds, self._curve)
+    def policies(self, trainees: Sequence[Trainee[Normaliser]]) -> list[Policy]:
+        """The policies as they are now: the robot's, and the human's where one is trained."""
+        robot, *humans = trainees
+        policy = self._policy(robot)
+        return [policy, *(self._policy(human, self._role(policy)) for human in humans)]
 
-    def save(self, model: PPO, normaliser: Normaliser, episodes: list[dict[str, Any]]) -> Policy:
-        """Save where the training is, between two updates; the policy as it is now.
+    def _policy(self, trainee: Trainee[Normaliser], role: HumanRole | None = None) -> Policy:
+        return export_policy(*trainee, self.configuration, self.seconds, self._curve, role)
+
+    def _role(self, partner: Policy) -> HumanRole:
+        people = stored_people(self.configuration, self._out)
+        text = "" if people in NAMED else Path(people).read_text(encoding="utf-8")
+        return HumanRole(partner=partner.digest, people_file=text)
+
+    def save(self, trainees: Sequence[Trainee[Normaliser]], episodes: list[dict[str, Any]]) -> list[Policy]:
+        """Save where the training is, between two updates; the policies as they are now.
 
         ``episodes`` are the states that the present episodes were drawn from, where that follows from nothing else.
         """
@@ -100,7 +110,8 @@ class Course:
             "hard": self.hard.kept,
             "seconds": self.seconds,
         }
-        checkpoint.save(self._out / CHECKPOINT_FILE, model, normaliser, episodes, notes)
-        policy = self.policy(model, normaliser)
-        policy.save(self._out / POLICY_FILE, overwrite=True)
-        return policy
+        checkpoint.save(self._out / CHECKPOINT_FILE, trainees, episodes, notes)
+        policies = self.policies(trainees)
+        for policy, name in zip(policies, (POLICY_FILE, HUMAN_FILE), strict=False):
+            policy.save(self._out / name, overwrite=True)
+        return policies

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 from avrgym.learning.evaluation import Evaluation, Progress, evaluate_all
 from avrgym.learning.seed_streams import SHOWING, Stream
-from avrgym.people.distributions import find_distribution
 from avrgym.people.impairments import find_impairment
 from avrgym.policies import registry
 from avrgym.simulation.engines.engine import check_engine
 from avrgym.system.engines import THREADS
-from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.company import find_company
+from avrgym.tasks.registry import find_environment
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
@@ -41,10 +41,10 @@ def cross_play(
     """
     find_impairment(impairment)
     check_engine(engine)
-    for whom in people:
-        find_distribution(whom, TASKS)
     for environment_id in environment_ids:
         find_environment(environment_id)
+        for whom in people:
+            find_company(whom, environment_id)
         for policy in policies:
             registry.find(policy, environment_id, allow_other_environment=allow_other_environment)
     return [

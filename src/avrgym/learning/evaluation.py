@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from avrgym.learning.seed_streams import SHOWING, Stream, episode_generators
 from avrgym.models.scene import SUBSTEPS
+from avrgym.people.kinds import carried_people
 from avrgym.policies import registry
 from avrgym.policies.force_guard import ForceGuard
 from avrgym.simulation.engines.engine import check_engine
@@ -125,7 +126,8 @@ def evaluate_all(
     Args:
         environment_ids: such as ``avrgym/FeedingJaco-v1``.
         policy: whatever ``policies.registry.find`` finds, but ``operator``.
-        people: whom to meet, a name in ``people.distributions.NAMED`` or a file of people.
+        people: whom to meet, a name in ``people.distributions.NAMED``, a file of people, a trained human or a
+            folder of them.
         episodes: how many in each, 1 or more.
         seed: of the episodes; another seed gives other people and starts.
         progress: told again and again how many environment steps were made since it was told last.
@@ -156,7 +158,7 @@ def evaluate_all(
     size = min(MAX_WORLDS, -(-every // jobs))
     threads = max(1, there // jobs) if cluster is None else 1
     split = _split(episodes, size)
-    driver, whom = Carried.of(policy), Carried.of(people)
+    driver, whom = Carried.of(policy), carried_people(people)
     batches = [
         _Batch(
             environment_id=environment_id,

@@ -14,8 +14,8 @@ from stable_baselines3 import PPO
 
 from avrgym.learning.configuration import TrainingConfiguration
 from avrgym.learning.stable_baselines import Normaliser
-from avrgym.people.distributions import people_name
-from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.networks.policy import HumanRole, Policy, PolicyMetadata
+from avrgym.people.kinds import people_name
 
 CURVE_POINTS = 100
 
@@ -26,12 +26,14 @@ def export_policy(
     configuration: TrainingConfiguration,
     seconds: float,
     curve: list[tuple[int, float, float]],
+    role: HumanRole | None = None,
 ) -> Policy:
     """The actor of a PPO model with its observation normaliser and the chance of this stage of training.
 
-    ``seconds`` it was trained for; of the ``curve`` a hundred points are kept.
+    ``seconds`` it was trained for; of the ``curve`` a hundred points are kept; ``role`` is that of a human's.
     """
     steps = cast(int, model.num_timesteps)
+    beside_human = ", trained beside it" if configuration.pairing is not None and role is None else ""
     actor = model.policy
     layers: list[Any] = [
         layer for layer in actor.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)
@@ -47,13 +49,14 @@ def export_policy(
         action_deviation=exp(configuration.log_std_at(steps)),
         metadata=PolicyMetadata(
             environment=configuration.environment,
-            people=people_name(configuration.people),
+            people=people_name(configuration.people) + beside_human,
             impairment=configuration.impairment,
             steps=steps,
             seed=configuration.seed,
             git_commit=git_commit(),
             seconds=round(seconds, 1),
             curve=thinned(curve),
+            human=role,
         ),
     )
 

@@ -12,8 +12,8 @@ from avrgym.policies.trained import Policy
 MEASURES = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
 
 
-def measure(path: Path, people: str, impairment: str, episodes: int) -> Policy:
-    """Write into a policy's file what it reaches on the stream of choices; gives that policy."""
+def measure(path: Path, people: str, impairment: str, episodes: int, *, human: Path | None = None) -> Policy:
+    """Write into a policy's file what it reaches on the stream of choices, and into its human's; gives that policy."""
     policy = Policy.load(path)
     figures = evaluate(
         policy.metadata.environment,
@@ -25,6 +25,8 @@ def measure(path: Path, people: str, impairment: str, episodes: int) -> Policy:
         stream=CHOOSING,
     )
     measured = {name: getattr(figures, name) for name in MEASURES}
-    policy = replace(policy, metadata=msgspec.structs.replace(policy.metadata, measured=measured))
-    policy.save(path, overwrite=True)
+    for file in [path] if human is None else [human, path]:
+        policy = Policy.load(file)
+        policy = replace(policy, metadata=msgspec.structs.replace(policy.metadata, measured=measured))
+        policy.save(file, overwrite=True)
     return policy

@@ -22,8 +22,8 @@ from torch import Tensor, nn
 from avrgym.learning.configuration import TrainingConfiguration
 from avrgym.learning.ppo import steps_of
 
-MINIBATCH_STREAM = 5
-"""Of the streams that are drawn from a training's seed, see ``rollouts.NOISE_STREAM``."""
+MINIBATCH_STREAM = 6
+"""Of the streams that are drawn from a training's seed, see ``rollouts.NOISE_STREAMS``."""
 SEEN = "policy"
 """RSL-RL's name of the observations."""
 

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from avrgym.policies.layers import Memory
+from avrgym.networks.layers import Memory
 from avrgym.policies.trained import Policy, PolicyMetadata
 
 

@@ -4,6 +4,7 @@ So the worlds of an update may be shared among processes, and a part that was lo
 device of its own they stay there from an episode's beginning to its end.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any
@@ -25,8 +26,9 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 
-NOISE_STREAM = 4
-"""Of the streams that are drawn from a training's seed; the others choose episodes, experts and minibatches."""
+NOISE_STREAMS = 4, 5
+"""Of the robots' actions and of the humans', of the streams that are drawn from a training's seed; the others choose
+episodes, experts and minibatches."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,8 @@ class Order:
         force_weight_per_n: what each newton on the person takes off a step's reward.
         detour_weight_per_m: what each metre of a detour that the tool has to make to its goal takes off, but for an
             episode's last step.
+        shared_reward: whether a human who acts beside the robot is rewarded as the robot is, see
+            ``Episodes.human_reward``.
     """
 
     place: Place
@@ -63,6 +67,7 @@ class Order:
     by_expert: Bools | None = None
     force_weight_per_n: float = 0.0
     detour_weight_per_m: float = 0.0
+    shared_reward: bool = True
 
 
 @dataclass(frozen=True)
@@ -107,43 +112,50 @@ class Rollout:
 
 
 def roll_out(policy: Policy, order: Order) -> Rollout:
-    """Make the episodes of an order.
+    """Make the episodes of an order, of a robot; see ``roll_out_all``."""
+    return roll_out_all([policy], order)[0]
+
+
+def roll_out_all(policies: Sequence[Policy], order: Order) -> list[Rollout]:
+    """Make the episodes of an order as the robot met them, and as the human did where one acts beside it.
+
+    ``policies`` are the robot's and, where the human acts, the human's.
 
     Raises:
         RuntimeError, ValueError: where episodes on a device are worth nothing, see ``Episodes.check``.
     """
     count = len(order.episodes)
-    worlds = worlds_of(order.place, count)
+    worlds = worlds_of(order.place, count, steered=len(policies) > 1)
     generators = [np.random.default_rng(int(seed)) for seed in order.episodes]
     first = worlds.begin(np.arange(count), generators)
     xp: Any = namespace(first)
-    seen, chance = (
-        [xp.astype(first, xp.float32)],
-        brought(policy.action_deviation * _noise(policy, order), first),
-    )
-    expert = None if order.by_expert is None else _expert_for(policy, worlds)
-    actor = Actor(policy, count) if xp is np else ActorThere(policy, first)
-    done: list[Any] = []
-    rewards: list[Any] = []
+    robot = _Agent(policies[0], NOISE_STREAMS[0], order, first)
+    humans = [_Agent(policy, NOISE_STREAMS[1], order, worlds.observe_as_human()) for policy in policies[1:]]
+    expert = None if order.by_expert is None else _expert_for(policies[0], worlds)
     returns = force_n = xp.zeros(count, dtype=xp.float64, device=first.device)
     success: Any = None
     for number in range(EPISODE_STEPS):
-        action = xp.astype(actor.mean(seen[-1]) + chance[number], xp.float32)
-        done.append(action)
+        action = robot.act(number)
         if expert is not None:
-            done[-1] = np.clip(expert(worlds.observe()), -1.0, 1.0).astype(np.float32)
+            robot.done[-1] = np.clip(expert(worlds.observe()), -1.0, 1.0).astype(np.float32)
             assert order.by_expert is not None
-            action = np.where(order.by_expert[:, None], done[-1], action)
+            action = np.where(order.by_expert[:, None], robot.done[-1], action)
+        for human in humans:
+            worlds.steer_people(np.clip(human.act(number), -1.0, 1.0).astype(float))
         step = worlds.step(xp.astype(xp.clip(action, -1.0, 1.0), first.dtype))
-        seen.append(xp.astype(step.observation, xp.float32))
-        rewards.append(step.reward - _cost(worlds, order, step, last=number == EPISODE_STEPS - 1))
+        robot.see(step.observation)
+        cost = _cost(worlds, order, step, last=number == EPISODE_STEPS - 1)
+        robot.rewards.append(step.reward - cost)
+        for human in humans:
+            human.see(worlds.observe_as_human())
+            reward = worlds.human_reward(step, human.done[-1].astype(float), shared=order.shared_reward)
+            human.rewards.append(reward - cost)
         returns = returns + step.reward
         force_n = force_n + step.force_on_person_n / EPISODE_STEPS
         success = step.success
     worlds.check()
-    told = xp.astype(xp.stack(rewards), xp.float32)
     of_episodes = on_host(returns), on_host(success), on_host(force_n)
-    return Rollout(xp.stack(seen), xp.stack(done), told, *of_episodes)
+    return [agent.rollout(*of_episodes) for agent in (robot, *humans)]
 
 
 def _expert_for(policy: Policy, worlds: Episodes) -> Controller:
@@ -152,15 +164,45 @@ def _expert_for(policy: Policy, worlds: Episodes) -> Controller:
     return (expert if policy.memory is None else steadied(expert))(worlds)
 
 
-def _noise(policy: Policy, order: Order) -> Array:
+class _Agent:
+    """One agent in the worlds of an order: what it sees, does and is rewarded with, where its worlds are."""
+
+    def __init__(self, policy: Policy, noise_stream: int, order: Order, first: Any) -> None:
+        """Begin with the first observations, (n, O)."""
+        self._xp: Any = namespace(first)
+        self.seen: list[Any] = []
+        self.done: list[Any] = []
+        self.rewards: list[Any] = []
+        self._actor = Actor(policy, len(order.episodes)) if self._xp is np else ActorThere(policy, first)
+        self._chance = brought(policy.action_deviation * _noise(policy, noise_stream, order), first)
+        self.see(first)
+
+    def see(self, observation: Any) -> None:
+        """Take what it observes, (n, O)."""
+        self.seen.append(self._xp.astype(observation, self._xp.float32))
+
+    def act(self, number: int) -> Any:
+        """Its actions (n, J) in the step of that number, before they are clipped."""
+        mean = self._actor.mean(self.seen[-1])
+        self.done.append(self._xp.astype(mean + self._chance[number], self._xp.float32))
+        return self.done[-1]
+
+    def rollout(self, returns: Array, success: Bools, force_n: Array) -> Rollout:
+        """All of it, with what came of the episodes."""
+        xp = self._xp
+        told = xp.astype(xp.stack(self.rewards), xp.float32)
+        return Rollout(xp.stack(self.seen), xp.stack(self.done), told, returns, success, force_n)
+
+
+def _noise(policy: Policy, stream: int, order: Order) -> Array:
     """The actions' chance (T, n, J), in standard deviations; each world draws its own."""
     shape = (EPISODE_STEPS, policy.action_size)
     if order.noise is None:
         return np.zeros((EPISODE_STEPS, len(order.episodes), policy.action_size))
     seed, steps = order.noise
     numbers = range(order.first, order.first + len(order.episodes))
-    streams = (np.random.default_rng([seed, NOISE_STREAM, steps, number]) for number in numbers)
-    return np.stack([stream.standard_normal(shape) for stream in streams], axis=1)
+    streams = (np.random.default_rng([seed, stream, steps, number]) for number in numbers)
+    return np.stack([each.standard_normal(shape) for each in streams], axis=1)
 
 
 def _cost(worlds: Episodes, order: Order, step: Step, *, last: bool) -> Array:
@@ -173,7 +215,7 @@ def _cost(worlds: Episodes, order: Order, step: Step, *, last: bool) -> Array:
 
 
 @lru_cache(maxsize=2)
-def worlds_of(place: Place, count: int) -> Episodes:
+def worlds_of(place: Place, count: int, *, steered: bool = False) -> Episodes:
     """So many worlds, made once: of a training whose worlds are not shared evenly a process makes parts of two sizes.
 
     Raises:
@@ -187,4 +229,5 @@ def worlds_of(place: Place, count: int) -> Episodes:
         num_threads=place.threads,
         engine=place.engine,
         on_device=place.engine != THREADS,
+        steered=steered,
     )

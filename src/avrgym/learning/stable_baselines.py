@@ -4,7 +4,7 @@
 # pyright: reportUnknownMemberType=false
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.tasks.known import EPISODE_STEPS
-from avrgym.tasks.observation import Observation
 
 Array = NDArray[Any]
 
@@ -33,6 +32,16 @@ class Normaliser(Protocol):
     def normalize_obs(self, obs: Any) -> Any:
         """Observations in standard deviations from the mean, single precision."""
         ...
+
+
+N_co = TypeVar("N_co", bound=Normaliser, covariant=True)
+
+
+class Trainee(NamedTuple, Generic[N_co]):
+    """What learns: a model, and the normaliser of its observations and rewards."""
+
+    model: PPO
+    normaliser: N_co
 
 
 class SB3VectorEnv(VecEnv):
@@ -135,10 +144,24 @@ def go_on_from(model: PPO, observation: Array) -> None:
     model._last_episode_starts = np.ones(len(observation), dtype=bool)  # pyright: ignore[reportPrivateUsage]
 
 
+class Scaled(Protocol):
+    """An observation: how many numbers it has, and their fixed scales, not a number where there is none."""
+
+    @property
+    def size(self) -> int:
+        """How many numbers it has, O."""
+        ...
+
+    @property
+    def scale(self) -> NDArray[np.float64]:
+        """The fixed scales, (O,)."""
+        ...
+
+
 class ObservationScale(RunningMeanStd):
     """Mean and variance of observations as they come, but mean 0 and the scale of those that have a fixed one."""
 
-    def __init__(self, observation: Observation) -> None:
+    def __init__(self, observation: Scaled) -> None:
         """Begin without having seen any observations."""
         super().__init__(shape=(observation.size,))
         self._fixed = np.isfinite(observation.scale)

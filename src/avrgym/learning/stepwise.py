@@ -21,7 +21,13 @@ from avrgym.learning.configuration import TrainingConfiguration
 from avrgym.learning.course import CHECKPOINT_FILE, Course
 from avrgym.learning.imitation import Finished, Gather, Shown, imitate
 from avrgym.learning.ppo import OBSERVATION_CLIP, begin_update, free_actor, make_ppo, steps_of
-from avrgym.learning.stable_baselines import ObservationScale, SB3VectorEnv, finished_episodes, go_on_from
+from avrgym.learning.stable_baselines import (
+    ObservationScale,
+    SB3VectorEnv,
+    Trainee,
+    finished_episodes,
+    go_on_from,
+)
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import EPISODE_STEPS
 
@@ -43,16 +49,17 @@ class StepwiseLearner:
         self._normaliser = VecNormalize(self._env, gamma=configuration.discount, clip_obs=OBSERVATION_CLIP)
         self._normaliser.obs_rms = ObservationScale(native.episodes.observation)
         self.model = make_ppo(configuration, self._normaliser, out)
+        self._trainees = (Trainee(self.model, self._normaliser),)
 
     def restore(self) -> None:
         """Go on from the checkpoint."""
-        episodes, notes = checkpoint.restore(self._out / CHECKPOINT_FILE, self.model, self._normaliser)
+        episodes, notes = checkpoint.restore(self._out / CHECKPOINT_FILE, self._trainees)
         go_on_from(self.model, self._env.env.begin_again_from(episodes))
         self._course.resume(notes)
 
     def save(self) -> None:
         """Save where the training is, between two updates."""
-        self._course.save(self.model, self._normaliser, self._env.env.drawn_from)
+        self._course.save(self._trainees, self._env.env.drawn_from)
 
     def imitate(self, rounds: int, shown: Path) -> None:
         """Do the rounds of imitation that remain."""

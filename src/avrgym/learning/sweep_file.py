@@ -9,10 +9,11 @@ from msgspec import Meta
 
 from avrgym.learning.configuration import TrainingConfiguration, configuration_for
 from avrgym.learning.settings_file import changed_settings, read_toml, refusal
-from avrgym.people.distributions import NAMED, find_distribution
+from avrgym.people.distributions import NAMED
 from avrgym.people.impairments import find_impairment
 from avrgym.people.names import ORIGINAL
-from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.company import find_company
+from avrgym.tasks.registry import find_environment
 
 Name = Annotated[str, Meta(pattern="^[A-Za-z0-9_]+$")]
 
@@ -78,7 +79,7 @@ def planned(sweep: Sweep, where: str) -> dict[str, list[Planned]]:
     groups: dict[str, list[Planned]] = {}
     for environment, people in product(dict.fromkeys(sweep.environments), dict.fromkeys(sweep.people)):
         find_environment(environment)
-        find_distribution(people, TASKS)
+        find_company(people, environment)
         groups[f"{environment} with {people}"] = [
             Planned(
                 "-".join([environment.rpartition("/")[2], _plain(people), recipe, str(seed)]),

@@ -6,6 +6,7 @@ extra ``train``, on a device ``gpu`` too. What it leaves is a policy file that n
 
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,26 +20,29 @@ from avrgym.learning.configuration import (
     configuration_for,
     lengthened,
     store,
+    store_people,
     stored_configuration,
+    stored_people,
 )
 from avrgym.learning.course import CHECKPOINT_FILE, POLICY_FILE, Course, Progress, Tell
 from avrgym.learning.exporting import export_policy
 from avrgym.learning.measuring import measure
 from avrgym.learning.on_device import DeviceImprovement, libraries
 from avrgym.learning.ppo import steps_of
-from avrgym.learning.rollouts import Order, Rollout, roll_out, worlds_of
+from avrgym.learning.rollouts import Order, Rollout, roll_out_all, worlds_of
 from avrgym.learning.stepwise import StepwiseLearner
 from avrgym.learning.updates import UpdateLearner, make_here
-from avrgym.people.distributions import NAMED, find_distribution
 from avrgym.people.impairments import find_impairment
+from avrgym.people.kinds import HUMAN_FILE, is_trained
 from avrgym.policies.trained import Policy
 from avrgym.simulation.engines.engine import check_ready
 from avrgym.system.engines import THREADS
-from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 from avrgym.system.memory import memory_bytes
+from avrgym.tasks.company import find_company
+from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.known import EPISODE_STEPS
-from avrgym.tasks.registry import TASKS, find_environment, sizes
+from avrgym.tasks.registry import find_environment, sizes
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
@@ -57,8 +61,6 @@ __all__ = [
 
 SHOWN_FOLDER = "shown"
 """What the expert showed, while the policy imitates it."""
-PEOPLE_FILE = "people.toml"
-"""A copy of the file of people that a training was begun with, if it was."""
 MEASURED_EPISODES = 100
 LEAST_WORLDS, MOST_WORLDS = 64, 128
 """How many worlds a worker of a cluster has, where the training has enough of them."""
@@ -75,8 +77,9 @@ def train(
 ) -> Policy:
     """Train, and leave ``policy.safetensors``, ``configuration.json`` and TensorBoard's log in ``out``.
 
-    The policy carries what it reaches on people that training never saw. A training that is cut off leaves its latest
-    policy and checkpoint, from which ``resume`` goes on.
+    Where robot and human are trained together, ``human.safetensors`` is the human. The policy carries what it reaches
+    on people that training never saw, or with that human. A training that is cut off leaves its latest policy and
+    checkpoint, from which ``resume`` goes on.
 
     Args:
         configuration: what to train, on whom, for how long.
@@ -91,11 +94,12 @@ def train(
     """
     _refuse_used(out)
     _check(configuration, configuration.people, cluster)
+    if Path(configuration.people).is_dir() and is_trained(configuration.people):
+        configuration = replace(configuration, people=f"{configuration.people.rstrip('/')}/")
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
         _refuse_used(out)
-        if configuration.people not in NAMED:
-            write_whole(out / PEOPLE_FILE, Path(configuration.people).read_bytes())
+        store_people(configuration.people, out)
         course = Course(configuration, out, tell)
         learner = _learner(configuration, out, course, cluster)
         store(configuration, out)
@@ -135,7 +139,7 @@ def resume(
             damaged.
     """
     configuration = stored_configuration(out)
-    _check(configuration, _stored_people(configuration, out), cluster)
+    _check(configuration, stored_people(configuration, out), cluster)
     with locked(out):
         if steps is not None and steps != configuration.steps:
             configuration = _extended(configuration, steps, out)
@@ -156,12 +160,18 @@ def _extended(configuration: TrainingConfiguration, steps: int, out: Path) -> Tr
 def _check(configuration: TrainingConfiguration, people: str, cluster: "Cluster | None") -> None:
     """Refuse what cannot run, before anything is written."""
     find_environment(configuration.environment)
-    find_distribution(people, TASKS)
+    find_company(people, configuration.environment)
     find_impairment(configuration.impairment)
     check_ready(configuration.engine)
+    if configuration.pairing is not None:
+        _check_pairing(configuration.environment, people)
     _check_memory(configuration, cluster)
     if configuration.engine != THREADS:
         libraries()
+        if configuration.pairing is not None or is_trained(people):
+            raise ValueError(
+                f"trained humans act on threads; allowed: them, or --engine {configuration.engine}"
+            )
         if cluster is not None:
             raise ValueError(
                 f"a cluster's workers step worlds on threads; allowed: --cluster, or --engine {configuration.engine}"
@@ -174,6 +184,20 @@ def _check(configuration: TrainingConfiguration, people: str, cluster: "Cluster 
             "resume it without --cluster"
         )
     cluster.need(-(-configuration.worlds // _parts(configuration, cluster)) * WORLD_BYTES)
+
+
+def _check_pairing(environment: str, people: str) -> None:
+    """Refuse to train a human where there is nothing to learn, or who is one already."""
+    _, joints = human_view_of(environment)
+    if not joints:
+        raise ValueError(
+            f"{environment} wants nothing of people: there is no human to train beside the robot"
+        )
+    if is_trained(people):
+        raise ValueError(
+            f"{people}: trained already, and a pair trains a human of its own; allowed: people by name or a file "
+            "of people, whose bodies that human has"
+        )
 
 
 def _check_memory(configuration: TrainingConfiguration, cluster: "Cluster | None") -> None:
@@ -200,7 +224,7 @@ def _parts(configuration: TrainingConfiguration, cluster: "Cluster") -> int:
 def _learner(
     configuration: TrainingConfiguration, out: Path, course: Course, cluster: "Cluster | None"
 ) -> StepwiseLearner | UpdateLearner:
-    people = _stored_people(configuration, out)
+    people = stored_people(configuration, out)
     if configuration.learning_version == STEPWISE:
         return StepwiseLearner(configuration, people, out, course)
     how = configuration, people, out, course
@@ -213,8 +237,8 @@ def _learner(
     if cluster is None:
         return UpdateLearner(*how, 1, make_here, configuration.threads)
 
-    def make_all(policy: Policy, orders: Sequence[Order]) -> list[Rollout]:
-        return cluster.run_all(roll_out, [(policy, order) for order in orders])
+    def make_all(policies: Sequence[Policy], orders: Sequence[Order]) -> list[list[Rollout]]:
+        return cluster.run_all(roll_out_all, [(policies, order) for order in orders])
 
     return UpdateLearner(*how, _parts(configuration, cluster), make_all, 1)
 
@@ -237,12 +261,10 @@ def _go_on(
     return _measure(configuration, out)
 
 
-def _stored_people(configuration: TrainingConfiguration, out: Path) -> str:
-    """Name or file of the people of the training in ``out``."""
-    return configuration.people if configuration.people in NAMED else str(out / PEOPLE_FILE)
-
-
 def _measure(configuration: TrainingConfiguration, out: Path) -> Policy:
-    """Write into the policy's file what it reaches."""
-    people = _stored_people(configuration, out)
+    """Write into the policy's file what it reaches, and where a human was trained with it, with that one, into both."""
+    if configuration.pairing is not None:
+        human = out / HUMAN_FILE
+        return measure(out / POLICY_FILE, str(human), "none", MEASURED_EPISODES, human=human)
+    people = stored_people(configuration, out)
     return measure(out / POLICY_FILE, people, configuration.impairment, MEASURED_EPISODES)

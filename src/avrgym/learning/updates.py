@@ -21,29 +21,32 @@ from stable_baselines3.common.utils import configure_logger
 
 from avrgym.geometry.arrays import brought, namespace, on_host
 from avrgym.learning import checkpoint
-from avrgym.learning.configuration import TrainingConfiguration
+from avrgym.learning.configuration import TrainingConfiguration, turn
 from avrgym.learning.course import CHECKPOINT_FILE, Course
 from avrgym.learning.imitation import Finished, Shown, imitate
 from avrgym.learning.ppo import OBSERVATION_CLIP, begin_update, free_actor, make_ppo_alone, steps_of
-from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
-from avrgym.learning.stable_baselines import ObservationScale
+from avrgym.learning.rollouts import Order, Place, Rollout, roll_out_all
+from avrgym.learning.stable_baselines import ObservationScale, Scaled, Trainee
+from avrgym.people.kinds import carried_people
 from avrgym.policies.trained import Policy
 from avrgym.robots.registry import find_robot
-from avrgym.system.carried import Carried
 from avrgym.system.engines import THREADS
+from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.observation import Observation
 from avrgym.tasks.registry import TASKS, find_environment, sizes
 
-MakeAll = Callable[[Policy, Sequence[Order]], list[Rollout]]
-"""Makes the episodes of several orders, wherever."""
+MakeAll = Callable[[Sequence[Policy], Sequence[Order]], list[list[Rollout]]]
+"""Makes the episodes of several orders, wherever; of each what ``rollouts.roll_out_all`` gives."""
 Improve = Callable[[PPO, Any, Any, Any], object]
 """Lets a model learn from whole episodes that were cut off: normalised observations (T + 1, N, O), the last of them
 after the last step, actions (T, N, J) and scaled rewards (T, N), of single precision, where their worlds are."""
+NAMES = "PPO", "human"
+"""What TensorBoard's log calls the robot and the human."""
 
 
-def make_here(policy: Policy, orders: Sequence[Order]) -> list[Rollout]:
+def make_here(policies: Sequence[Policy], orders: Sequence[Order]) -> list[list[Rollout]]:
     """Make them in this process, one after the other."""
-    return [roll_out(policy, order) for order in orders]
+    return [roll_out_all(policies, order) for order in orders]
 
 
 def improve_here(model: PPO, observations: Any, actions: Any, rewards: Any) -> None:
@@ -53,9 +56,10 @@ def improve_here(model: PPO, observations: Any, actions: Any, rewards: Any) -> N
 
 
 class UpdateLearner:
-    """A model that is given the episodes of each update, from ``parts`` beside each other that ``make_all`` makes.
+    """Models that are given the episodes of each update, from ``parts`` beside each other that ``make_all`` makes.
 
-    ``improve`` then lets it learn from them. Experts drive on threads, whatever the engine.
+    The first is the robot's ``model``; where robot and human are trained together there is the human's, too.
+    ``improve`` lets one learn from them. Experts drive on threads, whatever the engine.
     """
 
     def __init__(
@@ -70,15 +74,15 @@ class UpdateLearner:
         improve: Improve = improve_here,
     ) -> None:
         self._configuration, self._out, self._course = configuration, out, course
-        whom = Carried.of(people)
+        whom = carried_people(people)
         self._places = {
             engine: Place(configuration.environment, whom, configuration.impairment, threads, engine)
             for engine in (THREADS, configuration.engine)
         }
         self._parts = np.array_split(np.arange(configuration.worlds), parts)
         self._make_all, self._improve = make_all, improve
-        self._normaliser = UpdateNormaliser(observation_of(configuration.environment), configuration.discount)
-        self.model = make_ppo_alone(configuration, *sizes(configuration.environment), out)
+        self._trainees = trainees_of(configuration, out)
+        self.model = self._trainees[0].model
 
     @property
     def place(self) -> Place:
@@ -87,19 +91,19 @@ class UpdateLearner:
 
     def restore(self) -> None:
         """Go on from the checkpoint."""
-        _, notes = checkpoint.restore(self._out / CHECKPOINT_FILE, self.model, self._normaliser)
+        _, notes = checkpoint.restore(self._out / CHECKPOINT_FILE, self._trainees)
         self._course.resume(notes)
 
-    def save(self) -> Policy:
-        """Save where the training is, between two updates; the policy as it is now."""
-        return self._course.save(self.model, self._normaliser, [])
+    def save(self) -> list[Policy]:
+        """Save where the training is, between two updates; the policies as they are now."""
+        return self._course.save(self._trainees, [])
 
     def imitate(self, rounds: int, shown: Path) -> None:
         """Do the rounds of imitation that remain."""
         configuration = self._configuration
         imitate(
             self.model,
-            self._normaliser,
+            self._trainees[0].normaliser,
             configuration.worlds,
             rounds,
             configuration.seed,
@@ -109,36 +113,53 @@ class UpdateLearner:
         )
 
     def _gather(self, by_expert: NDArray[np.bool_]) -> tuple[Shown, Finished]:
-        rollout = self._roll_out(self._course.policy(self.model, self._normaliser), by_expert=by_expert)
-        self._normaliser.see(rollout)
+        rollouts = self._roll_out(self._course.policies(self._trainees), by_expert=by_expert)
+        for trainee, each in zip(self._trainees, rollouts, strict=True):
+            trainee.normaliser.see(each)
+        rollout = rollouts[0]
         observations = rollout.observations[:-1]
         shown = Shown(*(array.reshape(-1, array.shape[-1]) for array in (observations, rollout.actions)))
         return shown, rollout.finished(~by_expert)
 
     def _imitated(self, finished: Finished) -> None:
+        self._count(steps_of(self.model))
         self._course.imitated(steps_of(self.model), finished)
         self.save()
 
     def learn(self, steps: int) -> None:
         """Make so many environment steps more, whole updates."""
-        model, configuration = self.model, self._configuration
-        last = steps_of(model) + steps
-        model.set_logger(configure_logger(0, model.tensorboard_log, "PPO", reset_num_timesteps=False))
-        while model.num_timesteps < last:
+        configuration = self._configuration
+        last = steps_of(self.model) + steps
+        for (model, _), name in zip(self._trainees, NAMES, strict=False):
+            model.set_logger(configure_logger(0, model.tensorboard_log, name, reset_num_timesteps=False))
+        while (done := steps_of(self.model)) < last:
             began = time.monotonic()
-            policy = self.save()
-            begin_update(model, configuration)
-            rollout = self._roll_out(policy, (configuration.seed, steps_of(model)))
-            model.num_timesteps += configuration.update_steps
-            self._log(rollout, began)
-            free_actor(model, configuration)
-            self._learn_from(rollout, last)
+            policies = self.save()
+            for model, _ in self._trainees:
+                begin_update(model, configuration)
+            rollouts = self._roll_out(policies, (configuration.seed, done))
+            self._count(done + configuration.update_steps)
+            self._log(rollouts[0], began)
+            for trainee, rollout, learns in zip(
+                self._trainees, rollouts, turn(configuration, done), strict=False
+            ):
+                if learns:
+                    free_actor(trainee.model, configuration)
+                    learn_from(trainee, rollout, last, self._improve)
         self.save()
 
+    def _count(self, steps: int) -> None:
+        """Say how many environment steps were made in all."""
+        for model, _ in self._trainees:
+            model.num_timesteps = steps
+
     def _roll_out(
-        self, policy: Policy, noise: tuple[int, int] | None = None, by_expert: NDArray[np.bool_] | None = None
-    ) -> Rollout:
-        """An episode in every world."""
+        self,
+        policies: Sequence[Policy],
+        noise: tuple[int, int] | None = None,
+        by_expert: NDArray[np.bool_] | None = None,
+    ) -> list[Rollout]:
+        """An episode in every world, as each agent met it."""
         configuration, steps = self._configuration, steps_of(self.model)
         episodes = np.array(self._course.hard.choose(steps))
         orders = [
@@ -150,18 +171,12 @@ class UpdateLearner:
                 by_expert=None if by_expert is None else by_expert[worlds],
                 force_weight_per_n=0.0 if noise is None else configuration.force_weight_at(steps),
                 detour_weight_per_m=configuration.detour_weight_per_m,
+                shared_reward=configuration.pairing is None or configuration.pairing.shared_reward,
             )
             for worlds in self._parts
         ]
-        return Rollout.joined(self._make_all(policy, orders))
-
-    def _learn_from(self, rollout: Rollout, last: int) -> None:
-        model = self.model
-        rewards = self._normaliser.rewards(rollout)
-        observations = self._normaliser.normalize_obs(rollout.observations)
-        model._update_current_progress_remaining(steps_of(model), last)  # pyright: ignore[reportPrivateUsage]
-        self._improve(model, observations, rollout.actions, rewards)
-        self._normaliser.see(rollout)
+        made = self._make_all(policies, orders)
+        return [Rollout.joined([*parts]) for parts in zip(*made, strict=True)]
 
     def _log(self, rollout: Rollout, began: float) -> None:
         configuration, logger, hard = self._configuration, self.model.logger, self._course.hard
@@ -179,7 +194,7 @@ class UpdateLearner:
 class UpdateNormaliser:
     """Scales observations and rewards, and learns of both once an update; see ``stable_baselines.Normaliser``."""
 
-    def __init__(self, observation: Observation, discount: float) -> None:
+    def __init__(self, observation: Scaled, discount: float) -> None:
         self.obs_rms: Any = ObservationScale(observation)
         self.ret_rms: Any = RunningMeanStd()
         self.clip_obs, self.epsilon = OBSERVATION_CLIP, 1e-8
@@ -221,6 +236,33 @@ def observation_of(environment: str) -> Observation:
     """What observations in an environment are."""
     task, robot = find_environment(environment)
     return TASKS[task].observation(TASKS[task].scene(find_robot(robot)))
+
+
+def trainees_of(configuration: TrainingConfiguration, out: Path) -> list[Trainee[UpdateNormaliser]]:
+    """The robot, and the human where one is trained beside it, before they have learned anything."""
+    environment = configuration.environment
+    agents: list[tuple[Scaled, int]] = [(observation_of(environment), sizes(environment)[1])]
+    if configuration.pairing is not None:
+        agents.append(human_view_of(environment))
+    return [
+        Trainee(
+            make_ppo_alone(configuration, seen.size, acted, out),
+            UpdateNormaliser(seen, configuration.discount),
+        )
+        for seen, acted in agents
+    ]
+
+
+def learn_from(
+    trainee: Trainee[UpdateNormaliser], rollout: Rollout, last: int, improve: Improve = improve_here
+) -> None:
+    """Have a model learn from an update's episodes, in a training that ends after ``last`` steps."""
+    model, normaliser = trainee
+    rewards = normaliser.rewards(rollout)
+    observations = normaliser.normalize_obs(rollout.observations)
+    model._update_current_progress_remaining(steps_of(model), last)  # pyright: ignore[reportPrivateUsage]
+    improve(model, observations, rollout.actions, rewards)
+    normaliser.see(rollout)
 
 
 def _fill(

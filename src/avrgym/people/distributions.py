@@ -120,11 +120,6 @@ def distribution_of(people: "PeopleFile") -> Distribution:
     return Distribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses)
 
 
-def people_name(name_or_path: str) -> str:
-    """What to call people where their file is not at hand."""
-    return name_or_path if name_or_path in NAMED else f"fitted: {Path(name_or_path).name}"
-
-
 def sample(
     distribution: Distribution, pose: Pose, posture: Posture, furniture: Boxes | None, uniforms: Array
 ) -> People:

@@ -10,7 +10,7 @@ NAMES = (ORIGINAL, REVISED, PARTICIPANTS, TRAIN_ZOO, UNSEEN_ZOO)
 """Of the distributions of people."""
 CHOICES = (
     f"{', '.join(NAMES)}, a style of the zoo such as {TRAIN_ZOO}/startled "
-    f"({', '.join(STYLES)}), or a file of people"
+    f"({', '.join(STYLES)}), a file of people, a trained human, or a folder of those"
 )
 """All that may be named, in words."""
 

@@ -1,187 +1,23 @@
-"""Trained policies: one file each, run in NumPy.
-
-A policy is a small network of tanh layers behind an observation normaliser, perhaps with a memory, and the chance that
-it was trained with. Its file is safetensors: numbers and a header of text, never code. The header says what the policy
-was trained on.
-"""
+"""Robots' trained policies: those that come with AVR Gym, and others by their file."""
 
 import os
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, cast
 
-import msgspec
-import numpy as np
-import safetensors
-import safetensors.numpy
+from avrgym.networks.policy import FILE_SUFFIX, Policy, PolicyError, PolicyMetadata
 
-from avrgym.geometry import elementary
-from avrgym.policies.layers import Memory, frozen, product
-from avrgym.system.files import write_whole
+__all__ = [
+    "FILE_SUFFIX",
+    "PACKAGED",
+    "Policy",
+    "PolicyError",
+    "PolicyMetadata",
+    "find_policy",
+    "load_policy",
+    "packaged_policies",
+]
 
-FORMAT_VERSION, WITH_MEMORY = 2, 3
-"""Of files of policies without and with a memory."""
-FILE_SUFFIX = ".safetensors"
 PACKAGED = Path(__file__).parents[1] / "assets" / "policies"
-
-_HEADER = "avrgym_policy"
-_DEVIATION = "action.deviation"
-_BESIDE_LAYERS = (
-    "observation.mean",
-    "observation.variance",
-    "observation.clip",
-    "observation.epsilon",
-    _DEVIATION,
-)
-_OF_MEMORY = {each.name: f"memory.{each.name}" for each in fields(Memory)}
-_DTYPES = ("F32", "F64")
-
-
-class PolicyError(ValueError):
-    """A policy that cannot be loaded, saved or used; the message names what is wrong and what is allowed."""
-
-
-class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a policy was trained on, and how well it did.
-
-    ``steps`` counts environment steps, ``seconds`` the time that training took. ``measured`` holds plain figures
-    such as ``success_rate``. ``curve`` is how training went: steps so far, and mean reward and share of successes
-    of the latest episodes.
-    """
-
-    environment: str
-    people: str
-    impairment: str = "none"
-    steps: int
-    seed: int
-    git_commit: str = ""
-    seconds: float = 0.0
-    measured: dict[str, bool | int | float | str] = {}
-    curve: list[tuple[int, float, float]] = []
-
-
-@dataclass(frozen=True, eq=False)
-class Policy:
-    """An actor as PPO trains it: observation normaliser, hidden layers with tanh, normal chance about their output.
-
-    Where all is still, a mean action may be nothing, and chance helps on: a policy that learned with it needs it. All
-    arrays are kept as read-only float64.
-
-    Args:
-        weights: One (inputs, outputs) matrix per layer; the inputs of the first are the observation, and what is
-            remembered.
-        biases: One (outputs,) vector per layer.
-        observation_mean: (observation,).
-        observation_variance: (observation,), not negative.
-        observation_clip: Normalised observations are clipped to ± this, in standard deviations.
-        observation_epsilon: Added to the variance before its root is taken.
-        action_deviation: Standard deviation of every entry of an action about its mean, 0 for no chance.
-        metadata: What the policy was trained on.
-        memory: Sees the normalised observations. What it remembers comes after them in the first layer's inputs.
-    """
-
-    weights: tuple[np.ndarray, ...]
-    biases: tuple[np.ndarray, ...]
-    observation_mean: np.ndarray
-    observation_variance: np.ndarray
-    observation_clip: float
-    observation_epsilon: float
-    action_deviation: float
-    metadata: PolicyMetadata
-    memory: Memory | None = None
-
-    def __post_init__(self):
-        for name in ("weights", "biases"):
-            object.__setattr__(self, name, tuple(frozen(array) for array in getattr(self, name)))
-        for name in ("observation_mean", "observation_variance"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-        _check_numbers(self)
-        _check_shapes(self)
-        _check_sums(self)
-
-    @property
-    def observation_size(self) -> int:
-        return self.observation_mean.shape[0]
-
-    @property
-    def memory_size(self) -> int:
-        """How many numbers it remembers."""
-        return 0 if self.memory is None else self.memory.units
-
-    @property
-    def action_size(self) -> int:
-        return self.weights[-1].shape[1]
-
-    def act(self, observations: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
-        """Actions (N, action) float32 in [-1, 1] for observations (N, observation), each drawn from its generator.
-
-        Neither the size of the batch nor other rows change the bits of a row. Only for policies without memory.
-        """
-        return self.drawn(self.mean(observations), generators)
-
-    def mean(self, observations: np.ndarray) -> np.ndarray:
-        """The means (N, action) about which actions are drawn before they are clipped.
-
-        Only for policies without memory; see ``policies.actors.Actor`` for the others.
-        """
-        if self.memory is not None:
-            raise PolicyError("this policy remembers what it saw; `policies.actors.Actor` runs it")
-        return self.step(observations, np.zeros((len(observations), 0)))[0]
-
-    def step(self, observations: np.ndarray, remembered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The means (N, action) for observations (N, observation), and what is remembered (N, memory) after them.
-
-        At the beginning of an episode zeros are ``remembered``. Sums go from the first input to the last, so that
-        neither the size of the batch nor the processor changes the bits of a row.
-        """
-        if observations.ndim != 2 or observations.shape[1] != self.observation_size:
-            raise PolicyError(
-                f"observations of shape {observations.shape}; this policy takes (N, {self.observation_size})"
-            )
-        rows = self._normalise(np.array(observations, np.float64, order="C"))
-        if self.memory is not None:
-            remembered = self.memory.after(rows, remembered)
-            rows = np.concatenate([rows, remembered], axis=1)
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            rows = elementary.tanh(product(rows, weight) + bias)
-        return product(rows, self.weights[-1]) + self.biases[-1], remembered
-
-    def drawn(self, means: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
-        """Actions (N, action) float32 in [-1, 1], each drawn about its mean from its generator."""
-        if len(generators) != len(means):
-            raise PolicyError(f"{len(generators)} generators for {len(means)} observations; one is for each")
-        actions = means.copy()
-        for row, generator in enumerate(generators if self.action_deviation else ()):
-            actions[row] += self.action_deviation * generator.standard_normal(self.action_size)
-        return np.clip(actions, -1, 1).astype(np.float32)
-
-    def _normalise(self, observations: np.ndarray) -> np.ndarray:
-        deviation = np.sqrt(self.observation_variance + self.observation_epsilon)
-        normalised = (observations - self.observation_mean) / deviation
-        return np.clip(normalised, -self.observation_clip, self.observation_clip)
-
-    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the whole file or nothing; an existing one is kept unless ``overwrite``."""
-        path = Path(path)
-        if path.exists() and not overwrite:
-            raise PolicyError(f"{path}: exists already; choose another name, or pass overwrite=True")
-        version = FORMAT_VERSION if self.memory is None else WITH_MEMORY
-        header = {"format_version": version, **msgspec.to_builtins(self.metadata)}
-        data = safetensors.numpy.save(_tensors(self), {_HEADER: msgspec.json.encode(header).decode()})
-        write_whole(path, data)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "Policy":
-        """Read a policy; anything but a sound file of this format raises ``PolicyError``."""
-        try:
-            with cast(Any, safetensors.safe_open(path, framework="numpy")) as file:
-                return _read(file)
-        except PolicyError as error:
-            raise PolicyError(f"{path}: {error}") from error
-        except (OSError, safetensors.SafetensorError) as error:
-            raise PolicyError(f"{path}: not a readable .safetensors file ({error})") from error
 
 
 def packaged_policies(environment_id: str) -> dict[str, Path]:
@@ -216,11 +52,13 @@ def load_policy(
     """Find and load a policy for an environment whose observations and actions have the given sizes.
 
     Raises:
-        PolicyError: where there is none, its file is damaged or its sizes differ; and where it was trained for another
-            environment, unless that is allowed.
+        PolicyError: where there is none, its file is damaged or its sizes differ; where it is a human; and where it was
+            trained for another environment, unless that is allowed.
     """
     path = find_policy(name_or_path, environment_id)
     policy = Policy.load(path)
+    if policy.metadata.human is not None:
+        raise PolicyError(f"{path}: a human's network, and no robot's policy; --people takes it")
     if policy.metadata.environment != environment_id and not allow_other_environment:
         raise PolicyError(
             f"{path}: trained for {policy.metadata.environment}, not for {environment_id}; "
@@ -233,156 +71,3 @@ def load_policy(
             f"actions; {environment_id} has {observation_size} and {action_size}"
         )
     return policy
-
-
-def _check_numbers(policy: Policy) -> None:
-    for name, array in _tensors(policy).items():
-        if not np.isfinite(array).all():
-            raise PolicyError(f"{name} holds numbers that are not finite; all must be")
-    positive = {
-        "observation.clip": policy.observation_clip,
-        "observation.epsilon": policy.observation_epsilon,
-    }
-    for name, number in positive.items():
-        if number <= 0:
-            raise PolicyError(f"{name} is {number}; it must be above 0")
-    if (policy.observation_variance < 0).any():
-        raise PolicyError("observation.variance holds negative numbers; 0 and above are allowed")
-    if policy.action_deviation < 0:
-        raise PolicyError(f"{_DEVIATION} is {policy.action_deviation}; 0 and above are allowed")
-
-
-def _check_sums(policy: Policy) -> None:
-    """Refuse numbers so large that an action would be none: inputs are bounded, those of later layers by ±1."""
-    largest = policy.observation_clip if policy.memory is None else max(policy.observation_clip, 1.0)
-    if policy.memory is not None:
-        memory = policy.memory
-        _check_sum("memory.input", largest, memory.input_weight, memory.input_bias)
-        _check_sum("memory.hidden", 1.0, memory.hidden_weight, memory.hidden_bias)
-    for layer, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
-        _check_sum(f"actor.{layer}", largest, weight, bias)
-        largest = 1.0
-
-
-def _check_sum(name: str, largest: float, weight: np.ndarray, bias: np.ndarray) -> None:
-    with np.errstate(over="ignore"):
-        sums = largest * np.abs(weight).sum(axis=0).max(initial=0.0) + np.abs(bias).max(initial=0.0)
-    if not np.isfinite(sums):
-        raise PolicyError(f"the sums of {name} are not finite; smaller numbers are allowed")
-
-
-def _check_shapes(policy: Policy) -> None:
-    if not policy.weights or len(policy.weights) != len(policy.biases):
-        raise PolicyError(
-            f"{len(policy.weights)} weights and {len(policy.biases)} biases; allowed: equally many, 1 or more"
-        )
-    _check_shape("observation.mean", policy.observation_mean, (None,))
-    size = policy.observation_mean.shape
-    _check_shape("observation.variance", policy.observation_variance, size)
-    if policy.memory is not None:
-        _check_memory(policy.memory, size[0])
-        size = (size[0] + policy.memory.units,)
-    for layer, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
-        _check_shape(f"actor.{layer}.weight", weight, (*size, None))
-        size = weight.shape[1:]
-        _check_shape(f"actor.{layer}.bias", bias, size)
-
-
-def _check_memory(memory: Memory, inputs: int) -> None:
-    _check_shape("memory.hidden_weight", memory.hidden_weight, (None, None))
-    gates = 3 * memory.units
-    _check_shape("memory.hidden_weight", memory.hidden_weight, (None, gates))
-    _check_shape("memory.hidden_bias", memory.hidden_bias, (gates,))
-    _check_shape("memory.input_weight", memory.input_weight, (inputs, gates))
-    _check_shape("memory.input_bias", memory.input_bias, (gates,))
-
-
-def _check_shape(name: str, array: np.ndarray, allowed: tuple[int | None, ...]) -> None:
-    sizes = zip(array.shape, allowed, strict=False)
-    if array.ndim != len(allowed) or not all(size and wanted in (None, size) for size, wanted in sizes):
-        wanted = " × ".join("any" if size is None else str(size) for size in allowed)
-        raise PolicyError(f"{name} has the shape {array.shape}; allowed: {wanted}")
-
-
-def _tensors(policy: Policy) -> dict[str, np.ndarray]:
-    memory = (
-        {}
-        if policy.memory is None
-        else {_OF_MEMORY[name]: array for name, array in vars(policy.memory).items()}
-    )
-    return {
-        "observation.mean": policy.observation_mean,
-        "observation.variance": policy.observation_variance,
-        "observation.clip": np.array([policy.observation_clip], np.float64),
-        "observation.epsilon": np.array([policy.observation_epsilon], np.float64),
-        _DEVIATION: np.array([policy.action_deviation], np.float64),
-        **memory,
-        **{f"actor.{layer}.weight": weight for layer, weight in enumerate(policy.weights)},
-        **{f"actor.{layer}.bias": bias for layer, bias in enumerate(policy.biases)},
-    }
-
-
-def _read(file: Any) -> Policy:
-    version, metadata = _read_metadata(file.metadata() or {})
-    names = set(file.keys())
-    beside = (*_BESIDE_LAYERS, *(_OF_MEMORY.values() if version == WITH_MEMORY else ()))
-    layers = (len(names) - len(beside)) // 2
-    weights = [f"actor.{layer}.weight" for layer in range(layers)]
-    biases = [f"actor.{layer}.bias" for layer in range(layers)]
-    _check_names(names, {*weights, *biases}, beside)
-    mean, variance, clip, epsilon, deviation = (_tensor(file, name) for name in _BESIDE_LAYERS)
-    _check_shape("observation.clip", clip, (1,))
-    _check_shape("observation.epsilon", epsilon, (1,))
-    _check_shape(_DEVIATION, deviation, (1,))
-    return Policy(
-        weights=tuple(_tensor(file, name) for name in weights),
-        biases=tuple(_tensor(file, name) for name in biases),
-        observation_mean=mean,
-        observation_variance=variance,
-        observation_clip=float(clip[0]),
-        observation_epsilon=float(epsilon[0]),
-        action_deviation=float(deviation[0]),
-        metadata=metadata,
-        memory=Memory(**{name: _tensor(file, of_file) for name, of_file in _OF_MEMORY.items()})
-        if version == WITH_MEMORY
-        else None,
-    )
-
-
-def _check_names(names: set[str], layers: set[str], beside: tuple[str, ...]) -> None:
-    allowed = layers | {*beside}
-    if names != allowed:
-        raise PolicyError(
-            f"tensors {sorted(names - allowed)} are not allowed and {sorted(allowed - names)} are missing; "
-            f"allowed: {', '.join(beside)}, and actor.0.weight, actor.0.bias, "
-            "actor.1.weight and so on"
-        )
-
-
-def _tensor(file: Any, name: str) -> np.ndarray:
-    dtype = file.get_slice(name).get_dtype()
-    if dtype not in _DTYPES:
-        raise PolicyError(f"{name} has the type {dtype}; allowed: {' and '.join(_DTYPES)}")
-    return file.get_tensor(name)
-
-
-class _Version(msgspec.Struct):
-    format_version: int
-
-
-class _Header(PolicyMetadata, frozen=True, kw_only=True):
-    format_version: int
-
-
-def _read_metadata(header: dict[str, str]) -> tuple[int, PolicyMetadata]:
-    """The format's version, and what the policy was trained on."""
-    if _HEADER not in header:
-        raise PolicyError(f"not a policy of AVR Gym: the header has no {_HEADER!r}, only {sorted(header)}")
-    try:
-        version = msgspec.json.decode(header[_HEADER], type=_Version).format_version
-        if version not in (FORMAT_VERSION, WITH_MEMORY):
-            raise PolicyError(f"format version {version}; allowed: {FORMAT_VERSION} and {WITH_MEMORY}")
-        described = msgspec.structs.asdict(msgspec.json.decode(header[_HEADER], type=_Header))
-    except msgspec.DecodeError as error:
-        raise PolicyError(f"the header's {_HEADER!r} is wrong: {error}") from error
-    return described.pop("format_version"), PolicyMetadata(**described)

@@ -37,6 +37,7 @@ class Names:
         self.tool = model.body(TOOL).id
         self.pad = model.body(robot.PREFIX + scene.tool.pad).id
         self.head = model.body(human.PREFIX + "head").id
+        self.hips = model.body(human.PREFIX + "hips").id
         self.right_arm = np.array([model.body(human.PREFIX + name).id for name in human.RIGHT_ARM])
         self.placed = {name: model.body(name).id for name in scene.movable}
         self.head_centre = model.site(human.PREFIX + "head_centre").id

@@ -284,6 +284,11 @@ class Simulation:
         """The people's right arms, in arrays of their own."""
         return RightArm(self._now.xpos[:, self._at.right_arm], self._now.xquat[:, self._at.right_arm])
 
+    def hips(self) -> tuple[Array, Array]:
+        """Where the people's hips are: positions (N, 3), quaternions (N, 4), world frame."""
+        body = self._names.hips
+        return self._now.xpos[:, body].copy(), self._now.xquat[:, body].copy()
+
     def robot_base(self) -> tuple[Array, Array]:
         """Where the robots' bases stand: positions (N, 3), quaternions (N, 4), world frame."""
         body = self._names.robot_base

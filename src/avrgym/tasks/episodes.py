@@ -16,23 +16,33 @@ from avrgym.models import robot
 from avrgym.models.human import People, Person
 from avrgym.people import arm_limits, behaviour, distributions, impairments
 from avrgym.people.arm_clearance import furniture_boxes
+from avrgym.people.distributions import Pose
+from avrgym.people.kinds import Humans, Kind
 from avrgym.people.names import Impairment
+from avrgym.people.uniform import which
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
 from avrgym.simulation.world_version import WORLD_VERSION, check_world_version
 from avrgym.simulation.worlds import Ids, Simulation, Start, State
 from avrgym.system.engines import THREADS
+from avrgym.tasks.company import find_company
+from avrgym.tasks.human_view import HumanView
 from avrgym.tasks.minds import Minds
-from avrgym.tasks.registry import TASKS, find_environment, find_task
+from avrgym.tasks.registry import find_environment, find_task
 from avrgym.tasks.task import StepResult, TaskState, arrays_of, merge
 
 Array = NDArray[np.float64]
 
 ACTION_LIMIT: Mapping[int, float] = {1: np.inf, 2: 1.0}
 """By world version, what either way an action's numbers are clipped to before they are rewarded; arms never do more."""
+EFFORT = "action_squared"
+"""The reward term of an agent's own effort."""
 MOST_DRAWS = 100
 """How often a start is drawn anew where things would stand in each other."""
+_WHO, _CHANCE = 2, 3
+"""Which of the uniform numbers of a mind say who of several kinds is met, and what chance a trained human acts with:
+those that no mind of a trained human uses."""
 _CHANGING = ("people", "task_state", "draws", "_arm_start_rad")
 """What of ``Episodes`` its episodes change, beside the simulation and the people's minds."""
 
@@ -105,14 +115,16 @@ class Episodes:
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
             num_worlds: N.
-            distribution: whom to meet, a name in ``people.distributions.NAMED`` or a file of people.
+            distribution: whom to meet, a name in ``people.distributions.NAMED``, a file of people, a trained human or a
+                folder of them.
             person: one fixed person for every episode instead.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             moving: whether the people's joints are driven from outside, with ``command_person``.
             num_threads: threads for the physics; 0 takes one per core.
             world_version: an earlier one to step recordings again that were made with it. In version 1 no start is
                 drawn again.
-            steered: whether people go where ``steer_people`` has them go, in place of moving by themselves.
+            steered: whether people go where ``steer_people`` has them go, in place of moving by themselves, trained
+                humans too.
             by_region: whether forces are measured by region of the body, see ``Simulation.region_force_n``.
             engine: where physics runs, one of ``simulation.engines.engine.ENGINES``.
             on_device: whether control steps stay on that engine's device: ``step`` takes and gives tensors, and copies
@@ -141,12 +153,25 @@ class Episodes:
         self._action_limit = ACTION_LIMIT[world_version]
         self.task = find_task(task, world_version)
         self.person = person
-        self._distribution = distributions.find_distribution(distribution, TASKS)
-        self._pose = self._distribution.pose_in(self.task.name, self.task.pose)
-        self._impairment: Impairment = impairments.find_impairment(impairment)
-        self._partners = self._distribution.partners
+        asked: Impairment = impairments.find_impairment(impairment)
+        self._kinds = [
+            replace(kind, impairment=kind.impaired(asked))
+            for kind in find_company(distribution, environment_id)
+        ]
+        trained = [kind.trained for kind in self._kinds if kind.trained is not None]
+        if on_device and (trained or steered):
+            raise ValueError(
+                f"who is steered, or trained, acts on threads; allowed with {engine}: other people"
+            )
+        self._humans = Humans(trained, num_worlds) if trained and not (steered or moving) else None
+        steered = steered or self._humans is not None
+        partners_there = any(kind.distribution.partners is not None for kind in self._kinds)
+        self._swing_m = (
+            SWING_M if partners_there or any(kind.impairment == "tremor" for kind in self._kinds) else 0.0
+        )
         self._moved_by_themselves = not moving and (
-            steered or self._distribution.moving or self._impairment in impairments.MOVING
+            steered
+            or any(kind.distribution.moving or kind.impairment in impairments.MOVING for kind in self._kinds)
         )
         self.scene = self.task.scene(find_robot(robot))
         self.action_size = len(self.scene.arm.joints)
@@ -154,6 +179,7 @@ class Episodes:
         self.offered_joints = behaviour.OFFERED_JOINTS[self.task.offered]
         """The person's joints that ``steer_people`` drives, by name."""
         self.observation = self.task.observation(self.scene)
+        self.human_view = HumanView(self.task.offered, self.observation)
         self._furniture = furniture_boxes(self.scene.furniture)
         self.simulation = Simulation(
             self.scene,
@@ -163,7 +189,7 @@ class Episodes:
             braked=world_version > 1,
             gives_way=world_version > 1,
             by_region=by_region,
-            gliding=self._moved_by_themselves and (steered or self._partners is not None),
+            gliding=self._moved_by_themselves and (steered or partners_there),
             engine=engine,
             on_device=on_device,
         )
@@ -175,7 +201,7 @@ class Episodes:
             self.task.init_state(self.people, np.zeros((num_worlds, self.task.uniforms))), there
         )
         self._minds = Minds(
-            self._distribution,
+            self._kinds[0].distribution,
             self.people,
             self.task.offered,
             self.scene.posture,
@@ -199,6 +225,7 @@ class Episodes:
             "made_with": self._made_with,
             "simulation": self.simulation.saved(),
             "minds": self._minds.saved(),
+            "humans": None if self._humans is None else self._humans.saved(),
             "changing": {name: getattr(self, name) for name in _CHANGING},
         }
 
@@ -206,6 +233,8 @@ class Episodes:
         self.__init__(state["environment_id"], state["num_worlds"], **state["made_with"])
         self.simulation.go_on_from(state["simulation"])
         self._minds.go_on_from(state["minds"])
+        if self._humans is not None:
+            self._humans.go_on_from(state["humans"])
         for name, value in state["changing"].items():
             setattr(self, name, value)
         self._meet(self.people)
@@ -274,12 +303,16 @@ class Episodes:
         )
         uniforms = np.stack([generator.random(int(parts[-1])) for generator in generators])
         for_people, for_impairments, for_minds, for_task = np.split(uniforms, parts[:-1], axis=1)
-        who = self._draw_people(for_people)
-        if self._partners is not None:
-            who = partners.endow(who, self._partners.draw(for_minds[:, :2]))
-        who = impairments.impair(who, self._impairment, for_impairments)
+        of_kind = which(for_minds[:, _WHO], len(self._kinds))
+        who = self._draw_people(self._kinds[0], for_people, for_impairments, for_minds)
+        for number, kind in enumerate(self._kinds[1:], start=1):
+            (rows,) = np.nonzero(of_kind == number)
+            others = self._draw_people(kind, for_people[rows], for_impairments[rows], for_minds[rows])
+            who = merge(who, others, rows)
         self._meet(merge(self.people, who, ids))
         self._minds.begin(ids, who, for_minds)
+        if self._humans is not None:
+            self._humans.begin(ids, of_kind, for_minds[:, _CHANCE])
         self._put(ids, self.task.start(self.scene, who, for_task), self.task.init_state(who, for_task))
 
     def _put(self, ids: Ids, start: Start, task_state: TaskState) -> None:
@@ -299,11 +332,10 @@ class Episodes:
         """
         found = self._lacking_room(ids)
         if self._moved_by_themselves and self._room is not None:
-            swing_m = SWING_M if self._impairment == "tremor" or self._partners is not None else 0.0
             for direction in (-1.0, 1.0):
                 trembling = self.people.joint_angles_rad + direction * self.people.tremor_rad
                 self.simulation.pose_people(ids, _possible(self.people, trembling)[ids])
-                found |= self._lacking_room(ids, swing_m)
+                found |= self._lacking_room(ids, self._swing_m)
             self.simulation.pose_people(ids, self.people.joint_angles_rad[ids])
         return found
 
@@ -333,6 +365,8 @@ class Episodes:
         shape = self.simulation.num_worlds, self.action_size
         action = self._checked_there(action, shape) if self._on_device else checked_actions(action, shape)
         self.simulation.command_robot(action)
+        if self._humans is not None:
+            self.steer_people(self._humans.act(self.observe_as_human()))
         if self._moved_by_themselves:
             targets = self._minds.live(self.simulation.state, self._people, self._possible)
             self.simulation.command_person(targets)
@@ -410,6 +444,21 @@ class Episodes:
         """Observations (N, O) of the present state."""
         return self.observation.of(self.simulation.state(), self.task_state)
 
+    def observe_as_human(self) -> Array:
+        """What the people observe of the present state, (N, H), see ``HumanView``; of people whose joints move."""
+        return self.human_view.of(self.human_view.seen_in(self.simulation, self.task_state))
+
+    def human_reward(self, step: Step, action: Array, *, shared: bool) -> Array:
+        """The reward (N,) of people who acted (N, K) in a step: the robots', or, not shared, with their own effort.
+
+        Then their own squared action stands in the place of the robots'.
+        """
+        weight = self.task.weights.get(EFFORT, 0.0)
+        if shared or not weight:
+            return step.reward
+        acted = np.clip(action, -1.0, 1.0)
+        return step.reward + weight * ((acted * acted).sum(axis=-1) - step.reward_terms[EFFORT])
+
     def marks_w(self) -> Array:
         """Where the task's marks are now, (N, ``task.marks.count``, 3), world frame; none without marks."""
         if self.task.marks is None:
@@ -429,15 +478,23 @@ class Episodes:
             self.simulation.model,
             base=None if self.scene.mount.on_floor else robot.PREFIX + self.scene.robot.base,
             arms=not led,
-            offered=self.person is None and self._pose.spreads_arm,
+            offered=self.person is None and any(self._pose_of(kind).spreads_arm for kind in self._kinds),
         )
 
-    def _draw_people(self, uniforms: Array) -> People:
+    def _pose_of(self, kind: Kind) -> Pose:
+        return kind.distribution.pose_in(self.task.name, self.task.pose)
+
+    def _draw_people(self, kind: Kind, uniforms: Array, for_impairments: Array, for_minds: Array) -> People:
+        """People (n,) of a kind, in their bodies."""
         if self.person is not None:
-            return distributions.repeat(self.person, len(uniforms))
-        return distributions.sample(
-            self._distribution, self._pose, self.scene.posture, self._furniture, uniforms
-        )
+            who = distributions.repeat(self.person, len(uniforms))
+        else:
+            who = distributions.sample(
+                kind.distribution, self._pose_of(kind), self.scene.posture, self._furniture, uniforms
+            )
+        if kind.distribution.partners is not None:
+            who = partners.endow(who, kind.distribution.partners.draw(for_minds[:, :2]))
+        return impairments.impair(who, kind.impairment, for_impairments)
 
 
 def _possible(people: People, joint_angles_rad: Array) -> Array:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.geometry.arrays import brought, copied, like, namespace
-from avrgym.models.human import JOINT_INDEX, People, Posture
+from avrgym.geometry.arrays import brought, namespace
+from avrgym.models.human import People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import behaviour
 from avrgym.people.behaviour import Offered, Sight
@@ -64,10 +64,7 @@ class Minds:
 
     def steer(self, joints: Sequence[str], action: Array, possible: Possible) -> None:
         """Move the targets of joints by a control step at speeds of unhurried people, shares (N, K) of them."""
-        columns = np.array([JOINT_INDEX[name] for name in joints], dtype=np.intp)
-        targets = copied(self._mind.targets_rad)
-        reach = like(CONTROL_STEP_S * movement.SPEED_RAD_S[columns], targets)
-        targets[:, like(columns, targets)] += reach * namespace(action).clip(action, -1.0, 1.0)
+        targets = movement.steered_rad(self._mind.targets_rad, joints, action)
         self._mind = replace(self._mind, targets_rad=possible(targets))
 
     def live(self, look: Callable[[], Sight], people: People, possible: Possible) -> Array:

@@ -16,7 +16,7 @@ Who is startled turns the head with up to 3 rad/s and 30 rad/s², where vigorous
 (Grossman et al.), and moves all else 2.5 times as fast as usual.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -130,6 +130,15 @@ def live(mind: Mind, sight: Sight, offered: Offered, posture: Posture, possible:
     view = _view(mind, manner, sight, offered, posture)
     mind = _feel(mind, manner, view, offered)
     return _follow(mind, manner, possible(_wanted(mind, manner, view, offered)))
+
+
+def steered_rad(targets_rad: Array, joints: Sequence[str], action: Array) -> Array:
+    """Targets (N, 20) a control step on, of joints that go at shares (N, K) of the speed of unhurried people."""
+    columns = np.array([JOINT_INDEX[name] for name in joints], dtype=np.intp)
+    targets = copied(targets_rad)
+    reach = like(CONTROL_STEP_S * SPEED_RAD_S[columns], targets)
+    targets[:, like(columns, targets)] += reach * namespace(action).clip(action, -1.0, 1.0)
+    return targets
 
 
 def oscillation_rad(mind: Mind) -> Array:

@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.geometry.arrays import RAD_PER_DEGREE, like, namespace
+from avrgym.geometry.arrays import RAD_PER_DEGREE, like
 from avrgym.models.human import JOINTS, People
 from avrgym.people import impairments
 from avrgym.people.impairments import TREMOR_RAD
 from avrgym.people.names import TRAIN_ZOO, UNSEEN_ZOO
+from avrgym.people.uniform import which
 from avrgym.people.zoo.styles import STYLES, Style
 
 Array = NDArray[np.float64]
@@ -141,13 +142,8 @@ class Partners:
     def draw(self, uniforms: Array) -> Rows:
         """Partners (n,) from uniform numbers (n, 2)."""
         first, count = like(self._first, uniforms), like(self._count, uniforms)
-        style = _which(uniforms[:, 0], len(self.styles))
-        return first[style] + _which(uniforms[:, 1], count[style])
-
-
-def _which(uniform: Array, count: NDArray[np.intp] | int) -> Rows:
-    xp = namespace(uniform)
-    return xp.minimum(xp.astype(uniform * count, xp.int64), count - 1)
+        style = which(uniforms[:, 0], len(self.styles))
+        return first[style] + which(uniforms[:, 1], count[style])
 
 
 ZOOS: Mapping[str, Partners] = {zoo: Partners(zoo, STYLES) for zoo in LEVELS}

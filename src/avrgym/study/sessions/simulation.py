@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avrgym.models.human import SEXES
-from avrgym.people import distributions, impairments
-from avrgym.people.distributions import Distribution
+from avrgym.people import impairments
+from avrgym.people.kinds import Kind, find_kinds, people_name
 from avrgym.people.names import Impairment
 from avrgym.policies.registry import Operated
 from avrgym.policies.trained import PolicyError
@@ -27,6 +27,7 @@ from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.jobs import cores, run_all
+from avrgym.tasks.company import find_company
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.emulation.in_process import ANSWER_AFTER_S, STATE_EVERY_TICKS, InProcessClient
 from avrgym.vr.emulation.simulated_participant import (
@@ -46,23 +47,22 @@ GONE = ("excluded", "withdrawn")
 
 @dataclass(frozen=True)
 class Cast:
-    """Whom simulated participants are drawn from: a seed, kinds of people by name and as such, and an impairment."""
+    """Whom simulated participants are drawn from: a seed, people by name and as kinds, and an impairment."""
 
     seed: int
     people: str = "participants"
-    whom: Distribution = PARTICIPANTS
+    kinds: tuple[Kind, ...] = (Kind("participants", PARTICIPANTS),)
     impairment: Impairment = "none"
 
     def __str__(self) -> str:
         words = f"simulated with seed {self.seed}"
-        words += "" if self.people == "participants" else f", people {distributions.people_name(self.people)}"
+        words += "" if self.people == "participants" else f", people {people_name(self.people)}"
         return words + ("" if self.impairment == "none" else f", impairment {self.impairment}")
 
 
 def cast_of(seed: int, people: str, impairment: str) -> Cast:
     """The cast of people and an impairment by name; ``ValueError`` names what is allowed."""
-    whom = distributions.find_distribution(people, TASKS)
-    return Cast(seed, people, whom, impairments.find_impairment(impairment))
+    return Cast(seed, people, find_kinds(people, TASKS), impairments.find_impairment(impairment))
 
 
 def simulate_study(
@@ -84,7 +84,8 @@ def simulate_study(
         progress: told again and again how many of their trials are completed, and how many there are.
         jobs: how many take part at the same time, each in a process; without it as many as there are cores. What
             each gives does not depend on it.
-        people: what participants are like, a name in ``people.distributions.NAMED`` or a file of people.
+        people: what participants are like, a name in ``people.distributions.NAMED``, a file of people, a trained
+            human or a folder of them.
         impairment: of all of them, a name in ``people.impairments.IMPAIRMENTS``.
         cluster: on whose workers they take part instead of in processes here; each has to see the study's folder.
 
@@ -101,6 +102,7 @@ def simulate_study(
                 "--cluster local"
             )
         for environment, policy in policies_needed(store):
+            find_company(people, environment)
             if isinstance(load_study_policy(store, environment, policy), Operated):
                 raise PolicyError(
                     f"{policy}: nobody drives the robot in a dry run; leave it out of a copy of the study"
@@ -151,8 +153,9 @@ def _attend(store: Store, pseudonym: str, cast: Cast) -> None:
 
 def traits_of(participant: Participant, cast: Cast) -> Traits:
     """Body and habits of a simulated participant."""
-    seed = int(_random(cast.seed, participant.number).integers(2**31))
-    return draw_traits(participant.sex, seed, cast.whom, cast.impairment)
+    random = _random(cast.seed, participant.number)
+    seed, kind = int(random.integers(2**31)), cast.kinds[int(random.integers(len(cast.kinds)))]
+    return draw_traits(participant.sex, seed, kind.distribution, kind.impaired(cast.impairment), kind.trained)
 
 
 def _answer(visit: StudyVisit, when: str, chance: np.random.Generator) -> None:

@@ -29,7 +29,9 @@ def feed(state: State, task_state: TaskState, guide: Guide) -> Aim:
 def _within_reach(state: State, guide: Guide, yaw_rad: Array) -> tuple[Array, Array]:
     """The place (N, 3) in the mouth and the rotation (N, 4) of the turn at which the arm misses least."""
     clearance_m = np.full(len(yaw_rad), expert.CLEARANCE_M)
-    goals_w, rotations_w, costs_m = [], [], []
+    goals_w: list[Array] = []
+    rotations_w: list[Array] = []
+    costs_m: list[Array] = []
     for turn in TURNS_RAD.tolist():
         q_w = transforms.from_axis_angle(expert.UP, yaw_rad + turn)
         goal_w = expert.at_mouth(state, q_w, 0.0, clearance_m)

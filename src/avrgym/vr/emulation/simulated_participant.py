@@ -1,7 +1,7 @@
 """Simulated participants: they emit the tracking frames that a headset would, and answer the questionnaire.
 
-They sit or lie, sway, and bring mouth or arm to the tool as ``people.behaviour`` has it. They serve dry runs,
-demonstrations and tests. Whatever they leave behind is marked as simulated.
+They sit or lie, sway, and bring mouth or arm to the tool as ``people.behaviour`` has it, or as they were trained to.
+They serve dry runs, demonstrations and tests. Whatever they leave behind is marked as simulated.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,11 +16,13 @@ from avrgym.models import human
 from avrgym.models.furniture.real import REAL_AS_VIRTUAL, RealFurniture
 from avrgym.models.human import JOINTS, SEATED, SEATED_RAD, Person, Sex
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
+from avrgym.networks.policy import Policy
 from avrgym.people import behaviour, distributions, impairments
 from avrgym.people.distributions import DISTRIBUTIONS, Distribution
 from avrgym.people.names import Impairment
 from avrgym.people.zoo import movement, partners
 from avrgym.robots.registry import find_robot
+from avrgym.tasks.human_view import HumanView, Seen
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Tracking, XRPose
@@ -53,8 +55,9 @@ class Traits:
     ``sway_m`` and ``sway_hz`` describe the slow movement of the head; ``lean_deg`` how far they bend forward at
     rest, ``arm_deg`` how much farther back than most they hold their arms. ``cooperation`` (0 to 1) is how far they
     bring mouth or arm to the tool, as they saw it ``reaction_s`` ago. ``leniency`` is by how much of the scale they
-    rate everything higher than most. A ``partner`` of the zoo, a row of its ``MANNERS``, moves as that one does. The
-    rest are impairments, see ``People``; who has less strength moves less far.
+    rate everything higher than most. A ``partner`` of the zoo, a row of its ``MANNERS``, moves as that one does, and
+    who was ``trained`` as the network has it. The rest are impairments, see ``People``; who has less strength moves
+    less far.
     """
 
     sex: Sex
@@ -67,15 +70,20 @@ class Traits:
     reaction_s: float
     leniency: float
     partner: int | None = None
+    trained: Policy | None = None
     range_share: float = 1.0
     strength_share: float = 1.0
     tremor_rad: Array = field(default_factory=lambda: np.zeros(len(JOINTS)))
 
 
 def draw_traits(
-    sex: Sex, seed: int, whom: Distribution = PARTICIPANTS, impairment: Impairment = "none"
+    sex: Sex,
+    seed: int,
+    whom: Distribution = PARTICIPANTS,
+    impairment: Impairment = "none",
+    trained: Policy | None = None,
 ) -> Traits:
-    """Traits of one of a kind of people: without another, of the paper's participants."""
+    """Traits of one of a kind of people: without another, of the paper's participants; perhaps of a trained human."""
     random = np.random.default_rng(seed)
     heights_m = whom.torso_height_woman_m if sex == "woman" else whom.torso_height_man_m
     traits = Traits(
@@ -91,7 +99,8 @@ def draw_traits(
     )
     if not whom.moving:
         traits = replace(traits, sway_deg=0.0, cooperation=0.0)
-    return _with_body(traits, random, whom, impairment)
+    traits = _with_body(traits, random, whom, impairment)
+    return traits if trained is None else replace(traits, partner=None, trained=trained)
 
 
 def _with_body(
@@ -139,6 +148,7 @@ class SimulatedParticipant:
         )
         self._phase = random.uniform(0.0, 2.0 * np.pi, 3)
         self._chance = np.random.default_rng([seed, 2]).random((1, 4))
+        self._chance_of_actions = np.random.default_rng([seed, 3])
         self._sequence = -1
         self._bodies: list[str] = []
         self._environment = ""
@@ -153,9 +163,11 @@ class SimulatedParticipant:
         """
         if environment_id == self._environment:
             return
-        task, robot = find_environment(environment_id)
-        self._environment, self._offered = environment_id, TASKS[task].offered
-        self._rest(TASKS[task].scene(find_robot(robot)).posture, TASKS[task].pose.rest_rad)
+        name, robot = find_environment(environment_id)
+        task, scene = TASKS[name], TASKS[name].scene(find_robot(robot))
+        self._environment, self._offered = environment_id, task.offered
+        self._view = HumanView(task.offered, task.observation(scene))
+        self._rest(scene.posture, task.pose.rest_rad)
 
     def watch(self, message: messages.Message) -> None:
         """See what a client is told: where the tool is, and that a trial begins."""
@@ -172,6 +184,7 @@ class SimulatedParticipant:
         self._people = impairments.with_ranges(people, np.array([traits.range_share]))
         person = self._people.person(0)
         self._posture, self._rest_rad = posture, person.joint_angles_rad
+        self._held_rad = self._rest_rad
         higher_m = self._furniture.head_rise_m(posture, person.torso_height_m)
         self._room = replace(self._room, origin_w=np.array([*self._room.origin_w[:2], -higher_m]))
         self._sites = human.layout(self._people.is_woman, self._people.torso_height_m).site_pos
@@ -195,11 +208,37 @@ class SimulatedParticipant:
             return
         self._next_look_s = state.simulation_time_s + CONTROL_STEP_S
         poses = np.frombuffer(state.poses, "<f4").reshape(-1, 7).astype(float)
-        sight = self._sight(dict(zip(self._bodies, poses, strict=False)))
-        if isinstance(self._mind, movement.Mind):
+        bodies, marks_w = dict(zip(self._bodies, poses, strict=False)), poses[len(self._bodies) :, :3]
+        sight = self._sight(bodies)
+        if self.traits.trained is not None:
+            self._act(self.traits.trained, sight, bodies, marks_w)
+        elif isinstance(self._mind, movement.Mind):
             self._mind = movement.live(self._mind, sight, self._offered, self._posture, self._possible)
         else:
             self._mind = behaviour.see(self._mind, sight, self._offered, self._posture)
+
+    def _act(self, trained: Policy, sight: _Sight, bodies: Mapping[str, Array], marks_w: Array) -> None:
+        """Do for a tenth of a second as the network says, which is told of no forces: nothing presses in VR."""
+        hips, head, tool = bodies[human.PREFIX + "hips"], bodies[human.PREFIX + "head"], bodies[TOOL]
+        goal_w = sight.mouth_pos_w if self._offered == "mouth" else marks_w[0]
+        seen = Seen(
+            hips_pos_w=hips[None, :3],
+            hips_q_w=hips[None, 3:],
+            tool_pos_w=tool[None, :3],
+            tool_q_w=tool[None, 3:],
+            tool_from_goals_w=[tool[None, :3] - goal_w for _ in self._view.goals],
+            joint_angles_rad=self._held_rad[None],
+            right_arm_pos_w=sight.right_arm_pos_w,
+            head_pos_w=np.atleast_2d(sight.head_pos_w),
+            head_q_w=head[None, 3:],
+            total_force_n=np.zeros(1),
+            tool_force_n=np.zeros(1),
+        )
+        action = trained.act(self._view.of(seen), [self._chance_of_actions])
+        targets = movement.steered_rad(
+            self._mind.targets_rad, behaviour.OFFERED_JOINTS[self._offered], action.astype(float)
+        )
+        self._mind = replace(self._mind, targets_rad=self._possible(targets))
 
     def _sight(self, bodies: Mapping[str, Array]) -> _Sight:
         """From the poses (7,) of bodies by name."""
@@ -216,6 +255,7 @@ class SimulatedParticipant:
 
     def frame_of(self, joint_angles_rad: Array, time_s: float) -> Tracking:
         """The tracking frame of a pose, joint angles (20,)."""
+        self._held_rad = joint_angles_rad
         self._data.qpos[:] = joint_angles_rad
         mujoco.mj_kinematics(self._model, self._data)
         self._sequence += 1
@@ -242,6 +282,8 @@ class SimulatedParticipant:
         brought = traits.strength_share * (mind.targets_rad[0] - self._rest_rad)
         if isinstance(mind, movement.Mind):
             angles = self._rest_rad + brought + movement.oscillation_rad(mind)[0]
+        elif traits.trained is not None:
+            angles = self._rest_rad + brought
         else:
             angles = self._rest_rad + traits.cooperation * brought + self._habits(time_s)
         trembling = traits.tremor_rad * np.sin(2.0 * np.pi * TREMOR_HZ * time_s)

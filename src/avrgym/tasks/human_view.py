@@ -1,0 +1,121 @@
+"""What people observe as agents: tool and goal in the frame of their hips, their body, and forces on them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.models.human import JOINTS
+from avrgym.people.behaviour import OFFERED_JOINTS, Offered
+from avrgym.robots.registry import find_robot
+from avrgym.simulation.worlds import Simulation
+from avrgym.tasks.observation import FORCE_N, REACH_M, TURN_RAD, UNIT, Observation
+from avrgym.tasks.registry import TASKS, find_environment
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """What N people see and feel of the tool and of themselves; world frame, metres, radians, newtons.
+
+    Positions are (N, 3), quaternions (N, 4), ``tool_from_goals_w`` one (N, 3) for each of the view's ``goals``,
+    ``joint_angles_rad`` (N, 20), ``right_arm_pos_w`` (N, 3, 3) shoulder, elbow and wrist, forces (N,): that of robot
+    and tool, and that of the tool.
+    """
+
+    hips_pos_w: Array
+    hips_q_w: Array
+    tool_pos_w: Array
+    tool_q_w: Array
+    tool_from_goals_w: Sequence[Array]
+    joint_angles_rad: Array
+    right_arm_pos_w: Array
+    head_pos_w: Array
+    head_q_w: Array
+    total_force_n: Array
+    tool_force_n: Array
+
+
+class HumanView:
+    """The parts of a person's observation, in their order, as in Assistive Gym; metres, radians, newtons.
+
+    Tool (3) and its rotation (4), the tool from its goal (3) where the robot observes that, all 20 joint angles,
+    shoulder, elbow and wrist (9) where an arm is offered, else the head (3) and its rotation (4), all force of robot
+    and tool (1) and that of the tool (1).
+    """
+
+    def __init__(self, offered: Offered, observation: Observation) -> None:
+        """Of people who offer something, where a robot has such an observation."""
+        self._arm = offered == "arm"
+        self.goals = [entry for entry in observation.entries if entry.scale is not None]
+        body = [REACH_M] * 9 if self._arm else [REACH_M] * 3 + [UNIT] * 4
+        goals = [REACH_M] * sum(entry.size for entry in self.goals)
+        tool, angles = [REACH_M] * 3 + [UNIT] * 4, [TURN_RAD] * len(JOINTS)
+        self.bound = np.array(tool + goals + angles + body + [FORCE_N] * 2)
+        """What no number exceeds either way, (O,)."""
+        scales = [entry.scale for entry in self.goals for _ in range(entry.size)]
+        self.scale = np.array(
+            [None] * len(tool) + scales + [None] * len(angles + body + [FORCE_N] * 2), float
+        )
+        """The fixed scales, (O,), not a number where there is none, as of ``Observation``."""
+
+    @property
+    def size(self) -> int:
+        """How many numbers it has."""
+        return len(self.bound)
+
+    def of(self, seen: Seen) -> Array:
+        """The observations (N, O) of people who see that."""
+        turned_back = transforms.conjugate(seen.hips_q_w)
+        parts = [
+            transforms.rotate(turned_back, seen.tool_pos_w - seen.hips_pos_w),
+            transforms.multiply(turned_back, seen.tool_q_w),
+            *(transforms.rotate(turned_back, offset) for offset in seen.tool_from_goals_w),
+            seen.joint_angles_rad,
+            *self._body(seen, turned_back),
+            seen.total_force_n,
+            seen.tool_force_n,
+        ]
+        return np.concatenate([part.reshape(len(turned_back), -1) for part in parts], axis=1)
+
+    def _body(self, seen: Seen, turned_back: Array) -> list[Array]:
+        """What of themselves they offer, in the frame of their hips."""
+        if self._arm:
+            offset = seen.right_arm_pos_w - seen.hips_pos_w[:, None]
+            return [transforms.rotate(turned_back[:, None], offset)]
+        head = transforms.rotate(turned_back, seen.head_pos_w - seen.hips_pos_w)
+        return [head, transforms.multiply(turned_back, seen.head_q_w)]
+
+    def seen_in(self, simulation: Simulation, task_state: Any) -> Seen:
+        """What the people of a simulation see now; of people whose joints move."""
+        state = simulation.state()
+        hips_pos_w, hips_q_w = simulation.hips()
+        return Seen(
+            hips_pos_w=hips_pos_w,
+            hips_q_w=hips_q_w,
+            tool_pos_w=state.tool_pos_w,
+            tool_q_w=state.tool_q_w,
+            tool_from_goals_w=[entry.of(state, task_state) for entry in self.goals],
+            joint_angles_rad=simulation.person_angles_rad(),
+            right_arm_pos_w=state.right_arm_pos_w,
+            head_pos_w=state.head_pos_w,
+            head_q_w=state.head_q_w,
+            total_force_n=state.total_force_n,
+            tool_force_n=state.tool_force_n,
+        )
+
+
+def human_view_of(environment_id: str) -> tuple[HumanView, int]:
+    """What people observe in an environment, and how many numbers their actions have.
+
+    Raises:
+        ValueError: for an unknown environment, naming the ids there are.
+    """
+    name, robot = find_environment(environment_id)
+    task = TASKS[name]
+    observation = task.observation(task.scene(find_robot(robot)))
+    return HumanView(task.offered, observation), len(OFFERED_JOINTS[task.offered])

@@ -1,0 +1,48 @@
+"""Networks of random weights, of humans and robots, that fit an environment."""
+
+from pathlib import Path
+
+import numpy as np
+
+from avrgym.networks.policy import HumanRole, Policy, PolicyMetadata
+from avrgym.tasks.human_view import human_view_of
+from avrgym.tasks.registry import sizes
+
+
+def network(
+    environment: str,
+    *,
+    of_human: bool = True,
+    people: str = "revised",
+    impairment: str = "none",
+    seed: int = 0,
+    deviation: float = 0.1,
+) -> Policy:
+    """The network of a human, or of a robot."""
+    view, joints = human_view_of(environment)
+    observed, acted = (view.size, joints) if of_human else sizes(environment)
+    random = np.random.default_rng(seed)
+    return Policy(
+        weights=(random.normal(0.0, 0.5, (observed, acted)),),
+        biases=(random.normal(0.0, 0.5, acted),),
+        observation_mean=np.zeros(observed),
+        observation_variance=np.ones(observed),
+        observation_clip=5.0,
+        observation_epsilon=1e-8,
+        action_deviation=deviation,
+        metadata=PolicyMetadata(
+            environment=environment,
+            people=people,
+            impairment=impairment,
+            steps=0,
+            seed=seed,
+            human=HumanRole(partner="") if of_human else None,
+        ),
+    )
+
+
+def saved(path: Path, policy: Policy) -> str:
+    """A network's file, in a folder that need not be there yet."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    policy.save(path)
+    return str(path)

@@ -1,0 +1,437 @@
+"""Robot and human who learn together: weights follow from the seed, and the human sits where people are named."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from typer.testing import CliRunner, Result
+
+pytest.importorskip("stable_baselines3", reason="training is an extra")
+
+import torch
+
+import avrgym
+from avrgym.cli.main import app
+from avrgym.envs.parallel import HUMAN, ROBOT
+from avrgym.learning import training
+from avrgym.learning.configuration import Pairing, turn
+from avrgym.learning.evaluation import evaluate
+from avrgym.learning.rollouts import Order, Place, roll_out_all
+from avrgym.learning.training import Progress, TrainingConfiguration, resume, train
+from avrgym.networks.policy import HumanRole, Policy, PolicyError
+from avrgym.people.kinds import find_kinds
+from avrgym.system.carried import Carried
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.human_view import human_view_of
+from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, sizes
+from networks import network, saved
+
+SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"
+WORLDS = 2
+UPDATE = WORLDS * EPISODE_STEPS
+PAIR = TrainingConfiguration(
+    environment=SCRATCHING,
+    people="zoo/train",
+    impairment="weakness",
+    steps=2 * UPDATE,
+    seed=4,
+    worlds=WORLDS,
+    minibatch=200,
+    epochs=1,
+    threads=1,
+    imitation_rounds=0,
+    pairing=Pairing(),
+)
+LONG = replace(
+    PAIR, steps=5 * UPDATE, imitation_rounds=1, critic_updates=0, hard_share=0.5, pairing=Pairing(alternate=1)
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(autouse=True)
+def _measured_shortly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
+
+
+# The training
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> Path:
+    """The folder of a pair after two updates."""
+    out = tmp_path_factory.mktemp("runs") / "pair"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "MEASURED_EPISODES", 1)
+        train(PAIR, out)
+    return out
+
+
+def assert_same_weights(first: Path, second: Path) -> None:
+    one, other = (torch.load(out / "checkpoint.pt", weights_only=True) for out in (first, second))
+    assert one["steps"] == other["steps"] == one["human"]["steps"]
+    for agent, same in ((one, other), (one["human"], other["human"])):
+        for part in ("policy", "observations", "returns"):
+            for name, value in agent[part].items():
+                assert_array_equal(np.asarray(value), np.asarray(same[part][name]), err_msg=name)
+    for name in ("policy.safetensors", "human.safetensors"):
+        assert Policy.load(first / name).digest == Policy.load(second / name).digest
+
+
+def test_a_pair_leaves_two_networks_that_know_each_other(trained):
+    robot, human = (Policy.load(trained / f"{name}.safetensors") for name in ("policy", "human"))
+    view, joints = human_view_of(SCRATCHING)
+    assert (human.observation_size, human.action_size) == (view.size, joints)
+    assert (robot.observation_size, robot.action_size) == sizes(SCRATCHING)
+    assert robot.metadata.human is None
+    assert robot.metadata.people == "zoo/train, trained beside it"
+    assert human.metadata.human == HumanRole(partner=robot.digest)
+    for metadata in (robot.metadata, human.metadata):
+        assert (metadata.environment, metadata.impairment) == (SCRATCHING, "weakness")
+        assert (metadata.seed, metadata.steps) == (4, 2 * UPDATE)
+        assert metadata.measured["episodes"] == 1
+    assert human.metadata.people == "zoo/train"
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_two_networks_and_another_gives_others(trained, tmp_path):
+    train(PAIR, tmp_path / "again")
+    assert_same_weights(trained, tmp_path / "again")
+    train(replace(PAIR, seed=5), tmp_path / "other")
+    for name in ("policy.safetensors", "human.safetensors"):
+        assert Policy.load(trained / name).digest != Policy.load(tmp_path / "other" / name).digest
+
+
+@pytest.mark.slow
+def test_a_pair_that_was_cut_off_goes_on_to_the_same_weights(tmp_path):
+    """Wherever: after its imitation, and while one of the two learns; what was killed twice, too."""
+
+    def killed(after: int) -> Callable[[Progress], None]:
+        def kill(progress: Progress) -> None:
+            if progress.steps == after * UPDATE:
+                raise KeyboardInterrupt
+
+        return kill
+
+    train(LONG, tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt):
+        train(LONG, tmp_path / "cut", killed(1))
+    for after in (3, 4):
+        with pytest.raises(KeyboardInterrupt):
+            resume(tmp_path / "cut", killed(after))
+    resume(tmp_path / "cut")
+    assert_same_weights(tmp_path / "whole", tmp_path / "cut")
+
+
+@pytest.mark.slow
+def test_in_turn_one_learns_while_the_other_stays_as_it_is(tmp_path):
+    """First the robot, then the human; only how random actions are goes by the training's steps for both."""
+
+    def agents() -> list[dict[str, np.ndarray]]:
+        state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+        return [
+            {name: np.asarray(value) for name, value in each["policy"].items() if name != "log_std"}
+            for each in (state, state["human"])
+        ]
+
+    def changed(before: dict[str, np.ndarray], after: dict[str, np.ndarray]) -> bool:
+        return any(not np.array_equal(before[name], after[name]) for name in before)
+
+    train(replace(PAIR, critic_updates=0, pairing=Pairing(alternate=1), steps=UPDATE), tmp_path)
+    first = agents()
+    resume(tmp_path, steps=2 * UPDATE)
+    second = agents()
+    resume(tmp_path, steps=3 * UPDATE)
+    third = agents()
+    assert [changed(*each) for each in zip(first, second, strict=True)] == [False, True]
+    assert [changed(*each) for each in zip(second, third, strict=True)] == [True, False]
+
+
+@pytest.mark.parametrize("alternate", [0, 1, 3])
+def test_turns_are_of_as_many_updates_each(alternate):
+    how = replace(LONG, steps=100 * UPDATE, pairing=Pairing(alternate=alternate))
+    turns = [turn(how, how.imitation_steps + number * UPDATE) for number in range(12)]
+    one = [(True, False)] * alternate + [(False, True)] * alternate
+    assert turns == (one * 12)[:12] if alternate else [(True, True)] * 12
+    assert turn(replace(how, pairing=None), 0) == (True, True)
+
+
+# The episodes
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_training_makes_the_episodes_of_the_parallel_environment_to_the_bit(environment, monkeypatch):
+    """With the same actions of both; observations and rewards of both, and those of each agent's own effort."""
+    monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 6)
+    networks = [network(environment, of_human=of_human, deviation=0.3) for of_human in (False, True)]
+    place = Place(environment, Carried.of("zoo/train"), "tremor", 1, "threads")
+    order = Order(place, 0, np.array([7, 8]), noise=(1, 2), shared_reward=False)
+    robot, human = roll_out_all(networks, order)
+    for world, seed in enumerate(order.episodes):
+        env = avrgym.parallel_env(environment, people="zoo/train", impairment="tremor", shared_reward=False)
+        seen, _ = env.reset(seed=int(seed))
+        for number in range(6):
+            for agent, made in ((ROBOT, robot), (HUMAN, human)):
+                assert_array_equal(seen[agent].astype(np.float32), made.observations[number, world])
+            actions = {
+                agent: np.clip(made.actions[number, world], -1, 1)
+                for agent, made in ((ROBOT, robot), (HUMAN, human))
+            }
+            seen, rewards, *_ = env.step(actions)
+            for agent, made in ((ROBOT, robot), (HUMAN, human)):
+                assert np.float32(rewards[agent]) == made.rewards[number, world]
+        assert_array_equal(seen[HUMAN].astype(np.float32), human.observations[-1, world])
+        assert len(np.unique(robot.actions)) > 1
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_a_trained_human_acts_as_in_the_parallel_environment_to_the_bit(environment, tmp_path, monkeypatch):
+    """The same start, the actions that the network says there, and the same worlds after them."""
+    human = network(environment, people="zoo/train", impairment="tremor", deviation=0.0)
+    worlds = Episodes(
+        environment, 2, distribution=saved(tmp_path / "human.safetensors", human), num_threads=1
+    )
+    envs = [avrgym.parallel_env(environment, people="zoo/train", impairment="tremor") for _ in range(2)]
+    told: list[np.ndarray] = []
+    steer = worlds.steer_people
+    monkeypatch.setattr(worlds, "steer_people", lambda action: (told.append(action), steer(action)))
+    worlds.begin(np.arange(2), [np.random.default_rng(seed) for seed in (3, 4)])
+    seen = [env.reset(seed=seed)[0] for env, seed in zip(envs, (3, 4), strict=True)]
+    robot = np.full(worlds.action_size, 0.3)
+    for _ in range(8):
+        worlds.step(np.stack([robot, robot]))
+        for world, env in enumerate(envs):
+            action = np.clip(human.mean(seen[world][HUMAN][None])[0], -1, 1).astype(np.float32)
+            assert_array_equal(told[-1][world], action.astype(float))
+            seen[world] = env.step({ROBOT: robot, HUMAN: action})[0]
+            both = worlds.simulation.integration_state(world), env.episodes.simulation.integration_state()
+            assert_array_equal(*both)
+    assert np.abs(told).max() > 0.0
+
+
+def test_a_human_s_chance_follows_from_the_world_s_own_stream(tmp_path):
+    path = saved(tmp_path / "human.safetensors", network(SCRATCHING, deviation=0.5))
+
+    def states(seeds: list[int]) -> list[np.ndarray]:
+        worlds = Episodes(SCRATCHING, len(seeds), distribution=path, num_threads=1)
+        worlds.begin(np.arange(len(seeds)), [np.random.default_rng(seed) for seed in seeds])
+        for _ in range(5):
+            worlds.step(np.zeros((len(seeds), worlds.action_size)))
+        return [worlds.simulation.integration_state(world) for world in range(len(seeds))]
+
+    two, turned, calm = states([1, 2]), states([2, 1, 1]), tmp_path / "calm.safetensors"
+    for one, other in ((two[0], turned[1]), (two[1], turned[0]), (two[0], turned[2])):
+        assert_array_equal(one, other)
+    path = saved(calm, network(SCRATCHING, deviation=0.0))
+    assert not np.array_equal(states([1, 2])[0], two[0])
+
+
+def test_a_copy_of_worlds_with_trained_humans_goes_on_to_the_same_bits(tmp_path):
+    import copy
+
+    for seed in range(3):
+        saved(tmp_path / f"{seed}.safetensors", network(SCRATCHING, seed=seed, deviation=0.5))
+    worlds = Episodes(SCRATCHING, 3, distribution=str(tmp_path), num_threads=1)
+    worlds.begin(np.arange(3), [np.random.default_rng(seed) for seed in range(3)])
+    action = np.full((3, worlds.action_size), 0.2)
+    worlds.step(action)
+    twin = copy.deepcopy(worlds)
+    for _ in range(4):
+        assert_array_equal(worlds.step(action).observation, twin.step(action).observation)
+    assert_array_equal(worlds.observe_as_human(), twin.observe_as_human())
+
+
+# Populations
+
+
+def test_of_a_population_each_world_meets_one_in_its_own_body_and_alone_or_beside_others(tmp_path):
+    """Still people of the same height, others who tremble, and robots' policies that lie beside are passed over."""
+    saved(tmp_path / "a" / "human.safetensors", network(SCRATCHING, people="original"))
+    saved(tmp_path / "b" / "human.safetensors", network(SCRATCHING, people="revised", impairment="tremor"))
+    for place in ("a/policy.safetensors", "robot.safetensors"):
+        saved(tmp_path / place, network(SCRATCHING, of_human=False))
+    kinds = find_kinds(str(tmp_path), TASKS)
+    assert [Path(kind.name).parent.name for kind in kinds] == ["a", "b"]
+    together = Episodes(SCRATCHING, 12, distribution=str(tmp_path), num_threads=1)
+    together.begin(np.arange(12), [np.random.default_rng(seed) for seed in range(12)])
+    alone = Episodes(SCRATCHING, 1, distribution=str(tmp_path), num_threads=1)
+    trembling = together.people.tremor_rad.any(axis=1)
+    heights = together.people.torso_height_m
+    assert 0 < trembling.sum() < 12
+    assert np.isin(heights[~trembling].round(2), (0.54, 0.60)).all()
+    for _ in range(3):
+        together.step(np.zeros((12, together.action_size)))
+    for seed in (0, 5):
+        alone.begin(np.array([0]), [np.random.default_rng(seed)])
+        for _ in range(3):
+            alone.step(np.zeros((1, alone.action_size)))
+        assert_array_equal(alone.simulation.integration_state(), together.simulation.integration_state(seed))
+
+
+def test_another_impairment_takes_the_place_of_the_human_s_own(tmp_path):
+    path = saved(tmp_path / "human.safetensors", network(SCRATCHING, impairment="weakness"))
+
+    def people(impairment: str):
+        worlds = Episodes(SCRATCHING, 4, distribution=path, impairment=impairment, num_threads=1)
+        worlds.begin(np.arange(4), [np.random.default_rng(seed) for seed in range(4)])
+        return worlds.people
+
+    own, tremor = people("none"), people("tremor")
+    assert (own.strength_share < 1.0).all()
+    assert not own.tremor_rad.any()
+    assert (tremor.strength_share == 1.0).all()
+    assert tremor.tremor_rad.any()
+
+
+def test_people_whose_files_are_not_seen_here_are_carried(tmp_path, monkeypatch):
+    from avrgym.people.kinds import carried_people
+
+    saved(tmp_path / "here" / "a" / "human.safetensors", network(SCRATCHING))
+    saved(tmp_path / "here" / "b.safetensors", network(SCRATCHING, seed=1))
+    found = [each.trained for each in find_kinds(str(tmp_path / "here"), TASKS)]
+    carried = carried_people(str(tmp_path / "here"))
+    assert carried.here() == str(tmp_path / "here")
+    shutil.move(tmp_path / "here", tmp_path / "away")
+    again = [each.trained for each in find_kinds(carried.here(), TASKS)]
+    assert [each.digest for each in again if each] == [each.digest for each in found if each]
+    assert len(again) == 2
+
+
+# Where people are named
+
+
+@pytest.mark.slow
+def test_a_robot_learns_with_trained_humans_and_goes_on_without_their_files(tmp_path):
+    for seed in range(2):
+        saved(tmp_path / "humans" / f"{seed}.safetensors", network(SCRATCHING, seed=seed))
+    alone = replace(PAIR, people=str(tmp_path / "humans"), impairment="none", pairing=None)
+    train(replace(alone, steps=3 * UPDATE), tmp_path / "whole")
+    assert train(alone, tmp_path / "cut").metadata.people == "trained: humans"
+    shutil.rmtree(tmp_path / "humans")
+    longer = resume(tmp_path / "cut", steps=3 * UPDATE)
+    assert longer.metadata.people == "trained: humans"
+    assert len(find_kinds(str(tmp_path / "cut" / "people"), TASKS)) == 2
+    assert (
+        longer.metadata.measured == Policy.load(tmp_path / "whole" / "policy.safetensors").metadata.measured
+    )
+
+
+@pytest.mark.slow
+def test_a_human_keeps_the_bodies_of_a_file_of_people(tmp_path):
+    text = "cooperating = false\n[torso_height_m]\nman = [0.51, 0.52]\nwoman = [0.51, 0.52]\n"
+    (tmp_path / "people.toml").write_text(text)
+    train(replace(PAIR, people=str(tmp_path / "people.toml"), steps=UPDATE), tmp_path / "pair")
+    human = Policy.load(tmp_path / "pair" / "human.safetensors")
+    assert human.metadata.people == "fitted: people.toml"
+    shutil.move(tmp_path / "pair" / "human.safetensors", tmp_path / "human.safetensors")
+    shutil.rmtree(tmp_path / "pair")
+    (tmp_path / "people.toml").unlink()
+    worlds = Episodes(SCRATCHING, 3, distribution=str(tmp_path / "human.safetensors"), num_threads=1)
+    worlds.begin(np.arange(3), [np.random.default_rng(seed) for seed in range(3)])
+    assert ((worlds.people.torso_height_m >= 0.51) & (worlds.people.torso_height_m <= 0.52)).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_every_environment_trains_a_pair_that_is_measured_together(environment, tmp_path):
+    few = replace(PAIR, environment=environment, worlds=1, steps=EPISODE_STEPS, people="revised")
+    policy = train(few, tmp_path)
+    human = str(tmp_path / "human.safetensors")
+    found = evaluate(environment, str(tmp_path / "policy.safetensors"), human, 1, 0, stream="choosing")
+    assert policy.metadata.measured["reward_mean"] == found.reward_mean
+    assert Policy.load(human).metadata.measured == policy.metadata.measured
+
+
+# What is refused
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(each) for each in arguments])
+
+
+def assert_refused(result: Result, said: str) -> None:
+    """In one line."""
+    assert result.exit_code == 1
+    assert said in result.stderr.replace("\n", " "), result.output
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_who_cannot_be_there_is_named_in_one_line(tmp_path):
+    human = saved(tmp_path / "human.safetensors", network(SCRATCHING))
+    robot = saved(tmp_path / "robot.safetensors", network(SCRATCHING, of_human=False))
+    damaged = tmp_path / "damaged.safetensors"
+    damaged.write_bytes(Path(human).read_bytes()[:-40])
+    resized = replace(network(FEEDING), metadata=network(SCRATCHING).metadata)
+    resized_path = saved(tmp_path / "resized.safetensors", resized)
+    (tmp_path / "empty").mkdir()
+    evaluation = "evaluate", SCRATCHING, "--episodes", 1, "--people"
+    assert_refused(
+        run("evaluate", FEEDING, "--people", human), f"a human trained for {SCRATCHING}, not for {FEEDING}"
+    )
+    assert_refused(run(*evaluation, robot), "a robot's policy, and no human; --policy takes it")
+    assert_refused(run("evaluate", SCRATCHING, "--policy", human), "no robot's policy; --people takes it")
+    assert_refused(run(*evaluation, damaged), "not a readable .safetensors file")
+    assert_refused(run(*evaluation, resized_path), "actions; avrgym/ScratchItchJaco-v1 has")
+    assert_refused(run(*evaluation, tmp_path / "empty"), "holds no trained human; allowed: a folder with")
+    assert_refused(run("train", FEEDING, "--people", human, "--out", tmp_path / "no"), "a human trained for")
+    assert_refused(run("view", FEEDING, "--people", human, "--port", 0), "a human trained for")
+    assert_refused(
+        run("train", SCRATCHING, "--recipe", "pair", "--people", human, "--out", tmp_path / "no"),
+        "trained already, and a pair trains a human of its own",
+    )
+    assert not (tmp_path / "no").exists()
+
+
+def test_a_human_with_a_memory_is_refused(tmp_path):
+    from avrgym.networks.layers import Memory
+
+    plain = network(SCRATCHING)
+    size, joints = plain.observation_size, plain.action_size
+    memory = Memory(np.zeros((size, 3)), np.zeros(3), np.zeros((1, 3)), np.zeros(3))
+    remembering = replace(plain, weights=(np.zeros((size + 1, joints)),), memory=memory)
+    path = saved(tmp_path / "human.safetensors", remembering)
+    with pytest.raises(PolicyError, match="a human who remembers"):
+        find_kinds(path, TASKS)
+
+
+def test_options_of_a_pair_belong_to_pairs(trained, tmp_path):
+    new = "train", SCRATCHING, "--out", tmp_path / "no"
+    for option in (("--alternate", 2), ("--own-reward",)):
+        assert_refused(run(*new, *option), "--alternate and --own-reward go with --recipe pair")
+        again = "train", SCRATCHING, "--recipe", "pair", "--resume", "--out", trained, *option
+        assert_refused(run(*again), "a pair goes on as it began")
+    resumed = "train", FEEDING, "--recipe", "pair", "--resume", "--out", trained
+    assert_refused(run(*resumed), f"holds a training of {SCRATCHING}, not of {FEEDING}")
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    configuration = json.loads((trained / "configuration.json").read_text())
+    (alone / "configuration.json").write_text(json.dumps(configuration | {"pairing": None}))
+    resumed = "train", SCRATCHING, "--recipe", "pair", "--resume", "--out", alone
+    assert_refused(run(*resumed), "holds a training of a robot alone, and no pair")
+    assert not (tmp_path / "no").exists()
+
+
+def test_a_task_that_wants_nothing_of_people_has_no_human_to_train(tmp_path, monkeypatch):
+    monkeypatch.setitem(TASKS, "ScratchItch", replace(TASKS["ScratchItch"], offered="nothing"))
+    with pytest.raises(ValueError, match="wants nothing of people"):
+        train(PAIR, tmp_path / "no")
+    assert not (tmp_path / "no").exists()
+
+
+def test_files_of_robots_are_what_they_were_before_there_were_humans(tmp_path):
+    path = tmp_path / "robot.safetensors"
+    saved(path, network(SCRATCHING, of_human=False))
+    assert b'"human"' not in path.read_bytes()
+    assert Policy.load(path).metadata == network(SCRATCHING, of_human=False).metadata
