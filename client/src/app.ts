@@ -22,7 +22,9 @@ import { Watching } from "./watching";
 import { ENGLISH, firstWords, wordsOf, type Key, type Words } from "./words";
 import { World } from "./world";
 
+/** How long a problem is shown: as long as it takes to read. */
 const PROBLEM_SHOWN_MS = 6000;
+const PROBLEM_SHOWN_MS_A_LETTER = 80;
 /** As often as a headset of 72 Hz sends its poses. */
 const PLAY_INTERVAL_MS = 1000 / 72;
 
@@ -350,7 +352,8 @@ export class App {
   private showProblem(problem: Problem): void {
     this.problem = problem;
     clearTimeout(this.problemTimer);
-    this.problemTimer = window.setTimeout(() => this.hideProblem(), PROBLEM_SHOWN_MS);
+    const shownMs = Math.max(PROBLEM_SHOWN_MS, PROBLEM_SHOWN_MS_A_LETTER * problem.message.length);
+    this.problemTimer = window.setTimeout(() => this.hideProblem(), shownMs);
     this.refresh();
   }
 

@@ -9,6 +9,7 @@ export interface HalfSize {
 const DEGREE = Math.PI / 180;
 /** Metres from the eyes, the most comfortable first. */
 const DISTANCES_M = [1.25, 1.4, 1.1, 1];
+export const FARTHEST_M = Math.max(...DISTANCES_M);
 const ELEVATIONS = [-5, 8, 20, 32].map((angle) => angle * DEGREE);
 const TURNS = [0, -15, 15, -30, 30, -45, 45, -60, 60].map((angle) => angle * DEGREE);
 /** What the eyes have to move up counts more than what they have to move aside. */

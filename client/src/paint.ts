@@ -23,6 +23,11 @@ export const WIDTH = 1536;
 export const HEIGHT = 960;
 
 const MARGIN = 76;
+/** Pixels of words, where there is room for them; `docs/vr.md` says what angles they are. */
+const LABEL = 64;
+const NOTICE = 52;
+const STATEMENT = 72;
+const INSTRUCTION = 84;
 /** Pixels of the smallest words that are still read. */
 const SMALLEST = 24;
 const FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
@@ -31,9 +36,9 @@ const STATEMENT_BOX: Box = { x: MARGIN, y: 140, width: WIDTH - 2 * MARGIN, heigh
 const BUTTON_BOX: Box = { x: MARGIN, y: 470, width: WIDTH - 2 * MARGIN, height: 250 };
 const WORDS_BOX: Box = { x: MARGIN, y: 130, width: WIDTH - 2 * MARGIN, height: 290 };
 const LINE_BOX: Box = { ...BUTTON_BOX, y: 520, height: 130 };
-const ANCHORS_HEIGHT = 110;
+const ANCHORS_HEIGHT = 170;
 const PANEL_BOX: Box = { x: 0, y: 0, width: WIDTH, height: HEIGHT };
-const BACK_BOX: Box = { x: 48, y: 44, width: 300, height: 84 };
+const BACK_BOX: Box = { x: 48, y: 36, width: 320, height: 100 };
 const CONFIRM_BOX: Box = { x: MARGIN + 150, y: 560, width: WIDTH - 2 * MARGIN - 300, height: 140 };
 const BODY_BOX: Box = { x: MARGIN + 150, y: 450, width: WIDTH - 2 * MARGIN - 300, height: 350 };
 /** The greatest height of a button with words, and the share of it that they take. */
@@ -41,7 +46,9 @@ const WORDS_HEIGHT = 150;
 const WORDS_SHARE = 0.92;
 /** Nearer to each other the ticks of a line would not be told apart. */
 const TICKS_APART = 30;
-const NOTICE_BOX: Box = { x: 24, y: HEIGHT - 152, width: WIDTH - 48, height: 128 };
+/** How high a notice may be, which grows upwards; the first that its words fit in. */
+const NOTICE_HEIGHTS = [128, 190, 250, 310];
+const NOTICE_PADDING = 30;
 
 const COLOUR = {
   background: "#0f2a31",
@@ -129,7 +136,7 @@ function paintText(context: Context, { label, text, secondsLeft }: PanelContent)
   paintLabel(context, label);
   const counting = secondsLeft !== null;
   const box = counting ? { ...TEXT_BOX, height: TEXT_BOX.height - 240 } : TEXT_BOX;
-  paintLines(context, text, box, 84);
+  paintLines(context, text, box, INSTRUCTION);
   if (counting)
     paintLine(context, String(secondsLeft), WIDTH / 2, 650, `600 220px ${FONT}`, COLOUR.hovered, "center");
 }
@@ -139,7 +146,7 @@ function paintQuestion(context: Context, content: Asking, buttons: Button[], hov
   const answered = content.answered ?? question.given;
   const scale = buttons.filter(({ value }) => value > 0);
   paintLabel(context, content.label);
-  paintLines(context, content.text, STATEMENT_BOX, 72);
+  paintLines(context, content.text, STATEMENT_BOX, STATEMENT);
   paintActions(context, words, buttons, hovered);
   if (isLine(question)) paintLineOf(context, scale, hovered, answered);
   else {
@@ -154,7 +161,7 @@ function paintQuestion(context: Context, content: Asking, buttons: Button[], hov
 
 function paintConfirm(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
   paintLabel(context, content.words.say("answers_given"));
-  paintLines(context, content.text, WORDS_BOX, 72);
+  paintLines(context, content.text, WORDS_BOX, STATEMENT);
   paintActions(context, content.words, buttons, hovered);
 }
 
@@ -162,7 +169,7 @@ function paintConfirm(context: Context, content: PanelContent, buttons: Button[]
 function paintActions(context: Context, words: Words, buttons: Button[], hovered: number | null): void {
   for (const button of buttons.filter(({ value }) => value < 0)) {
     const label = words.say(button.value === BACK ? "back" : "done");
-    const size = fittingSize(context, label, inside(button), 50, 600);
+    const size = fittingSize(context, label, inside(button), LABEL, 600);
     paintButton(context, button, label, size, buttonColours(button.value, hovered, null));
   }
 }
@@ -190,7 +197,7 @@ function paintLineOf(context: Context, places: Button[], hovered: number | null,
 /** The size that the words on every button fit in. */
 function labelSize(context: Context, question: Question, buttons: Button[]): number {
   const sizes = buttons.map((button) =>
-    fittingSize(context, labelOf(question, button.value), inside(button), Math.round(button.height * 0.42), 600),
+    fittingSize(context, labelOf(question, button.value), inside(button), Math.round(button.height * 0.5), 600),
   );
   return Math.min(...sizes);
 }
@@ -208,7 +215,7 @@ function inside({ x, y, width, height }: Box): Box {
 
 function paintBodies(context: Context, content: Choosing, hovered: number | null): void {
   paintLabel(context, content.label);
-  paintLines(context, content.text, WORDS_BOX, 72);
+  paintLines(context, content.text, WORDS_BOX, STATEMENT);
   for (const button of bodiesOf(content)) paintBody(context, button, button.value === hovered);
 }
 
@@ -232,7 +239,7 @@ function paintAnchors(context: Context, { low, high }: Question, buttons: Button
   const half = { x: left, y, width: (right - left) / 2 - 20, height: ANCHORS_HEIGHT };
   const [atLeft, atRight] = fromRight ? [high, low] : [low, high];
   for (const [text, x, align] of [[atLeft, left, "left"], [atRight, right, "right"]] as const) {
-    const size = fittingSize(context, text, half, 50, 400);
+    const size = fittingSize(context, text, half, LABEL, 400);
     const font = `${size}px ${FONT}`;
     context.font = font;
     const lines = wrap(text, half.width, (line) => context.measureText(line).width);
@@ -263,15 +270,21 @@ function paintButton(
 }
 
 function paintLabel(context: Context, label: string): void {
-  paintLine(context, label, WIDTH / 2, 86, `50px ${FONT}`, COLOUR.quiet, "center");
+  paintLine(context, label, WIDTH / 2, 86, `${LABEL}px ${FONT}`, COLOUR.quiet, "center");
 }
 
 function paintNotice(context: Context, notice: string): void {
-  roundedBox(context, NOTICE_BOX, 36);
+  const boxes = NOTICE_HEIGHTS.map((height) => ({ x: 24, y: HEIGHT - 24 - height, width: WIDTH - 48, height }));
+  const fits = (box: Box) => fittingSize(context, notice, padded(box), NOTICE, 600) === NOTICE;
+  const box = boxes.find(fits) ?? boxes.at(-1)!;
+  roundedBox(context, box, 36);
   context.fillStyle = COLOUR.answered;
   context.fill();
-  const inner = { ...NOTICE_BOX, x: NOTICE_BOX.x + 30, width: NOTICE_BOX.width - 60 };
-  paintLines(context, notice, inner, 50, COLOUR.onLight, 600);
+  paintLines(context, notice, padded(box), NOTICE, COLOUR.onLight, 600);
+}
+
+function padded({ x, width, ...rest }: Box): Box {
+  return { ...rest, x: x + NOTICE_PADDING, width: width - 2 * NOTICE_PADDING };
 }
 
 function roundedBox(context: Context, { x, y, width, height }: Box, radius: number): void {

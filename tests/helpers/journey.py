@@ -142,6 +142,7 @@ class Journey:
             )
 
         self.server = opened.enter_context(LiveServer(make, "127.0.0.1", 0))
+        self.server.render_ahead()
         self.headset = opened.enter_context(
             EmulatedHeadset(self.server.url, **{"width": 320, "height": 180, **browser})
         )

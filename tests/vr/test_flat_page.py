@@ -1,11 +1,15 @@
 """The page of somebody who has no headset, in a real browser: what they see, read and press."""
 
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 
+from accessibility import violations
+from avrgym.recording.questionnaire import LIKERT_ITEMS, Item
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session import events
@@ -17,31 +21,91 @@ from visit import ENVIRONMENT, driving
 pytestmark = pytest.mark.usefixtures("unhurried")
 
 ENDLESS = 100_000
+QUESTIONS = (LIKERT_ITEMS[0], Item("line", "How hard was it?", points=21, low="very low", high="very high"))
+
+
+@pytest.fixture
+def sessions(tmp_path: Path) -> Iterator[Callable[..., LiveServer]]:
+    """Serves sessions of one trial of a plan; ``observed`` hears what happens."""
+    with ExitStack() as opened:
+        workers = opened.enter_context(ThreadPoolExecutor(1))
+
+        def serve(observed: Callable[[events.SessionEvent], None] = lambda event: None, **plan) -> LiveServer:
+            trial = TrialPlan(ENVIRONMENT, "drive", seed=3, practice=False)
+            whole = SessionPlan([trial], "woman", 0.3, simulated=True, countdown_s=0.3, **plan)
+
+            def make(send) -> Session:
+                how = {"observe": observed, "workers": workers}
+                return Session(whole, driving(whole), tmp_path, send, "flat", **how)
+
+            return opened.enter_context(LiveServer(make, "127.0.0.1", 0))
+
+        yield serve
+
+
+@pytest.fixture
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        yield browser
+        browser.close()
+
+
+def opened_page(browser: Browser, url: str, width: int = 390, height: int = 844) -> Page:
+    """A page with little detail, of a phone's size unless another is said."""
+    page = browser.new_page(viewport={"width": width, "height": height})
+    page.set_default_timeout(1000 * PATIENCE_S)
+    page.goto(url.replace("#", "?detail=light#"))
+    return page
 
 
 @pytest.mark.slow
-def test_a_press_stops_the_robot_and_nobody_speaks_of_triggers(tmp_path: Path) -> None:
-    trial = TrialPlan(ENVIRONMENT, "drive", seed=3, practice=False)
-    plan = SessionPlan([trial], "woman", 0.3, simulated=True, trial_steps=ENDLESS, countdown_s=0.3)
+def test_a_press_stops_the_robot_and_nobody_speaks_of_triggers(
+    sessions: Callable[..., LiveServer], browser: Browser
+) -> None:
     observed: list[events.SessionEvent] = []
-    with ThreadPoolExecutor(1) as workers, sync_playwright() as playwright:
-
-        def make(send) -> Session:
-            how = {"observe": observed.append, "workers": workers}
-            return Session(plan, driving(plan), tmp_path, send, "flat", **how)
-
-        with LiveServer(make, "127.0.0.1", 0) as server:
-            browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
-            page = browser.new_page(viewport={"width": 390, "height": 844})
-            page.set_default_timeout(1000 * PATIENCE_S)
-            page.goto(server.url.replace("/#", "/?detail=light#"))
-            play(page, server)
-            page.get_by_role("button", name="Stop the robot").dispatch_event("pointerdown")
-            await_that(lambda: server.session.phase == "paused")
-            page.get_by_text("Choose Go on to repeat the trial").wait_for()
-            assert page.get_by_role("button", name="Stop the robot").count() == 0
-            browser.close()
+    server = sessions(observed.append, trial_steps=ENDLESS)
+    page = opened_page(browser, server.url)
+    play(page, server)
+    page.get_by_role("button", name="Stop the robot").dispatch_event("pointerdown")
+    await_that(lambda: server.session.phase == "paused")
+    page.get_by_text("Choose Go on to repeat the trial").wait_for()
+    assert page.get_by_role("button", name="Stop the robot").count() == 0
     assert [event.by for event in observed if isinstance(event, events.Stopped)] == ["participant"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(390, 844), (1280, 720)], ids=str)
+def test_axe_finds_nothing_wherever_a_session_stands(
+    size: tuple[int, int], sessions: Callable[..., LiveServer], browser: Browser
+) -> None:
+    """On the pages of participant, experimenter and spectators."""
+    server = sessions(trial_steps=20, items=QUESTIONS)
+    page = opened_page(browser, server.url, *size)
+    watching = [
+        opened_page(browser, server.urls("spectator", token)[0], *size)
+        for token in (server.tokens.experimenter, server.tokens.spectator)
+    ]
+    page.get_by_role("button", name="Play without a headset").wait_for()
+    found = {"waiting": violations(page)}
+    play(page, server)
+    page.get_by_role("button", name="Stop the robot").wait_for()
+    found["helping"] = violations(page)
+    for number, watcher in enumerate(watching):
+        found[f"watching, {number}"] = violations(watcher)
+    page.get_by_text(QUESTIONS[0].text).wait_for()
+    found["buttons"] = violations(page)
+    page.keyboard.press("7")
+    page.get_by_text(QUESTIONS[1].text).wait_for()
+    found["line"] = violations(page)
+    page.keyboard.press("End")
+    page.get_by_role("button", name="Take this answer").click()
+    page.get_by_role("button", name="Done").wait_for()
+    found["confirm"] = violations(page)
+    page.get_by_role("button", name="Done").click()
+    page.get_by_text("That was all").wait_for()
+    found["finished"] = violations(page)
+    assert found == {state: [] for state in found}
 
 
 def play(page: Page, server: LiveServer) -> None:

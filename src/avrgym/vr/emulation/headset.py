@@ -224,13 +224,15 @@ class BrowserAttendance:
             self._headset.answer(self._participant.answer(question["item"], question["points"], experience))
 
     def _take_picture(self, now_s: float) -> None:
+        after_s = self._picture_after_s.get(self._phase[0])
+        if after_s is not None and now_s - self._phase_began > after_s and self._picture not in self.taken:
+            self.taken.append(self._headset.screenshot(self._picture))
+
+    @property
+    def _picture(self) -> Path:
+        """Where the picture of the phase goes."""
         name, trial = self._phase
-        path = self._folder / f"trial-{trial:02}-{name}.png"
-        if (
-            now_s - self._phase_began > self._picture_after_s.get(name, PHASE_LIMIT_S)
-            and path not in self.taken
-        ):
-            self.taken.append(self._headset.screenshot(path))
+        return self._folder / f"trial-{trial:02}-{name}.png"
 
 
 def _plain(pose: XRPose | None) -> dict[str, Any] | None:

@@ -1,0 +1,163 @@
+"""What each eye sees in every phase of every environment, on one sheet each: `make soak`.
+
+``SOAK_PICTURES`` is the folder for the sheets. The session's time passes only as its visitor lets it, so that a phase
+lasts until its picture is taken, however slowly a processor draws.
+"""
+
+import os
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw
+
+from avrgym.models import human
+from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.vr.emulation import headset
+from avrgym.vr.emulation.headset import BrowserAttendance
+from avrgym.vr.protocol.messages import Command
+from avrgym.vr.server import loop
+from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, TrialPlan, load_policies
+from avrgym.vr.session.session import Session
+from avrgym.vr.tracking.world import TICK_S
+from journey import Journey, await_that, draw_triangles
+
+pytestmark = pytest.mark.usefixtures("unhurried")
+COLUMNS, CAPTION_HEIGHT = 3, 14
+TICKS_A_LOOK = 25
+PICTURED_AFTER_S = {
+    "headset": 0.5, "headset_check": 0.2, "calibration": 0.5, "check": 0.5, "free_before": 1.0, "countdown": 0.2,
+    "trial": 4.0, "paused": 0.5, "retreat": 1.5, "free_after": 0.5, "questionnaire": 0.5, "confirm": 0.5,
+}  # fmt: skip
+"""How long after the beginning of each phase its picture is taken."""
+LOOKING_DOWN_RAD = human.joint_angles(head_x=45.0) - human.joint_angles(head_x=0.0)
+
+
+class LetTime:
+    """The time of a session, which passes as it is let."""
+
+    def __init__(self) -> None:
+        self._ticks, self._let = 0, threading.Semaphore(0)
+
+    def now_s(self) -> float:
+        """By the session's clock."""
+        return self._ticks * TICK_S
+
+    def hold(self, session: Session) -> None:
+        """From now on the session waits."""
+        tick = session.tick
+
+        def wait_and_tick(now_s: float) -> None:
+            self._let.acquire()
+            tick(now_s)
+            self._ticks += 1
+
+        session.tick = wait_and_tick
+
+    def pass_on(self, ticks: int) -> None:
+        """Let so many ticks pass, and wait until they have."""
+        ends = self._ticks + ticks
+        self._let.release(ticks)
+        await_that(lambda: self._ticks >= ends)
+
+    def let_go(self) -> None:
+        """The session waits no more."""
+        self._let.release(1 << 30)
+
+
+class Photographer(BrowserAttendance):
+    """Attends, pictures every phase, stops the robot once, and looks down to see whether body and seat fit.
+
+    An emulated headset passes no check: the experimenter leaves it out.
+    """
+
+    def __init__(self, journey: Journey, time: LetTime) -> None:
+        super().__init__(
+            journey.headset,
+            journey.session,
+            journey.participant,
+            journey.folder,
+            lambda words: print(words, flush=True),
+            PICTURED_AFTER_S,
+        )
+        self._loop, self._time, self._stops = journey.server.loop, time, True
+
+    def _notice(self, phase: dict[str, Any], now_s: float) -> None:
+        super()._notice(phase, self._time.now_s())
+
+    def _act(self, question: dict[str, Any] | None, now_s: float) -> None:
+        self._time.pass_on(TICKS_A_LOOK)
+        if self._is_to_be_pictured:
+            self._headset.set_poses(self._frame(), right=question is None)
+            self._take_picture(self._time.now_s())
+        elif self._stops and self._phase[0] == "trial":
+            self._headset.press_menu("left")
+            self._stops = False
+        elif self._phase[0] == "headset_check":
+            self._loop.post(Command(name="skip"))
+        else:
+            super()._act(question, self._time.now_s())
+
+    @property
+    def _is_to_be_pictured(self) -> bool:
+        return self._phase[0] in PICTURED_AFTER_S and self._picture not in self.taken
+
+    def _frame(self) -> Any:
+        if self._phase[0] != "check":
+            return self._participant.frame(self._time.now_s(), moving=self._phase[0] != "calibration")
+        return self._participant.frame_of(self._participant._rest_rad + LOOKING_DOWN_RAD, self._time.now_s())
+
+    def _take_picture(self, now_s: float) -> None:
+        if now_s - self._phase_began > PICTURED_AFTER_S.get(self._phase[0], np.inf):
+            draw_triangles(self._headset)
+            super()._take_picture(now_s)
+            self._headset.page.evaluate("() => { window.drawsTriangles = false; }")
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_every_phase_is_pictured(environment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    time = LetTime()
+    monkeypatch.setattr(loop, "_clock_s", time.now_s)
+    monkeypatch.setattr(headset, "PHASE_LIMIT_S", float("inf"))
+    plan = SessionPlan(
+        [TrialPlan(environment, "revised", seed=3, practice=False)],
+        "woman",
+        free_movement_s=3.0,
+        simulated=True,
+        items=LIKERT_ITEMS[:1],
+        trial_steps=60,
+        headset_check=HeadsetCheckPlan(2.0, 2.0, 2.0),
+    )
+    with ExitStack() as opened:
+        how = {"width": 640, "height": 360, "query": "&detail=full"}
+        journey = Journey(tmp_path, plan, load_policies(plan), opened, **how)
+        opened.callback(time.let_go)
+        journey.await_phase("waiting")
+        journey.headset.page.wait_for_function("() => window.avrgymEmulator.statesReceived() > 0")
+        time.hold(journey.session)
+        taken = Photographer(journey, time).run()
+        draw_triangles(journey.headset)
+        taken.append(journey.headset.screenshot(tmp_path / "trial-99-finished.png"))
+    assert {path.stem.split("-")[2] for path in taken} == {*PICTURED_AFTER_S, "finished"}
+    contact_sheet(taken, environment)
+
+
+def contact_sheet(pictures: list[Path], environment: str) -> None:
+    """All pictures on one sheet, under their names."""
+    folder = os.environ.get("SOAK_PICTURES")
+    if folder is None:
+        return
+    opened = [Image.open(path).convert("RGB") for path in pictures]
+    width, height = opened[0].width, opened[0].height + CAPTION_HEIGHT
+    rows = -(-len(opened) // COLUMNS)
+    sheet = Image.new("RGB", (COLUMNS * width, rows * height), "white")
+    for number, (path, picture) in enumerate(zip(pictures, opened, strict=True)):
+        left, top = number % COLUMNS * width, number // COLUMNS * height
+        sheet.paste(picture, (left, top + CAPTION_HEIGHT))
+        ImageDraw.Draw(sheet).text((left + 4, top), path.stem, fill="black")
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    sheet.save(Path(folder) / f"{environment.removeprefix('avrgym/')}.jpg", quality=85)
