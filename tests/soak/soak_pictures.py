@@ -41,7 +41,7 @@ class LetTime:
     """The time of a session, which passes as it is let."""
 
     def __init__(self) -> None:
-        self._ticks, self._let = 0, threading.Semaphore(0)
+        self._ticks, self._let, self._waits = 0, threading.Semaphore(0), True
 
     def now_s(self) -> float:
         """By the session's clock."""
@@ -52,7 +52,8 @@ class LetTime:
         tick = session.tick
 
         def wait_and_tick(now_s: float) -> None:
-            self._let.acquire()
+            if self._waits:
+                self._let.acquire()
             tick(now_s)
             self._ticks += 1
 
@@ -66,7 +67,8 @@ class LetTime:
 
     def let_go(self) -> None:
         """The session waits no more."""
-        self._let.release(1 << 30)
+        self._waits = False
+        self._let.release()
 
 
 class Photographer(BrowserAttendance):
@@ -81,7 +83,7 @@ class Photographer(BrowserAttendance):
             journey.session,
             journey.participant,
             journey.folder,
-            lambda words: print(words, flush=True),
+            lambda words: None,
             PICTURED_AFTER_S,
         )
         self._loop, self._time, self._stops = journey.server.loop, time, True

@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from accessibility import violations
-from avrgym.recording.questionnaire import LIKERT_ITEMS, Item
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session import events
@@ -21,7 +19,6 @@ from visit import ENVIRONMENT, driving
 pytestmark = pytest.mark.usefixtures("unhurried")
 
 ENDLESS = 100_000
-QUESTIONS = (LIKERT_ITEMS[0], Item("line", "How hard was it?", points=21, low="very low", high="very high"))
 
 
 @pytest.fixture
@@ -72,40 +69,6 @@ def test_a_press_stops_the_robot_and_nobody_speaks_of_triggers(
     page.get_by_text("Choose Go on to repeat the trial").wait_for()
     assert page.get_by_role("button", name="Stop the robot").count() == 0
     assert [event.by for event in observed if isinstance(event, events.Stopped)] == ["participant"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [(390, 844), (1280, 720)], ids=str)
-def test_axe_finds_nothing_wherever_a_session_stands(
-    size: tuple[int, int], sessions: Callable[..., LiveServer], browser: Browser
-) -> None:
-    """On the pages of participant, experimenter and spectators."""
-    server = sessions(trial_steps=20, items=QUESTIONS)
-    page = opened_page(browser, server.url, *size)
-    watching = [
-        opened_page(browser, server.urls("spectator", token)[0], *size)
-        for token in (server.tokens.experimenter, server.tokens.spectator)
-    ]
-    page.get_by_role("button", name="Play without a headset").wait_for()
-    found = {"waiting": violations(page)}
-    play(page, server)
-    page.get_by_role("button", name="Stop the robot").wait_for()
-    found["helping"] = violations(page)
-    for number, watcher in enumerate(watching):
-        found[f"watching, {number}"] = violations(watcher)
-    page.get_by_text(QUESTIONS[0].text).wait_for()
-    found["buttons"] = violations(page)
-    page.keyboard.press("7")
-    page.get_by_text(QUESTIONS[1].text).wait_for()
-    found["line"] = violations(page)
-    page.keyboard.press("End")
-    page.get_by_role("button", name="Take this answer").click()
-    page.get_by_role("button", name="Done").wait_for()
-    found["confirm"] = violations(page)
-    page.get_by_role("button", name="Done").click()
-    page.get_by_text("That was all").wait_for()
-    found["finished"] = violations(page)
-    assert found == {state: [] for state in found}
 
 
 def play(page: Page, server: LiveServer) -> None:
