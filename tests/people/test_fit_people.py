@@ -287,7 +287,7 @@ def test_a_training_keeps_its_people(fitted: Path, tmp_path: Path, monkeypatch: 
     )
     policy = training.train(tiny, out)
     assert policy.metadata.people == "fitted: mine.toml"
-    assert (out / training.PEOPLE_FILE).read_bytes() == fitted.read_bytes()
+    assert (out / "people.toml").read_bytes() == fitted.read_bytes()
     own.unlink()
     (out / training.CHECKPOINT_FILE).unlink()
     assert training.resume(out).metadata.people == "fitted: mine.toml"
