@@ -362,14 +362,22 @@ class Episodes:
         Raises:
             ValueError: for actions that ``step`` refuses.
         """
-        shape = self.simulation.num_worlds, self.action_size
-        action = self._checked_there(action, shape) if self._on_device else checked_actions(action, shape)
-        self.simulation.command_robot(action)
+        self.command_robot(action)
         if self._humans is not None:
             self.steer_people(self._humans.act(self.observe_as_human()))
         if self._moved_by_themselves:
             targets = self._minds.live(self.simulation.state, self._people, self._possible)
             self.simulation.command_person(targets)
+
+    def command_robot(self, action: Array) -> None:
+        """Give the robots other actions (N, J) within a control step; people go on as they were.
+
+        Raises:
+            ValueError: for actions that ``step`` refuses.
+        """
+        shape = self.simulation.num_worlds, self.action_size
+        action = self._checked_there(action, shape) if self._on_device else checked_actions(action, shape)
+        self.simulation.command_robot(action)
 
     def _checked_there(self, action: Any, shape: tuple[int, ...]) -> Any:
         """Actions on the device, zero where they are not finite; ``check`` tells of those."""

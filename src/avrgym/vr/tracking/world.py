@@ -88,12 +88,15 @@ class ControlSteps:
     def _amend_step(self, amend: Amend) -> None:
         action = amend()
         if action is not None:
-            self._command(action)
+            self._episodes.command_robot(action)
+            self._note(action)
 
     def _command(self, action: Array) -> None:
-        self._action = action
         self._episodes.command(action)
-        self.begun = action[0]
+        self._note(action)
+
+    def _note(self, action: Array) -> None:
+        self._action, self.begun = action, action[0]
 
     def drop(self) -> None:
         """Forget a control step that had begun."""
