@@ -65,6 +65,7 @@ def test_the_papers_recipe_takes_ten_million_steps(monkeypatch: pytest.MonkeyPat
     assert isinstance(train("--recipe", "paper").exception, AskedError)
 
 
+@pytest.mark.slow
 def test_the_adaptive_recipe_leaves_a_policy_that_remembers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

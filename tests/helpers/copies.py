@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 import torch
-import warp
+import warp  # pyright: ignore[reportMissingImports]
 from torch.utils._python_dispatch import TorchDispatchMode
 
 WAYS = ("cpu", "numpy", "item", "tolist", "__array__", "__bool__", "__float__", "__int__", "__index__")

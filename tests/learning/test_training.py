@@ -291,6 +291,7 @@ def assert_goes_on(
     )
 
 
+@pytest.mark.slow
 def test_a_training_may_be_imitation_alone(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
     policy = train(replace(TINY, imitation_rounds=9, imitation_share=1.0), tmp_path)

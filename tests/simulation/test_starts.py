@@ -110,6 +110,7 @@ def test_arms_of_shrunken_ranges_leave_body_and_furniture_alone():
     assert clearance(*person_capsules(episodes.people, episodes.scene.posture), boxes).min() > -1e-6
 
 
+@pytest.mark.slow
 def test_fitted_people_find_room_too(tmp_path):
     file = tmp_path / "people.toml"
     file.write_text(

@@ -52,6 +52,7 @@ def answers(page: Page) -> list[str]:
     )
 
 
+@pytest.mark.slow
 def test_questions_are_answered_by_keyboard_and_the_dashboard_says_why_the_session_pauses(
     store: Store,
 ) -> None:

@@ -421,6 +421,7 @@ def test_damage_to_a_merged_study_is_noticed_and_recordings_come_again(sites: li
 # Kills
 
 
+@pytest.mark.slow
 def test_a_killed_merge_is_completed_by_the_next(sites: list[Path], out: Path, tmp_path: Path) -> None:
     """The share of 20 that every run of the tests can afford: as the study is made, in a copy, in and after rows."""
     merge_studies(sites, tmp_path / "whole")
