@@ -1,6 +1,5 @@
 """Experts who see people as they are on average, so that no tool follows a tremor to and fro."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -38,7 +37,7 @@ class _Seen:
         self._before = self._now = episodes.state()
 
     def look(self) -> None:
-        """A control step has passed."""
+        """See what there is now; at the beginning that is what there was."""
         self._before, self._now = self._now, self._episodes.state()
 
     @property
@@ -61,15 +60,12 @@ class _Seen:
 
 
 class _Steadied:
-    def __init__(self, seen: _Seen, expert: Callable[[RunningEpisodes], Controller]) -> None:
+    def __init__(self, seen: _Seen, expert: Expert) -> None:
         self._seen, self._controller = seen, expert(seen)
-        self._begun = False
 
     def __call__(self, observation: Array) -> Array:
         """Actions (N, J)."""
-        if self._begun:
-            self._seen.look()
-        self._begun = True
+        self._seen.look()
         return self._controller(observation)
 
 
