@@ -8,7 +8,7 @@ from typer.testing import CliRunner, Result
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 from avrgym.cli.main import app
-from avrgym.learning import distillation
+from avrgym.learning import adaptive
 from avrgym.learning.configuration import PAPER_STEPS, stored_configuration
 from avrgym.policies.trained import Policy
 from little_training import train_little
@@ -71,7 +71,7 @@ def test_the_adaptive_recipe_leaves_a_policy_that_remembers(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for name, value in {"MEASURED_EPISODES": 1, "PASSES": 1, "LAST_PASSES": 1}.items():
-        monkeypatch.setattr(distillation, name, value)
+        monkeypatch.setattr(adaptive, name, value)
     result = train("--recipe", "adaptive", "--steps", "200", "--worlds", "1")
     assert result.exit_code == 0, result.stderr
     out = tmp_path / "runs" / "FeedingJaco-v1-adaptive-0"

@@ -161,7 +161,7 @@ def train(
         training = _training()
         if recipe == ADAPTIVE:
             folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{recipe}-{seed}"
-            _distil(env, steps, seed, worlds, folder, resume=resume)
+            _train_adaptive(env, steps, seed, worlds, folder, resume=resume)
             say(f"policy    {folder / training.POLICY_FILE}")
             return
         folder = out or Path("runs") / _run_name(env, people, impairment, recipe, seed)
@@ -198,18 +198,18 @@ def _check_recipe(recipe: str, others: dict[str, bool]) -> None:
         raise ValueError(f"--recipe {recipe} says that itself or cannot do it: leave out {', '.join(given)}")
 
 
-def _distil(
+def _train_adaptive(
     env: str, steps: int | None, seed: int, worlds: int | None, folder: Path, *, resume: bool
 ) -> None:
     """Train by the recipe ``ADAPTIVE``."""
-    from avrgym.learning import distillation
+    from avrgym.learning import adaptive
 
     if resume:
-        configuration = distillation.stored_distillation(folder)
+        configuration = adaptive.stored_training(folder)
         if configuration.environment != env:
             raise ValueError(f"{folder} holds a training of {configuration.environment}, not of {env}")
     else:
-        configuration = distillation.Distillation(environment=env, seed=seed)
+        configuration = adaptive.AdaptiveTraining(environment=env, seed=seed)
         configuration = replace(
             configuration, steps=steps or configuration.steps, worlds=worlds or configuration.worlds
         )
@@ -220,9 +220,9 @@ def _distil(
             bar.show(now.steps, words=f"{env}  {now.stage}{_so_far(now)}")
 
         if resume:
-            distillation.resume(folder, tell)
+            adaptive.resume(folder, tell)
         else:
-            distillation.distil(configuration, folder, tell)
+            adaptive.train(configuration, folder, tell)
 
 
 def _so_far(now: "training.Progress") -> str:

@@ -3,6 +3,7 @@
 # PyTorch's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -11,6 +12,10 @@ from torch import Tensor, nn
 
 from avrgym.networks.layers import Memory
 from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.tasks.known import EPISODE_STEPS
+
+WINDOW = 50
+"""Through how many control steps gradients go back."""
 
 
 class RecurrentNetwork(nn.Module):
@@ -31,8 +36,8 @@ class RecurrentNetwork(nn.Module):
             rows = torch.tanh(layer(rows))
         return self.layers[-1](rows), last
 
-    def policy(self, normaliser: Any, metadata: PolicyMetadata) -> Policy:
-        """The same as a policy that acts without chance, behind a normaliser of observations."""
+    def policy(self, normaliser: Any, metadata: PolicyMetadata, deviation: float = 0.0) -> Policy:
+        """The same as a policy behind a normaliser of observations, with a chance of this standard deviation."""
         unit, layers = self.memory, [*self.layers]
         return Policy(
             weights=tuple(_array(layer.weight).T for layer in layers),
@@ -41,7 +46,7 @@ class RecurrentNetwork(nn.Module):
             observation_variance=normaliser.obs_rms.var,
             observation_clip=normaliser.clip_obs,
             observation_epsilon=normaliser.epsilon,
-            action_deviation=0.0,
+            action_deviation=deviation,
             metadata=metadata,
             memory=Memory(
                 input_weight=_array(unit.weight_ih_l0).T,
@@ -50,6 +55,11 @@ class RecurrentNetwork(nn.Module):
                 hidden_bias=_array(unit.bias_hh_l0),
             ),
         )
+
+
+def windows() -> Iterator[slice]:
+    """The parts of an episode through which gradients go back, one after the other."""
+    return (slice(first, first + WINDOW) for first in range(0, EPISODE_STEPS, WINDOW))
 
 
 def _array(tensor: Any) -> Any:

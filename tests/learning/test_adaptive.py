@@ -9,15 +9,15 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 import torch
 
-from avrgym.learning import distillation
-from avrgym.learning.distillation import Distillation, distil, resume
+from avrgym.learning import adaptive
+from avrgym.learning.adaptive import AdaptiveTraining, resume, train
 from avrgym.learning.recurrent import RecurrentNetwork
 from avrgym.learning.updates import UpdateNormaliser, observation_of
 from avrgym.policies.actors import Actor
 from avrgym.policies.trained import PolicyMetadata
 from avrgym.tasks.registry import ENVIRONMENTS, sizes
 
-TINY = Distillation(
+TINY = AdaptiveTraining(
     environment="avrgym/ScratchItchJaco-v1", steps=400, seed=4, worlds=1, memory=8, hidden=(8,), threads=1
 )
 
@@ -31,7 +31,7 @@ def _short(monkeypatch):
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     for name, value in {"MEASURED_EPISODES": 1, "PASSES": 3, "LAST_PASSES": 3}.items():
-        monkeypatch.setattr(distillation, name, value)
+        monkeypatch.setattr(adaptive, name, value)
     yield
     torch.set_num_threads(threads)
 
@@ -45,7 +45,7 @@ def tensors(out: Path) -> bytes:
 @pytest.mark.slow
 def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(tmp_path):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
-    policy = distil(TINY, whole)
+    policy = train(TINY, whole)
     assert policy.metadata.steps == 400
     assert policy.metadata.measured["episodes"] == 1
 
@@ -54,8 +54,8 @@ def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(tmp_path):
             raise CutOffError
 
     with pytest.raises(CutOffError):
-        distil(TINY, cut, stop)
-    assert json.loads((cut / "distillation.json").read_text())["seed"] == 4
+        train(TINY, cut, stop)
+    assert json.loads((cut / "adaptive.json").read_text())["seed"] == 4
     assert (cut / "checkpoint.pt").exists()
     torch.manual_seed(99)
     resume(cut)
@@ -63,7 +63,7 @@ def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(tmp_path):
     with pytest.raises(ValueError, match="complete"):
         resume(cut)
     with pytest.raises(FileExistsError, match="not empty"):
-        distil(TINY, cut)
+        train(TINY, cut)
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)

@@ -1,10 +1,12 @@
-"""A policy that remembers, learned from an expert that sees everything: one recipe for every environment.
+"""A policy that remembers: one recipe for every environment, first by imitation, then by PPO.
 
-The expert is the task's reactive one, which knows where the person is and sees nobody tremble. The policy sees
-observations only, and learns by dataset aggregation (Ross, Gordon, Bagnell, AISTATS 2011, algorithm 3.1) to do as the
-expert does: whatever observations do not say, such as how somebody moves, it has to remember (Chen et al., "Learning by
-cheating", CoRL 2019). Its partners are those of ``zoo/train``, with each impairment in turn. Gradients go back through
-``WINDOW`` control steps at most (Williams and Peng, Neural Computation 2, 1990: truncated backpropagation).
+First it learns from the task's reactive expert, which knows where the person is and sees nobody tremble. The policy
+sees observations only, and learns by dataset aggregation (Ross, Gordon, Bagnell, AISTATS 2011, algorithm 3.1) to do as
+the expert does: whatever observations do not say, such as how somebody moves, it has to remember (Chen et al.,
+"Learning by cheating", CoRL 2019). Then it goes on by PPO, on the task's reward less a little for each newton.
+Its partners are those of ``zoo/train``: in imitation with each impairment in turn, in PPO with all of them at once.
+Gradients go back through 50 control steps at most (Williams and Peng, Neural Computation 2, 1990: truncated
+backpropagation).
 
 Each round follows from the training's seed, its number and the rounds before, and a checkpoint lies between any two.
 """
@@ -30,7 +32,8 @@ from avrgym.learning.course import CHECKPOINT_FILE, POLICY_FILE, CurvePoint, Pro
 from avrgym.learning.exporting import git_commit, thinned
 from avrgym.learning.imitation import Shown, load_shown
 from avrgym.learning.measuring import measure
-from avrgym.learning.recurrent import RecurrentNetwork
+from avrgym.learning.recurrent import RecurrentNetwork, windows
+from avrgym.learning.recurrent_ppo import RecurrentPPO
 from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
 from avrgym.learning.updates import UpdateNormaliser, observation_of
 from avrgym.people.names import IMPAIRMENTS, TRAIN_ZOO
@@ -41,29 +44,40 @@ from avrgym.system.locks import locked
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import find_environment, sizes
 
-FILE = "distillation.json"
+FILE = "adaptive.json"
 SHOWN_FOLDER = "shown"
 MEASURED_EPISODES = 100
 EXPERT_SHARE = 0.7
 """The expert drives all worlds in the first round, and in each later one this share of those of the round before."""
-WINDOW = 50
 SEQUENCES = 32
-"""Episodes of one step of the optimizer."""
-PASSES, LAST_PASSES = 40, 1500
-"""How many such steps through whole episodes a round takes, and the last one."""
+"""Episodes of one step of the optimizer in imitation."""
+PASSES, LAST_PASSES = 40, 300
+"""How many such steps through whole episodes a round of imitation takes, and the last one."""
 LEARNING_RATE, FALL, LAST_FALL = 1e-3, 0.3, 0.01
-"""The learning rate, and the share of it that is left at the end of a round and of the last."""
+"""The learning rate of imitation, and the share of it that is left at the end of a round and of the last."""
 GRADIENT_NORM = 1.0
 """Gradients longer than this are shortened to it."""
+CRITIC_ROUNDS = 4
+"""Rounds after imitation in which only the critic learns, which does not know yet what the policy is worth."""
+LOG_STD = -2.3, -3.0
+"""Logarithm of how random actions are at the beginning and the end of PPO; the finished policy acts without chance."""
+PPO_LEARNING_RATE, LEFT = 3e-5, 0.02
+"""PPO's learning rate, and the share of it that is left at the end."""
+FORCE_WEIGHT_PER_N = 0.02
+"""What each newton on the person takes off a step's reward in PPO, beyond the task's own."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Distillation:
-    """What is trained where: ``steps`` environment steps in all, whole rounds of an episode in each world."""
+class AdaptiveTraining:
+    """What is trained where: ``steps`` environment steps in all, whole rounds of an episode in each world.
+
+    ``imitation_share`` of the rounds imitate.
+    """
 
     environment: str
     people: str = TRAIN_ZOO
-    steps: int = 500_000
+    steps: int = 800_000
+    imitation_share: float = 0.25
     seed: int = 0
     worlds: int = 64
     memory: int = 128
@@ -76,12 +90,22 @@ class Distillation:
         return -(-self.steps // (self.worlds * EPISODE_STEPS))
 
     @property
+    def imitation_rounds(self) -> int:
+        """How many of them imitate, the first ones."""
+        return max(1, round(self.imitation_share * self.rounds))
+
+    def ppo_share(self, number: int) -> float:
+        """What share of the rounds in which the policy learns by PPO are done before the round of that number."""
+        first = self.imitation_rounds + CRITIC_ROUNDS
+        return max(0.0, (number - first) / max(1, self.rounds - first))
+
+    @property
     def whole_steps(self) -> int:
         """Environment steps in all."""
         return self.rounds * self.worlds * EPISODE_STEPS
 
 
-def distil(configuration: Distillation, out: Path, tell: Tell = lambda progress: None) -> Policy:
+def train(configuration: AdaptiveTraining, out: Path, tell: Tell = lambda progress: None) -> Policy:
     """Train, and leave ``policy.safetensors`` in a folder that holds no training yet.
 
     Raises:
@@ -103,7 +127,7 @@ def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
     Raises:
         ValueError: when there is none, when it is complete, or when its files are damaged.
     """
-    configuration = stored_distillation(out)
+    configuration = stored_training(out)
     with locked(out):
         learner = _Learner(configuration, out, tell)
         if (out / CHECKPOINT_FILE).exists():
@@ -113,7 +137,7 @@ def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
         return learner.learn()
 
 
-def stored_distillation(out: Path) -> Distillation:
+def stored_training(out: Path) -> AdaptiveTraining:
     """What the training in ``out`` is made of.
 
     Raises:
@@ -123,7 +147,7 @@ def stored_distillation(out: Path) -> Distillation:
     if not path.exists():
         raise ValueError(f"{out} holds no training of an adaptive policy to resume")
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Distillation)
+        return msgspec.json.decode(path.read_bytes(), type=AdaptiveTraining)
     except msgspec.DecodeError as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -131,15 +155,18 @@ def stored_distillation(out: Path) -> Distillation:
 class _Learner:
     """A training as it stands between two rounds."""
 
-    def __init__(self, configuration: Distillation, out: Path, tell: Tell) -> None:
+    def __init__(self, configuration: AdaptiveTraining, out: Path, tell: Tell) -> None:
         self._configuration, self._out, self._tell = configuration, out, tell
         observation_size, action_size = sizes(configuration.environment)
+        torch.set_num_threads(1)  # so that sums keep their order
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(configuration.seed)
             self._network = RecurrentNetwork(
                 observation_size, configuration.memory, configuration.hidden, action_size
             )
+            self._ppo = RecurrentPPO(self._network, observation_size)
         self._normaliser = UpdateNormaliser(observation_of(configuration.environment), discount=0.99)
+        self._rounds = 0
         self._shown: list[Shown] = []
         self._curve: list[CurvePoint] = []
         self._seconds_before, self._began = 0.0, time.monotonic()
@@ -150,9 +177,13 @@ class _Learner:
         try:
             state = torch.load(path, weights_only=True)
             self._network.load_state_dict(state["network"])
+            self._ppo.restore(state["ppo"])
             set_moments(self._normaliser.obs_rms, state["observations"])
+            set_moments(self._normaliser.ret_rms, state["returns"])
             notes: dict[str, Any] = json.loads(state["notes"])
-            self._shown = [load_shown(self._file(number)) for number in range(notes["rounds"])]
+            self._rounds = notes["rounds"]
+            if self._rounds < self._configuration.imitation_rounds:
+                self._shown = [load_shown(self._file(number)) for number in range(self._rounds)]
         except Exception as error:  # torch raises many kinds
             raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
         self._curve = [(steps, reward, success) for steps, reward, success in notes["curve"]]
@@ -162,42 +193,79 @@ class _Learner:
         """Do the rounds that remain, and measure what they led to."""
         configuration, path = self._configuration, self._out / POLICY_FILE
         (self._out / SHOWN_FOLDER).mkdir(exist_ok=True)
-        for number in range(len(self._shown), configuration.rounds):
-            self._round(number)
+        for number in range(self._rounds, configuration.rounds):
+            if number < configuration.imitation_rounds:
+                stage, (rollout, own) = "imitation", self._imitate(number)
+            else:
+                stage, (rollout, own) = "PPO", self._improve(number)
+            self._rounds += 1
+            self._hear(rollout, own)
+            self._save()
+            self._say(f"{stage}, round {number + 1} of {configuration.rounds}")
         self._say(f"measuring, {MEASURED_EPISODES} episodes")
         policy = measure(path, configuration.people, "none", MEASURED_EPISODES)
         shutil.rmtree(self._out / SHOWN_FOLDER)
         return policy
 
-    def _round(self, number: int) -> None:
+    def _imitate(self, number: int) -> tuple[Rollout, NDArray[np.bool_]]:
+        """A round's episodes, and which of them (N,) the policy drove."""
         configuration = self._configuration
         random = np.random.default_rng([configuration.seed, 2, number])
         by_expert = random.random(configuration.worlds) < EXPERT_SHARE**number
-        rollout = roll_out(self._policy(), self._order(number, by_expert))
+        impairment = IMPAIRMENTS[number % len(IMPAIRMENTS)]
+        rollout = roll_out(
+            self._policy(),
+            Order(self._place(impairment), 0, self._episodes(number), by_expert=by_expert),
+        )
         self._normaliser.see(rollout)
         shown = Shown(rollout.observations[:-1], rollout.actions)
         np.savez(self._file(number), **asdict(shown))
         self._shown.append(shown)
-        self._fit(random, last=number == configuration.rounds - 1)
-        self._hear(rollout, ~by_expert)
-        self._save()
-        self._say(f"round {number + 1} of {configuration.rounds}")
+        self._fit(random, last=number == configuration.imitation_rounds - 1)
+        return rollout, ~by_expert
 
-    def _order(self, number: int, by_expert: NDArray[np.bool_]) -> Order:
-        """A round's episodes; those of another seed, round or world are others."""
+    def _improve(self, number: int) -> tuple[Rollout, NDArray[np.bool_]]:
+        """A round's episodes, with chance, all of the policy's own."""
         configuration = self._configuration
-        place = Place(
-            configuration.environment,
-            Carried.of(configuration.people),
-            IMPAIRMENTS[number % len(IMPAIRMENTS)],
-            configuration.threads,
-            "threads",
+        share = configuration.ppo_share(number)
+        deviation = float(np.exp(np.interp(share, (0.0, 1.0), LOG_STD)))
+        policy, episodes = self._policy(deviation), self._episodes(number)
+        worlds = np.array_split(np.arange(configuration.worlds), len(IMPAIRMENTS))
+        orders = [
+            Order(
+                self._place(impairment),
+                int(part[0]),
+                episodes[part],
+                noise=(configuration.seed, number),
+                force_weight_per_n=FORCE_WEIGHT_PER_N,
+            )
+            for impairment, part in zip(IMPAIRMENTS, worlds, strict=True)
+            if len(part)
+        ]
+        rollout = Rollout.joined([roll_out(policy, order) for order in orders])
+        learns = number >= configuration.imitation_rounds + CRITIC_ROUNDS
+        self._ppo.improve(
+            torch.as_tensor(self._normaliser.normalize_obs(rollout.observations)),
+            torch.as_tensor(rollout.actions),
+            torch.as_tensor(self._normaliser.rewards(rollout)),
+            deviation,
+            np.random.default_rng([configuration.seed, 2, number]),
+            PPO_LEARNING_RATE * max(LEFT, 1.0 - share) if learns else 0.0,
         )
-        random = np.random.default_rng([configuration.seed, 1, number])
-        return Order(place, 0, random.integers(2**31, size=configuration.worlds), by_expert=by_expert)
+        return rollout, np.ones(configuration.worlds, bool)
+
+    def _place(self, impairment: str) -> Place:
+        configuration = self._configuration
+        people = Carried.of(configuration.people)
+        return Place(configuration.environment, people, impairment, configuration.threads, "threads")
+
+    def _episodes(self, number: int) -> NDArray[np.int64]:
+        """Seeds (N,) of a round's episodes; those of another seed, round or world are others."""
+        random = np.random.default_rng([self._configuration.seed, 1, number])
+        return random.integers(2**31, size=self._configuration.worlds)
 
     def _fit(self, random: np.random.Generator, *, last: bool) -> None:
-        """Least squares over all episodes so far, at a rate that falls; in the last round longer."""
+        """Least squares over all episodes so far, at a rate that falls; in the last round of imitation longer."""
         observations = torch.as_tensor(
             self._normaliser.normalize_obs(
                 np.concatenate([each.observations for each in self._shown], axis=1)
@@ -210,8 +278,7 @@ class _Learner:
         for _ in range(passes):
             columns = torch.as_tensor(random.integers(actions.shape[1], size=SEQUENCES))
             remembered = None
-            for first in range(0, EPISODE_STEPS, WINDOW):
-                window = slice(first, first + WINDOW)
+            for window in windows():
                 means, remembered = self._network(observations[window, columns], remembered)
                 loss = torch.nn.functional.mse_loss(means, actions[window, columns])
                 optimizer.zero_grad()
@@ -233,12 +300,14 @@ class _Learner:
 
     def _save(self) -> None:
         """Save where the training is, between two rounds, and the policy as it is now."""
-        notes = {"rounds": len(self._shown), "curve": self._curve, "seconds": self._seconds}
+        notes = {"rounds": self._rounds, "curve": self._curve, "seconds": self._seconds}
         buffer = io.BytesIO()
         torch.save(
             {
                 "network": self._network.state_dict(),
+                "ppo": self._ppo.state(),
                 "observations": moments(self._normaliser.obs_rms),
+                "returns": moments(self._normaliser.ret_rms),
                 "notes": json.dumps(notes),
             },
             buffer,
@@ -246,7 +315,7 @@ class _Learner:
         write_whole(self._out / CHECKPOINT_FILE, buffer.getvalue())
         self._policy().save(self._out / POLICY_FILE, overwrite=True)
 
-    def _policy(self) -> Policy:
+    def _policy(self, deviation: float = 0.0) -> Policy:
         configuration = self._configuration
         metadata = PolicyMetadata(
             environment=configuration.environment,
@@ -258,11 +327,11 @@ class _Learner:
             seconds=round(self._seconds, 1),
             curve=thinned(self._curve),
         )
-        return self._network.policy(self._normaliser, metadata)
+        return self._network.policy(self._normaliser, metadata, deviation)
 
     @property
     def _steps(self) -> int:
-        return len(self._shown) * self._configuration.worlds * EPISODE_STEPS
+        return self._rounds * self._configuration.worlds * EPISODE_STEPS
 
     @property
     def _seconds(self) -> float:
