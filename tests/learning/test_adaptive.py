@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from avrgym.policies.trained import PolicyMetadata
 from avrgym.tasks.registry import ENVIRONMENTS, sizes
 
 TINY = AdaptiveTraining(
-    environment="avrgym/ScratchItchJaco-v1", steps=400, seed=4, worlds=1, memory=8, hidden=(8,), threads=1
+    environment="avrgym/ScratchItchJaco-v1", steps=1000, seed=4, worlds=1, memory=8, hidden=(8,), threads=1
 )
 
 
@@ -30,7 +31,7 @@ class CutOffError(Exception):
 def _short(monkeypatch):
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    for name, value in {"MEASURED_EPISODES": 1, "PASSES": 3, "LAST_PASSES": 3}.items():
+    for name, value in {"MEASURED_EPISODES": 1, "PASSES": 3, "LAST_PASSES": 3, "CRITIC_ROUNDS": 1}.items():
         monkeypatch.setattr(adaptive, name, value)
     yield
     torch.set_num_threads(threads)
@@ -43,18 +44,22 @@ def tensors(out: Path) -> bytes:
 
 
 @pytest.mark.slow
-def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(tmp_path):
+@pytest.mark.parametrize("last", [200, 600], ids=["in imitation", "in PPO"])
+def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, tmp_path):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
-    policy = train(TINY, whole)
-    assert policy.metadata.steps == 400
+    training = replace(TINY, imitation_share=0.4)
+    assert (training.rounds, training.imitation_rounds) == (5, 2)
+    policy = train(training, whole)
+    assert policy.metadata.steps == 1000
     assert policy.metadata.measured["episodes"] == 1
+    assert policy.action_deviation == 0.0
 
     def stop(progress):
-        if progress.steps == 200:
+        if progress.steps == last:
             raise CutOffError
 
     with pytest.raises(CutOffError):
-        train(TINY, cut, stop)
+        train(training, cut, stop)
     assert json.loads((cut / "adaptive.json").read_text())["seed"] == 4
     assert (cut / "checkpoint.pt").exists()
     torch.manual_seed(99)
@@ -63,7 +68,15 @@ def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(tmp_path):
     with pytest.raises(ValueError, match="complete"):
         resume(cut)
     with pytest.raises(FileExistsError, match="not empty"):
-        train(TINY, cut)
+        train(training, cut)
+
+
+def test_ppo_follows_imitation_and_ends_with_its_last_round():
+    training = AdaptiveTraining(environment=TINY.environment)
+    first = training.imitation_rounds + adaptive.CRITIC_ROUNDS
+    assert training.imitation_rounds == round(training.imitation_share * training.rounds)
+    assert training.ppo_share(0) == training.ppo_share(first) == 0.0
+    assert 0.9 < training.ppo_share(training.rounds - 1) < 1.0
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)

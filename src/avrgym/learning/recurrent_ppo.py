@@ -120,7 +120,7 @@ class RecurrentPPO:
             loss = -torch.minimum(ratio * gained[window], clipped * gained[window]).mean()
             _step(self._optimizer, self._network, loss)
             remembered = remembered.detach()
-            far.append(float((ratio - 1.0 - change).mean()))
+            far.append(float((ratio - 1.0 - change).mean().detach()))
         return far
 
 
