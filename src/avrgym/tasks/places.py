@@ -80,14 +80,14 @@ def arm_chain(scene: SceneConfig) -> kinematics.Chain:
 
 def mouth(people: People) -> tuple[Array, Array]:
     """Where the mouths (n, 3) and how the heads (n, 4) of seated people are, world frame."""
-    pos_w, q_w = human.body_frames(people)
+    pos_w, q_w = human.body_frames(people, bodies=("head",))
     site = human.layout(people.is_woman, people.torso_height_m).site_pos["mouth"]
     return transforms.compose(pos_w["head"], q_w["head"], site, transforms.IDENTITY_QUATERNION)
 
 
 def right_arm(people: People, posture: Posture) -> Array:
     """Shoulder, elbow and wrist (n, 3, 3) of the people's right arms, world frame."""
-    pos_w, _ = human.body_frames(people, posture)
+    pos_w, _ = human.body_frames(people, posture, human.RIGHT_ARM)
     return namespace(people.torso_height_m).stack([pos_w[name] for name in human.RIGHT_ARM], axis=1)
 
 

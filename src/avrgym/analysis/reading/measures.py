@@ -62,7 +62,7 @@ def other_versions(recording: Recording) -> str:
 
 def head_centres(people: People, posture: Posture) -> Array:
     """The centres (n, 3) of the heads of people in a posture, world frame."""
-    pos_w, q_w = human.body_frames(people, posture)
+    pos_w, q_w = human.body_frames(people, posture, ("head",))
     centre = human.layout(people.is_woman, people.torso_height_m).site_pos["head_centre"]
     return pos_w["head"] + transforms.rotate(q_w["head"], centre)
 

@@ -1,8 +1,8 @@
 """Where every part of N people is: frames of bodies, geoms and sites from measures, posture and joint angles."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,17 +79,42 @@ RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, 
 """In a wheelchair, and in a bed whose backrest is raised by 60° (reference)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Layout:
-    """Frames and sizes of N people, by the names of bodies, geoms and sites without prefix.
+    """Frames and sizes of N people, by the names of bodies, geoms and sites without prefix; made when asked for.
 
-    Each (N, 3), metres; ``body_pos`` in the parent body, ``geom_pos`` and ``site_pos`` in their body.
+    Each (N, 3), metres. Lengths along the body are ``scale`` (N,) times those of the reference's sizes, the arms'
+    ``arm_scale`` times.
     """
 
-    body_pos: Mapping[str, Array]
-    geom_pos: Mapping[str, Array]
-    geom_size: Mapping[str, Array]
-    site_pos: Mapping[str, Array]
+    proportions: Proportions
+    scale: Array
+    arm_scale: Array
+    posture: Posture
+
+    @cached_property
+    def body_pos(self) -> Mapping[str, Array]:
+        """Where each body is in its parent."""
+        return _body_positions(self.proportions, self.scale, self.arm_scale, self.posture)
+
+    @property
+    def geom_pos(self) -> Mapping[str, Array]:
+        """Where each geom is in its body."""
+        return self._geoms[0]
+
+    @property
+    def geom_size(self) -> Mapping[str, Array]:
+        """Radius, half length, 0 of each capsule."""
+        return self._geoms[1]
+
+    @cached_property
+    def site_pos(self) -> Mapping[str, Array]:
+        """Where each site is in its body."""
+        return _sites(self.proportions, self.scale)
+
+    @cached_property
+    def _geoms(self) -> tuple[dict[str, Array], dict[str, Array]]:
+        return _geoms(self.proportions, self.scale, self.arm_scale)
 
 
 def layout(
@@ -103,9 +128,8 @@ def layout(
     Upper arms and forearms are ``arm_scale`` (N,) times as long as that makes them.
     """
     p = proportions_of(is_woman, torso_height_m)
-    h = torso_height_m / p.torso_height
-    arm_h = arm_scale * h
-    return Layout(_body_positions(p, h, arm_h, posture), *_geoms(p, h, arm_h), _sites(p, h))
+    scale = torso_height_m / p.torso_height
+    return Layout(p, scale, arm_scale * scale, posture)
 
 
 def layout_of(people: People, posture: Posture = SEATED) -> Layout:
@@ -239,17 +263,32 @@ def body_rotation(body: str, joint_angles_rad: Array, posture: Posture = SEATED)
     return rotation
 
 
-def body_frames(people: People, posture: Posture = SEATED) -> tuple[dict[str, Array], dict[str, Array]]:
-    """World frames of all bodies of N people: positions (N, 3) and quaternions (N, 4) by body name."""
+def body_frames(
+    people: People, posture: Posture = SEATED, bodies: Sequence[str] = BODIES
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """World frames of bodies of N people and of those that carry them: positions (N, 3), quaternions (N, 4)."""
     local_pos = layout_of(people, posture).body_pos
-    local_q = body_rotations(people.joint_angles_rad, posture)
-    pos_w, q_w = {"hips": local_pos["hips"]}, {"hips": local_q["hips"]}
-    for body, parent in PARENTS.items():
-        if parent is not None:
-            pos_w[body], q_w[body] = transforms.compose(
-                pos_w[parent], q_w[parent], local_pos[body], local_q[body]
-            )
+    pos_w: dict[str, Array] = {}
+    q_w: dict[str, Array] = {}
+    for body in _carrying(bodies):
+        local_q, parent = body_rotation(body, people.joint_angles_rad, posture), PARENTS[body]
+        pos_w[body], q_w[body] = (
+            (local_pos[body], local_q)
+            if parent is None
+            else transforms.compose(pos_w[parent], q_w[parent], local_pos[body], local_q)
+        )
     return pos_w, q_w
+
+
+def _carrying(bodies: Sequence[str]) -> list[str]:
+    """Bodies and those that carry them, whoever carries before whom is carried."""
+    found: set[str] = set()
+    for body in bodies:
+        carrier: str | None = body
+        while carrier is not None:
+            found.add(carrier)
+            carrier = PARENTS[carrier]
+    return [body for body in PARENTS if body in found]
 
 
 _STANDING = Posture(hips_pos_w=(0.0, 0.0, 0.0), hips_deg=0.0, thigh_deg=0.0, shin_deg=0.0)
