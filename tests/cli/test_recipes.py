@@ -25,7 +25,6 @@ def train(*arguments: str | Path) -> Result:
         (["--recipe", "secret"], "allowed: adaptive, paper"),
         (["--recipe", "paper", "--config", "settings.toml"], "leave out --config"),
         (["--recipe", "adaptive", "--people", "revised", "--impairment", "tremor"], "--people, --impairment"),
-        (["--recipe", "adaptive", "--resume", "--steps", "800"], "--resume with --steps"),
     ],
 )
 def test_what_a_recipe_leaves_no_choice_of_is_refused(arguments: list[str], told: str) -> None:

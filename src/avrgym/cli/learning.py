@@ -137,7 +137,6 @@ def train(
                 "--impairment": impairment != "none",
                 "--cluster": cluster is not None,
                 "--engine": engine != THREADS,
-                "--resume with --steps": resume and steps is not None,
             }
             _check_recipe(recipe, of_all | of_adaptive if recipe == ADAPTIVE else of_all)
         if recipe != PAIR and (alternate or own_reward):
@@ -208,6 +207,8 @@ def _train_adaptive(
         configuration = adaptive.stored_training(folder)
         if configuration.environment != env:
             raise ValueError(f"{folder} holds a training of {configuration.environment}, not of {env}")
+        if steps is not None:
+            configuration = adaptive.lengthened(configuration, steps)
     else:
         configuration = adaptive.AdaptiveTraining(environment=env, seed=seed)
         configuration = replace(
@@ -220,7 +221,7 @@ def _train_adaptive(
             bar.show(now.steps, words=f"{env}  {now.stage}{_so_far(now)}")
 
         if resume:
-            adaptive.resume(folder, tell)
+            adaptive.resume(folder, tell, steps)
         else:
             adaptive.train(configuration, folder, tell)
 

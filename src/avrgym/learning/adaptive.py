@@ -18,7 +18,7 @@ import io
 import json
 import shutil
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ from avrgym.learning.measuring import measure
 from avrgym.learning.recurrent import RecurrentNetwork, windows
 from avrgym.learning.recurrent_ppo import RecurrentPPO
 from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
+from avrgym.learning.settings_file import settings_of
 from avrgym.learning.updates import UpdateNormaliser, observation_of
 from avrgym.people.names import IMPAIRMENTS, TRAIN_ZOO
 from avrgym.policies.trained import Policy, PolicyMetadata
@@ -51,7 +52,7 @@ EXPERT_SHARE = 0.7
 """The expert drives all worlds in the first round, and in each later one this share of those of the round before."""
 SEQUENCES = 32
 """Episodes of one step of the optimizer in imitation."""
-PASSES, LAST_PASSES = 40, 300
+PASSES, LAST_PASSES = 40, 1500
 """How many such steps through whole episodes a round of imitation takes, and the last one."""
 LEARNING_RATE, FALL, LAST_FALL = 1e-3, 0.3, 0.01
 """The learning rate of imitation, and the share of it that is left at the end of a round and of the last."""
@@ -76,7 +77,7 @@ class AdaptiveTraining:
 
     environment: str
     people: str = TRAIN_ZOO
-    steps: int = 800_000
+    steps: int = 1_280_000
     imitation_share: float = 0.25
     seed: int = 0
     worlds: int = 64
@@ -117,24 +118,45 @@ def train(configuration: AdaptiveTraining, out: Path, tell: Tell = lambda progre
         raise FileExistsError(f"{out} is not empty; choose another folder, or go on with --resume")
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
-        write_whole(out / FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
+        _store(configuration, out)
         return _Learner(configuration, out, tell).learn()
 
 
-def resume(out: Path, tell: Tell = lambda progress: None) -> Policy:
+def resume(out: Path, tell: Tell = lambda progress: None, steps: int | None = None) -> Policy:
     """Go on with the training in ``out``, to the same weights as if it had never been cut off.
 
+    With more ``steps`` it goes on by PPO, also when it had ended, with the chance and the learning rate of so long a
+    training.
+
     Raises:
-        ValueError: when there is none, when it is complete, or when its files are damaged.
+        ValueError: when there is none, when it is complete, when ``steps`` are fewer than it has, or when its files
+            are damaged.
     """
-    configuration = stored_training(out)
+    stored = stored_training(out)
+    configuration = stored if steps is None else lengthened(stored, steps)
     with locked(out):
         learner = _Learner(configuration, out, tell)
         if (out / CHECKPOINT_FILE).exists():
-            if not (out / SHOWN_FOLDER).exists():
-                raise ValueError(f"the training in {out} is complete")
             learner.restore()
+            if learner.rounds == configuration.rounds and not (out / SHOWN_FOLDER).exists():
+                raise ValueError(f"the training in {out} is complete; --steps with a larger number goes on")
+        if configuration != stored:
+            _store(configuration, out)
         return learner.learn()
+
+
+def lengthened(training: AdaptiveTraining, steps: int) -> AdaptiveTraining:
+    """The training with more steps, as many of them of imitation as before.
+
+    Raises:
+        ValueError: for fewer.
+    """
+    longer = replace(training, steps=steps)
+    if longer.rounds < training.rounds:
+        raise ValueError(
+            f"{steps} steps are fewer than the training's {training.steps}; allowed: those or more"
+        )
+    return replace(longer, imitation_share=training.imitation_rounds / longer.rounds)
 
 
 def stored_training(out: Path) -> AdaptiveTraining:
@@ -152,8 +174,12 @@ def stored_training(out: Path) -> AdaptiveTraining:
         raise ValueError(f"{path}: {error}") from error
 
 
+def _store(training: AdaptiveTraining, out: Path) -> None:
+    write_whole(out / FILE, msgspec.json.format(msgspec.json.encode(asdict(training))))
+
+
 class _Learner:
-    """A training as it stands between two rounds."""
+    """A training as it stands between two rounds; ``rounds`` are done."""
 
     def __init__(self, configuration: AdaptiveTraining, out: Path, tell: Tell) -> None:
         self._configuration, self._out, self._tell = configuration, out, tell
@@ -166,7 +192,7 @@ class _Learner:
             )
             self._ppo = RecurrentPPO(self._network, observation_size)
         self._normaliser = UpdateNormaliser(observation_of(configuration.environment), discount=0.99)
-        self._rounds = 0
+        self.rounds = 0
         self._shown: list[Shown] = []
         self._curve: list[CurvePoint] = []
         self._seconds_before, self._began = 0.0, time.monotonic()
@@ -181,9 +207,9 @@ class _Learner:
             set_moments(self._normaliser.obs_rms, state["observations"])
             set_moments(self._normaliser.ret_rms, state["returns"])
             notes: dict[str, Any] = json.loads(state["notes"])
-            self._rounds = notes["rounds"]
-            if self._rounds < self._configuration.imitation_rounds:
-                self._shown = [load_shown(self._file(number)) for number in range(self._rounds)]
+            self.rounds = notes["rounds"]
+            if self.rounds < self._configuration.imitation_rounds:
+                self._shown = [load_shown(self._file(number)) for number in range(self.rounds)]
         except Exception as error:  # torch raises many kinds
             raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
         self._curve = [(steps, reward, success) for steps, reward, success in notes["curve"]]
@@ -193,12 +219,12 @@ class _Learner:
         """Do the rounds that remain, and measure what they led to."""
         configuration, path = self._configuration, self._out / POLICY_FILE
         (self._out / SHOWN_FOLDER).mkdir(exist_ok=True)
-        for number in range(self._rounds, configuration.rounds):
+        for number in range(self.rounds, configuration.rounds):
             if number < configuration.imitation_rounds:
                 stage, (rollout, own) = "imitation", self._imitate(number)
             else:
                 stage, (rollout, own) = "PPO", self._improve(number)
-            self._rounds += 1
+            self.rounds += 1
             self._hear(rollout, own)
             self._save()
             self._say(f"{stage}, round {number + 1} of {configuration.rounds}")
@@ -238,6 +264,7 @@ class _Learner:
                 episodes[part],
                 noise=(configuration.seed, number),
                 force_weight_per_n=FORCE_WEIGHT_PER_N,
+                detour_weight_per_m=settings_of(configuration.environment).detour_weight_per_m,
             )
             for impairment, part in zip(IMPAIRMENTS, worlds, strict=True)
             if len(part)
@@ -300,7 +327,7 @@ class _Learner:
 
     def _save(self) -> None:
         """Save where the training is, between two rounds, and the policy as it is now."""
-        notes = {"rounds": self._rounds, "curve": self._curve, "seconds": self._seconds}
+        notes = {"rounds": self.rounds, "curve": self._curve, "seconds": self._seconds}
         buffer = io.BytesIO()
         torch.save(
             {
@@ -331,7 +358,7 @@ class _Learner:
 
     @property
     def _steps(self) -> int:
-        return self._rounds * self._configuration.worlds * EPISODE_STEPS
+        return self.rounds * self._configuration.worlds * EPISODE_STEPS
 
     @property
     def _seconds(self) -> float:

@@ -190,7 +190,8 @@ class Policy:
         header = {"format_version": version, **msgspec.to_builtins(self.metadata)}
         if self.metadata.human is None:
             del header["human"]  # files of robots are as they were before there were humans
-        data = safetensors.numpy.save(_tensors(self), {_HEADER: msgspec.json.encode(header).decode()})
+        numbers = {name: _narrowed(array) for name, array in _tensors(self).items()}
+        data = safetensors.numpy.save(numbers, {_HEADER: msgspec.json.encode(header).decode()})
         write_whole(path, data)
 
     @classmethod
@@ -290,6 +291,13 @@ def _tensors(policy: Policy) -> dict[str, np.ndarray]:
         **{f"actor.{layer}.weight": weight for layer, weight in enumerate(policy.weights)},
         **{f"actor.{layer}.bias": bias for layer, bias in enumerate(policy.biases)},
     }
+
+
+def _narrowed(array: np.ndarray) -> np.ndarray:
+    """The same numbers in single precision where that holds them exactly."""
+    with np.errstate(over="ignore"):
+        single = array.astype(np.float32)
+    return single if (single == array).all() else array
 
 
 def _read(file: Any) -> Policy:

@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+pytest.importorskip("stable_baselines3", reason="training is an extra")
+
+import torch
+
+from avrgym.learning.recurrent import RecurrentNetwork
+from avrgym.learning.recurrent_ppo import RecurrentPPO, advantages
+from avrgym.tasks.known import EPISODE_STEPS
+
+WORLDS, DEVIATION = 8, 0.3
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def begun() -> tuple[RecurrentNetwork, RecurrentPPO]:
+    torch.manual_seed(1)
+    network = RecurrentNetwork(3, 8, (8,), 2)
+    return network, RecurrentPPO(network, 3)
+
+
+def update(network: RecurrentNetwork, number: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Episodes whose reward is the higher, the nearer actions come to 0.5."""
+    random = np.random.default_rng(number)
+    observations = torch.as_tensor(
+        random.standard_normal((EPISODE_STEPS + 1, WORLDS, 3)), dtype=torch.float32
+    )
+    with torch.no_grad():
+        means = network(observations[:-1])[0]
+    noise = torch.as_tensor(random.standard_normal(means.shape), dtype=torch.float32)
+    actions = means + DEVIATION * noise
+    return observations, actions, -((actions - 0.5) ** 2).sum(dim=-1)
+
+
+def learn(network: RecurrentNetwork, ppo: RecurrentPPO, number: int, learning_rate: float) -> None:
+    ppo.improve(
+        *update(network, number), DEVIATION, np.random.default_rng(number), learning_rate=learning_rate
+    )
+
+
+def numbers(network: torch.nn.Module) -> list[np.ndarray]:
+    return [parameter.detach().numpy().copy() for parameter in network.parameters()]
+
+
+def test_an_advantage_is_what_was_gained_beyond_what_was_expected():
+    random = np.random.default_rng(2)
+    rewards, values = (torch.as_tensor(random.standard_normal((steps, 4))) for steps in (6, 7))
+    whole = advantages(rewards, values, discount=0.9, gae_lambda=1.0)
+    powers = 0.9 ** torch.arange(7, dtype=torch.float64)
+    returns = [
+        (powers[: 6 - t, None] * rewards[t:]).sum(dim=0) + powers[6 - t] * values[-1] for t in range(6)
+    ]
+    assert_allclose(whole, torch.stack(returns) - values[:-1])
+    one_step = advantages(rewards, values, discount=0.9, gae_lambda=0.0)
+    assert_allclose(one_step, rewards + 0.9 * values[1:] - values[:-1])
+
+
+@pytest.mark.slow
+def test_actions_go_where_the_reward_is():
+    network, ppo = begun()
+    rewards: list[float] = []
+    for number in range(8):
+        rewards.append(float(update(network, number)[2].mean()))
+        learn(network, ppo, number, 3e-3)
+    at_best = -2 * DEVIATION**2
+    assert rewards[-1] - at_best > 0.2 * (rewards[0] - at_best)
+    assert rewards[0] < -0.6
+    assert rewards[-1] > -0.35
+
+
+def test_while_only_the_critic_learns_the_policy_stays_as_it_is():
+    network, ppo = begun()
+    before, state = numbers(network), str(ppo.state()["critic"])
+    learn(network, ppo, 0, 0.0)
+    for now, then in zip(numbers(network), before, strict=True):
+        assert (now == then).all()
+    assert str(ppo.state()["critic"]) != state
+
+
+def test_a_policy_that_has_gone_far_goes_no_farther(monkeypatch):
+    """With a rate this high one epoch is too far already: more of them change nothing."""
+    ends: list[list[np.ndarray]] = []
+    for epochs in (1, 4):
+        monkeypatch.setattr("avrgym.learning.recurrent_ppo.EPOCHS", epochs)
+        network, ppo = begun()
+        learn(network, ppo, 0, 0.05)
+        ends.append(numbers(network))
+    for one, four in zip(*ends, strict=True):
+        assert (one == four).all()
