@@ -11,7 +11,7 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 import torch
 
 from avrgym.learning import adaptive
-from avrgym.learning.adaptive import AdaptiveTraining, resume, train
+from avrgym.learning.adaptive import AdaptiveTraining, lengthened, resume, stored_training, train
 from avrgym.learning.recurrent import RecurrentNetwork
 from avrgym.learning.updates import UpdateNormaliser, observation_of
 from avrgym.policies.actors import Actor
@@ -77,6 +77,27 @@ def test_ppo_follows_imitation_and_ends_with_its_last_round():
     assert training.imitation_rounds == round(training.imitation_share * training.rounds)
     assert training.ppo_share(0) == training.ppo_share(first) == 0.0
     assert 0.9 < training.ppo_share(training.rounds - 1) < 1.0
+
+
+@pytest.mark.parametrize("rounds", [1, 2, 25, 63])
+def test_a_longer_training_imitates_as_long(rounds):
+    training = replace(TINY, steps=200 * rounds, imitation_share=0.25)
+    for more in (0, 1, 10, 100):
+        longer = lengthened(training, 200 * (rounds + more))
+        assert (longer.rounds, longer.imitation_rounds) == (rounds + more, training.imitation_rounds)
+    with pytest.raises(ValueError, match="fewer than the training's"):
+        lengthened(training, 200 * rounds - 200)
+
+
+@pytest.mark.slow
+def test_a_training_that_has_ended_goes_on_with_more_steps(tmp_path):
+    out = tmp_path / "out"
+    train(replace(TINY, steps=400, imitation_share=0.5), out)
+    before = tensors(out)
+    policy = resume(out, steps=800)
+    assert policy.metadata.steps == stored_training(out).steps == 800
+    assert stored_training(out).imitation_rounds == 1
+    assert tensors(out) != before
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
