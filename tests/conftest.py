@@ -1,5 +1,6 @@
 """What several test files share."""
 
+import gc
 import resource
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,20 +18,29 @@ if TYPE_CHECKING:
 
 
 LONG = (
-    "test_browser_sessions.py",
+    "test_session.py",
     "test_every_environment.py",
-    "test_study_journey.py",
-    "test_training.py",
-    "test_browser.py",
-    "test_study_simulate.py",
-    "test_envs.py",
+    "test_server.py",
+    "test_mixed_session.py",
+    "test_figures_of_policies.py",
+    "test_study_merge.py",
+    "test_study_store.py",
+    "test_analysis_bad_input.py",
+    "test_webxr.py",
+    "test_starts.py",
 )
-"""Files that take a minute or more come first, so that no process is left alone with one at the end."""
+"""The longest files come first, so that no process is left alone with one at the end."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put long files first, browsers and computations in turn."""
+    """Put long files first."""
     items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
+
+
+def pytest_collection_finish() -> None:
+    """Have no garbage collection look at what is loaded anyway: it is most of a test's objects."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

@@ -235,8 +235,8 @@ def test_its_python_runs(page: str, lab: Path) -> None:
     run_page(page, lab, only="python")
 
 
-def test_the_controller_s_python_runs_and_drives(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(lab)
+def test_the_controller_s_python_runs_and_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     mine, export = (text for language, text in blocks(DOCS / "add_a_controller.md") if language == "python")
     Path("mine.py").write_text(mine)
     _run(["avrgym", "evaluate", "avrgym/FeedingJaco-v1", "--policy", "mine:Reach", "--episodes", "20"])

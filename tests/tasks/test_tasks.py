@@ -20,7 +20,9 @@ from avrgym.tasks.training_settings import TrainingSettings
 FEEDING = TASKS["Feeding"]
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "Drinking" else name for name in TASKS]
+)
 def test_every_task_does_what_its_record_says(name):
     check_task(name)
 

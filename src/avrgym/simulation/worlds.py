@@ -1,7 +1,9 @@
 """N worlds of one scene, stepped together by an engine."""
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import mujoco
@@ -45,6 +47,21 @@ MAX_LEAD_RAD = 0.08
 
 PARKING_W = np.array([4.0, 4.0, 0.1])
 """Where particles stay that have left the task: far from everything, weightless, so that they touch nothing."""
+
+
+@lru_cache(maxsize=16)
+def _compiled(
+    scene: SceneConfig, moving: bool, gives_way: bool, by_region: bool, gliding: bool
+) -> mujoco.MjModel:
+    """The scene's model, see ``Simulation``; whoever would change it copies it."""
+    spec = build_spec(scene, Person(), moving=moving, appearance=False)
+    if gives_way:
+        yielding.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
+    if by_region:
+        add_region_sensors(spec, scene)
+    if gliding:
+        human.let_targets_glide(spec)
+    return spec.compile()
 
 
 class Simulation:
@@ -92,14 +109,7 @@ class Simulation:
         self.num_worlds = num_worlds
         self.moving = moving
         self._gliding = gliding
-        spec = build_spec(scene, Person(), moving=moving, appearance=False)
-        if gives_way:
-            yielding.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
-        if by_region:
-            add_region_sensors(spec, scene)
-        if gliding:
-            human.let_targets_glide(spec)
-        self.model = spec.compile()
+        self.model = copy(_compiled(scene, moving, gives_way, by_region, gliding))
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
         return_large_blocks()
         engine_model = without_idle_parts(self.model)
