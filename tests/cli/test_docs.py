@@ -56,7 +56,7 @@ def test_the_readme_names_every_command():
     assert [command for command in commands if f"`avrgym {command}" not in README] == []
 
 
-@pytest.mark.parametrize("kind", ["original", "revised"])
+@pytest.mark.parametrize("kind", ["original", "revised", "adaptive"])
 def test_the_page_of_the_policies_says_what_their_files_say(kind):
     tables = runpy.run_path(str(ROOT / "scripts" / "figures" / "policy_tables.py"))
     page = (ROOT / "docs" / "policies.md").read_text().splitlines()
@@ -67,6 +67,12 @@ def test_the_page_of_the_policies_says_what_was_trained_like_for_like():
     tables = runpy.run_path(str(ROOT / "scripts" / "figures" / "like_for_like.py"))
     page = (ROOT / "docs" / "policies.md").read_text().splitlines()
     assert [row for row in tables["table"]() if row not in page] == []
+
+
+def test_the_page_of_the_policies_says_how_those_that_remember_do_with_whom():
+    tables = runpy.run_path(str(ROOT / "scripts" / "figures" / "partners.py"))
+    page = (ROOT / "docs" / "policies.md").read_text().splitlines()
+    assert [row for row in tables["table"]("adaptive") if row not in page] == []
 
 
 def test_the_page_of_the_zoo_says_who_lives_there():

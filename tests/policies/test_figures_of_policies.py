@@ -11,11 +11,10 @@ from avrgym.tasks.registry import ENVIRONMENTS
 from places import ROOT
 
 MEASURING = runpy.run_path(str(ROOT / "scripts" / "figures" / "measure_policies.py"))
-KINDS = ("original", "revised")
+PACKAGED = [(environment, kind) for environment in ENVIRONMENTS for kind in packaged_policies(environment)]
 
 
-@pytest.mark.parametrize("environment", ENVIRONMENTS)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("environment", "kind"), PACKAGED)
 def test_the_first_episodes_return(environment: str, kind: str) -> None:
     """The same bits where the C library rounds as where they were measured, and nearly the same elsewhere."""
     metadata = Policy.load(packaged_policies(environment)[kind]).metadata

@@ -110,3 +110,14 @@ def go_before_all(seconds: float) -> None:
 def test_an_unknown_environment_is_named() -> None:
     with pytest.raises(ValueError, match="unknown environment 'avrgym/Flying-v1'"):
         measure_vr("avrgym/Flying-v1", 1.0)
+
+
+def _leave_at_once(*_: object) -> None:
+    """A client's process that ends before the trial."""
+
+
+@pytest.mark.slow
+def test_a_client_that_ends_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(measuring, "run_client", _leave_at_once)
+    with pytest.raises(RuntimeError, match="the client ended in phase waiting"):
+        measure_vr("avrgym/FeedingJaco-v1", 60.0)

@@ -47,6 +47,7 @@ details { border-top: 1px solid var(--rule); padding: .4rem 0; }
 summary { cursor: pointer; }
 nav a { margin-right: 1rem; }
 .figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(20rem, 100%), 1fr)); gap: 1rem; }
+.pairs { grid-template-columns: repeat(auto-fit, minmax(min(26rem, 100%), 1fr)); }
 figure { margin: 0; max-width: 40rem; }
 figure svg, figure img { display: block; width: 100%; height: auto; }
 figure img { border-radius: .3rem; }

@@ -193,7 +193,7 @@ def _what_happened(recordings: list[tuple[Path, Recording]], drawn: Mapping[Path
         _happened(number, recording, drawn.get(path))
         for number, (path, recording) in enumerate(recordings, start=1)
     ]
-    return tag("section", tag("h2", "What happened"), tag("div", *happened, class_="figures"))
+    return tag("section", tag("h2", "What happened"), tag("div", *happened, class_="figures pairs"))
 
 
 def _happened(number: int, recording: Recording, picture: Markup | None) -> Markup:

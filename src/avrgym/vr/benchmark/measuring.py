@@ -214,10 +214,14 @@ def _attend(server: LiveServer[Session], seconds: float) -> Trips:
     )
     with undisturbed():
         client.start()
+    there.close()  # so that its end is noticed here
     try:
         if not here.poll(seconds + PATIENCE_S):
             raise RuntimeError(f"the trial does not end; the session is in phase {server.session.phase}")
         return here.recv()
+    except EOFError:
+        phase = server.session.phase
+        raise RuntimeError(f"the client ended in phase {phase}, before the trial; its error is above") from None
     finally:
         client.terminate()
         client.join()
