@@ -23,10 +23,7 @@ EPISODES, SEED = 300, 0
 GROUPS = {
     "participants": ("participants", "none"),
     "zoo/unseen": ("zoo/unseen", "none"),
-    "zoo/train": ("zoo/train", "none"),
     "revised": ("revised", "none"),
-    "limits": ("revised", "limits"),
-    "weakness": ("revised", "weakness"),
     "tremor": ("revised", "tremor"),
 }
 """Whom policies meet, people and impairment, by the names of columns."""

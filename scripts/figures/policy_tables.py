@@ -85,5 +85,7 @@ if __name__ == "__main__":
     elif sys.argv[1:] == ["settings"]:
         lines = settings_table()
     else:
-        lines = (line for kind in ("original", "revised", "adaptive") for line in ("", kind, *packaged_table(kind)))
+        lines = (
+            line for kind in ("original", "revised", "adaptive") for line in ("", kind, *packaged_table(kind))
+        )
     print("\n".join(lines))

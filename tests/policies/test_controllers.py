@@ -231,7 +231,7 @@ def test_a_failure_ends_an_evaluation_in_one_line() -> None:
         ("bad_controllers:unmakeable", "cannot be made (FileNotFoundError: weights.bin)"),
         ("bad_controllers:READY.chance.x", "has no attribute 'chance'"),
         ("operator", "nobody can drive the robot here"),
-        ("nobody", "allowed: original, revised, oracle, random, zero, "),
+        ("nobody", "allowed: adaptive, original, revised, oracle, random, zero, "),
         ("nobody.onnx", "no policy 'nobody.onnx'"),
     ],
 )  # fmt: skip

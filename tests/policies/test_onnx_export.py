@@ -20,10 +20,11 @@ ENVIRONMENT = "avrgym/FeedingJaco-v1"
 @pytest.mark.parametrize(
     "environment", sorted(environment for environment in ENVIRONMENTS if environment.startswith("avrgym/"))
 )
-def test_every_packaged_policy_acts_the_same_to_a_millionth(environment: str) -> None:
-    for name in packaged_policies(environment):
-        policy = find(name, environment)
-        assert isinstance(policy, Policy)
+def test_every_packaged_policy_without_memory_acts_the_same_to_a_millionth(environment: str) -> None:
+    found = [find(name, environment) for name in packaged_policies(environment)]
+    without = [policy for policy in found if isinstance(policy, Policy) and policy.memory is None]
+    assert len(without) == 2
+    for policy in without:
         session = onnxruntime.InferenceSession(
             onnx_model(policy).SerializeToString(), providers=["CPUExecutionProvider"]
         )

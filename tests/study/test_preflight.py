@@ -62,7 +62,7 @@ def test_own_policies_that_fit_are_fine(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "where", "words"),
     [
-        ({"policies": '["original", "revisd"]'}, "policy revisd", "allowed: original, revised, oracle, "),
+        ({"policies": '["original", "revisd"]'}, "policy revisd", "original, revised, oracle, "),
         ({"practice_policy": '"revisd"'}, "policy revisd", "revisd/FeedingJaco.safetensors in its folder"),
         ({"policies": '["mine"]'}, "policy mine", "no policy 'mine' for avrgym/FeedingJaco-v1"),
         ({"tasks": '["Feding"]'}, "study.toml:14", "unknown name 'Feding'; allowed: Feeding, Drinking"),

@@ -184,7 +184,9 @@ def test_a_policy_that_is_still_missing_is_noted(tmp_path: Path, monkeypatch: py
     with Store(folder) as store:
         (finding,) = check_study(store)
         assert (finding.where, finding.wrong) == ("policy mine", True)
-        assert "no policy 'mine' for avrgym/FeedingJaco-v1; allowed: original, revised" in finding.what
+        assert (
+            "no policy 'mine' for avrgym/FeedingJaco-v1; allowed: adaptive, original, revised" in finding.what
+        )
         own = folder / "mine" / "FeedingJaco.safetensors"
         own.parent.mkdir()
         shutil.copy(packaged_policies("avrgym/FeedingJaco-v1")["original"], own)

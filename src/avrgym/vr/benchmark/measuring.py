@@ -221,7 +221,9 @@ def _attend(server: LiveServer[Session], seconds: float) -> Trips:
         return here.recv()
     except EOFError:
         phase = server.session.phase
-        raise RuntimeError(f"the client ended in phase {phase}, before the trial; its error is above") from None
+        raise RuntimeError(
+            f"the client ended in phase {phase}, before the trial; its error is above"
+        ) from None
     finally:
         client.terminate()
         client.join()
