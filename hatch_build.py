@@ -18,6 +18,10 @@ ASSETS = (
         for robot in ("Jaco", "PR2")
         for people in ("original", "revised")
     ),
+    *(
+        f"assets/policies/{environment}-adaptive.safetensors"
+        for environment in ("FeedingJaco", "FeedingPR2", "DrinkingJaco", "BedBathingJaco", "BedBathingPR2")
+    ),
     "assets/study.toml",
 )
 
