@@ -32,8 +32,8 @@ from avrgym.learning.course import CHECKPOINT_FILE, POLICY_FILE, CurvePoint, Pro
 from avrgym.learning.exporting import git_commit, thinned
 from avrgym.learning.imitation import Shown, load_shown
 from avrgym.learning.measuring import measure
-from avrgym.learning.recurrent import RecurrentNetwork, windows
-from avrgym.learning.recurrent_ppo import RecurrentPPO
+from avrgym.learning.recurrent import RecurrentNetwork, fit
+from avrgym.learning.recurrent_ppo import DISCOUNT, RecurrentPPO
 from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
 from avrgym.learning.settings_file import settings_of
 from avrgym.learning.updates import UpdateNormaliser, observation_of
@@ -191,7 +191,7 @@ class _Learner:
                 observation_size, configuration.memory, configuration.hidden, action_size
             )
             self._ppo = RecurrentPPO(self._network, observation_size)
-        self._normaliser = UpdateNormaliser(observation_of(configuration.environment), discount=0.99)
+        self._normaliser = UpdateNormaliser(observation_of(configuration.environment), DISCOUNT)
         self.rounds = 0
         self._shown: list[Shown] = []
         self._curve: list[CurvePoint] = []
@@ -304,15 +304,7 @@ class _Learner:
         rate = torch.optim.lr_scheduler.ExponentialLR(optimizer, fall ** (1.0 / passes))
         for _ in range(passes):
             columns = torch.as_tensor(random.integers(actions.shape[1], size=SEQUENCES))
-            remembered = None
-            for window in windows():
-                means, remembered = self._network(observations[window, columns], remembered)
-                loss = torch.nn.functional.mse_loss(means, actions[window, columns])
-                optimizer.zero_grad()
-                loss.backward()
-                torch.nn.utils.clip_grad_norm_(self._network.parameters(), GRADIENT_NORM)
-                optimizer.step()
-                remembered = remembered.detach()
+            fit(self._network, optimizer, observations[:, columns], actions[:, columns], GRADIENT_NORM)
             rate.step()
 
     def _hear(self, rollout: Rollout, own: NDArray[np.bool_]) -> None:

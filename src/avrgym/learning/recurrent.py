@@ -62,5 +62,28 @@ def windows() -> Iterator[slice]:
     return (slice(first, first + WINDOW) for first in range(0, EPISODE_STEPS, WINDOW))
 
 
+def fit(
+    network: RecurrentNetwork,
+    optimizer: torch.optim.Optimizer,
+    observations: Tensor,
+    targets: Tensor,
+    gradient_norm: float,
+) -> None:
+    """Bring what a network says of whole episodes, (T, n, O), nearer to targets (T, n, A), by least squares."""
+    remembered = None
+    for window in windows():
+        said, remembered = network(observations[window], remembered)
+        step(optimizer, network, nn.functional.mse_loss(said, targets[window]), gradient_norm)
+        remembered = remembered.detach()
+
+
+def step(optimizer: torch.optim.Optimizer, network: nn.Module, loss: Tensor, gradient_norm: float) -> None:
+    """Take a step down a loss; a gradient longer than given is shortened to that."""
+    optimizer.zero_grad()
+    loss.backward()
+    nn.utils.clip_grad_norm_(network.parameters(), gradient_norm)
+    optimizer.step()
+
+
 def _array(tensor: Any) -> Any:
     return tensor.detach().numpy()

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from avrgym.learning.recurrent import RecurrentNetwork, windows
+from avrgym.learning.recurrent import RecurrentNetwork, fit, step, windows
 
 DISCOUNT, GAE_LAMBDA = 0.99, 0.95
 CLIP_RANGE = 0.2
@@ -82,30 +82,22 @@ class RecurrentPPO:
         returns = gained + values[:-1]
         gained = (gained - gained.mean()) / (gained.std() + 1e-8)
         learns = learning_rate > 0.0
+        worlds = rewards.shape[1]
         for _ in range(EPOCHS):
             far: list[float] = []
-            for columns in np.array_split(
-                random.permutation(rewards.shape[1]), _minibatches(rewards.shape[1])
-            ):
+            for columns in np.array_split(random.permutation(worlds), -(-worlds // SEQUENCES)):
                 chosen = torch.as_tensor(columns)
-                self._fit_critic(observations[:-1, chosen], returns[:, chosen])
+                seen, wanted = observations[:-1, chosen], returns[:, chosen, None]
+                fit(self._critic, self._critic_optimizer, seen, wanted, GRADIENT_NORM)
                 if learns:
                     far += self._fit_policy(
-                        observations[:-1, chosen],
+                        seen,
                         actions[:, chosen],
                         before[:, chosen],
                         gained[:, chosen],
                         deviation,
                     )
             learns = learns and float(np.mean(far)) <= FARTHEST
-
-    def _fit_critic(self, observations: Tensor, returns: Tensor) -> None:
-        remembered = None
-        for window in windows():
-            values, remembered = self._critic(observations[window], remembered)
-            loss = nn.functional.mse_loss(values[..., 0], returns[window])
-            _step(self._critic_optimizer, self._critic, loss)
-            remembered = remembered.detach()
 
     def _fit_policy(
         self, observations: Tensor, actions: Tensor, before: Tensor, gained: Tensor, deviation: float
@@ -118,7 +110,7 @@ class RecurrentPPO:
             ratio = change.exp()
             clipped = ratio.clamp(1.0 - CLIP_RANGE, 1.0 + CLIP_RANGE)
             loss = -torch.minimum(ratio * gained[window], clipped * gained[window]).mean()
-            _step(self._optimizer, self._network, loss)
+            step(self._optimizer, self._network, loss, GRADIENT_NORM)
             remembered = remembered.detach()
             far.append(float((ratio - 1.0 - change).mean().detach()))
         return far
@@ -140,17 +132,6 @@ def advantages(
     return gained
 
 
-def _minibatches(worlds: int) -> int:
-    return -(-worlds // SEQUENCES)
-
-
 def _log_chance(means: Tensor, actions: Tensor, deviation: float) -> Tensor:
     """Logarithm of the actions' chance, up to a constant, (T, N)."""
     return -0.5 * (((actions - means) / deviation) ** 2).sum(dim=-1)
-
-
-def _step(optimizer: torch.optim.Optimizer, network: nn.Module, loss: Tensor) -> None:
-    optimizer.zero_grad()
-    loss.backward()
-    nn.utils.clip_grad_norm_(network.parameters(), GRADIENT_NORM)
-    optimizer.step()
