@@ -18,6 +18,8 @@ from avrgym.policies.actors import Actor
 from avrgym.policies.trained import PolicyMetadata
 from avrgym.tasks.registry import ENVIRONMENTS, sizes
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 TINY = AdaptiveTraining(
     environment="avrgym/ScratchItchJaco-v1", steps=1000, seed=4, worlds=1, memory=8, hidden=(8,), threads=1
 )
@@ -29,12 +31,8 @@ class CutOffError(Exception):
 
 @pytest.fixture(autouse=True)
 def _short(monkeypatch):
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
     for name, value in {"MEASURED_EPISODES": 1, "PASSES": 3, "LAST_PASSES": 3, "CRITIC_ROUNDS": 1}.items():
         monkeypatch.setattr(adaptive, name, value)
-    yield
-    torch.set_num_threads(threads)
 
 
 def tensors(out: Path) -> bytes:

@@ -32,6 +32,8 @@ from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, sizes
 from networks import network, saved
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"
 WORLDS = 2
 UPDATE = WORLDS * EPISODE_STEPS
@@ -51,14 +53,6 @@ PAIR = TrainingConfiguration(
 LONG = replace(
     PAIR, steps=5 * UPDATE, imitation_rounds=1, critic_updates=0, hard_share=0.5, pairing=Pairing(alternate=1)
 )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(autouse=True)

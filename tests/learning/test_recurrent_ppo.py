@@ -10,15 +10,9 @@ from avrgym.learning.recurrent import RecurrentNetwork
 from avrgym.learning.recurrent_ppo import RecurrentPPO, advantages
 from avrgym.tasks.known import EPISODE_STEPS
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 WORLDS, DEVIATION = 8, 0.3
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def begun() -> tuple[RecurrentNetwork, RecurrentPPO]:

@@ -37,6 +37,8 @@ from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.scratch_itch.detour import around_arm_m
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 FEEDING = "avrgym/FeedingJaco-v1"
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 WORLDS = 3
@@ -57,14 +59,6 @@ LONG = replace(
     TINY, people="revised", impairment="none", steps=4 * UPDATE, imitation_rounds=2, imitation_share=0.5
 )
 HARD = replace(TINY, steps=3 * UPDATE, hard_share=0.5)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")
