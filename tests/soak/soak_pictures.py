@@ -109,9 +109,10 @@ class Photographer(BrowserAttendance):
         return self._phase[0] in PICTURED_AFTER_S and self._picture not in self.taken
 
     def _frame(self) -> Any:
-        if self._phase[0] != "check":
-            return self._participant.frame(self._time.now_s(), moving=self._phase[0] != "calibration")
-        return self._participant.frame_of(self._participant._rest_rad + LOOKING_DOWN_RAD, self._time.now_s())
+        name, now_s = self._phase[0], self._time.now_s()
+        if name != "check":
+            return self._participant.frame(now_s, moving=name != "calibration", watching=name == "trial")
+        return self._participant.frame_of(self._participant._rest_rad + LOOKING_DOWN_RAD, now_s)
 
     def _take_picture(self, now_s: float) -> None:
         if now_s - self._phase_began > PICTURED_AFTER_S.get(self._phase[0], np.inf):

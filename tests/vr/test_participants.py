@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from avrgym.models import human
 from avrgym.models.furniture.real import RealFurniture
@@ -151,6 +152,29 @@ def test_who_moves_moves_like_a_person() -> None:
         travelled_m = np.ptp(heads, axis=0).max()
         assert 0.002 < travelled_m < 0.15
         assert np.abs(np.diff(heads, axis=0)).max() / 0.05 < 0.2
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_who_watches_turns_to_the_arm_that_is_served_and_back(environment: str) -> None:
+    someone = participant(2)
+    someone.take_place(environment)
+    turned = [
+        degrees_off_the_right_hand(someone.frame(0.1 * step, moving=False, watching=10 <= step < 30))
+        for step in range(50)
+    ]
+    offers_arm = TASKS[find_environment(environment)[0]].offered == "arm"
+    assert (turned[20] < 35.0) == offers_arm
+    assert_allclose(turned[40:], turned[0], atol=1e-9)
+    assert np.abs(np.diff(turned)).max() < 8.0
+
+
+def degrees_off_the_right_hand(frame: Tracking) -> float:
+    """Between where the headset points and where the right controller is."""
+    assert frame.head is not None
+    assert frame.right is not None
+    ahead = Rotation.from_quat(frame.head.orientation).apply([0.0, 0.0, -1.0])
+    there = np.subtract(frame.right.position, frame.head.position)
+    return float(np.degrees(np.arccos(ahead @ there / np.linalg.norm(there))))
 
 
 def test_the_same_seed_gives_the_same_participant() -> None:

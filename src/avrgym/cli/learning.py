@@ -83,8 +83,8 @@ def train(
     recipe: Annotated[
         str | None,
         typer.Option(
-            help="How; without it by imitation, then PPO. adaptive: a policy that remembers, from the task's expert "
-            "with zoo/train and each impairment in turn. paper: PPO alone, ten million steps. pair: robot and human "
+            help="How; without it by imitation, then PPO. adaptive: a policy that remembers, in the same two stages, "
+            "with zoo/train and every impairment. paper: PPO alone, ten million steps. pair: robot and human "
             "together; the human has the bodies of the people.",
         ),
     ] = None,

@@ -208,7 +208,7 @@ class BrowserAttendance:
 
     def _act(self, question: dict[str, Any] | None, now_s: float) -> None:
         name, _ = self._phase
-        frame = self._participant.frame(now_s, moving=name != "calibration")
+        frame = self._participant.frame(now_s, moving=name != "calibration", watching=name == "trial")
         self._headset.set_poses(frame, right=question is None and name != "confirm")
         self._take_picture(now_s)
         rests = name in ("headset", "calibration", "check", "ready", "paused")

@@ -35,6 +35,10 @@ Array = NDArray[np.float64]
 PARTICIPANTS = DISTRIBUTIONS["participants"]
 TREMOR_HZ = 5.0
 """As simulated people tremble elsewhere, whose joints' targets alternate every 0.1 s."""
+LOOKING_AT_ARM_RAD = human.joint_angles(head_x=35.0, head_z=-40.0) - human.joint_angles(
+    head_x=0.0, head_z=0.0
+)
+"""How far the head turns to see the right arm, (20,), within a second."""
 LENIENCY, NOISE = 0.08, 0.1
 """Standard deviations, between participants and from answer to answer, as shares of a scale."""
 
@@ -150,6 +154,7 @@ class SimulatedParticipant:
         self._chance = np.random.default_rng([seed, 2]).random((1, 4))
         self._chance_of_actions = np.random.default_rng([seed, 3])
         self._sequence = -1
+        self._turned = self._turned_s = 0.0
         self._bodies: list[str] = []
         self._environment = ""
         self._offered: behaviour.Offered = "mouth"
@@ -249,9 +254,18 @@ class SimulatedParticipant:
         arm = np.stack([bodies[human.PREFIX + part][:3] for part in human.RIGHT_ARM])
         return _Sight(bodies[TOOL][None, :3], head_centre, mouth, arm[None])
 
-    def frame(self, time_s: float, *, moving: bool) -> Tracking:
-        """The tracking frame at a time: at rest and still, or swaying and reacting when ``moving``."""
-        return self.frame_of(self._joint_angles(time_s, moving), time_s)
+    def frame(self, time_s: float, *, moving: bool, watching: bool = False) -> Tracking:
+        """The tracking frame at a time: at rest and still, or swaying and reacting when ``moving``.
+
+        Who is ``watching`` looks at their arm, if that is what they offer to the robot.
+        """
+        angles, way_s = self._joint_angles(time_s, moving), time_s - self._turned_s
+        wanted = float(watching and self._offered == "arm")
+        self._turned += float(np.clip(wanted - self._turned, -way_s, way_s))
+        self._turned_s = time_s
+        if self._turned:
+            angles = self._possible((angles + self._turned * LOOKING_AT_ARM_RAD)[None])[0]
+        return self.frame_of(angles, time_s)
 
     def frame_of(self, joint_angles_rad: Array, time_s: float) -> Tracking:
         """The tracking frame of a pose, joint angles (20,)."""
