@@ -8,17 +8,22 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from accessibility import violations
+from avrgym.recording.questionnaire import LIKERT_ITEMS, Item
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
-from journey import PATIENCE_S, await_that
+from journey import PATIENCE_S, SEATING, await_that
 from visit import ENVIRONMENT, driving
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 
 ENDLESS = 100_000
+QUESTIONS = (LIKERT_ITEMS[0], Item("line", "How hard was it?", points=21, low="very low", high="very high"))
+SIZES = [(390, 844), (1280, 720)]
+"""A phone's and a computer's, pixels."""
 
 
 @pytest.fixture
@@ -71,14 +76,61 @@ def test_a_press_stops_the_robot_and_nobody_speaks_of_triggers(
     assert [event.by for event in observed if isinstance(event, events.Stopped)] == ["participant"]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_axe_finds_nothing_while_the_robot_helps_and_while_others_watch(
+    size: tuple[int, int], sessions: Callable[..., LiveServer], browser: Browser
+) -> None:
+    server = sessions(trial_steps=ENDLESS)
+    page = opened_page(browser, server.url, *size)
+    page.get_by_role("button", name="Play without a headset").wait_for()
+    found = {"waiting": violations(page)}
+    play(page, server)
+    stop = page.get_by_role("button", name="Stop the robot")
+    stop.wait_for()
+    found["trial"] = violations(page)
+    stop.dispatch_event("pointerdown")
+    page.get_by_text("Choose Go on to repeat the trial").wait_for()
+    found["paused"] = violations(page)
+    page.close()
+    for role, token in (("experimenter", server.tokens.experimenter), ("spectator", server.tokens.spectator)):
+        watching = opened_page(browser, server.urls("spectator", token)[0], *size)
+        watching.get_by_role("main").wait_for()
+        found[role] = violations(watching)
+        watching.close()
+    assert found == {state: [] for state in found}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_axe_finds_nothing_while_questions_are_answered(
+    size: tuple[int, int], sessions: Callable[..., LiveServer], browser: Browser
+) -> None:
+    server = sessions(trial_steps=5, items=QUESTIONS)
+    page = opened_page(browser, server.url, *size)
+    play(page, server)
+    page.get_by_text(QUESTIONS[0].text).wait_for()
+    found = {"buttons": violations(page)}
+    page.keyboard.press("7")
+    page.get_by_text(QUESTIONS[1].text).wait_for()
+    found["line"] = violations(page)
+    page.keyboard.press("End")
+    page.get_by_role("button", name="Take this answer").click()
+    page.get_by_role("button", name="Done").wait_for()
+    found["confirm"] = violations(page)
+    page.get_by_role("button", name="Done").click()
+    page.get_by_text("That was all").wait_for()
+    found["finished"] = violations(page)
+    assert found == {state: [] for state in found}
+
+
 def play(page: Page, server: LiveServer) -> None:
-    """Take part without a headset until the robot moves."""
+    """Take part without a headset, until measured and seated."""
     assert page.get_by_role("main").count() == page.get_by_role("region", name="The scene").count() == 1
     page.get_by_role("button", name="Play without a headset").click()
     page.get_by_text("Then choose Go on").wait_for()
-    while server.session.phase in ("calibration", "loading", "check"):
+    while server.session.phase in SEATING:
         if page.get_by_role("button", name="Go on").is_visible():
             page.keyboard.press("Enter")
         page.wait_for_timeout(300.0)
-    await_that(lambda: server.session.phase == "trial")
     assert "trigger" not in page.inner_text("body").lower()
