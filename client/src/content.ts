@@ -48,6 +48,7 @@ export class Content {
   private readonly swings: Swing[] = [];
   private readonly copies: Copies[] = [];
   private readonly heads: Material[] = [];
+  private readonly faded = new Map<Material, Material>();
   readonly surfaces: Surfaces;
 
   constructor(
@@ -98,7 +99,7 @@ export class Content {
   /** GLTFLoader renames nodes, so that only their `extras` tell what they are. */
   private take(node: Object3D): void {
     const { body, swing, parent, bodies, skin_of: skinOf } = node.userData as Record<string, unknown>;
-    if (String(body).startsWith(ROBOT) || Array.isArray(bodies)) fadeAll(node);
+    if (String(body).startsWith(ROBOT) || Array.isArray(bodies)) fadeAll(node, this.faded);
     if (typeof body === "string") this.follow(node, body);
     if (typeof swing === "string") this.swing(node, swing, String(parent));
     if (Array.isArray(bodies) && node instanceof Mesh) this.copy(node, bodies.map(String));
@@ -186,10 +187,18 @@ function materialsOf(mesh: Mesh): Material[] {
   return Array.isArray(mesh.material) ? mesh.material : [mesh.material];
 }
 
-/** Lets all below a node fade near the eyes. */
-function fadeAll(node: Object3D): void {
+/** Lets all below a node fade near the eyes; `faded` are the materials that do, by those without. */
+function fadeAll(node: Object3D, faded: Map<Material, Material>): void {
   node.traverse((part) => {
-    if (part instanceof Mesh) fadeNearEyes(ownMaterial(part));
+    if (!(part instanceof Mesh)) return;
+    const [plain] = materialsOf(part);
+    const known = faded.get(plain!);
+    if (known) part.material = known;
+    else {
+      const own = ownMaterial(part);
+      fadeNearEyes(own);
+      faded.set(plain!, own);
+    }
   });
 }
 

@@ -17,4 +17,5 @@ export function fadeNearEyes(material: Material): void {
   material.onBeforeCompile = (shader) => {
     shader.fragmentShader = shader.fragmentShader.replace(AFTER, AFTER + FADE);
   };
+  material.customProgramCacheKey = () => FADE;
 }

@@ -3,6 +3,7 @@
 # trimesh's functions: their types are known only in part.
 # pyright: reportUnknownMemberType=false
 
+from functools import lru_cache
 from typing import cast
 
 import mujoco
@@ -35,14 +36,19 @@ def pose_matrix(pos: Array, q: Array) -> Array:
 
 
 def _unplaced_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
-    size = model.geom_size[geom]
     kind = mujoco.mjtGeom(model.geom_type[geom])
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         return _asset_mesh(model, int(model.geom_dataid[geom]))
+    return _shape(kind, *model.geom_size[geom].tolist())
+
+
+@lru_cache(maxsize=512)
+def _shape(kind: mujoco.mjtGeom, *size: float) -> trimesh.Trimesh:
+    """A shape of MuJoCo's, by its sizes, made once for all scenes of this process."""
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return _flat(trimesh.creation.box(extents=2.0 * size))
+        return _flat(trimesh.creation.box(extents=2.0 * np.array(size)))
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return _cylinder(float(size[0]), float(size[1]))
+        return _cylinder(size[0], size[1])
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
         return trimesh.creation.capsule(radius=size[0], height=2.0 * size[1], count=(10, 10))
     ball = trimesh.creation.icosphere(subdivisions=2)

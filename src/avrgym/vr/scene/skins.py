@@ -125,15 +125,24 @@ def closed(skin: Skin, other: Skin) -> Skin:
 
 def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
     """The edges (E, 2) at which a skin ends and another goes on, in the direction of the skin's own triangles."""
-    together = np.concatenate([skin.vertices, other.vertices])
-    own_place, other_place = np.split(_places(together), [len(skin.vertices)])
-    places, vertices = np.unique(own_place, return_index=True)
-    own, others = _edges(own_place[skin.faces]), _edges(other_place[other.faces])
+    near, others_near = _near(skin.vertices, other.vertices), _near(other.vertices, skin.vertices)
+    if not near.any() or not others_near.any():
+        return np.zeros((0, 2), np.int64)
+    together = np.concatenate([skin.vertices[near], other.vertices[others_near]])
+    own_place, other_place = np.split(_places(together), [np.count_nonzero(near)])
+    places, first = np.unique(own_place, return_index=True)
+    own, others = own_place[_edges(skin.faces, near)], other_place[_edges(other.faces, others_near)]
     turned = _edge_numbers(own[:, ::-1], len(together))
     goes_on = np.isin(turned, _edge_numbers(others, len(together)))
     ends = ~np.isin(turned, _edge_numbers(own, len(together)))
     rim = np.unique(own[goes_on & ends], axis=0)
-    return vertices[np.searchsorted(places, rim)]
+    return np.flatnonzero(near)[first[np.searchsorted(places, rim)]]
+
+
+def _near(points: Array, others: Array) -> NDArray[np.bool_]:
+    """Which of some points (V, 3) may lie together with one of others (W, 3): those in the box around them."""
+    low, high = others.min(axis=0) - TOGETHER_M, others.max(axis=0) + TOGETHER_M
+    return ((points >= low) & (points <= high)).all(axis=1)
 
 
 def _places(points: Array) -> NDArray[np.int64]:
@@ -144,9 +153,10 @@ def _places(points: Array) -> NDArray[np.int64]:
     return np.unique(cells, return_inverse=True)[1]
 
 
-def _edges(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The edges (E, 2) of triangles, each in its triangle's direction."""
-    return faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+def _edges(faces: NDArray[np.int64], chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The edges (E, 2) of triangles, each in its triangle's direction, between chosen vertices, by their numbers."""
+    edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    return (np.cumsum(chosen) - 1)[edges[chosen[edges].all(axis=1)]]
 
 
 def _edge_numbers(edges: NDArray[np.int64], places: int) -> NDArray[np.int64]:
