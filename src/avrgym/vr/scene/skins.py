@@ -153,7 +153,7 @@ def _places(points: Array) -> NDArray[np.int64]:
     return np.unique(cells, return_inverse=True)[1]
 
 
-def _edges(faces: NDArray[np.int64], chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _edges(faces: NDArray[np.integer[Any]], chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
     """The edges (E, 2) of triangles, each in its triangle's direction, between chosen vertices, by their numbers."""
     edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     return (np.cumsum(chosen) - 1)[edges[chosen[edges].all(axis=1)]]
