@@ -170,7 +170,9 @@ class Warp:
             self._model = self._mujoco_warp.put_model(model, dict.fromkeys(varying, self._num_worlds))
         self._model.opt.contact_sensor_maxmatch = SENSOR_CONTACTS
         self._model.opt.warn_overflow = 0
-        self._model.callback.contactfilter = import_module("avrgym.simulation.engines.falling_impedance").fix
+        self._model.callback.contactfilter = import_module(
+            "avrgym.simulation.engines.contact_corrections"
+        ).correct
         self._varying = {name: self._warp.to_torch(getattr(self._model, name)) for name in varying}
 
     def _made(self, model: mujoco.MjModel, num_worlds: int) -> Any:

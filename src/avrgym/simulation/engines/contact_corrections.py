@@ -1,0 +1,78 @@
+"""What MuJoCo Warp 4.0 makes of contacts otherwise than MuJoCo, corrected before constraints are made of them.
+
+Of two geoms with different priorities, all that a contact is like is that of the higher one. Warp mixes their stiffness
+and damping nevertheless where either is given directly (``solref`` below zero): it takes the lesser number of both. So
+each such contact gets those of the geom with the higher priority, as the washcloth's on skin.
+
+MuJoCo's impedance goes from its first to its last value whichever is larger: people give way ever more, see
+``models.yielding``. Warp holds it between the two as if the last were the larger, which makes of ours the last from the
+first touch on. So each contact whose impedance falls gets the one that MuJoCo computes at its depth as a constant, and
+stiffness and damping that make the same of it.
+"""
+
+# Warp's own language, and a package that is there only with the extra ``gpu``.
+# pyright: basic, reportMissingImports=false, reportInvalidTypeForm=false
+
+from typing import Any
+
+import warp as wp
+
+Five = wp.types.vector(length=5, dtype=wp.float32)
+
+
+@wp.kernel(enable_backward=False)
+def _correct(
+    count: wp.array(dtype=int),
+    world: wp.array(dtype=int),
+    geoms: wp.array(dtype=wp.vec2i),
+    distance: wp.array(dtype=float),
+    margin: wp.array(dtype=float),
+    priority: wp.array(dtype=int),
+    stiffness_damping_of_geom: wp.array2d(dtype=wp.vec2),
+    stiffness_damping: wp.array(dtype=wp.vec2),
+    impedance: wp.array(dtype=Five),
+):
+    contact = wp.tid()
+    if contact >= count[0]:
+        return
+    given = stiffness_damping[contact]
+    row = world[contact] % stiffness_damping_of_geom.shape[0]
+    one, other = geoms[contact][0], geoms[contact][1]
+    if priority[one] > priority[other]:
+        given = stiffness_damping_of_geom[row, one]
+    elif priority[other] > priority[one]:
+        given = stiffness_damping_of_geom[row, other]
+    at = impedance[contact]
+    first, last, middle, power = at[0], at[1], at[3], at[4]
+    if first > last and given[0] <= 0.0 and given[1] <= 0.0:
+        share = wp.clamp(wp.abs(distance[contact] - margin[contact]) / at[2], 0.0, 1.0)
+        gone = 0.0
+        if share <= middle:
+            gone = middle * wp.pow(share / middle, power)
+        else:
+            gone = 1.0 - (1.0 - middle) * wp.pow((1.0 - share) / (1.0 - middle), power)
+        now = first + gone * (last - first)
+        ratio = now / last
+        impedance[contact] = Five(now, now, at[2], middle, power)
+        given = wp.vec2(given[0] * ratio * ratio, given[1] * ratio)
+    stiffness_damping[contact] = given
+
+
+def correct(model: Any, data: Any) -> None:
+    """A contact filter: it changes contacts and leaves out none."""
+    contact = data.contact
+    wp.launch(
+        _correct,
+        dim=data.naconmax,
+        inputs=[
+            data.nacon,
+            contact.worldid,
+            contact.geom,
+            contact.dist,
+            contact.includemargin,
+            model.geom_priority,
+            model.geom_solref,
+            contact.solref,
+            contact.solimp,
+        ],
+    )
