@@ -24,9 +24,9 @@ GROUPS = {
     "participants": ("participants", "none"),
     "zoo/unseen": ("zoo/unseen", "none"),
     "revised": ("revised", "none"),
-    "tremor": ("revised", "tremor"),
+    **{impairment: ("participants", impairment) for impairment in ("limits", "weakness", "tremor")},
 }
-"""Whom policies meet, people and impairment, by the names of columns."""
+"""Whom policies meet, people and impairment, by the names of columns; impaired are people who move."""
 FIGURES_FILE = Path(__file__).with_suffix(".json")
 FIGURES = (
     "episodes", "stream", "success_rate", "success_ci95", "reward_mean", "force_mean_newton", "episodes_over_limit",
