@@ -45,6 +45,7 @@ def crowded_state(rng: np.random.Generator, joints: int, particles: int) -> Stat
     velocity = {name: rng.normal(size=(WORLDS, 3)) for name in ("effector", "tool")}
     fallen = np.where(rng.random((WORLDS, particles, 1)) < 0.3, [0.0, 0.0, 1.0], 0.0)
     ends = around(rng, len(GEOMS), 2, spread=0.3)
+    ends[:, 0, 1] = ends[:, 0, 0]  # a ball
     return State(
         robot_pos_w=around(rng),
         arm_angles_rad=rng.uniform(-3.0, 3.0, (WORLDS, joints)),
@@ -135,7 +136,9 @@ def test_single_precision_stays_single(situation: tuple[str, State, Any, Any]) -
     environment, *given = situation
     result, reward, observation, *_ = step(environment, *single(tensors(tuple(given))))
     assert {each.dtype for each in (reward, observation, *result.terms.values())} == {torch.float32}
-    assert_allclose(observation, step(environment, *given)[2], rtol=1e-5, atol=1e-5)
+    wanted, _, seen, *_ = step(environment, *given)
+    assert_allclose(observation, seen, rtol=1e-5, atol=1e-5)
+    assert_allclose(result.distance_m, wanted.distance_m, rtol=1e-5, atol=1e-5)
 
 
 def lives(

@@ -67,7 +67,7 @@ def _closest_share(start: Array, along: Array, half: Array) -> Array:
     of these shares that follow each other, and one step of Newton's method from between them finds it.
     """
     xp = namespace(start)
-    moving = xp.where(xp.abs(along) > VANISHING, along, VANISHING)
+    moving = xp.where(xp.abs(along) > _vanishing(along), along, _vanishing(along))
     middle, reach = -start / moving, half / xp.abs(moving)
     enter, leave, weight = middle - reach, middle + reach, along * along
     shares = _clamp(xp.concat([enter, leave]), 0.0, 1.0)
@@ -84,11 +84,13 @@ def _closest_share(start: Array, along: Array, half: Array) -> Array:
 def _share(numerator: Array, denominator: Array) -> Array:
     """Their ratio clamped to 0 … 1; 0 where the denominator vanishes."""
     xp = namespace(numerator)
-    usable = xp.abs(denominator) > VANISHING
+    usable = xp.abs(denominator) > _vanishing(denominator)
     return _clamp(numerator / xp.where(usable, denominator, np.inf), 0.0, 1.0)
 
 
-VANISHING = 1e-100
+def _vanishing(x: Array) -> float:
+    """What counts as zero: its inverse is still a number of that precision."""
+    return 1e-100 if x.dtype == namespace(x).float64 else 1e-30
 
 
 def _clamp(x: Array, low: Array | float, high: Array | float) -> Array:
