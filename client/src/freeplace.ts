@@ -12,9 +12,7 @@ const DISTANCES_M = [1.25, 1.4, 1.1, 1];
 export const FARTHEST_M = Math.max(...DISTANCES_M);
 const ELEVATIONS = [-5, 8, 20, 32].map((angle) => angle * DEGREE);
 const TURNS = [0, -15, 15, -30, 30, -45, 45, -60, 60].map((angle) => angle * DEGREE);
-/** Below where the head points is where eyes rest. */
-const BELOW = 5 * DEGREE;
-/** What the eyes have to move up or down counts more than what they have to move aside. */
+/** What the eyes have to move up counts more than what they have to move aside. */
 const UP_COSTS = 1.5;
 /** Room that is left behind and around. */
 const MARGIN_M = 0.06;
@@ -29,24 +27,21 @@ interface Candidate {
 
 const CANDIDATES: Candidate[] = DISTANCES_M.flatMap((distance) =>
   ELEVATIONS.flatMap((elevation) => TURNS.map((turn) => ({ distance, turn, elevation }))),
-);
+).sort((a, b) => effort(a) - effort(b));
 
-function effort({ distance, turn, elevation }: Candidate, resting: number): number {
-  return Math.abs(turn) + UP_COSTS * Math.abs(elevation - resting) + 0.01 * DISTANCES_M.indexOf(distance);
+function effort({ distance, turn, elevation }: Candidate): number {
+  return Math.abs(turn) + UP_COSTS * Math.abs(elevation - ELEVATIONS[0]!) + 0.01 * DISTANCES_M.indexOf(distance);
 }
 
 /**
  * Where a panel that faces the eyes has nothing before it, in it or close behind it: its middle.
  *
- * The place is as near as it can be to where the head points, `forward`, but not lower than for who sits upright: who
- * lies looks up, who looks at their hands will look up again. Where none is free, it is the one that least is in the way
- * of. `points` are x, y, z of what stands around, densely enough that the panel slips through nowhere.
+ * The place is as nearly straight ahead as it can be; where none is free, it is the one that least is in the way of.
+ * `forward` is level; `points` are x, y, z of what stands around, densely enough that the panel slips through nowhere.
  */
 export function freePlace(eyes: Vector3, forward: Vector3, points: Float32Array, half: HalfSize): Vector3 {
-  const resting = Math.max(Math.asin(forward.y / forward.length()), 0) - BELOW;
-  const candidates = [...CANDIDATES].sort((a, b) => effort(a, resting) - effort(b, resting));
-  let [best, least] = [candidates[0]!, Infinity];
-  for (const candidate of candidates) {
+  let [best, least] = [CANDIDATES[0]!, Infinity];
+  for (const candidate of CANDIDATES) {
     const count = inTheWay(eyes, axesOf(candidate, forward), candidate.distance, points, half);
     if (count < least) [best, least] = [candidate, count];
     if (least === 0) break;
