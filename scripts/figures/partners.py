@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 
 from avrgym.learning.evaluation import evaluate_all
+from avrgym.people.names import IMPAIRMENTS
 from avrgym.policies.trained import packaged_policies
 from avrgym.system.files import write_whole
 from avrgym.tasks.registry import ENVIRONMENTS
@@ -24,7 +25,7 @@ GROUPS = {
     "participants": ("participants", "none"),
     "zoo/unseen": ("zoo/unseen", "none"),
     "revised": ("revised", "none"),
-    **{impairment: ("participants", impairment) for impairment in ("limits", "weakness", "tremor")},
+    **{impairment: ("participants", impairment) for impairment in IMPAIRMENTS if impairment != "none"},
 }
 """Whom policies meet, people and impairment, by the names of columns; impaired are people who move."""
 FIGURES_FILE = Path(__file__).with_suffix(".json")

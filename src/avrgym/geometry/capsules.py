@@ -67,7 +67,8 @@ def _closest_share(start: Array, along: Array, half: Array) -> Array:
     of these shares that follow each other, and one step of Newton's method from between them finds it.
     """
     xp = namespace(start)
-    moving = xp.where(xp.abs(along) > _vanishing(along), along, _vanishing(along))
+    least = _vanishing(along)
+    moving = xp.where(xp.abs(along) > least, along, least)
     middle, reach = -start / moving, half / xp.abs(moving)
     enter, leave, weight = middle - reach, middle + reach, along * along
     shares = _clamp(xp.concat([enter, leave]), 0.0, 1.0)
