@@ -25,6 +25,8 @@ def train(*arguments: str | Path) -> Result:
         (["--recipe", "secret"], "allowed: adaptive, paper"),
         (["--recipe", "paper", "--config", "settings.toml"], "leave out --config"),
         (["--recipe", "adaptive", "--people", "revised", "--impairment", "tremor"], "--people, --impairment"),
+        (["--recipe", "paper", "--teacher", "revised"], "--teacher goes with a new training"),
+        (["--recipe", "adaptive", "--teacher", "nobody", "--worlds", "1"], "no policy 'nobody'"),
     ],
 )
 def test_what_a_recipe_leaves_no_choice_of_is_refused(arguments: list[str], told: str) -> None:

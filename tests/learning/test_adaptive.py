@@ -13,9 +13,15 @@ import torch
 from avrgym.learning import adaptive
 from avrgym.learning.adaptive import AdaptiveTraining, lengthened, resume, stored_training, train
 from avrgym.learning.recurrent import RecurrentNetwork
+from avrgym.learning.rollouts import Order, Place, roll_out
 from avrgym.learning.updates import UpdateNormaliser, observation_of
+from avrgym.models.body_regions import TRANSIENT_LIMIT_N
+from avrgym.models.scene import SUBSTEPS
 from avrgym.policies.actors import Actor
-from avrgym.policies.trained import PolicyMetadata
+from avrgym.policies.trained import Policy, PolicyMetadata, packaged_policies
+from avrgym.simulation.region_forces import RegionWatch
+from avrgym.system.carried import Carried
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, sizes
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -35,6 +41,10 @@ def _short(monkeypatch):
         monkeypatch.setattr(adaptive, name, value)
 
 
+def packaged(environment: str, kind: str) -> Policy:
+    return Policy.load(packaged_policies(environment)[kind])
+
+
 def tensors(out: Path) -> bytes:
     """A policy's numbers; its header says how long it took."""
     data = (out / "policy.safetensors").read_bytes()
@@ -42,10 +52,14 @@ def tensors(out: Path) -> bytes:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("last", [200, 600], ids=["in imitation", "in PPO"])
-def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, tmp_path):
+@pytest.mark.parametrize(
+    ("last", "teacher"),
+    [(200, None), (600, None), (200, "revised")],
+    ids=["in imitation", "in PPO", "in imitation of a policy"],
+)
+def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, teacher, tmp_path):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
-    training = replace(TINY, imitation_share=0.4)
+    training = replace(TINY, imitation_share=0.4, teacher=teacher)
     assert (training.rounds, training.imitation_rounds) == (5, 2)
     policy = train(training, whole)
     assert policy.metadata.steps == 1000
@@ -121,6 +135,56 @@ def test_windows_begin_where_the_one_before_ended():
         first, remembered = network(observations[:10])
         second, _ = network(observations[10:], remembered)
     assert_allclose(torch.cat([first, second]).numpy(), whole.numpy(), atol=1e-6)
+
+
+def test_what_is_shown_is_what_the_teacher_would_do():
+    environment = "avrgym/ScratchItchJaco-v1"
+    teacher = packaged(environment, "revised")
+    training = replace(TINY, environment=environment, worlds=2)
+    place = Place(environment, Carried.of(training.people), "none", 1, "threads")
+    learner = packaged(environment, "original")
+    by_expert = np.array([True, False])
+    shown = roll_out(learner, Order(place, 0, np.arange(2), by_expert=by_expert, teacher=teacher))
+    for seen, done in zip(shown.observations[:-1], shown.actions, strict=True):
+        assert_allclose(done, np.clip(Actor(teacher, 2).mean(seen), -1.0, 1.0), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"), [("nobody", "allowed"), ("oracle", "allowed"), ("original", "trained for")]
+)
+def test_whoever_cannot_teach_is_refused_before_anything_is_written(name, told, tmp_path):
+    wrong = tmp_path / "PR2.safetensors"
+    packaged("avrgym/ScratchItchPR2-v1", "original").save(wrong)
+    teacher = str(wrong) if name == "original" else name
+    with pytest.raises(ValueError, match=told):
+        train(replace(TINY, teacher=teacher), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_overload_costs_by_the_highest_share_of_a_limit(monkeypatch):
+    environment, steps, seeds = "avrgym/FeedingPR2-v1", 40, [0, 1, 2]
+    monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", steps)
+    policy = packaged(environment, "revised")
+    place = Place(environment, Carried.of("participants"), "none", 1, "threads")
+    orders = [Order(place, 0, np.array(seeds), overload_weight=weight) for weight in (0.0, 1.0, 3.0)]
+    free, once, thrice = (roll_out(policy, order) for order in orders)
+    assert free.observations.tobytes() == once.observations.tobytes()
+    cost = free.rewards - once.rewards
+    assert_allclose(free.rewards - thrice.rewards, 3.0 * cost, atol=1e-4)
+
+    worlds = Episodes(environment, len(seeds), distribution="participants", by_region=True, num_threads=1)
+    watch, actor = RegionWatch(len(seeds)), Actor(policy, len(seeds))
+    seen = worlds.begin(np.arange(len(seeds)), [np.random.default_rng(seed) for seed in seeds])
+    for _ in range(steps):
+        action = np.clip(actor.mean(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
+        worlds.command(action)
+        for _ in range(SUBSTEPS):
+            worlds.simulation.step(1)
+            watch.add(worlds.simulation.region_force_n())
+        seen = worlds.evaluate_step(action).observation
+    peak_share = (watch.loads().peak_n / TRANSIENT_LIMIT_N).max(axis=-1)
+    assert peak_share.max() > 0.5
+    assert_allclose(cost.max(axis=0), np.maximum(2.0 * peak_share - 1.0, 0.0), atol=1e-4)
 
 
 def test_a_folder_without_training_is_refused(tmp_path):

@@ -88,6 +88,12 @@ def train(
             "together; the human has the bodies of the people.",
         ),
     ] = None,
+    teacher: Annotated[
+        str | None,
+        typer.Option(
+            help="With --recipe adaptive: a policy to imitate, by its name or file, in place of the task's expert."
+        ),
+    ] = None,
     alternate: Annotated[
         int,
         typer.Option(
@@ -141,6 +147,8 @@ def train(
             _check_recipe(recipe, of_all | of_adaptive if recipe == ADAPTIVE else of_all)
         if recipe != PAIR and (alternate or own_reward):
             raise ValueError(f"--alternate and --own-reward go with --recipe {PAIR}")
+        if teacher is not None and (recipe != ADAPTIVE or resume):
+            raise ValueError(f"--teacher goes with a new training by --recipe {ADAPTIVE}")
         if resume and (alternate or own_reward):
             raise ValueError("a pair goes on as it began; --resume goes without --alternate and --own-reward")
         if resume and config is not None:
@@ -160,7 +168,7 @@ def train(
         training = _training()
         if recipe == ADAPTIVE:
             folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{recipe}-{seed}"
-            _train_adaptive(env, steps, seed, worlds, folder, resume=resume)
+            _train_adaptive(env, steps, seed, worlds, teacher, folder, resume=resume)
             say(f"policy    {folder / training.POLICY_FILE}")
             return
         folder = out or Path("runs") / _run_name(env, people, impairment, recipe, seed)
@@ -198,7 +206,14 @@ def _check_recipe(recipe: str, others: dict[str, bool]) -> None:
 
 
 def _train_adaptive(
-    env: str, steps: int | None, seed: int, worlds: int | None, folder: Path, *, resume: bool
+    env: str,
+    steps: int | None,
+    seed: int,
+    worlds: int | None,
+    teacher: str | None,
+    folder: Path,
+    *,
+    resume: bool,
 ) -> None:
     """Train by the recipe ``ADAPTIVE``."""
     from avrgym.learning import adaptive
@@ -210,7 +225,7 @@ def _train_adaptive(
         if steps is not None:
             configuration = adaptive.lengthened(configuration, steps)
     else:
-        configuration = adaptive.AdaptiveTraining(environment=env, seed=seed)
+        configuration = adaptive.AdaptiveTraining(environment=env, seed=seed, teacher=teacher)
         configuration = replace(
             configuration, steps=steps or configuration.steps, worlds=worlds or configuration.worlds
         )

@@ -4,7 +4,9 @@ First it learns from the task's reactive expert, which knows where the person is
 sees observations only, and learns by dataset aggregation (Ross, Gordon, Bagnell, AISTATS 2011, algorithm 3.1) to do as
 the expert does: whatever observations do not say, such as how somebody moves, it has to remember (Chen et al.,
 "Learning by cheating", CoRL 2019). Then it goes on by PPO, on the task's reward less a little for each newton.
-Its partners are those of ``zoo/train``: in imitation with each impairment in turn, in PPO with all of them at once.
+Its partners are those of ``zoo/train``: in imitation with each impairment in turn, in PPO with all of them at once, and
+there Revised people beside them, who never come to meet a tool. Where the expert's ways are too sudden to be learned, a
+policy may be the teacher in its place.
 Gradients go back through 50 control steps at most (Williams and Peng, Neural Computation 2, 1990: truncated
 backpropagation).
 
@@ -37,7 +39,8 @@ from avrgym.learning.recurrent_ppo import DISCOUNT, RecurrentPPO
 from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
 from avrgym.learning.settings_file import settings_of
 from avrgym.learning.updates import UpdateNormaliser, observation_of
-from avrgym.people.names import IMPAIRMENTS, TRAIN_ZOO
+from avrgym.people.names import IMPAIRMENTS, REVISED, TRAIN_ZOO
+from avrgym.policies import registry
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.carried import Carried
 from avrgym.system.files import write_whole
@@ -62,17 +65,23 @@ CRITIC_ROUNDS = 4
 """Rounds after imitation in which only the critic learns, which does not know yet what the policy is worth."""
 LOG_STD = -2.3, -3.0
 """Logarithm of how random actions are at the beginning and the end of PPO; the finished policy acts without chance."""
-PPO_LEARNING_RATE, LEFT = 3e-5, 0.02
+PPO_LEARNING_RATE, LEFT = 1e-4, 0.02
 """PPO's learning rate, and the share of it that is left at the end."""
 FORCE_WEIGHT_PER_N = 0.02
 """What each newton on the person takes off a step's reward in PPO, beyond the task's own."""
+OVERLOAD_WEIGHT = 5.0
+"""What a step's reward loses in PPO where a region of the body bears its transient limit, see ``rollouts.Order``."""
+STILL = (REVISED, "none")
+"""Partners in PPO beside those of the zoo, people and impairment: they stay as they were found."""
+TEACHER_FILE = "teacher.safetensors"
+"""The policy that is learned from, where it is not the task's expert."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AdaptiveTraining:
     """What is trained where: ``steps`` environment steps in all, whole rounds of an episode in each world.
 
-    ``imitation_share`` of the rounds imitate.
+    ``imitation_share`` of the rounds imitate: the task's reactive expert, or ``teacher``, a policy by its name or file.
     """
 
     environment: str
@@ -84,6 +93,7 @@ class AdaptiveTraining:
     memory: int = 128
     hidden: tuple[int, ...] = (128, 128)
     threads: int = 0
+    teacher: str | None = None
 
     @property
     def rounds(self) -> int:
@@ -110,14 +120,17 @@ def train(configuration: AdaptiveTraining, out: Path, tell: Tell = lambda progre
     """Train, and leave ``policy.safetensors`` in a folder that holds no training yet.
 
     Raises:
-        ValueError: for an unknown environment, naming what there is.
+        ValueError: for an unknown environment or teacher, naming what there is, and for a teacher of another one.
         FileExistsError: when ``out`` already holds a training.
     """
     find_environment(configuration.environment)
+    teacher = _find_teacher(configuration)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise FileExistsError(f"{out} is not empty; choose another folder, or go on with --resume")
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
+        if teacher is not None:
+            teacher.save(out / TEACHER_FILE)
         _store(configuration, out)
         return _Learner(configuration, out, tell).learn()
 
@@ -174,6 +187,16 @@ def stored_training(out: Path) -> AdaptiveTraining:
         raise ValueError(f"{path}: {error}") from error
 
 
+def _find_teacher(training: AdaptiveTraining) -> Policy | None:
+    """The policy that is learned from, where one is named."""
+    if training.teacher is None:
+        return None
+    teacher = registry.find(training.teacher, training.environment)
+    if not isinstance(teacher, Policy):
+        raise ValueError(f"{training.teacher!r} cannot teach; allowed: a trained policy, by its name or file")
+    return teacher
+
+
 def _store(training: AdaptiveTraining, out: Path) -> None:
     write_whole(out / FILE, msgspec.json.format(msgspec.json.encode(asdict(training))))
 
@@ -192,6 +215,8 @@ class _Learner:
             )
             self._ppo = RecurrentPPO(self._network, observation_size)
         self._normaliser = UpdateNormaliser(observation_of(configuration.environment), DISCOUNT)
+        taught = configuration.teacher is not None
+        self._teacher = Policy.load(out / TEACHER_FILE) if taught else None
         self.rounds = 0
         self._shown: list[Shown] = []
         self._curve: list[CurvePoint] = []
@@ -239,10 +264,14 @@ class _Learner:
         random = np.random.default_rng([configuration.seed, 2, number])
         by_expert = random.random(configuration.worlds) < EXPERT_SHARE**number
         impairment = IMPAIRMENTS[number % len(IMPAIRMENTS)]
-        rollout = roll_out(
-            self._policy(),
-            Order(self._place(impairment), 0, self._episodes(number), by_expert=by_expert),
+        order = Order(
+            self._place(configuration.people, impairment),
+            0,
+            self._episodes(number),
+            by_expert=by_expert,
+            teacher=self._teacher,
         )
+        rollout = roll_out(self._policy(), order)
         self._normaliser.see(rollout)
         shown = Shown(rollout.observations[:-1], rollout.actions)
         np.savez(self._file(number), **asdict(shown))
@@ -256,17 +285,19 @@ class _Learner:
         share = configuration.ppo_share(number)
         deviation = float(np.exp(np.interp(share, (0.0, 1.0), LOG_STD)))
         policy, episodes = self._policy(deviation), self._episodes(number)
-        worlds = np.array_split(np.arange(configuration.worlds), len(IMPAIRMENTS))
+        partners = [*((configuration.people, impairment) for impairment in IMPAIRMENTS), STILL]
+        worlds = np.array_split(np.arange(configuration.worlds), len(partners))
         orders = [
             Order(
-                self._place(impairment),
+                self._place(*partner),
                 int(part[0]),
                 episodes[part],
                 noise=(configuration.seed, number),
                 force_weight_per_n=FORCE_WEIGHT_PER_N,
+                overload_weight=OVERLOAD_WEIGHT,
                 detour_weight_per_m=settings_of(configuration.environment).detour_weight_per_m,
             )
-            for impairment, part in zip(IMPAIRMENTS, worlds, strict=True)
+            for partner, part in zip(partners, worlds, strict=True)
             if len(part)
         ]
         rollout = Rollout.joined([roll_out(policy, order) for order in orders])
@@ -281,10 +312,11 @@ class _Learner:
         )
         return rollout, np.ones(configuration.worlds, bool)
 
-    def _place(self, impairment: str) -> Place:
+    def _place(self, people: str, impairment: str) -> Place:
         configuration = self._configuration
-        people = Carried.of(configuration.people)
-        return Place(configuration.environment, people, impairment, configuration.threads, "threads")
+        return Place(
+            configuration.environment, Carried.of(people), impairment, configuration.threads, "threads"
+        )
 
     def _episodes(self, number: int) -> NDArray[np.int64]:
         """Seeds (N,) of a round's episodes; those of another seed, round or world are others."""

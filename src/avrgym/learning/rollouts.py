@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry.arrays import brought, namespace, on_host
+from avrgym.models.body_regions import TRANSIENT_LIMIT_N
+from avrgym.models.scene import SUBSTEPS
 from avrgym.policies.actors import Actor, ActorThere
 from avrgym.policies.trained import Policy
 from avrgym.system.carried import Carried
@@ -53,7 +55,10 @@ class Order:
         noise: what the actions' chance is drawn from, beside the world's number; without it there is none.
         by_expert: (n,) which worlds an expert drives, see ``_expert_for``; it then says in all of them what it would
             do. Experts compute on the host only.
+        teacher: a policy that is the expert, in place of the task's own; it acts without chance.
         force_weight_per_n: what each newton on the person takes off a step's reward.
+        overload_weight: what it takes off a step's reward when a region of the body bears its transient limit in any
+            physics step; from half the limit on evenly, and above it more. Measured on the host only.
         detour_weight_per_m: what each metre of a detour that the tool has to make to its goal takes off, but for an
             episode's last step.
         shared_reward: whether a human who acts beside the robot is rewarded as the robot is, see
@@ -65,7 +70,9 @@ class Order:
     episodes: NDArray[np.int64]
     noise: tuple[int, int] | None = None
     by_expert: Bools | None = None
+    teacher: Policy | None = None
     force_weight_per_n: float = 0.0
+    overload_weight: float = 0.0
     detour_weight_per_m: float = 0.0
     shared_reward: bool = True
 
@@ -125,13 +132,14 @@ def roll_out_all(policies: Sequence[Policy], order: Order) -> list[Rollout]:
         RuntimeError, ValueError: where episodes on a device are worth nothing, see ``Episodes.check``.
     """
     count = len(order.episodes)
-    worlds = worlds_of(order.place, count, steered=len(policies) > 1)
+    by_region = order.overload_weight > 0.0
+    worlds = worlds_of(order.place, count, steered=len(policies) > 1, by_region=by_region)
     generators = [np.random.default_rng(int(seed)) for seed in order.episodes]
     first = worlds.begin(np.arange(count), generators)
     xp: Any = namespace(first)
     robot = _Agent(policies[0], NOISE_STREAMS[0], order, first)
     humans = [_Agent(policy, NOISE_STREAMS[1], order, worlds.observe_as_human()) for policy in policies[1:]]
-    expert = None if order.by_expert is None else _expert_for(policies[0], worlds)
+    expert = None if order.by_expert is None else _expert_for(policies[0], order, worlds)
     returns = force_n = xp.zeros(count, dtype=xp.float64, device=first.device)
     success: Any = None
     for number in range(EPISODE_STEPS):
@@ -142,9 +150,10 @@ def roll_out_all(policies: Sequence[Policy], order: Order) -> list[Rollout]:
             action = np.where(order.by_expert[:, None], robot.done[-1], action)
         for human in humans:
             worlds.steer_people(np.clip(human.act(number), -1.0, 1.0).astype(float))
-        step = worlds.step(xp.astype(xp.clip(action, -1.0, 1.0), first.dtype))
+        action = xp.astype(xp.clip(action, -1.0, 1.0), first.dtype)
+        step, overload = _watched(worlds, action) if by_region else (worlds.step(action), 0.0)
         robot.see(step.observation)
-        cost = _cost(worlds, order, step, last=number == EPISODE_STEPS - 1)
+        cost = _cost(worlds, order, step, last=number == EPISODE_STEPS - 1) + order.overload_weight * overload
         robot.rewards.append(step.reward - cost)
         for human in humans:
             human.see(worlds.observe_as_human())
@@ -158,8 +167,25 @@ def roll_out_all(policies: Sequence[Policy], order: Order) -> list[Rollout]:
     return [agent.rollout(*of_episodes) for agent in (robot, *humans)]
 
 
-def _expert_for(policy: Policy, worlds: Episodes) -> Controller:
-    """Whom a policy learns from: the task's reactive expert; one that remembers, from it without people's tremor."""
+def _watched(worlds: Episodes, action: Array) -> tuple[Step, Array]:
+    """One control step, and how far (n,) it loaded a region of the body above half its transient limit.
+
+    0 is half the limit or less in all its physics steps, 1 the whole of it.
+    """
+    worlds.command(action)
+    share = np.zeros(len(action))
+    for _ in range(SUBSTEPS):
+        worlds.simulation.step(1)
+        borne = worlds.simulation.region_force_n() / TRANSIENT_LIMIT_N
+        share = np.maximum(share, borne.max(axis=-1))
+    return worlds.evaluate_step(action), np.maximum(2.0 * share - 1.0, 0.0)
+
+
+def _expert_for(policy: Policy, order: Order, worlds: Episodes) -> Controller:
+    """Whom a policy learns from: the order's teacher, or the task's reactive expert; one that remembers, from it
+    without people's tremor."""
+    if order.teacher is not None:
+        return Actor(order.teacher, len(order.episodes)).mean
     expert = worlds.task.reactive_expert
     return (expert if policy.memory is None else steadied(expert))(worlds)
 
@@ -215,7 +241,7 @@ def _cost(worlds: Episodes, order: Order, step: Step, *, last: bool) -> Array:
 
 
 @lru_cache(maxsize=2)
-def worlds_of(place: Place, count: int, *, steered: bool = False) -> Episodes:
+def worlds_of(place: Place, count: int, *, steered: bool = False, by_region: bool = False) -> Episodes:
     """So many worlds, made once: of a training whose worlds are not shared evenly a process makes parts of two sizes.
 
     Raises:
@@ -230,4 +256,5 @@ def worlds_of(place: Place, count: int, *, steered: bool = False) -> Episodes:
         engine=place.engine,
         on_device=place.engine != THREADS,
         steered=steered,
+        by_region=by_region,
     )
