@@ -13,14 +13,10 @@ PAGES = tuple(f"vr/static/{name}.html" for name in ("index", "dashboard", "repla
 ASSETS = (
     *(f"assets/human/{name}" for name in ("man.npz", "woman.npz", "man.jpg", "woman.jpg", "hair.jpg")),
     *(
-        f"assets/policies/{task}{robot}-{people}.safetensors"
+        f"assets/policies/{task}{robot}-{kind}.safetensors"
         for task in ("Feeding", "Drinking", "ScratchItch", "BedBathing")
         for robot in ("Jaco", "PR2")
-        for people in ("original", "revised")
-    ),
-    *(
-        f"assets/policies/{environment}-adaptive.safetensors"
-        for environment in ("FeedingJaco", "FeedingPR2", "DrinkingJaco", "BedBathingJaco", "BedBathingPR2")
+        for kind in ("original", "revised", "adaptive")
     ),
     "assets/study.toml",
 )

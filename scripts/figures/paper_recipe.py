@@ -1,10 +1,11 @@
 """The paper's own recipe in all eight environments: PPO alone, ten million steps, on Original and on Revised people.
 
-    python scripts/figures/paper_recipe.py train [ENVIRONMENT ...]   trains what is not trained yet, in all environments
-                                                                     unless some are named, and goes on where it stopped
-    python scripts/figures/paper_recipe.py measure                   has each meet people like its own, and
-                                                                     `participants`
-    python scripts/figures/paper_recipe.py table                     prints the table of docs/policies.md
+    python scripts/figures/paper_recipe.py train STEPS [ENVIRONMENT ...]
+                                                      trains for so many steps, the paper's are 10000000, what has had
+                                                      fewer, in all environments unless some are named; goes on where
+                                                      it stopped
+    python scripts/figures/paper_recipe.py measure    has each meet people like its own, and `participants`
+    python scripts/figures/paper_recipe.py table      prints the table of docs/policies.md
 
 Policies and figures lie in `scripts/figures/paper_recipe/`, what trainings under way need in `runs/`. Needs the extra
 `train`.
@@ -15,16 +16,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import msgspec
-
 from avrgym.learning.evaluation import evaluate
 from avrgym.policies.trained import Policy
-from avrgym.system.files import write_whole
 from avrgym.tasks.registry import ENVIRONMENTS
+from figures_file import add, chosen, read, success
 from papers_results import SIMULATION, VIRTUAL_REALITY, Reached, row, short
 
 PEOPLE = ("original", "revised")
-TRAINING_SEED, SHOWN_SEED, EPISODES = 1, 0, 1000
+TRAINING_SEED, SHOWN_SEED, EPISODES = 1, 0, 300
 FOLDER, UNDER_WAY = Path(__file__).with_suffix(""), Path("runs/paper_recipe")
 FIGURES_FILE = FOLDER / "figures.json"
 FIGURES = ("episodes", "stream", "success_rate", "success_ci95", "reward_mean", "force_mean_newton")
@@ -51,6 +50,15 @@ class Run(NamedTuple):
         """The file of what was trained."""
         return FOLDER / f"{self.name}.safetensors"
 
+    @property
+    def steps(self) -> int:
+        """How many steps of training it has had."""
+        return Policy.load(self.policy).metadata.steps if self.policy.exists() else 0
+
+    def met(self, people: str) -> str:
+        """The name of its figures with people; after more steps they are others."""
+        return f"{self.name} {self.steps} {people}"
+
 
 RUNS = [Run(environment, people) for environment in ENVIRONMENTS for people in PEOPLE]
 
@@ -67,36 +75,35 @@ def main() -> None:
     do[sys.argv[1]](sys.argv[2:])
 
 
-def train(environments: Sequence[str]) -> None:
-    """Train what is not trained yet, in all environments unless some are named."""
+def train(arguments: Sequence[str]) -> None:
+    """Train what has had fewer steps, in all environments unless some are named."""
     from avrgym.learning import training
-    from avrgym.learning.configuration import PAPER_SETTINGS, PAPER_STEPS
+    from avrgym.learning.configuration import PAPER_SETTINGS
 
+    if not arguments or not arguments[0].isdigit():
+        sys.exit(__doc__)
+    steps, environments = int(arguments[0]), arguments[1:] or [*ENVIRONMENTS]
     FOLDER.mkdir(exist_ok=True)
     for run in RUNS:
-        if run.policy.exists() or (environments and run.environment not in environments):
+        if run.environment not in environments or run.steps >= steps:
             continue
         out = UNDER_WAY / run.name
         if (out / training.CONFIGURATION_FILE).exists():
-            policy = training.resume(out)
+            policy = training.resume(out, steps=steps)
         else:
-            asked = run.environment, run.people, PAPER_STEPS, TRAINING_SEED
+            asked = run.environment, run.people, steps, TRAINING_SEED
             policy = training.train(training.configuration_for(*asked, settings=PAPER_SETTINGS), out)
-        policy.save(run.policy)
+        policy.save(run.policy, overwrite=True)
         print(run.name, policy.metadata.measured["success_rate"], flush=True)
 
 
 def measure(_: Sequence[str]) -> None:
     """Measure what is not measured yet."""
-    figures = _figures()
     for run in RUNS:
         for people in (run.people, "participants"):
-            name = f"{run.name} {people}"
-            if run.policy.exists() and name not in figures:
+            if run.policy.exists() and run.met(people) not in read(FIGURES_FILE):
                 found = evaluate(run.environment, str(run.policy), people, EPISODES, SHOWN_SEED)
-                figures[name] = {figure: getattr(found, figure) for figure in FIGURES}
-                write_whole(FIGURES_FILE, msgspec.json.format(msgspec.json.encode(figures)))
-                print(name, found.success_rate, flush=True)
+                add(FIGURES_FILE, run.met(people), chosen(found, FIGURES))
 
 
 def print_table(_: Sequence[str]) -> None:
@@ -106,26 +113,20 @@ def print_table(_: Sequence[str]) -> None:
 
 def table() -> Iterator[str]:
     """A row for each training that has ended."""
-    figures = _figures()
+    figures = read(FIGURES_FILE)
     yield row(*HEAD)
     yield row(*["---"] * len(HEAD))
     for run in RUNS:
         if run.policy.exists():
-            steps = Policy.load(run.policy).metadata.steps
-            own, met = (figures[f"{run.name} {people}"] for people in (run.people, "participants"))
+            own, met = (figures[run.met(people)] for people in (run.people, "participants"))
             simulated = _paper(SIMULATION[run.environment]) if run.people == "original" else "–"
             with_people = _paper(VIRTUAL_REALITY[run.people][run.environment])
             cells = _cell(own), simulated, _cell(met), with_people
-            yield row(short(run.environment), run.people, f"{steps / 1e6:.1f} M", *cells)
-
-
-def _figures() -> dict[str, Mapping]:
-    return msgspec.json.decode(FIGURES_FILE.read_bytes()) if FIGURES_FILE.exists() else {}
+            yield row(short(run.environment), run.people, f"{run.steps / 1e6:.2f} M", *cells)
 
 
 def _cell(found: Mapping) -> str:
-    low, high = (100.0 * end for end in found["success_ci95"])
-    return f"{100.0 * found['success_rate']:.1f} % [{low:.0f}, {high:.0f}]; {found['reward_mean']:.0f}"
+    return f"{success(found)}; {found['reward_mean']:.0f}"
 
 
 def _paper(reached: Reached) -> str:

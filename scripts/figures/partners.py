@@ -4,34 +4,47 @@
                                                             kinds of policies are named; goes on where it stopped
     python scripts/figures/partners.py table [KIND ...]     prints the tables of docs/policies.md
 
-300 episodes each, of the stream that no choice has seen, seed 0. Figures lie in `scripts/figures/partners.json`.
+Episodes are of the stream that no choice has seen, seed 0. Figures lie in `scripts/figures/partners.json`.
 """
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-import msgspec
-
-from avrgym.learning.evaluation import evaluate_all
+from avrgym.learning.evaluation import Evaluation, evaluate_all
 from avrgym.people.names import IMPAIRMENTS
 from avrgym.policies.trained import packaged_policies
-from avrgym.system.files import write_whole
 from avrgym.tasks.registry import ENVIRONMENTS
+from figures_file import add, chosen, read, success_and_force
 from papers_results import row, short
 
-EPISODES, SEED = 300, 0
+SEED = 0
+EPISODES = {"adaptive": 300, "revised": 100, "original": 100}
+"""Of each cell, by kind of policy."""
+
+
+class Group(NamedTuple):
+    """Whom policies meet, and whether a force guard is between."""
+
+    people: str
+    impairment: str = "none"
+    force_guard: bool = False
+
+
 GROUPS = {
-    "participants": ("participants", "none"),
-    "zoo/unseen": ("zoo/unseen", "none"),
-    "revised": ("revised", "none"),
-    **{impairment: ("participants", impairment) for impairment in IMPAIRMENTS if impairment != "none"},
+    "participants": Group("participants"),
+    "zoo/unseen": Group("zoo/unseen"),
+    "revised": Group("revised"),
+    **{impairment: Group("participants", impairment) for impairment in IMPAIRMENTS if impairment != "none"},
+    "guarded": Group("participants", force_guard=True),
 }
-"""Whom policies meet, people and impairment, by the names of columns; impaired are people who move."""
+"""By the names of columns; impaired and guarded are people who move."""
 FIGURES_FILE = Path(__file__).with_suffix(".json")
 FIGURES = (
     "episodes", "stream", "success_rate", "success_ci95", "reward_mean", "force_mean_newton", "episodes_over_limit",
 )  # fmt: skip
+OF_REGION = ("mean_n", "peak_n", "limit_n", "exceedances")
 
 
 def main() -> None:
@@ -44,52 +57,80 @@ def main() -> None:
 
 def measure(kinds: Sequence[str]) -> None:
     """Measure what is not measured yet."""
-    for group, (people, impairment) in GROUPS.items():
-        for environment in ENVIRONMENTS:
-            for kind in kinds:
-                name = _name(environment, kind, group)
-                if kind in packaged_policies(environment) and name not in figures():
-                    (found,) = evaluate_all(
-                        [environment], kind, people, EPISODES, SEED, impairment=impairment
-                    )
-                    told = {figure: getattr(found, figure) for figure in FIGURES}
-                    all_told = msgspec.json.encode(figures() | {name: told})
-                    write_whole(FIGURES_FILE, msgspec.json.format(all_told))
-                    print(name, found.success_rate, found.force_mean_newton, flush=True)
+    for name, (environment, kind, group) in _cells(kinds).items():
+        if name not in read(FIGURES_FILE):
+            people, impairment, force_guard = GROUPS[group]
+            (found,) = evaluate_all(
+                [environment],
+                kind,
+                people,
+                EPISODES[kind],
+                SEED,
+                impairment=impairment,
+                force_guard=force_guard,
+            )
+            add(FIGURES_FILE, name, _told(found))
+
+
+def _cells(kinds: Sequence[str]) -> dict[str, tuple[str, str, str]]:
+    """Environment, kind and group of all that there is to measure, by name."""
+    return {
+        _name(environment, kind, group): (environment, kind, group)
+        for group in GROUPS
+        for kind in kinds
+        for environment in _environments(kind)
+    }
+
+
+def _told(found: Evaluation) -> dict[str, object]:
+    """What is kept of an evaluation: its figures, and those of the regions that were touched."""
+    regions = {
+        name: {figure: getattr(region, figure) for figure in OF_REGION}
+        for name, region in found.force_regions.items()
+        if region.peak_n > 0.0
+    }
+    return {**chosen(found, FIGURES), "regions": regions}
 
 
 def print_tables(kinds: Sequence[str]) -> None:
-    """Print a table for each kind."""
+    """Print the tables of each kind."""
     for kind in kinds:
-        print(kind, *table(kind), sep="\n")
+        print(kind, *table(kind), "", *table_of_forces(kind), sep="\n")
 
 
 def table(kind: str) -> Iterator[str]:
     """Success with its interval and mean force, a line for each environment and a column for each group of people."""
-    told = figures()
+    return _table(kind, success_and_force)
+
+
+def table_of_forces(kind: str) -> Iterator[str]:
+    """How many episodes exceeded a limit, and the region that came closest to its own."""
+    return _table(kind, _hardest)
+
+
+def _table(kind: str, cell: Callable[[Mapping], str]) -> Iterator[str]:
+    told = read(FIGURES_FILE)
     yield row("environment", *GROUPS)
     yield row(*["---"] * (1 + len(GROUPS)))
-    for environment in (each for each in ENVIRONMENTS if kind in packaged_policies(each)):
-        cells = (_cell(told.get(_name(environment, kind, group))) for group in GROUPS)
-        yield row(short(environment), *cells)
+    for environment in _environments(kind):
+        found = (told.get(_name(environment, kind, group)) for group in GROUPS)
+        yield row(short(environment), *("–" if each is None else cell(each) for each in found))
 
 
-def figures() -> dict[str, Mapping]:
-    """All that is measured so far, by environment, kind and group."""
-    return msgspec.json.decode(FIGURES_FILE.read_bytes()) if FIGURES_FILE.exists() else {}
+def _environments(kind: str) -> list[str]:
+    return [environment for environment in ENVIRONMENTS if kind in packaged_policies(environment)]
 
 
 def _name(environment: str, kind: str, group: str) -> str:
     return f"{short(environment)} {kind} {group}"
 
 
-def _cell(found: Mapping | None) -> str:
-    if found is None:
-        return "–"
-    low, high = (100.0 * end for end in found["success_ci95"])
-    return (
-        f"{100.0 * found['success_rate']:.1f} % [{low:.0f}, {high:.0f}]; {found['force_mean_newton']:.1f} N"
-    )
+def _hardest(found: Mapping) -> str:
+    if not found["regions"]:
+        return f"{found['episodes_over_limit']}; no touch"
+    name, region = max(found["regions"].items(), key=lambda each: each[1]["peak_n"] / each[1]["limit_n"])
+    share = 100.0 * region["peak_n"] / region["limit_n"]
+    return f"{found['episodes_over_limit']}; {name.replace('_', ' ')} {region['peak_n']:.0f} N, {share:.0f} %"
 
 
 if __name__ == "__main__":

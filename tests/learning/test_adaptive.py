@@ -2,6 +2,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -64,7 +65,7 @@ def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, teacher, tmp_pa
     policy = train(training, whole)
     assert policy.metadata.steps == 1000
     assert policy.metadata.measured["episodes"] == 1
-    assert policy.action_deviation == 0.0
+    assert policy.action_deviation in adaptive.CHANCES
 
     def stop(progress):
         if progress.steps == last:
@@ -99,6 +100,23 @@ def test_a_longer_training_imitates_as_long(rounds):
         assert (longer.rounds, longer.imitation_rounds) == (rounds + more, training.imitation_rounds)
     with pytest.raises(ValueError, match="fewer than the training's"):
         lengthened(training, 200 * rounds - 200)
+
+
+@pytest.mark.slow
+def test_it_keeps_the_chance_with_which_it_succeeds_most_and_the_least_of_equals(tmp_path, monkeypatch):
+    success_with = {0.0: 0.2, 0.05: 0.6, 0.08: 0.6}
+    assert tuple(success_with) == adaptive.CHANCES
+
+    def measured(path, *_):
+        policy = Policy.load(path)
+        told = {"success_rate": success_with[policy.action_deviation]}
+        return replace(policy, metadata=msgspec.structs.replace(policy.metadata, measured=told))
+
+    monkeypatch.setattr(adaptive, "measure", measured)
+    out = tmp_path / "out"
+    train(replace(TINY, steps=200, imitation_share=1.0), out)
+    kept = Policy.load(out / "policy.safetensors")
+    assert (kept.action_deviation, kept.metadata.measured["success_rate"]) == (0.05, 0.6)
 
 
 @pytest.mark.slow

@@ -63,9 +63,11 @@ GRADIENT_NORM = 1.0
 """Gradients longer than this are shortened to it."""
 CRITIC_ROUNDS = 4
 """Rounds after imitation in which only the critic learns, which does not know yet what the policy is worth."""
-LOG_STD = -2.3, -3.0
-"""Logarithm of how random actions are at the beginning and the end of PPO; the finished policy acts without chance."""
-PPO_LEARNING_RATE, LEFT = 1e-4, 0.02
+LOG_STD = -2.3, -2.6
+"""Logarithm of how random actions are at the beginning and the end of PPO."""
+CHANCES = 0.0, 0.05, 0.08
+"""Standard deviations that a finished policy may act with: it keeps the one with which it succeeds most."""
+PPO_LEARNING_RATE, LEFT = 3e-4, 0.02
 """PPO's learning rate, and the share of it that is left at the end."""
 FORCE_WEIGHT_PER_N = 0.02
 """What each newton on the person takes off a step's reward in PPO, beyond the task's own."""
@@ -242,7 +244,7 @@ class _Learner:
 
     def learn(self) -> Policy:
         """Do the rounds that remain, and measure what they led to."""
-        configuration, path = self._configuration, self._out / POLICY_FILE
+        configuration = self._configuration
         (self._out / SHOWN_FOLDER).mkdir(exist_ok=True)
         for number in range(self.rounds, configuration.rounds):
             if number < configuration.imitation_rounds:
@@ -253,10 +255,20 @@ class _Learner:
             self._hear(rollout, own)
             self._save()
             self._say(f"{stage}, round {number + 1} of {configuration.rounds}")
-        self._say(f"measuring, {MEASURED_EPISODES} episodes")
-        policy = measure(path, configuration.people, "none", MEASURED_EPISODES)
+        policy = self._with_its_chance()
         shutil.rmtree(self._out / SHOWN_FOLDER)
         return policy
+
+    def _with_its_chance(self) -> Policy:
+        """The finished policy, measured with each chance that it may act with; leaves the best in its file."""
+        path, measured = self._out / POLICY_FILE, list[Policy]()
+        for chance in CHANCES:
+            self._say(f"measuring with chance {chance:g}, {MEASURED_EPISODES} episodes")
+            self._policy(chance).save(path, overwrite=True)
+            measured.append(measure(path, self._configuration.people, "none", MEASURED_EPISODES))
+        best = max(measured, key=lambda policy: policy.metadata.measured["success_rate"])
+        best.save(path, overwrite=True)
+        return best
 
     def _imitate(self, number: int) -> tuple[Rollout, NDArray[np.bool_]]:
         """A round's episodes, and which of them (N,) the policy drove."""
@@ -268,10 +280,12 @@ class _Learner:
             self._place(configuration.people, impairment),
             0,
             self._episodes(number),
+            noise=(configuration.seed, number),
             by_expert=by_expert,
             teacher=self._teacher,
         )
-        rollout = roll_out(self._policy(), order)
+        chance = 0.0 if self._teacher is None else self._teacher.action_deviation
+        rollout = roll_out(self._policy(chance), order)
         self._normaliser.see(rollout)
         shown = Shown(rollout.observations[:-1], rollout.actions)
         np.savez(self._file(number), **asdict(shown))
