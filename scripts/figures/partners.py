@@ -33,11 +33,11 @@ class Group(NamedTuple):
 
 
 GROUPS = {
-    "participants": Group("participants"),
     "zoo/unseen": Group("zoo/unseen"),
-    "revised": Group("revised"),
     **{impairment: Group("participants", impairment) for impairment in IMPAIRMENTS if impairment != "none"},
+    "participants": Group("participants"),
     "guarded": Group("participants", force_guard=True),
+    "revised": Group("revised"),
 }
 """By the names of columns; impaired and guarded are people who move."""
 FIGURES_FILE = Path(__file__).with_suffix(".json")

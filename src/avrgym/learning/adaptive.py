@@ -67,7 +67,7 @@ LOG_STD = -2.3, -2.6
 """Logarithm of how random actions are at the beginning and the end of PPO."""
 CHANCES = 0.0, 0.05, 0.08
 """Standard deviations that a finished policy may act with: it keeps the one with which it succeeds most."""
-PPO_LEARNING_RATE, LEFT = 3e-4, 0.02
+PPO_LEARNING_RATE, LEFT = 3e-5, 0.02
 """PPO's learning rate, and the share of it that is left at the end."""
 FORCE_WEIGHT_PER_N = 0.02
 """What each newton on the person takes off a step's reward in PPO, beyond the task's own."""
