@@ -69,10 +69,21 @@ def test_the_page_of_the_policies_says_what_was_trained_like_for_like():
     assert [row for row in tables["table"]() if row not in page] == []
 
 
-def test_the_page_of_the_policies_says_how_those_that_remember_do_with_whom():
+@pytest.mark.parametrize("table", ["table", "table_of_forces"])
+@pytest.mark.parametrize("kind", ["original", "revised", "adaptive"])
+def test_the_page_of_the_policies_says_how_they_do_with_whom(kind, table):
     tables = runpy.run_path(str(ROOT / "scripts" / "figures" / "partners.py"))
     page = (ROOT / "docs" / "policies.md").read_text().splitlines()
-    assert [row for row in tables["table"]("adaptive") if row not in page] == []
+    assert [row for row in tables[table](kind) if row not in page] == []
+
+
+@pytest.mark.parametrize("script", ["paper_recipe", "memory_ablation"])
+def test_the_page_of_the_policies_says_what_trainings_for_comparison_reached(script):
+    tables = runpy.run_path(str(ROOT / "scripts" / "figures" / f"{script}.py"))
+    page = (ROOT / "docs" / "policies.md").read_text().splitlines()
+    rows = [*tables["table"]()]
+    assert len(rows) > 2
+    assert [row for row in rows if row not in page] == []
 
 
 def test_the_page_of_the_zoo_says_who_lives_there():
