@@ -19,7 +19,7 @@ from papers_results import row, short
 
 ENVIRONMENTS = ("avrgym/FeedingJaco-v1", "avrgym/BedBathingJaco-v1")
 KINDS = {"memory": True, "no memory": False}
-STEPS, IMITATION_SHARE, TRAINING_SEED = 320_000, 0.4, 3
+STEPS, IMITATION_SHARE, TRAINING_SEED = 256_000, 0.3, 3
 GROUPS = {"zoo/train": ("zoo/train", "none"), "tremor": ("participants", "tremor")}
 EPISODES, SHOWN_SEED = 200, 0
 UNDER_WAY, FIGURES_FILE = Path("runs/memory_ablation"), Path(__file__).with_suffix(".json")

@@ -23,7 +23,7 @@ from figures_file import add, chosen, read, success
 from papers_results import SIMULATION, VIRTUAL_REALITY, Reached, row, short
 
 PEOPLE = ("original", "revised")
-TRAINING_SEED, SHOWN_SEED, EPISODES = 1, 0, 300
+TRAINING_SEED, SHOWN_SEED, EPISODES = 1, 0, 100
 FOLDER, UNDER_WAY = Path(__file__).with_suffix(""), Path("runs/paper_recipe")
 FIGURES_FILE = FOLDER / "figures.json"
 FIGURES = ("episodes", "stream", "success_rate", "success_ci95", "reward_mean", "force_mean_newton")
