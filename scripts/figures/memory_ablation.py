@@ -53,7 +53,7 @@ def train() -> None:
             adaptive.RecurrentNetwork = remembers if with_memory else Forgetful
             out = _folder(environment, kind)
             if (out / adaptive.FILE).exists():
-                if (out / adaptive.SHOWN_FOLDER).exists():
+                if not _has_ended(out):
                     adaptive.resume(out)
                 continue
             asked = adaptive.AdaptiveTraining(
@@ -69,23 +69,33 @@ def measure() -> None:
         for kind in KINDS:
             for group, (people, impairment) in GROUPS.items():
                 name = _name(environment, kind, group)
-                file = _folder(environment, kind) / "policy.safetensors"
-                if file.exists() and name not in read(FIGURES_FILE):
+                out = _folder(environment, kind)
+                if _has_ended(out) and name not in read(FIGURES_FILE):
+                    policy = str(out / "policy.safetensors")
                     (found,) = evaluate_all(
-                        [environment], str(file), people, EPISODES, SHOWN_SEED, impairment=impairment
+                        [environment], policy, people, EPISODES, SHOWN_SEED, impairment=impairment
                     )
                     add(FIGURES_FILE, name, chosen(found, FIGURES))
 
 
 def table() -> Iterator[str]:
-    """A row for each environment and kind, a column for each group of people."""
+    """A row for each environment and kind, a column for each group of people, of what is measured."""
     told = read(FIGURES_FILE)
     yield row("environment", "", *GROUPS)
     yield row(*["---"] * (2 + len(GROUPS)))
     for environment in ENVIRONMENTS:
         for kind in KINDS:
-            cells = (success_and_force(told[_name(environment, kind, group)]) for group in GROUPS)
-            yield row(short(environment), kind, *cells)
+            found = [told.get(_name(environment, kind, group)) for group in GROUPS]
+            yield row(
+                short(environment),
+                kind,
+                *("–" if each is None else success_and_force(each) for each in found),
+            )
+
+
+def _has_ended(out: Path) -> bool:
+    """Whether a training left a policy and nothing to go on with."""
+    return (out / "policy.safetensors").exists() and not (out / "shown").exists()
 
 
 def _folder(environment: str, kind: str) -> Path:

@@ -112,17 +112,17 @@ def print_table(_: Sequence[str]) -> None:
 
 
 def table() -> Iterator[str]:
-    """A row for each training that has ended."""
+    """A row for each training that has been measured."""
     figures = read(FIGURES_FILE)
     yield row(*HEAD)
     yield row(*["---"] * len(HEAD))
     for run in RUNS:
-        if run.policy.exists():
-            own, met = (figures[run.met(people)] for people in (run.people, "participants"))
+        own, met = (figures.get(run.met(people)) for people in (run.people, "participants"))
+        if own is not None and met is not None:
             simulated = _paper(SIMULATION[run.environment]) if run.people == "original" else "–"
             with_people = _paper(VIRTUAL_REALITY[run.people][run.environment])
             cells = _cell(own), simulated, _cell(met), with_people
-            yield row(short(run.environment), run.people, f"{run.steps / 1e6:.2f} M", *cells)
+            yield row(short(run.environment), run.people, f"{run.steps / 1e3:.0f} k", *cells)
 
 
 def _cell(found: Mapping) -> str:

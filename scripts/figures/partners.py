@@ -21,7 +21,7 @@ from papers_results import row, short
 
 SEED = 0
 EPISODES, FEWER = 300, 100
-"""Of policies that remember with people who are of no training of theirs, and of all others."""
+"""Of policies that remember with ``UNMET`` people, and of all others."""
 
 
 class Group(NamedTuple):
@@ -41,6 +41,7 @@ GROUPS = {
 }
 """By the names of columns; impaired and guarded are people who move."""
 UNMET = ("zoo/unseen", "participants")
+"""Whom no policy that remembers has met in training."""
 FIGURES_FILE = Path(__file__).with_suffix(".json")
 FIGURES = (
     "episodes", "stream", "success_rate", "success_ci95", "reward_mean", "force_mean_newton", "episodes_over_limit",
