@@ -182,8 +182,10 @@ def _watched(worlds: Episodes, action: Array) -> tuple[Step, Array]:
 
 
 def _expert_for(policy: Policy, order: Order, worlds: Episodes) -> Controller:
-    """Whom a policy learns from: the order's teacher, or the task's reactive expert; one that remembers, from it
-    without people's tremor."""
+    """Whom a policy learns from: the order's teacher, or the task's reactive expert.
+
+    One that remembers learns from an expert who sees nobody tremble.
+    """
     if order.teacher is not None:
         return Actor(order.teacher, len(order.episodes)).mean
     expert = worlds.task.reactive_expert
