@@ -1,12 +1,13 @@
 """Files of figures that scripts measure bit by bit, so that they go on where they stopped."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
 
 from avrgym.learning.evaluation import Evaluation
 from avrgym.system.files import write_whole
+from papers_results import short
 
 Figures = dict[str, Mapping]
 
@@ -25,6 +26,16 @@ def add(file: Path, name: str, told: Mapping) -> None:
 def chosen(found: Evaluation, figures: Sequence[str]) -> dict[str, object]:
     """Some figures of an evaluation, by name."""
     return {figure: getattr(found, figure) for figure in figures}
+
+
+def name_of(environment: str, kind: str, group: str) -> str:
+    """What the figures of a kind of policy with a group of people are called."""
+    return f"{short(environment)} {kind} {group}"
+
+
+def cells(told: Iterable[Mapping | None], cell: Callable[[Mapping], str]) -> Iterator[str]:
+    """Cells of a table, with a dash for what is not measured yet."""
+    return ("–" if found is None else cell(found) for found in told)
 
 
 def success(found: Mapping) -> str:

@@ -13,12 +13,10 @@ from pathlib import Path
 from statistics import mean
 from typing import NamedTuple
 
-import msgspec
-
 from avrgym.learning.evaluation import evaluate
 from avrgym.policies.trained import Policy
-from avrgym.system.files import write_whole
 from avrgym.tasks.registry import ENVIRONMENTS
+from figures_file import add, chosen, read
 from papers_results import VIRTUAL_REALITY, row, short
 
 SEEDS = (1, 2, 3)
@@ -96,13 +94,10 @@ def train_all() -> None:
 
 def meet_all() -> None:
     """Have every trained policy meet people whom neither kind met."""
-    met = _met()
     for run in RUNS:
-        if run.policy.exists() and run.name not in met:
+        if run.policy.exists() and run.name not in read(MET_FILE):
             found = evaluate(run.environment, str(run.policy), "participants", EPISODES, SHOWN_SEED)
-            met[run.name] = {figure: getattr(found, figure) for figure in FIGURES}
-            write_whole(MET_FILE, msgspec.json.format(msgspec.json.encode(met)))
-            print(run.name, found.success_rate, flush=True)
+            add(MET_FILE, run.name, chosen(found, FIGURES))
 
 
 def print_table() -> None:
@@ -113,7 +108,7 @@ def print_table() -> None:
 def table() -> Iterator[str]:
     """Of the seeds the mean, in brackets the least and the most of them, and the mean reward."""
     own: Figures = {run: Policy.load(run.policy).metadata.measured for run in RUNS}
-    by_name = _met()
+    by_name = read(MET_FILE)
     met: Figures = {run: by_name[run.name] for run in RUNS}
     columns = [(figures, people) for figures in (own, met) for people in PEOPLE]
     yield row(*HEAD)
@@ -131,10 +126,6 @@ def table() -> Iterator[str]:
 
 def _paper(environment: str) -> list[int]:
     return [reached[environment].success for reached in VIRTUAL_REALITY.values()]
-
-
-def _met() -> dict[str, dict[str, object]]:
-    return msgspec.json.decode(MET_FILE.read_bytes()) if MET_FILE.exists() else {}
 
 
 def _spread(measured: Sequence[Mapping[str, object]]) -> str:

@@ -15,6 +15,7 @@ from avrgym.learning.evaluation import evaluate_all
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.simulation.world_version import WORLD_VERSION
 from avrgym.tasks.registry import ENVIRONMENTS
+from figures_file import chosen
 
 EPISODES, SEED = 1000, 0
 MEASURES = ("stream", "episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
@@ -46,7 +47,7 @@ def measure(environment: str, name: str, people: str) -> dict[str, Any]:
         evaluate_all([environment], name, people, episodes, SEED) for episodes in (EPISODES, FIRST)
     )
     return {
-        **{measure: getattr(found, measure) for measure in MEASURES},
+        **chosen(found, MEASURES),
         "world_version": WORLD_VERSION,
         "first_reward_mean": first.reward_mean,
     }

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from avrgym.learning.evaluation import evaluate_all
-from figures_file import add, chosen, read, success_and_force
+from figures_file import add, cells, chosen, name_of, read, success_and_force
 from papers_results import row, short
 
 ENVIRONMENTS = ("avrgym/FeedingJaco-v1", "avrgym/BedBathingJaco-v1")
@@ -68,7 +68,7 @@ def measure() -> None:
     for environment in ENVIRONMENTS:
         for kind in KINDS:
             for group, (people, impairment) in GROUPS.items():
-                name = _name(environment, kind, group)
+                name = name_of(environment, kind, group)
                 out = _folder(environment, kind)
                 if _has_ended(out) and name not in read(FIGURES_FILE):
                     policy = str(out / "policy.safetensors")
@@ -85,11 +85,11 @@ def table() -> Iterator[str]:
     yield row(*["---"] * (2 + len(GROUPS)))
     for environment in ENVIRONMENTS:
         for kind in KINDS:
-            found = [told.get(_name(environment, kind, group)) for group in GROUPS]
+            found = [told.get(name_of(environment, kind, group)) for group in GROUPS]
             yield row(
                 short(environment),
                 kind,
-                *("–" if each is None else success_and_force(each) for each in found),
+                *cells(found, success_and_force),
             )
 
 
@@ -100,10 +100,6 @@ def _has_ended(out: Path) -> bool:
 
 def _folder(environment: str, kind: str) -> Path:
     return UNDER_WAY / f"{short(environment)}-{kind.replace(' ', '-')}"
-
-
-def _name(environment: str, kind: str, group: str) -> str:
-    return f"{short(environment)} {kind} {group}"
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from avrgym.learning.evaluation import Evaluation, evaluate_all
 from avrgym.people.names import IMPAIRMENTS
 from avrgym.policies.trained import packaged_policies
 from avrgym.tasks.registry import ENVIRONMENTS
-from figures_file import add, chosen, read, success_and_force
+from figures_file import add, cells, chosen, name_of, read, success_and_force
 from papers_results import row, short
 
 SEED = 0
@@ -35,7 +35,11 @@ class Group(NamedTuple):
 GROUPS = {
     "zoo/unseen": Group("zoo/unseen"),
     "participants": Group("participants"),
-    **{impairment: Group("participants", impairment) for impairment in reversed(IMPAIRMENTS[1:])},
+    **{
+        impairment: Group("participants", impairment)
+        for impairment in reversed(IMPAIRMENTS)
+        if impairment != "none"
+    },
     "guarded": Group("participants", force_guard=True),
     "revised": Group("revised"),
 }
@@ -77,7 +81,7 @@ def measure(kinds: Sequence[str]) -> None:
 def _cells(kinds: Sequence[str]) -> dict[str, tuple[str, str, str]]:
     """Environment, kind and group of all that there is to measure, by name."""
     return {
-        _name(environment, kind, group): (environment, kind, group)
+        name_of(environment, kind, group): (environment, kind, group)
         for group in GROUPS
         for kind in kinds
         for environment in _environments(kind)
@@ -115,16 +119,12 @@ def _table(kind: str, cell: Callable[[Mapping], str]) -> Iterator[str]:
     yield row("environment", *GROUPS)
     yield row(*["---"] * (1 + len(GROUPS)))
     for environment in _environments(kind):
-        found = (told.get(_name(environment, kind, group)) for group in GROUPS)
-        yield row(short(environment), *("–" if each is None else cell(each) for each in found))
+        found = (told.get(name_of(environment, kind, group)) for group in GROUPS)
+        yield row(short(environment), *cells(found, cell))
 
 
 def _environments(kind: str) -> list[str]:
     return [environment for environment in ENVIRONMENTS if kind in packaged_policies(environment)]
-
-
-def _name(environment: str, kind: str, group: str) -> str:
-    return f"{short(environment)} {kind} {group}"
 
 
 def _hardest(found: Mapping) -> str:

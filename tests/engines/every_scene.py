@@ -49,9 +49,8 @@ def test_from_the_same_state_worlds_are_pushed_alike(environment: str) -> None:
         assert_allclose(warp.total_force_n, threads.total_force_n, rtol=0.01, atol=0.02)
         assert_allclose(warp.tool_velocity_w, threads.tool_velocity_w, atol=1e-3)
         apart = warp.particle_velocity_w - threads.particle_velocity_w
-        assert not apart.size or np.sqrt(np.mean(np.square(apart))) < (
-            0.01 if task.name == "Drinking" else 1e-4
-        ), apart
+        most = 0.01 if task.name == "Drinking" else 1e-4
+        assert not apart.size or np.sqrt(np.mean(np.square(apart))) < most, apart
         pressed += int((threads.total_force_n > 0.0).sum())
     assert pressed or task.offered == "mouth"
 

@@ -156,11 +156,8 @@ def test_windows_begin_where_the_one_before_ended():
 
 
 def test_what_is_shown_is_what_the_teacher_would_do():
-    environment = "avrgym/ScratchItchJaco-v1"
-    teacher = packaged(environment, "revised")
-    training = replace(TINY, environment=environment, worlds=2)
-    place = Place(environment, Carried.of(training.people), "none", 1, "threads")
-    learner = packaged(environment, "original")
+    teacher, learner = (packaged(TINY.environment, kind) for kind in ("revised", "original"))
+    place = Place(TINY.environment, Carried.of(TINY.people), "none", 1, "threads")
     by_expert = np.array([True, False])
     shown = roll_out(learner, Order(place, 0, np.arange(2), by_expert=by_expert, teacher=teacher))
     for seen, done in zip(shown.observations[:-1], shown.actions, strict=True):

@@ -265,7 +265,7 @@ def _run(
     watch, guard = RegionWatch(count), ForceGuard(world.simulation) if batch.force_guard else None
     with registry.acting(found, world, generators) as act:
         for _ in range(EPISODE_STEPS):
-            step = _step(world, act(observation).astype(float), watch, guard)
+            step = watched_step(world, act(observation).astype(float), watch, guard)
             observation, success = step.observation, step.success
             reward += step.reward
             force += step.force_on_person_n / EPISODE_STEPS
@@ -274,7 +274,7 @@ def _run(
     return Results(reward, success, force, watch.loads(), interventions, world.simulation.engine.device)
 
 
-def _step(world: Episodes, asked: Array, watch: RegionWatch, guard: ForceGuard | None) -> Step:
+def watched_step(world: Episodes, asked: Array, watch: RegionWatch, guard: ForceGuard | None = None) -> Step:
     """One control step, watched in each physics step; what it was worth is judged by the last action, as live."""
     simulation = world.simulation
     world.command(asked if guard is None else guard.act(asked))

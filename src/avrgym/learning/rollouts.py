@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.geometry.arrays import brought, namespace, on_host
+from avrgym.learning.evaluation import watched_step
 from avrgym.models.body_regions import TRANSIENT_LIMIT_N
-from avrgym.models.scene import SUBSTEPS
 from avrgym.policies.actors import Actor, ActorThere
 from avrgym.policies.trained import Policy
+from avrgym.simulation.region_forces import RegionWatch
 from avrgym.system.carried import Carried
 from avrgym.system.engines import THREADS
 from avrgym.tasks.episodes import Episodes, Step
@@ -172,13 +173,10 @@ def _watched(worlds: Episodes, action: Array) -> tuple[Step, Array]:
 
     0 is half the limit or less in all its physics steps, 1 the whole of it.
     """
-    worlds.command(action)
-    share = np.zeros(len(action))
-    for _ in range(SUBSTEPS):
-        worlds.simulation.step(1)
-        borne = worlds.simulation.region_force_n() / TRANSIENT_LIMIT_N
-        share = np.maximum(share, borne.max(axis=-1))
-    return worlds.evaluate_step(action), np.maximum(2.0 * share - 1.0, 0.0)
+    watch = RegionWatch(len(action))
+    step = watched_step(worlds, action, watch)
+    share = (watch.loads().peak_n / TRANSIENT_LIMIT_N).max(axis=-1)
+    return step, np.maximum(2.0 * share - 1.0, 0.0)
 
 
 def _expert_for(policy: Policy, order: Order, worlds: Episodes) -> Controller:
