@@ -6,7 +6,7 @@ the expert does: whatever observations do not say, such as how somebody moves, i
 "Learning by cheating", CoRL 2019). Then it goes on by PPO, on the task's reward less a little for each newton.
 Its partners are those of ``zoo/train``: in imitation with each impairment in turn, in PPO with all of them at once, and
 there Revised people beside them, who never come to meet a tool. Where the expert's ways are too sudden to be learned, a
-policy may be the teacher in its place.
+policy may be the teacher in its place. A training may also go on from a policy that remembers: then it imitates nobody.
 Gradients go back through 50 control steps at most (Williams and Peng, Neural Computation 2, 1990: truncated
 backpropagation).
 
@@ -67,7 +67,7 @@ LOG_STD = -2.3, -2.6
 """Logarithm of how random actions are at the beginning and the end of PPO."""
 CHANCES = 0.0, 0.05, 0.08
 """Standard deviations that a finished policy may act with: it keeps the one with which it succeeds most."""
-PPO_LEARNING_RATE, LEFT = 3e-5, 0.02
+PPO_LEARNING_RATE, LEFT = 1e-4, 0.02
 """PPO's learning rate, and the share of it that is left at the end."""
 FORCE_WEIGHT_PER_N = 0.02
 """What each newton on the person takes off a step's reward in PPO, beyond the task's own."""
@@ -75,8 +75,8 @@ OVERLOAD_WEIGHT = 5.0
 """What a step's reward loses in PPO where a region of the body bears its transient limit, see ``rollouts.Order``."""
 STILL = (REVISED, "none")
 """Partners in PPO beside those of the zoo, people and impairment: they stay as they were found."""
-TEACHER_FILE = "teacher.safetensors"
-"""The policy that is learned from, where it is not the task's expert."""
+TEACHER_FILE, INITIAL_FILE = "teacher.safetensors", "initial.safetensors"
+"""The policy that is learned from, where it is not the task's expert, and the one that is gone on from, if any."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +84,8 @@ class AdaptiveTraining:
     """What is trained where: ``steps`` environment steps in all, whole rounds of an episode in each world.
 
     ``imitation_share`` of the rounds imitate: the task's reactive expert, or ``teacher``, a policy by its name or file.
+    With ``initial``, a policy that remembers, by its name or file, none do: it goes on from that one by PPO, and has
+    its layers, in place of ``memory`` units and ``hidden`` ones.
     """
 
     environment: str
@@ -96,6 +98,7 @@ class AdaptiveTraining:
     hidden: tuple[int, ...] = (128, 128)
     threads: int = 0
     teacher: str | None = None
+    initial: str | None = None
 
     @property
     def rounds(self) -> int:
@@ -105,6 +108,8 @@ class AdaptiveTraining:
     @property
     def imitation_rounds(self) -> int:
         """How many of them imitate, the first ones."""
+        if self.initial is not None:
+            return 0
         return max(1, round(self.imitation_share * self.rounds))
 
     def ppo_share(self, number: int) -> float:
@@ -122,17 +127,19 @@ def train(configuration: AdaptiveTraining, out: Path, tell: Tell = lambda progre
     """Train, and leave ``policy.safetensors`` in a folder that holds no training yet.
 
     Raises:
-        ValueError: for an unknown environment or teacher, naming what there is, and for a teacher of another one.
+        ValueError: for an unknown environment, teacher or initial policy, naming what there is, for one of another
+            environment, for an initial policy without memory, and for both.
         FileExistsError: when ``out`` already holds a training.
     """
     find_environment(configuration.environment)
-    teacher = _find_teacher(configuration)
+    teacher, initial = _find_teacher(configuration), _find_initial(configuration)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise FileExistsError(f"{out} is not empty; choose another folder, or go on with --resume")
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
-        if teacher is not None:
-            teacher.save(out / TEACHER_FILE)
+        for policy, name in ((teacher, TEACHER_FILE), (initial, INITIAL_FILE)):
+            if policy is not None:
+                policy.save(out / name)
         _store(configuration, out)
         return _Learner(configuration, out, tell).learn()
 
@@ -199,6 +206,20 @@ def _find_teacher(training: AdaptiveTraining) -> Policy | None:
     return teacher
 
 
+def _find_initial(training: AdaptiveTraining) -> Policy | None:
+    """The policy that is gone on from, where one is named."""
+    if training.initial is None:
+        return None
+    if training.teacher is not None:
+        raise ValueError("a training that goes on from a policy imitates nobody: leave out the teacher")
+    initial = registry.find(training.initial, training.environment)
+    if not isinstance(initial, Policy) or initial.memory is None:
+        raise ValueError(
+            f"{training.initial!r} cannot be gone on from; allowed: a policy that remembers, by its name or file"
+        )
+    return initial
+
+
 def _store(training: AdaptiveTraining, out: Path) -> None:
     write_whole(out / FILE, msgspec.json.format(msgspec.json.encode(asdict(training))))
 
@@ -208,17 +229,22 @@ class _Learner:
 
     def __init__(self, configuration: AdaptiveTraining, out: Path, tell: Tell) -> None:
         self._configuration, self._out, self._tell = configuration, out, tell
+        self._teacher = None if configuration.teacher is None else Policy.load(out / TEACHER_FILE)
+        self._initial = None if configuration.initial is None else Policy.load(out / INITIAL_FILE)
         observation_size, action_size = sizes(configuration.environment)
+        self._normaliser = UpdateNormaliser(observation_of(configuration.environment), DISCOUNT)
         torch.set_num_threads(1)  # so that sums keep their order
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(configuration.seed)
-            self._network = RecurrentNetwork(
-                observation_size, configuration.memory, configuration.hidden, action_size
-            )
+            if self._initial is None:
+                self._network = RecurrentNetwork(
+                    observation_size, configuration.memory, configuration.hidden, action_size
+                )
+            else:
+                self._network = RecurrentNetwork.of(self._initial)
+                self._normaliser.obs_rms.mean = self._initial.observation_mean.copy()
+                self._normaliser.obs_rms.var = self._initial.observation_variance.copy()
             self._ppo = RecurrentPPO(self._network, observation_size)
-        self._normaliser = UpdateNormaliser(observation_of(configuration.environment), DISCOUNT)
-        taught = configuration.teacher is not None
-        self._teacher = Policy.load(out / TEACHER_FILE) if taught else None
         self.rounds = 0
         self._shown: list[Shown] = []
         self._curve: list[CurvePoint] = []
@@ -382,15 +408,19 @@ class _Learner:
 
     def _policy(self, deviation: float = 0.0) -> Policy:
         configuration = self._configuration
+        before = None if self._initial is None else self._initial.metadata
+        steps, seconds, curve = (
+            (0, 0.0, []) if before is None else (before.steps, before.seconds, before.curve)
+        )
         metadata = PolicyMetadata(
             environment=configuration.environment,
             people=configuration.people,
             impairment="each in turn",
-            steps=self._steps,
+            steps=steps + self._steps,
             seed=configuration.seed,
             git_commit=git_commit(),
-            seconds=round(self._seconds, 1),
-            curve=thinned(self._curve),
+            seconds=round(seconds + self._seconds, 1),
+            curve=thinned([*curve, *((steps + done, *rest) for done, *rest in self._curve)]),
         )
         return self._network.policy(self._normaliser, metadata, deviation)
 

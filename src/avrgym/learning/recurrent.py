@@ -28,6 +28,25 @@ class RecurrentNetwork(nn.Module):
         sizes = [observation_size + memory, *hidden, action_size]
         self.layers = nn.ModuleList(nn.Linear(*pair) for pair in pairwise(sizes))
 
+    @classmethod
+    def of(cls, policy: Policy) -> "RecurrentNetwork":
+        """The network of a policy that remembers, in single precision."""
+        memory = policy.memory
+        assert memory is not None
+        observation_size, action_size = policy.observation_size, policy.action_size
+        hidden = tuple(len(bias) for bias in policy.biases[:-1])
+        network = cls(observation_size, memory.units, hidden, action_size)
+        unit = network.memory
+        parameters = [unit.weight_ih_l0, unit.bias_ih_l0, unit.weight_hh_l0, unit.bias_hh_l0]
+        arrays = [memory.input_weight, memory.input_bias, memory.hidden_weight, memory.hidden_bias]
+        for layer, weight, bias in zip(network.layers, policy.weights, policy.biases, strict=True):
+            parameters += [layer.weight, layer.bias]
+            arrays += [weight, bias]
+        with torch.no_grad():
+            for parameter, array in zip(parameters, arrays, strict=True):
+                parameter.copy_(torch.as_tensor(array.T.copy()))
+        return network
+
     def forward(self, observations: Tensor, remembered: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Mean actions (T, n, A) for normalised observations (T, n, O), and what is remembered (1, n, U) at the end."""
         told, last = self.memory(observations, remembered)

@@ -17,10 +17,17 @@ MOVING: tuple[Impairment, ...] = ("weakness", "tremor")
 
 UNIFORMS = 1 + len(JOINTS)
 RANGE_SHARE, STRENGTH_SHARE = (0.5, 1.0), (0.25, 1.0)
-TREMOR_RAD = np.array(
+TREMOR_TARGET_RAD = np.array(
     [np.radians({"torso": 0.0, "head": 20.0}.get(joint.body, 10.0)) for joint in JOINTS.values()]
 )
-"""How far each joint's target trembles at most, either way: head 20°, arms 10°."""
+"""How far the reference sends each joint to and fro at most, either way: head 20°, arms 10°."""
+_WAY_SHARE = 1.0 - (1.0 - 0.05) ** 5
+"""Of the way to its target a person's joint goes so much there in a control step: five steps of physics, in each of
+which the motor closes a twentieth of the gap at most (Assistive Gym 1.0: ``motor_gains``, ``frame_skip``)."""
+FOLLOWED_SHARE = _WAY_SHARE / (2.0 - _WAY_SHARE)
+"""So much of an alternating target's extent the joint comes to, about an eighth: it goes 2 a = share (target + a)."""
+TREMOR_RAD = FOLLOWED_SHARE * TREMOR_TARGET_RAD
+"""How far each joint trembles at most, either way: head 2.5°, arms 1.3°."""
 
 
 def find_impairment(name: str) -> Impairment:
@@ -38,8 +45,8 @@ def impair(people: People, impairment: Impairment, uniforms: Array) -> People:
     """The same people with an impairment, drawn from uniform numbers (n, ``UNIFORMS``).
 
     ``limits``: joint ranges, and the pose, shrink to a share U(0.5, 1); ``weakness``: the joints' torque to a
-    share U(0.25, 1); ``tremor``: joint targets alternate by U(0, 20°) for the head and U(0, 10°) for the arms, or
-    by what they trembled before where that is more.
+    share U(0.25, 1); ``tremor``: joints alternate as the reference's do that are sent to and fro by U(0, 20°) for the
+    head and U(0, 10°) for the arms, see ``FOLLOWED_SHARE``, or by what they trembled before where that is more.
     """
     if impairment == "limits":
         return with_ranges(people, people.range_share * between(RANGE_SHARE, uniforms[:, 0]))
