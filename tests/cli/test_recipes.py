@@ -26,6 +26,9 @@ def train(*arguments: str | Path) -> Result:
         (["--recipe", "paper", "--config", "settings.toml"], "leave out --config"),
         (["--recipe", "adaptive", "--people", "revised", "--impairment", "tremor"], "--people, --impairment"),
         (["--recipe", "paper", "--teacher", "revised"], "--teacher goes with a new training"),
+        (["--recipe", "pair", "--initial-policy", "adaptive"], "--initial-policy goes with a new training"),
+        (["--recipe", "adaptive", "--resume", "--initial-policy", "adaptive"], "goes with a new training"),
+        (["--recipe", "adaptive", "--initial-policy", "revised", "--worlds", "1"], "a policy that remembers"),
         (["--recipe", "adaptive", "--teacher", "nobody", "--worlds", "1"], "no policy 'nobody'"),
     ],
 )

@@ -54,16 +54,17 @@ def tensors(out: Path) -> bytes:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("last", "teacher"),
-    [(200, None), (600, None), (200, "revised")],
-    ids=["in imitation", "in PPO", "in imitation of a policy"],
+    ("last", "how", "imitated"),
+    [(200, {}, 2), (600, {}, 2), (200, {"teacher": "revised"}, 2), (400, {"initial": "adaptive"}, 0)],
+    ids=["in imitation", "in PPO", "in imitation of a policy", "having gone on from a policy"],
 )
-def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, teacher, tmp_path):
+def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, how, imitated, tmp_path):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
-    training = replace(TINY, imitation_share=0.4, teacher=teacher)
-    assert (training.rounds, training.imitation_rounds) == (5, 2)
+    training = replace(TINY, imitation_share=0.4, **how)
+    assert (training.rounds, training.imitation_rounds) == (5, imitated)
     policy = train(training, whole)
-    assert policy.metadata.steps == 1000
+    before = packaged(TINY.environment, "adaptive").metadata.steps if "initial" in how else 0
+    assert policy.metadata.steps == before + 1000
     assert policy.metadata.measured["episodes"] == 1
     assert policy.action_deviation in adaptive.CHANCES
 
@@ -174,6 +175,39 @@ def test_whoever_cannot_teach_is_refused_before_anything_is_written(name, told, 
     with pytest.raises(ValueError, match=told):
         train(replace(TINY, teacher=teacher), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("nobody", "no policy 'nobody'"),
+        ("oracle", "a policy that remembers"),
+        ("revised", "a policy that remembers"),
+        ("adaptive", "trained for"),
+    ],
+)
+def test_whoever_cannot_be_gone_on_from_is_refused_before_anything_is_written(name, told, tmp_path):
+    wrong = tmp_path / "PR2.safetensors"
+    packaged("avrgym/ScratchItchPR2-v1", "adaptive").save(wrong)
+    initial = str(wrong) if name == "adaptive" else name
+    with pytest.raises(ValueError, match=told):
+        train(replace(TINY, initial=initial), tmp_path / "out")
+    with pytest.raises(ValueError, match="leave out the teacher"):
+        train(replace(TINY, initial="adaptive", teacher="revised"), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_it_goes_on_from_the_very_policy(tmp_path, monkeypatch):
+    """As long as only the critic learns, the policy stays as it was."""
+    monkeypatch.setattr(adaptive, "CRITIC_ROUNDS", 1)
+    train(replace(TINY, steps=200, initial="adaptive"), tmp_path / "out")
+    before, after = packaged(TINY.environment, "adaptive"), Policy.load(tmp_path / "out" / "policy.safetensors")
+    seen = np.random.default_rng(3).standard_normal((20, 2, before.observation_size))
+    there, here = Actor(before, 2), Actor(after, 2)
+    for each in seen:
+        assert_allclose(here.mean(each), there.mean(each), atol=1e-6)
+    assert after.metadata.curve[: len(before.metadata.curve)] == before.metadata.curve
 
 
 def test_an_overload_costs_by_the_highest_share_of_a_limit(monkeypatch):

@@ -3,6 +3,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models.human import JOINT_INDEX, JOINTS, LOWER_RAD, UPPER_RAD, People
+from avrgym.models.scene import SUBSTEPS
 from avrgym.people import impairments
 from avrgym.people.names import IMPAIRMENTS
 from avrgym.tasks.episodes import Episodes
@@ -50,11 +51,34 @@ def test_weakness_takes_up_to_three_quarters_of_the_strength(group, rng):
     assert 0.98 < weak.strength_share.max() <= 1.0
 
 
-def test_tremor_is_up_to_20_degrees_of_the_head_and_10_of_the_arms(group, rng):
+def test_tremor_is_as_far_as_the_reference_s_joints_follow_20_degrees_of_the_head_and_10_of_the_arms(group, rng):
     tremor = np.degrees(impaired(group, "tremor", rng).tremor_rad)
     for name, joint in JOINTS.items():
-        most = {"torso": 0.0, "head": 20.0}.get(joint.body, 10.0)
+        most = followed_of_the_reference({"torso": 0.0, "head": 20.0}.get(joint.body, 10.0))
         assert 0.98 * most <= tremor[:, JOINT_INDEX[name]].max() <= most
+
+
+def followed_of_the_reference(target: float) -> float:
+    """How far a joint goes either way whose motor closes a twentieth of the gap in each of five steps."""
+    angle = 0.0
+    for step in range(200):
+        for _ in range(5):
+            angle += 0.05 * ((-1.0) ** step * target - angle)
+    return abs(angle)
+
+
+def test_joints_tremble_as_far_as_they_are_said_to():
+    episodes, angles = begun("tremor"), []
+    for _ in range(12):
+        episodes.command(STILL)
+        for _ in range(SUBSTEPS):
+            episodes.simulation.step(1)
+            angles.append(episodes.simulation.person_angles_rad())
+        episodes.evaluate_step(STILL)
+    heads = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
+    swing = np.ptp(np.array(angles[-4 * SUBSTEPS :]), axis=0)[:, heads] / 2.0
+    assert (swing < 1.3 * episodes.people.tremor_rad[:, heads] + 1e-3).all()
+    assert swing.max() > np.radians(1.0)
 
 
 def test_the_tremor_of_the_head_alternates_every_control_step():

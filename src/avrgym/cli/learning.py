@@ -94,6 +94,13 @@ def train(
             help="With --recipe adaptive: a policy to imitate, by its name or file, in place of the task's expert."
         ),
     ] = None,
+    initial_policy: Annotated[
+        str | None,
+        typer.Option(
+            help="With --recipe adaptive: a policy that remembers to go on from by PPO, by its name or file; nothing "
+            "is imitated then."
+        ),
+    ] = None,
     alternate: Annotated[
         int,
         typer.Option(
@@ -147,8 +154,9 @@ def train(
             _check_recipe(recipe, of_all | of_adaptive if recipe == ADAPTIVE else of_all)
         if recipe != PAIR and (alternate or own_reward):
             raise ValueError(f"--alternate and --own-reward go with --recipe {PAIR}")
-        if teacher is not None and (recipe != ADAPTIVE or resume):
-            raise ValueError(f"--teacher goes with a new training by --recipe {ADAPTIVE}")
+        for name, policy in (("--teacher", teacher), ("--initial-policy", initial_policy)):
+            if policy is not None and (recipe != ADAPTIVE or resume):
+                raise ValueError(f"{name} goes with a new training by --recipe {ADAPTIVE}")
         if resume and (alternate or own_reward):
             raise ValueError("a pair goes on as it began; --resume goes without --alternate and --own-reward")
         if resume and config is not None:
@@ -168,7 +176,7 @@ def train(
         training = _training()
         if recipe == ADAPTIVE:
             folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{recipe}-{seed}"
-            _train_adaptive(env, steps, seed, worlds, teacher, folder, resume=resume)
+            _train_adaptive(env, steps, seed, worlds, teacher, initial_policy, folder, resume=resume)
             say(f"policy    {folder / training.POLICY_FILE}")
             return
         folder = out or Path("runs") / _run_name(env, people, impairment, recipe, seed)
@@ -211,6 +219,7 @@ def _train_adaptive(
     seed: int,
     worlds: int | None,
     teacher: str | None,
+    initial: str | None,
     folder: Path,
     *,
     resume: bool,
@@ -225,7 +234,9 @@ def _train_adaptive(
         if steps is not None:
             configuration = adaptive.lengthened(configuration, steps)
     else:
-        configuration = adaptive.AdaptiveTraining(environment=env, seed=seed, teacher=teacher)
+        configuration = adaptive.AdaptiveTraining(
+            environment=env, seed=seed, teacher=teacher, initial=initial
+        )
         configuration = replace(
             configuration, steps=steps or configuration.steps, worlds=worlds or configuration.worlds
         )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from avrgym.geometry.arrays import RAD_PER_DEGREE, like
 from avrgym.models.human import JOINTS, People
 from avrgym.people import impairments
-from avrgym.people.impairments import TREMOR_RAD
+from avrgym.people.impairments import TREMOR_TARGET_RAD
 from avrgym.people.names import TRAIN_ZOO, UNSEEN_ZOO
 from avrgym.people.uniform import which
 from avrgym.people.zoo.styles import STYLES, Style
@@ -151,7 +151,7 @@ OF_ONE_STYLE: Mapping[str, Partners] = {
     f"{zoo}/{style}": Partners(zoo, [style]) for zoo in LEVELS for style in STYLES
 }
 
-_TREMOR_SHARE = TREMOR_RAD / TREMOR_RAD[list(JOINTS).index("head_x")]
+_TREMOR_SHARE = TREMOR_TARGET_RAD / TREMOR_TARGET_RAD[list(JOINTS).index("head_x")]
 
 
 def endow(people: People, partners: Rows) -> People:
