@@ -202,7 +202,10 @@ def test_it_goes_on_from_the_very_policy(tmp_path, monkeypatch):
     """As long as only the critic learns, the policy stays as it was."""
     monkeypatch.setattr(adaptive, "CRITIC_ROUNDS", 1)
     train(replace(TINY, steps=200, initial="adaptive"), tmp_path / "out")
-    before, after = packaged(TINY.environment, "adaptive"), Policy.load(tmp_path / "out" / "policy.safetensors")
+    before, after = (
+        packaged(TINY.environment, "adaptive"),
+        Policy.load(tmp_path / "out" / "policy.safetensors"),
+    )
     seen = np.random.default_rng(3).standard_normal((20, 2, before.observation_size))
     there, here = Actor(before, 2), Actor(after, 2)
     for each in seen:

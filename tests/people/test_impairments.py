@@ -51,7 +51,9 @@ def test_weakness_takes_up_to_three_quarters_of_the_strength(group, rng):
     assert 0.98 < weak.strength_share.max() <= 1.0
 
 
-def test_tremor_is_as_far_as_the_reference_s_joints_follow_20_degrees_of_the_head_and_10_of_the_arms(group, rng):
+def test_tremor_is_as_far_as_the_reference_s_joints_follow_20_degrees_of_the_head_and_10_of_the_arms(
+    group, rng
+):
     tremor = np.degrees(impaired(group, "tremor", rng).tremor_rad)
     for name, joint in JOINTS.items():
         most = followed_of_the_reference({"torso": 0.0, "head": 20.0}.get(joint.body, 10.0))

@@ -108,7 +108,7 @@ STYLES: Mapping[str, Style] = {
     ),
     "trembling": Style(
         "cooperate while head and arms tremble at 5 Hz",
-        "4 to 12 Hz: Bhatia et al., Mov. Disord. 33:75, 2018; amplitudes within those of Assistive Gym",
+        "4 to 12 Hz: Bhatia et al., Mov. Disord. 33:75, 2018; amplitudes within where Assistive Gym sends joints, 20°",
         delay=ATTENTIVE,
         amplitude={"tremor_deg": (2.0, 8.0)} | WILLING | SWAYING,
         tempo=UNHURRIED | SWAYING_PACE,
