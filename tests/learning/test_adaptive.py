@@ -239,6 +239,25 @@ def test_an_overload_costs_by_the_highest_share_of_a_limit(monkeypatch):
     assert_allclose(cost.max(axis=0), np.maximum(2.0 * peak_share - 1.0, 0.0), atol=1e-4)
 
 
+def test_newtons_beyond_the_most_are_not_paid_for(monkeypatch):
+    """Scratching pays 2 for each newton of a scratch and 0.01 for each at the itch."""
+    environment, steps, seeds, most = TINY.environment, 60, np.arange(2), 3.0
+    monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", steps)
+    policy = packaged(environment, "revised")
+    place = Place(environment, Carried.of("revised"), "none", 1, "threads")
+    free, held = (roll_out(policy, Order(place, 0, seeds, paid_force_n=each)) for each in (np.inf, most))
+    worlds, actor = Episodes(environment, 2, distribution="revised", num_threads=1), Actor(policy, 2)
+    seen, taken_off = worlds.begin(np.arange(2), [np.random.default_rng(seed) for seed in seeds]), []
+    for _ in range(steps):
+        action = np.clip(actor.mean(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
+        step = worlds.step(action)
+        seen, terms = step.observation, step.reward_terms
+        beyond = [np.maximum(terms[name] - most, 0.0) for name in ("scratch_force_n", "force_at_itch_n")]
+        taken_off.append(2.0 * beyond[0] + 0.01 * beyond[1])
+    assert np.max(taken_off) > 1.0
+    assert_allclose(free.rewards - held.rewards, taken_off, atol=1e-4)
+
+
 def test_a_folder_without_training_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no training of an adaptive policy"):
         resume(tmp_path)

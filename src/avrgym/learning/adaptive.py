@@ -71,6 +71,8 @@ PPO_LEARNING_RATE, LEFT = 1e-4, 0.02
 """PPO's learning rate, and the share of it that is left at the end."""
 FORCE_WEIGHT_PER_N = 0.02
 """What each newton on the person takes off a step's reward in PPO, beyond the task's own."""
+PAID_FORCE_N = 5.0
+"""In PPO a reward pays for pressing, where it does, up to so many newtons."""
 OVERLOAD_WEIGHT = 5.0
 """What a step's reward loses in PPO where a region of the body bears its transient limit, see ``rollouts.Order``."""
 STILL = (REVISED, "none")
@@ -334,6 +336,7 @@ class _Learner:
                 episodes[part],
                 noise=(configuration.seed, number),
                 force_weight_per_n=FORCE_WEIGHT_PER_N,
+                paid_force_n=PAID_FORCE_N,
                 overload_weight=OVERLOAD_WEIGHT,
                 detour_weight_per_m=settings_of(configuration.environment).detour_weight_per_m,
             )
@@ -408,10 +411,11 @@ class _Learner:
 
     def _policy(self, deviation: float = 0.0) -> Policy:
         configuration = self._configuration
-        before = None if self._initial is None else self._initial.metadata
-        steps, seconds, curve = (
-            (0, 0.0, []) if before is None else (before.steps, before.seconds, before.curve)
-        )
+        steps, seconds, curve = 0, 0.0, list[CurvePoint]()
+        if self._initial is not None:
+            before = self._initial.metadata
+            steps, seconds, curve = before.steps, before.seconds, before.curve
+        since = [(steps + done, reward, success) for done, reward, success in self._curve]
         metadata = PolicyMetadata(
             environment=configuration.environment,
             people=configuration.people,
@@ -420,7 +424,7 @@ class _Learner:
             seed=configuration.seed,
             git_commit=git_commit(),
             seconds=round(seconds + self._seconds, 1),
-            curve=thinned([*curve, *((steps + done, *rest) for done, *rest in self._curve)]),
+            curve=thinned([*curve, *since]),
         )
         return self._network.policy(self._normaliser, metadata, deviation)
 

@@ -36,15 +36,15 @@ class RecurrentNetwork(nn.Module):
         observation_size, action_size = policy.observation_size, policy.action_size
         hidden = tuple(len(bias) for bias in policy.biases[:-1])
         network = cls(observation_size, memory.units, hidden, action_size)
-        unit = network.memory
-        parameters = [unit.weight_ih_l0, unit.bias_ih_l0, unit.weight_hh_l0, unit.bias_hh_l0]
-        arrays = [memory.input_weight, memory.input_bias, memory.hidden_weight, memory.hidden_bias]
-        for layer, weight, bias in zip(network.layers, policy.weights, policy.biases, strict=True):
-            parameters += [layer.weight, layer.bias]
-            arrays += [weight, bias]
-        with torch.no_grad():
-            for parameter, array in zip(parameters, arrays, strict=True):
-                parameter.copy_(torch.as_tensor(array.T.copy()))
+        arrays = {
+            "memory.weight_ih_l0": memory.input_weight,
+            "memory.bias_ih_l0": memory.input_bias,
+            "memory.weight_hh_l0": memory.hidden_weight,
+            "memory.bias_hh_l0": memory.hidden_bias,
+        }
+        for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+            arrays[f"layers.{number}.weight"], arrays[f"layers.{number}.bias"] = weight, bias
+        network.load_state_dict({name: torch.as_tensor(array.T.copy()) for name, array in arrays.items()})
         return network
 
     def forward(self, observations: Tensor, remembered: Tensor | None = None) -> tuple[Tensor, Tensor]:

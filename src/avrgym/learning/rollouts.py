@@ -58,6 +58,7 @@ class Order:
             do. Experts compute on the host only.
         teacher: a policy that is the expert, in place of the task's own; it acts without chance.
         force_weight_per_n: what each newton on the person takes off a step's reward.
+        paid_force_n: up to how many newtons a task's reward pays for pressing, where it does; the rest is taken off.
         overload_weight: what it takes off a step's reward when a region of the body bears its transient limit in any
             physics step; from half the limit on evenly, and above it more. Measured on the host only.
         detour_weight_per_m: what each metre of a detour that the tool has to make to its goal takes off, but for an
@@ -73,6 +74,7 @@ class Order:
     by_expert: Bools | None = None
     teacher: Policy | None = None
     force_weight_per_n: float = 0.0
+    paid_force_n: float = np.inf
     overload_weight: float = 0.0
     detour_weight_per_m: float = 0.0
     shared_reward: bool = True
@@ -233,11 +235,22 @@ def _noise(policy: Policy, stream: int, order: Order) -> Array:
 
 def _cost(worlds: Episodes, order: Order, step: Step, *, last: bool) -> Array:
     """What an order takes off the rewards of a step, (n,)."""
-    cost = order.force_weight_per_n * step.force_on_person_n
+    cost = order.force_weight_per_n * step.force_on_person_n + _paid_beyond(order.paid_force_n, worlds, step)
     detour_m = worlds.task.detour_m
     if last or detour_m is None or not order.detour_weight_per_m:
         return cost
     return cost + order.detour_weight_per_m * detour_m(worlds.simulation.state(), worlds.task_state)
+
+
+def _paid_beyond(most_n: float, worlds: Episodes, step: Step) -> Array:
+    """What the reward's terms in newtons paid (n,) for those beyond the most; their names end with their unit."""
+    xp = namespace(step.reward)
+    paid = xp.zeros_like(step.reward)
+    for name, weight in worlds.task.weights.items():
+        if weight > 0.0 and name.endswith("_n"):
+            term = step.reward_terms[name]
+            paid = paid + weight * xp.maximum(term - most_n, xp.zeros_like(term))
+    return paid
 
 
 @lru_cache(maxsize=2)
