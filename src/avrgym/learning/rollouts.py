@@ -184,12 +184,14 @@ def _watched(worlds: Episodes, action: Array) -> tuple[Step, Array]:
 def _expert_for(policy: Policy, order: Order, worlds: Episodes) -> Controller:
     """Whom a policy learns from: the order's teacher, or the task's reactive expert.
 
-    One that remembers learns from an expert who sees nobody tremble.
+    One that remembers learns from the patient one, where there is one, and from experts who see nobody tremble.
     """
     if order.teacher is not None:
         return Actor(order.teacher, len(order.episodes)).mean
-    expert = worlds.task.reactive_expert
-    return (expert if policy.memory is None else steadied(expert))(worlds)
+    task = worlds.task
+    if policy.memory is None:
+        return task.reactive_expert(worlds)
+    return steadied(task.patient_expert or task.reactive_expert)(worlds)
 
 
 class _Agent:

@@ -22,8 +22,10 @@ def check_task(name: str) -> None:
     for environment_id, (task, _) in ENVIRONMENTS.items():
         if task == name:
             episodes = Episodes(environment_id, WORLDS, num_threads=1)
-            _check_expert(episodes, "expert", TASKS[name].expert)
-            _check_expert(episodes, "reactive_expert", TASKS[name].reactive_expert)
+            for part in ("expert", "reactive_expert", "patient_expert"):
+                expert: Expert | None = getattr(TASKS[name], part)
+                if expert is not None:
+                    _check_expert(episodes, part, expert)
 
 
 def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:

@@ -132,6 +132,7 @@ class Task:
         reactive_expert: does without plan or memory what depends evenly on the present: training imitates it.
         views: from where pictures are taken.
         training: how policies are trained.
+        patient_expert: may remember how people moved; policies that remember imitate it in place of the reactive one.
         detour_m: how much longer than straight on the way of tool and hand to the goal is, (N,); with a
             ``training.detour_weight_per_m`` training draws the policy along it.
         marks: what is drawn on the person.
@@ -157,6 +158,7 @@ class Task:
     views: Views
     strength_share: float | None = None
     training: TrainingSettings = field(default_factory=TrainingSettings)
+    patient_expert: Expert | None = None
     detour_m: Callable[[State, TaskState], Array] | None = None
     marks: Marks | None = None
 
@@ -185,6 +187,8 @@ class Task:
             )
         if self.training.detour_weight_per_m and self.detour_m is None:
             raise ValueError(f"task {self.name} has a weight for detours in its training, but no detour_m")
+        if self.patient_expert is not None:
+            self._check_part("patient_expert", callable(self.patient_expert), "function")
         object.__setattr__(self, "scene", cache(self.scene))
 
     def _check_part(self, part: str, fits: bool, kind: str) -> None:

@@ -14,6 +14,7 @@ from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import Start
 from avrgym.tasks import places
 from avrgym.tasks.drinking.expert import DrinkingExpert
+from avrgym.tasks.drinking.patient import PatientExpert
 from avrgym.tasks.drinking.reactive import give_drink
 from avrgym.tasks.drinking.reward import WEIGHTS, evaluate_step, init_state
 from avrgym.tasks.drinking.training import TRAINING
@@ -57,6 +58,7 @@ DRINKING = Task(
     evaluate_step=evaluate_step,
     expert=DrinkingExpert,
     reactive_expert=partial(Reactive, aim=give_drink),
+    patient_expert=PatientExpert,
     views=Views(
         mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
         on_floor=BESIDE_WHEELCHAIR,

@@ -1,0 +1,133 @@
+"""Giving drink patiently: an expert who remembers, for policies that remember.
+
+People seldom hold still. Who faces the cup moves the mouth whenever the cup moves, so that a cup that goes after every
+movement never comes to rest: this one goes slowly when it is near. It pours only into a mouth that rests, and stops as
+soon as the mouth moves. Who looks away, to others or about, is waited for before the place where the face comes back
+to, unless they have looked there from the beginning. Who turns from the side that the cup is on would turn to and fro
+if it followed across the face: it stays on its side.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.transforms import norm
+from avrgym.models.human import GEOMS
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.simulation.worlds import State
+from avrgym.tasks.drinking import expert
+from avrgym.tasks.drinking.expert import Way
+from avrgym.tasks.experts.head import heading
+from avrgym.tasks.experts.reactive import FASTEST_M_S, SPEED_PER_M, TURN_RAD_S, PresentGuide, funnel_m
+from avrgym.tasks.task import RunningEpisodes
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+SLOWEST_M_S = 0.02
+NEAR_M, LEFT_M = 0.025, 0.05
+"""From how near the lips water is poured, and from how far it is poured no more."""
+RESTING_M_S = 0.05
+"""A mouth that is slower rests."""
+READY_RAD, FULL_RAD = np.radians([70.0, 76.0])
+"""How far a cup is tilted before the mouth, and up to where no water pours."""
+POUR_RAD_S, BACK_RAD_S = 0.14, 1.5
+"""How fast a cup is tilted that pours, and how fast back."""
+AWAY_RAD, FAR_AWAY_RAD, EXPECTED_RAD = np.radians([25.0, 33.0, 8.0])
+"""From where on a face looks away; where it is awaited goes from there to the last as it turns to the second."""
+TURNED_RAD = float(np.radians(8.0))
+"""Who has turned the face by less since the beginning does not look away."""
+WAITING_M = 0.01
+"""How much farther from the face a cup waits."""
+BESIDE_M, MOST_ASIDE_M = 0.004, 0.028
+"""How far on its side of the head's middle a cup stays, and how far beside the lips it stays for that."""
+
+_RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
+
+
+class PatientExpert:
+    """Brings the cup to each of N mouths, waits, and pours where it may."""
+
+    def __init__(self, episodes: RunningEpisodes) -> None:
+        """Begin where people and arms are."""
+        self._episodes, self._guide = episodes, PresentGuide(episodes)
+        state = episodes.state()
+        self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state)
+
+    def __call__(self, observation: Array) -> Array:
+        """Actions (N, J)."""
+        guide, state = self._guide, self._episodes.state()
+        guide.relax()
+        rests = norm(state.mouth_pos_w - self._mouth_w) < RESTING_M_S * CONTROL_STEP_S
+        self._mouth_w = state.mouth_pos_w
+        turn_rad = _turn_rad(state)
+        away = (np.abs(turn_rad) > AWAY_RAD) & (np.abs(turn_rad - self._first_turn_rad) >= TURNED_RAD)
+        awaited = _turned(state, np.where(away, _expected_rad(turn_rad) - turn_rad, 0.0))
+        return self._bring(awaited, rests, away)
+
+    def _bring(self, state: State, rests: Bools, away: Bools) -> Array:
+        guide, way = self._guide, Way(*np.zeros((2, len(rests))))
+        tilt = np.maximum(_tilt_rad(guide.q_w), expert.TIPPED_RAD)
+        at_lips_w, _ = expert.at_mouth(state, way, tilt)
+        aside = _aside(state, guide.pos_w, at_lips_w)
+        offset = at_lips_w + aside - guide.pos_w
+        tilt = _next_tilt_rad(tilt, norm(offset), rests, away)
+        goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_RAD))
+        into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
+        back_m = funnel_m(offset, into, 0.01, expert.AWAY_M) + np.where(away, WAITING_M, 0.0)
+        speed = np.clip(SPEED_PER_M * norm(offset), SLOWEST_M_S, FASTEST_M_S)
+        return guide.toward(goal_w + aside - back_m[:, None] * into, q_w, speed, TURN_RAD_S)
+
+
+def _next_tilt_rad(tilt: Array, distance_m: Array, rests: Bools, away: Bools) -> Array:
+    """The tilt (N,) that is aimed at, of cups with a tilt so far from the lips."""
+    pours = (distance_m < NEAR_M) & ~away & (rests | (tilt < FULL_RAD))
+    on = tilt + CONTROL_STEP_S * np.where(tilt < FULL_RAD, TURN_RAD_S, POUR_RAD_S)
+    ready = np.minimum(tilt + CONTROL_STEP_S * TURN_RAD_S, READY_RAD)
+    stops = (tilt > FULL_RAD) & (away | ~rests | (distance_m > LEFT_M))
+    back = np.maximum(tilt - CONTROL_STEP_S * BACK_RAD_S, READY_RAD)
+    waits = np.where(tilt < READY_RAD, ready, np.where(stops, back, tilt))
+    return np.where(pours, on, np.where(distance_m > expert.AWAY_M, expert.TIPPED_RAD, waits))
+
+
+def _tilt_rad(q_w: Array) -> Array:
+    """The angle (N,) between the axes of cups and the vertical."""
+    return elementary.arccos(np.clip(transforms.rotate(q_w, expert.UP)[:, 2], -1.0, 1.0))
+
+
+def _to_the_left(state: State) -> Array:
+    """The level direction (N, 3) from the right shoulder to the left."""
+    shoulders_w = state.person_segment_w[:, [_RIGHT, _LEFT]].mean(axis=2)
+    return transforms.normalize((shoulders_w[:, 1] - shoulders_w[:, 0]) * [1.0, 1.0, 0.0])
+
+
+def _turn_rad(state: State) -> Array:
+    """How far (N,) faces are turned from where the trunk faces, to the left."""
+    into, left = heading(state), _to_the_left(state)
+    return elementary.arctan2(
+        -(into * left).sum(axis=-1), (into * transforms.cross(expert.UP, left)).sum(axis=-1)
+    )
+
+
+def _expected_rad(turn_rad: Array) -> Array:
+    """Where faces (N,) that look away are awaited."""
+    share = (np.abs(turn_rad) - AWAY_RAD) / (FAR_AWAY_RAD - AWAY_RAD)
+    return np.sign(turn_rad) * np.maximum(AWAY_RAD - share * (AWAY_RAD - EXPECTED_RAD), EXPECTED_RAD)
+
+
+def _turned(state: State, angle_rad: Array) -> State:
+    """The state with heads turned about the vertical by angles (N,)."""
+    turn = transforms.from_axis_angle(expert.UP, angle_rad)
+    mouth_w = state.head_pos_w + transforms.rotate(turn, state.mouth_pos_w - state.head_pos_w)
+    return replace(state, mouth_pos_w=mouth_w, head_q_w=transforms.multiply(turn, state.head_q_w))
+
+
+def _aside(state: State, tool_w: Array, at_lips_w: Array) -> Array:
+    """How far (N, 3) beside the lips cups go to stay on their side of the head's middle, where that is not too far."""
+    left = _to_the_left(state)
+    tool_m, lips_m = (((pos_w - state.head_pos_w) * left).sum(axis=-1) for pos_w in (tool_w, at_lips_w))
+    side = np.where(tool_m > 0.0, 1.0, -1.0)
+    missing_m = np.maximum(BESIDE_M - side * lips_m, 0.0)
+    return np.where(missing_m < MOST_ASIDE_M, side * missing_m, 0.0)[:, None] * left
