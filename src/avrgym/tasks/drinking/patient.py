@@ -1,7 +1,7 @@
 """Giving drink patiently: an expert who remembers, for policies that remember.
 
 People seldom hold still. Who faces the cup moves the mouth whenever the cup moves, so that a cup that goes after every
-movement never comes to rest: this one goes slowly when it is near. It pours only into a mouth that rests, and stops as
+movement never comes to rest: this one goes slowly when it is near, but for making room for who leans to it. It pours only into a mouth that rests, and stops as
 soon as the mouth moves. Who looks away, to others or about, is waited for before the place where the face comes back
 to, unless they have looked there from the beginning. Who turns from the side that the cup is on would turn to and fro
 if it followed across the face: it stays on its side.
@@ -26,7 +26,8 @@ from avrgym.tasks.task import RunningEpisodes
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-SLOWEST_M_S = 0.02
+SLOWEST_M_S, RETREAT_M_S = 0.02, 0.10
+"""How fast a cup goes at least that comes to the lips, and that makes room for them."""
 NEAR_M, LEFT_M = 0.025, 0.05
 """From how near the lips water is poured, and from how far it is poured no more."""
 RESTING_M_S = 0.05
@@ -39,6 +40,8 @@ AWAY_RAD, FAR_AWAY_RAD, EXPECTED_RAD = np.radians([25.0, 33.0, 8.0])
 """From where on a face looks away; where it is awaited goes from there to the last as it turns to the second."""
 TURNED_RAD = float(np.radians(8.0))
 """Who has turned the face by less since the beginning does not look away."""
+ROOM_M = 0.001
+"""How much too far in a cup may be before it makes room."""
 WAITING_M = 0.01
 """How much farther from the face a cup waits."""
 BESIDE_M, MOST_ASIDE_M = 0.004, 0.028
@@ -77,8 +80,11 @@ class PatientExpert:
         goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_RAD))
         into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
         back_m = funnel_m(offset, into, 0.01, expert.AWAY_M) + np.where(away, WAITING_M, 0.0)
-        speed = np.clip(SPEED_PER_M * norm(offset), SLOWEST_M_S, FASTEST_M_S)
-        return guide.toward(goal_w + aside - back_m[:, None] * into, q_w, speed, TURN_RAD_S)
+        goal_w = goal_w + aside - back_m[:, None] * into
+        too_far = ((goal_w - guide.pos_w) * into).sum(axis=-1) < -ROOM_M
+        slowest = np.where(too_far, RETREAT_M_S, SLOWEST_M_S)
+        speed = np.clip(SPEED_PER_M * norm(offset), slowest, FASTEST_M_S)
+        return guide.toward(goal_w, q_w, speed, TURN_RAD_S)
 
 
 def _next_tilt_rad(tilt: Array, distance_m: Array, rests: Bools, away: Bools) -> Array:
