@@ -1,10 +1,10 @@
 """Giving drink patiently: an expert who remembers, for policies that remember.
 
 People seldom hold still. Who faces the cup moves the mouth whenever the cup moves, so that a cup that goes after every
-movement never comes to rest: this one goes slowly when it is near, but for making room for who leans to it. It pours only into a mouth that rests, and stops as
-soon as the mouth moves. Who looks away, to others or about, is waited for before the place where the face comes back
-to, unless they have looked there from the beginning. Who turns from the side that the cup is on would turn to and fro
-if it followed across the face: it stays on its side.
+movement never comes to rest: this one goes slowly when it is near, but for making room for who leans to it. It pours
+only into a mouth that rests, and stops as soon as the mouth moves. Who looks away, to others or about, is waited for
+before the place where the face comes back to, unless they have looked there from the beginning. Who turns from the side
+that the cup is on would turn to and fro if it followed across the face: it stays on its side.
 """
 
 from dataclasses import replace
