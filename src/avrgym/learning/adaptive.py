@@ -67,8 +67,9 @@ LOG_STD = -2.3, -2.6
 """Logarithm of how random actions are at the beginning and the end of PPO."""
 CHANCES = 0.0, 0.05, 0.08
 """Standard deviations that a finished policy may act with: it keeps the one with which it succeeds most."""
-PPO_LEARNING_RATE, LEFT = 1e-4, 0.02
-"""PPO's learning rate, and the share of it that is left at the end."""
+PPO_LEARNING_RATE, LATER_LEARNING_RATE, LEFT = 3e-5, 1e-4, 0.02
+"""PPO's learning rate after imitation, where a higher one takes away what was reached, and where a training goes on
+from a policy; and the share of it that is left at the end."""
 FORCE_WEIGHT_PER_N = 0.02
 """What each newton on the person takes off a step's reward in PPO, beyond the task's own."""
 PAID_FORCE_N = 5.0
@@ -345,13 +346,14 @@ class _Learner:
         ]
         rollout = Rollout.joined([roll_out(policy, order) for order in orders])
         learns = number >= configuration.imitation_rounds + CRITIC_ROUNDS
+        rate = PPO_LEARNING_RATE if configuration.initial is None else LATER_LEARNING_RATE
         self._ppo.improve(
             torch.as_tensor(self._normaliser.normalize_obs(rollout.observations)),
             torch.as_tensor(rollout.actions),
             torch.as_tensor(self._normaliser.rewards(rollout)),
             deviation,
             np.random.default_rng([configuration.seed, 2, number]),
-            PPO_LEARNING_RATE * max(LEFT, 1.0 - share) if learns else 0.0,
+            rate * max(LEFT, 1.0 - share) if learns else 0.0,
         )
         return rollout, np.ones(configuration.worlds, bool)
 
