@@ -99,7 +99,7 @@ def test_whoever_has_looked_aside_from_the_beginning_is_not_waited_for(monkeypat
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_patience_gives_drink_to_more_people(robot):
-    """In many episodes to 81 and 84 of 100, where those who know the present only come to 58 and 68."""
+    """In many episodes to 83 and 79 of 100, where those who know the present only come to 68 and 61."""
 
     def successes(make) -> float:
         episodes = begun(robot, "zoo/train", 32)

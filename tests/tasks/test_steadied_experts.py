@@ -69,7 +69,7 @@ def test_the_tool_is_seen_as_it_is():
     ],
 )
 def test_a_steadied_expert_often_succeeds(environment, impairment):
-    """With the PR2's cup in 58 % of many episodes, in the others oftener."""
+    """With the PR2's cup in 61 % of many episodes, in the others oftener."""
     episodes = Episodes(
         f"avrgym/{environment}-v1", 24, distribution="zoo/train", impairment=impairment, num_threads=1
     )
