@@ -198,9 +198,8 @@ def test_whoever_cannot_be_gone_on_from_is_refused_before_anything_is_written(na
 
 
 @pytest.mark.slow
-def test_it_goes_on_from_the_very_policy(tmp_path, monkeypatch):
+def test_it_goes_on_from_the_very_policy(tmp_path):
     """As long as only the critic learns, the policy stays as it was."""
-    monkeypatch.setattr(adaptive, "CRITIC_ROUNDS", 1)
     train(replace(TINY, steps=200, initial="adaptive"), tmp_path / "out")
     before, after = (
         packaged(TINY.environment, "adaptive"),

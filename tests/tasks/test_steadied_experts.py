@@ -60,15 +60,15 @@ def test_the_tool_is_seen_as_it_is():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("environment", "impairment"),
+    ("environment", "impairment", "share"),
     [
-        ("FeedingJaco", "tremor"),
-        ("DrinkingPR2", "none"),
-        ("ScratchItchJaco", "weakness"),
-        ("BedBathingPR2", "tremor"),
+        ("FeedingJaco", "tremor", 0.6),
+        ("DrinkingPR2", "none", 0.35),
+        ("ScratchItchJaco", "weakness", 0.6),
+        ("BedBathingPR2", "tremor", 0.6),
     ],
 )
-def test_a_steadied_expert_often_succeeds(environment, impairment):
+def test_a_steadied_expert_often_succeeds(environment, impairment, share):
     """With the PR2's cup in 61 % of many episodes, in the others oftener."""
     episodes = Episodes(
         f"avrgym/{environment}-v1", 24, distribution="zoo/train", impairment=impairment, num_threads=1
@@ -77,4 +77,4 @@ def test_a_steadied_expert_often_succeeds(environment, impairment):
     expert, success = steadied(episodes.task.reactive_expert)(episodes), np.zeros(24, dtype=bool)
     for _ in range(EPISODE_STEPS):
         success = episodes.step(expert(episodes.observe())).success
-    assert success.mean() >= 0.35
+    assert success.mean() >= share

@@ -114,6 +114,12 @@ class DrinkingExpert:
         return SECONDS_PER_M * distance + BLOCKED_S * np.clip(1.0 - gap_m / CLEARANCE_M, 0.0, 1.0)
 
 
+def carried_tilt_rad(q_w: Array) -> Array:
+    """How far (N,) cups with rotations (N, 4) are tilted, or ``TIPPED_RAD`` where that is more."""
+    z_w = transforms.rotate(q_w, UP)[:, 2]
+    return np.maximum(elementary.arccos(np.clip(z_w, -1.0, 1.0)), TIPPED_RAD)
+
+
 def yaw_q_w(state: State, way: Way) -> Array:
     """The rotation (N, 4) of an upright cup whose x axis is the way's heading."""
     into = heading(state)

@@ -72,7 +72,7 @@ class PatientExpert:
 
     def _bring(self, state: State, rests: Bools, away: Bools) -> Array:
         guide, way = self._guide, Way(*np.zeros((2, len(rests))))
-        tilt = np.maximum(_tilt_rad(guide.q_w), expert.TIPPED_RAD)
+        tilt = expert.carried_tilt_rad(guide.q_w)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         aside = _aside(state, guide.pos_w, at_lips_w)
         offset = at_lips_w + aside - guide.pos_w
@@ -96,11 +96,6 @@ def _next_tilt_rad(tilt: Array, distance_m: Array, rests: Bools, away: Bools) ->
     back = np.maximum(tilt - CONTROL_STEP_S * BACK_RAD_S, READY_RAD)
     waits = np.where(tilt < READY_RAD, ready, np.where(stops, back, tilt))
     return np.where(pours, on, np.where(distance_m > expert.AWAY_M, expert.TIPPED_RAD, waits))
-
-
-def _tilt_rad(q_w: Array) -> Array:
-    """The angle (N,) between the axes of cups and the vertical."""
-    return elementary.arccos(np.clip(transforms.rotate(q_w, expert.UP)[:, 2], -1.0, 1.0))
 
 
 def _to_the_left(state: State) -> Array:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from avrgym.geometry import elementary, transforms
+from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
@@ -20,8 +20,7 @@ TILT_RAD_S = 0.12
 def give_drink(state: State, task_state: TaskState, guide: Guide) -> Aim:
     """The cup to the lips, straight on; where it is there, tilted on from how it is tilted."""
     way = expert.Way(*np.zeros((2, len(guide.pos_w))))
-    z_w = transforms.rotate(guide.q_w, expert.UP)[:, 2]
-    tilt = np.maximum(elementary.arccos(np.clip(z_w, -1.0, 1.0)), expert.TIPPED_RAD)
+    tilt = expert.carried_tilt_rad(guide.q_w)
     into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
     offset = expert.at_mouth(state, way, tilt)[0] - guide.pos_w
     near = norm(offset) < NEAR_M
