@@ -4,7 +4,8 @@ People seldom hold still. Who faces the cup moves the mouth whenever the cup mov
 movement never comes to rest: this one goes slowly when it is near, but for making room for who leans to it. It pours
 only into a mouth that rests, and stops as soon as the mouth moves. Who looks away, to others or about, is waited for
 before the place where the face comes back to, unless they have looked there from the beginning. Who turns from the side
-that the cup is on would turn to and fro if it followed across the face: it stays on its side.
+that the cup is on would turn to and fro if it followed across the face: it stays on its side, turned about its axis so
+that it pours over the part of its rim that is at the lips.
 """
 
 from dataclasses import replace
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
+from avrgym.models.cup import RIM_RADIUS_M
 from avrgym.models.human import GEOMS
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
@@ -28,14 +30,14 @@ Bools = NDArray[np.bool_]
 
 SLOWEST_M_S, RETREAT_M_S = 0.02, 0.10
 """How fast a cup goes at least that comes to the lips, and that makes room for them."""
-NEAR_M, LEFT_M = 0.025, 0.05
+NEAR_M, LEFT_M = 0.03, 0.05
 """From how near the lips water is poured, and from how far it is poured no more."""
 RESTING_M_S = 0.05
 """A mouth that is slower rests."""
 READY_RAD, FULL_RAD = np.radians([70.0, 76.0])
 """How far a cup is tilted before the mouth, and up to where no water pours."""
-POUR_RAD_S, BACK_RAD_S = 0.14, 1.5
-"""How fast a cup is tilted that pours, and how fast back."""
+POUR_RAD_S = 0.1
+"""How fast a cup is tilted that pours."""
 AWAY_RAD, FAR_AWAY_RAD, EXPECTED_RAD = np.radians([25.0, 33.0, 8.0])
 """From where on a face looks away; where it is awaited goes from there to the last as it turns to the second."""
 TURNED_RAD = float(np.radians(8.0))
@@ -44,8 +46,10 @@ ROOM_M = 0.001
 """How much too far in a cup may be before it makes room."""
 WAITING_M = 0.01
 """How much farther from the face a cup waits."""
-BESIDE_M, MOST_ASIDE_M = 0.004, 0.028
+BESIDE_M, MOST_ASIDE_M = 0.01, 0.04
 """How far on its side of the head's middle a cup stays, and how far beside the lips it stays for that."""
+TURNED_SHARE, MOST_TURNED_M = 0.7, 0.03
+"""What share of that is made up for by turning the cup about its axis, and how much at most."""
 
 _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
 
@@ -74,7 +78,11 @@ class PatientExpert:
         guide, way = self._guide, Way(*np.zeros((2, len(rests))))
         tilt = expert.carried_tilt_rad(guide.q_w)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
-        aside = _aside(state, guide.pos_w, at_lips_w)
+        aside_m = _aside_m(state, guide.pos_w, at_lips_w)
+        turned_m = np.clip(TURNED_SHARE * aside_m, -MOST_TURNED_M, MOST_TURNED_M)
+        way = replace(way, roll_rad=-elementary.arcsin(turned_m / RIM_RADIUS_M))
+        at_lips_w, _ = expert.at_mouth(state, way, tilt)
+        aside = (aside_m - turned_m)[:, None] * _to_the_left(state)
         offset = at_lips_w + aside - guide.pos_w
         tilt = _next_tilt_rad(tilt, norm(offset), rests, away)
         goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_RAD))
@@ -93,8 +101,7 @@ def _next_tilt_rad(tilt: Array, distance_m: Array, rests: Bools, away: Bools) ->
     on = tilt + CONTROL_STEP_S * np.where(tilt < FULL_RAD, TURN_RAD_S, POUR_RAD_S)
     ready = np.minimum(tilt + CONTROL_STEP_S * TURN_RAD_S, READY_RAD)
     stops = (tilt > FULL_RAD) & (away | ~rests | (distance_m > LEFT_M))
-    back = np.maximum(tilt - CONTROL_STEP_S * BACK_RAD_S, READY_RAD)
-    waits = np.where(tilt < READY_RAD, ready, np.where(stops, back, tilt))
+    waits = np.where(tilt < READY_RAD, ready, np.where(stops, READY_RAD, tilt))
     return np.where(pours, on, np.where(distance_m > expert.AWAY_M, expert.TIPPED_RAD, waits))
 
 
@@ -125,10 +132,10 @@ def _turned(state: State, angle_rad: Array) -> State:
     return replace(state, mouth_pos_w=mouth_w, head_q_w=transforms.multiply(turn, state.head_q_w))
 
 
-def _aside(state: State, tool_w: Array, at_lips_w: Array) -> Array:
-    """How far (N, 3) beside the lips cups go to stay on their side of the head's middle, where that is not too far."""
+def _aside_m(state: State, tool_w: Array, at_lips_w: Array) -> Array:
+    """How far (N,) left of the lips cups go to stay on their side of the head's middle, where that is not too far."""
     left = _to_the_left(state)
     tool_m, lips_m = (((pos_w - state.head_pos_w) * left).sum(axis=-1) for pos_w in (tool_w, at_lips_w))
     side = np.where(tool_m > 0.0, 1.0, -1.0)
     missing_m = np.maximum(BESIDE_M - side * lips_m, 0.0)
-    return np.where(missing_m < MOST_ASIDE_M, side * missing_m, 0.0)[:, None] * left
+    return np.where(missing_m < MOST_ASIDE_M, side * missing_m, 0.0)
