@@ -30,6 +30,11 @@ def train(*arguments: str | Path) -> Result:
         (["--recipe", "adaptive", "--resume", "--initial-policy", "adaptive"], "goes with a new training"),
         (["--recipe", "adaptive", "--initial-policy", "revised", "--worlds", "1"], "a policy that remembers"),
         (["--recipe", "adaptive", "--teacher", "nobody", "--worlds", "1"], "no policy 'nobody'"),
+        (["--recipe", "paper", "--imitation-share", "1"], "--imitation-share goes with a new training"),
+        (
+            ["--recipe", "adaptive", "--initial-policy", "adaptive", "--imitation-share", "1"],
+            "leave out --imitation-share",
+        ),
     ],
 )
 def test_what_a_recipe_leaves_no_choice_of_is_refused(arguments: list[str], told: str) -> None:
@@ -83,3 +88,16 @@ def test_the_adaptive_recipe_leaves_a_policy_that_remembers(
     again = train("--recipe", "adaptive", "--resume", "--out", out)
     assert again.exit_code == 1
     assert "complete" in again.stderr
+
+
+def test_a_share_of_the_adaptive_recipe_s_rounds_imitates(monkeypatch: pytest.MonkeyPatch) -> None:
+    class AskedError(Exception):
+        pass
+
+    def asked(training: adaptive.AdaptiveTraining, *rest: object) -> None:
+        assert training.imitation_rounds == training.rounds == 3
+        raise AskedError
+
+    monkeypatch.setattr(adaptive, "train", asked)
+    given = ("--recipe", "adaptive", "--imitation-share", "1", "--steps", "1200", "--worlds", "2")
+    assert isinstance(train(*given).exception, AskedError)

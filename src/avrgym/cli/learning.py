@@ -101,6 +101,15 @@ def train(
             "is imitated then."
         ),
     ] = None,
+    imitation_share: Annotated[
+        float | None,
+        typer.Option(
+            help="With --recipe adaptive: what share of its rounds imitate, at least one; PPO does the others. "
+            "0.25 unless named.",
+            min=0.0,
+            max=1.0,
+        ),
+    ] = None,
     alternate: Annotated[
         int,
         typer.Option(
@@ -154,9 +163,16 @@ def train(
             _check_recipe(recipe, of_all | of_adaptive if recipe == ADAPTIVE else of_all)
         if recipe != PAIR and (alternate or own_reward):
             raise ValueError(f"--alternate and --own-reward go with --recipe {PAIR}")
-        for name, policy in (("--teacher", teacher), ("--initial-policy", initial_policy)):
-            if policy is not None and (recipe != ADAPTIVE or resume):
+        of_new_adaptive = {
+            "--teacher": teacher,
+            "--initial-policy": initial_policy,
+            "--imitation-share": imitation_share,
+        }
+        for name, choice in of_new_adaptive.items():
+            if choice is not None and (recipe != ADAPTIVE or resume):
                 raise ValueError(f"{name} goes with a new training by --recipe {ADAPTIVE}")
+        if initial_policy is not None and imitation_share is not None:
+            raise ValueError("--initial-policy goes on by PPO alone: leave out --imitation-share")
         if resume and (alternate or own_reward):
             raise ValueError("a pair goes on as it began; --resume goes without --alternate and --own-reward")
         if resume and config is not None:
@@ -176,7 +192,14 @@ def train(
         training = _training()
         if recipe == ADAPTIVE:
             folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{recipe}-{seed}"
-            _train_adaptive(env, steps, seed, worlds, teacher, initial_policy, folder, resume=resume)
+            choices = {
+                "steps": steps,
+                "worlds": worlds,
+                "teacher": teacher,
+                "initial": initial_policy,
+                "imitation_share": imitation_share,
+            }
+            _train_adaptive(env, seed, choices, folder, resume=resume)
             say(f"policy    {folder / training.POLICY_FILE}")
             return
         folder = out or Path("runs") / _run_name(env, people, impairment, recipe, seed)
@@ -213,33 +236,19 @@ def _check_recipe(recipe: str, others: dict[str, bool]) -> None:
         raise ValueError(f"--recipe {recipe} says that itself or cannot do it: leave out {', '.join(given)}")
 
 
-def _train_adaptive(
-    env: str,
-    steps: int | None,
-    seed: int,
-    worlds: int | None,
-    teacher: str | None,
-    initial: str | None,
-    folder: Path,
-    *,
-    resume: bool,
-) -> None:
-    """Train by the recipe ``ADAPTIVE``."""
+def _train_adaptive(env: str, seed: int, choices: dict[str, Any], folder: Path, *, resume: bool) -> None:
+    """Train by the recipe ``ADAPTIVE``; ``choices`` are of ``AdaptiveTraining``, None where nobody chose."""
     from avrgym.learning import adaptive
 
     if resume:
         configuration = adaptive.stored_training(folder)
         if configuration.environment != env:
             raise ValueError(f"{folder} holds a training of {configuration.environment}, not of {env}")
-        if steps is not None:
-            configuration = adaptive.lengthened(configuration, steps)
+        if choices["steps"] is not None:
+            configuration = adaptive.lengthened(configuration, choices["steps"])
     else:
-        configuration = adaptive.AdaptiveTraining(
-            environment=env, seed=seed, teacher=teacher, initial=initial
-        )
-        configuration = replace(
-            configuration, steps=steps or configuration.steps, worlds=worlds or configuration.worlds
-        )
+        made = {name: choice for name, choice in choices.items() if choice is not None}
+        configuration = adaptive.AdaptiveTraining(environment=env, seed=seed, **made)
     again = f"avrgym train {env} --recipe {ADAPTIVE} --resume --out {shlex.quote(str(folder))}"
     with progress_bar(env, configuration.whole_steps, "steps", stopped=f"`{again}` goes on") as bar:
 
@@ -247,7 +256,7 @@ def _train_adaptive(
             bar.show(now.steps, words=f"{env}  {now.stage}{_so_far(now)}")
 
         if resume:
-            adaptive.resume(folder, tell, steps)
+            adaptive.resume(folder, tell, choices["steps"])
         else:
             adaptive.train(configuration, folder, tell)
 
