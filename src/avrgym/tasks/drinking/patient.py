@@ -75,12 +75,12 @@ class PatientExpert:
         return self._bring(awaited, rests, away)
 
     def _bring(self, state: State, rests: Bools, away: Bools) -> Array:
-        guide, way = self._guide, Way(*np.zeros((2, len(rests))))
+        guide, way = self._guide, _way(np.zeros(len(rests)))
         tilt = expert.carried_tilt_rad(guide.q_w)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         aside_m = _aside_m(state, guide.pos_w, at_lips_w)
         turned_m = np.clip(TURNED_SHARE * aside_m, -MOST_TURNED_M, MOST_TURNED_M)
-        way = replace(way, roll_rad=-elementary.arcsin(turned_m / RIM_RADIUS_M))
+        way = _way(turned_m)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         aside = (aside_m - turned_m)[:, None] * _to_the_left(state)
         offset = at_lips_w + aside - guide.pos_w
@@ -93,6 +93,11 @@ class PatientExpert:
         slowest = np.where(too_far, RETREAT_M_S, SLOWEST_M_S)
         speed = np.clip(SPEED_PER_M * norm(offset), slowest, FASTEST_M_S)
         return guide.toward(goal_w, q_w, speed, TURN_RAD_S)
+
+
+def _way(left_m: Array) -> Way:
+    """How cups come that pour over the part of their rim which puts them so far (N,) left of the lips."""
+    return Way(np.zeros_like(left_m), -elementary.arcsin(left_m / RIM_RADIUS_M))
 
 
 def _next_tilt_rad(tilt: Array, distance_m: Array, rests: Bools, away: Bools) -> Array:
