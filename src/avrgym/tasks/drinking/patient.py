@@ -48,8 +48,8 @@ WAITING_M = 0.01
 """How much farther from the face a cup waits."""
 BESIDE_M, MOST_ASIDE_M = 0.01, 0.04
 """How far on its side of the head's middle a cup stays, and how far beside the lips it stays for that."""
-TURNED_SHARE, MOST_TURNED_M = 0.7, 0.03
-"""What share of that is made up for by turning the cup about its axis, and how much at most."""
+TURNED_SHARE = 0.7
+"""What share of that is made up for by turning the cup about its axis."""
 
 _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
 
@@ -79,7 +79,7 @@ class PatientExpert:
         tilt = expert.carried_tilt_rad(guide.q_w)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         aside_m = _aside_m(state, guide.pos_w, at_lips_w)
-        turned_m = np.clip(TURNED_SHARE * aside_m, -MOST_TURNED_M, MOST_TURNED_M)
+        turned_m = TURNED_SHARE * aside_m
         way = _way(turned_m)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         aside = (aside_m - turned_m)[:, None] * _to_the_left(state)
