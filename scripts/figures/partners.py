@@ -20,7 +20,7 @@ from figures_file import add, cells, chosen, name_of, read, success_and_force
 from papers_results import row, short
 
 SEED = 0
-EPISODES, FEWER = 300, 100
+EPISODES, FEWER = 1000, 100
 """Of policies that remember with ``UNMET`` people, and of all others."""
 
 
