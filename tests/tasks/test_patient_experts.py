@@ -72,13 +72,14 @@ def test_a_cup_is_made_ready_near_the_mouth_and_is_carried_less_tilted():
 def test_a_cup_stays_on_its_side_of_the_face_where_that_is_near_the_lips(state):
     left, middle = patient._to_the_left(state), state.head_pos_w
     for lips_m, moved in ((0.02, 0.0), (-0.02, 0.03), (-0.05, 0.0)):
-        aside = patient._aside_m(state, middle + 0.1 * left, middle + lips_m * left)
+        aside = patient._aside_m(state, left, middle + 0.1 * left, middle + lips_m * left)
         assert_allclose(aside, moved, atol=1e-12)
-        mirrored = patient._aside_m(state, middle - 0.1 * left, middle - lips_m * left)
+        mirrored = patient._aside_m(state, left, middle - 0.1 * left, middle - lips_m * left)
         assert_allclose(mirrored, -aside, atol=1e-12)
 
 
 def test_a_cup_beside_the_lips_is_turned_so_that_it_pours_there(state):
+    """To a tenth of a millimetre: its distance from the head is that of 24 points of its rim, which turn with it."""
     tilt = np.full(24, FULL_RAD)
     left = -transforms.cross(expert.UP, heading(state))
 

@@ -78,11 +78,12 @@ class PatientExpert:
         guide, way = self._guide, _way(np.zeros(len(rests)))
         tilt = expert.carried_tilt_rad(guide.q_w)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
-        aside_m = _aside_m(state, guide.pos_w, at_lips_w)
+        left = _to_the_left(state)
+        aside_m = _aside_m(state, left, guide.pos_w, at_lips_w)
         turned_m = TURNED_SHARE * aside_m
         way = _way(turned_m)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
-        aside = (aside_m - turned_m)[:, None] * _to_the_left(state)
+        aside = (aside_m - turned_m)[:, None] * left
         offset = at_lips_w + aside - guide.pos_w
         tilt = _next_tilt_rad(tilt, norm(offset), rests, away)
         goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_RAD))
@@ -137,9 +138,8 @@ def _turned(state: State, angle_rad: Array) -> State:
     return replace(state, mouth_pos_w=mouth_w, head_q_w=transforms.multiply(turn, state.head_q_w))
 
 
-def _aside_m(state: State, tool_w: Array, at_lips_w: Array) -> Array:
+def _aside_m(state: State, left: Array, tool_w: Array, at_lips_w: Array) -> Array:
     """How far (N,) left of the lips cups go to stay on their side of the head's middle, where that is not too far."""
-    left = _to_the_left(state)
     tool_m, lips_m = (((pos_w - state.head_pos_w) * left).sum(axis=-1) for pos_w in (tool_w, at_lips_w))
     side = np.where(tool_m > 0.0, 1.0, -1.0)
     missing_m = np.maximum(BESIDE_M - side * lips_m, 0.0)
