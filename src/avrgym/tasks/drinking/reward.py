@@ -59,7 +59,7 @@ def init_state(people: People, uniforms: Array) -> DrinkingState:
 
 def evaluate_step(state: State, action: Array, task_state: DrinkingState) -> StepResult:
     """Water that is out of the cup and within 3 cm of the mouth is drunk; fallen below both it is spilled."""
-    outside = ~(task_state.gone | _in_cup(state))
+    outside = ~(task_state.gone | in_cup(state))
     drinkable = outside & ~task_state.spilled
     drunk = drinkable & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
     spilled = drinkable & ~drunk & _fallen(state)
@@ -89,7 +89,7 @@ def evaluate_step(state: State, action: Array, task_state: DrinkingState) -> Ste
     return StepResult(after, terms, distance, state.total_force_n, success, drunk.sum(axis=-1), gone)
 
 
-def _in_cup(state: State) -> Bools:
+def in_cup(state: State) -> Bools:
     """Which water (N, 64) is between the cup's walls, below its rim."""
     to_cup = transforms.conjugate(state.tool_q_w)[:, None]
     pos = transforms.rotate(to_cup, state.particle_pos_w - state.tool_pos_w[:, None])
