@@ -2,7 +2,7 @@
 
     python scripts/figures/partners.py measure [KIND ...]   measures what is not yet, of `adaptive` unless other
                                                             kinds of policies are named; goes on where it stopped
-    python scripts/figures/partners.py table [KIND ...]     prints the tables of docs/policies.md
+    python scripts/figures/partners.py table [KIND ...]     prints the tables of docs/adaptive.md
 
 Episodes are of the stream that no choice has seen, seed 0. Figures lie in `scripts/figures/partners.json`.
 """

@@ -26,6 +26,23 @@ def test_links_and_pictures_lead_somewhere(document):
     assert [target for target in local if not (document.parent / target).exists()] == []
 
 
+@pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
+def test_links_to_headings_find_them(document):
+    links = re.findall(r"\]\(([^)#:]*)#([^)]+)\)", document.read_text())
+    pages = [document.parent / target if target else document for target, _ in links]
+    lost = [
+        anchor for page, (_, anchor) in zip(pages, links, strict=True) if anchor not in anchors(page.read_text())
+    ]
+    assert lost == []
+
+
+def anchors(page: str) -> set[str]:
+    """What links to the headings of a page end in: their words, joined by hyphens."""
+    headings = re.findall(r"^#+ +(.+)$", page, flags=re.MULTILINE)
+    words = (re.sub(r"[^\w\s-]", "", heading).lower() for heading in headings)
+    return {re.sub(r"[\s-]+", "-", each.strip()) for each in words}
+
+
 EXAMPLES = {
     environment_id(task, robot)
     for task in (*TASKS, "TouchElbow")
@@ -56,34 +73,38 @@ def test_the_readme_names_every_command():
     assert [command for command in commands if f"`avrgym {command}" not in README] == []
 
 
-@pytest.mark.parametrize("kind", ["original", "revised", "adaptive"])
-def test_the_page_of_the_policies_says_what_their_files_say(kind):
-    tables = runpy.run_path(str(ROOT / "scripts" / "figures" / "policy_tables.py"))
-    page = (ROOT / "docs" / "policies.md").read_text().splitlines()
-    assert [row for row in tables["packaged_table"](kind) if row not in page] == []
-
-
-def test_the_page_of_the_policies_says_what_was_trained_like_for_like():
-    tables = runpy.run_path(str(ROOT / "scripts" / "figures" / "like_for_like.py"))
-    page = (ROOT / "docs" / "policies.md").read_text().splitlines()
-    assert [row for row in tables["table"]() if row not in page] == []
+@pytest.mark.parametrize(
+    ("kind", "page"),
+    [("original", "policies.md"), ("revised", "policies.md"), ("adaptive", "adaptive.md")],
+)
+def test_the_pages_of_the_policies_say_what_their_files_say(kind, page):
+    assert missing(page, "policy_tables", "packaged_table", kind) == []
 
 
 @pytest.mark.parametrize("table", ["table", "table_of_forces"])
 @pytest.mark.parametrize("kind", ["original", "revised", "adaptive"])
-def test_the_page_of_the_policies_says_how_they_do_with_whom(kind, table):
-    tables = runpy.run_path(str(ROOT / "scripts" / "figures" / "partners.py"))
-    page = (ROOT / "docs" / "policies.md").read_text().splitlines()
-    assert [row for row in tables[table](kind) if row not in page] == []
+def test_the_page_of_policies_that_remember_says_how_all_do_with_whom(kind, table):
+    assert missing("adaptive.md", "partners", table, kind) == []
 
 
-@pytest.mark.parametrize("script", ["paper_recipe", "memory_ablation"])
-def test_the_page_of_the_policies_says_what_trainings_for_comparison_reached(script):
-    tables = runpy.run_path(str(ROOT / "scripts" / "figures" / f"{script}.py"))
-    page = (ROOT / "docs" / "policies.md").read_text().splitlines()
-    rows = [*tables["table"]()]
+@pytest.mark.parametrize(
+    ("page", "script"),
+    [
+        ("policies.md", "like_for_like"),
+        ("policies.md", "paper_recipe"),
+        ("adaptive.md", "memory_ablation"),
+    ],
+)
+def test_the_pages_of_the_policies_say_what_trainings_for_comparison_reached(page, script):
+    assert missing(page, script, "table") == []
+
+
+def missing(page: str, script: str, table: str, *arguments: str) -> list[str]:
+    """The rows of a figure's table that its page does not have."""
+    lines = (ROOT / "docs" / page).read_text().splitlines()
+    rows = [*runpy.run_path(str(ROOT / "scripts" / "figures" / f"{script}.py"))[table](*arguments)]
     assert len(rows) > 2
-    assert [row for row in rows if row not in page] == []
+    return [row for row in rows if row not in lines]
 
 
 def test_the_page_of_the_zoo_says_who_lives_there():
