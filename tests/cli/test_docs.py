@@ -31,7 +31,9 @@ def test_links_to_headings_find_them(document):
     links = re.findall(r"\]\(([^)#:]*)#([^)]+)\)", document.read_text())
     pages = [document.parent / target if target else document for target, _ in links]
     lost = [
-        anchor for page, (_, anchor) in zip(pages, links, strict=True) if anchor not in anchors(page.read_text())
+        anchor
+        for page, (_, anchor) in zip(pages, links, strict=True)
+        if anchor not in anchors(page.read_text())
     ]
     assert lost == []
 

@@ -3,10 +3,10 @@
 People seldom hold still. Who faces the cup moves the mouth whenever the cup moves, so that a cup that goes after every
 movement never comes to rest: this one goes slowly when it is near, but for making room for who leans to it. It pours
 only into a mouth that rests, and stops as soon as the mouth moves. The less water is left the farther a cup has to be
-tilted before it pours: up to there the tilt is quick, so that also short rests are of use. Who looks away, to others or about, is waited for
-before the place where the face comes back to, unless they have looked there from the beginning. Who turns from the side
-that the cup is on would turn to and fro if it followed across the face: it stays on its side, turned about its axis so
-that it pours over the part of its rim that is at the lips.
+tilted before it pours: up to there the tilt is quick, so that also short rests are of use. Who looks away, to others or
+about, is waited for before the place where the face comes back to, unless they have looked there from the beginning.
+Who turns from the side that the cup is on would turn to and fro if it followed across the face: it stays on its side,
+turned about its axis so that it pours over the part of its rim that is at the lips.
 """
 
 from dataclasses import replace
