@@ -91,7 +91,7 @@ class PatientExpert:
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         aside = (aside_m - turned_m)[:, None] * left
         offset = at_lips_w + aside - guide.pos_w
-        pours_rad = POURS_RAD + PER_PARTICLE_RAD * count(in_cup(self._episodes.state()))
+        pours_rad = POURS_RAD + PER_PARTICLE_RAD * count(in_cup(state))
         tilt = _next_tilt_rad(tilt, pours_rad, norm(offset), rests, away)
         goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_RAD))
         into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
