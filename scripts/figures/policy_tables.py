@@ -1,4 +1,4 @@
-"""What the packaged policies reach, as the tables of docs/policies.md.
+"""What the packaged policies reach, as the tables of docs/policies.md and docs/adaptive.md.
 
 python scripts/figures/policy_tables.py                                   what their own files say
 python scripts/figures/policy_tables.py settings                          how each task is trained; needs avrgym[train]

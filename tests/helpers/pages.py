@@ -1,6 +1,7 @@
 """The documentation's pages: their blocks of code and the commands in them."""
 
 import re
+import runpy
 import shlex
 import textwrap
 from pathlib import Path
@@ -30,6 +31,21 @@ def commands(text: str) -> list[list[str]]:
     """The words of each line of a block of shell commands, comments and where output goes left out."""
     lines = text.replace("\\\n", " ").splitlines()
     return [words for line in lines if (words := shlex.split(line.partition(" > ")[0], comments=True))]
+
+
+def missing_rows(page: str, script: str, table: str, *arguments: str) -> list[str]:
+    """The rows of a table that a script of ``scripts/figures`` makes and its page of ``docs`` does not have."""
+    lines = (DOCS / page).read_text().splitlines()
+    rows = [*runpy.run_path(str(ROOT / "scripts" / "figures" / f"{script}.py"))[table](*arguments)]
+    assert len(rows) > 2
+    return [row for row in rows if row not in lines]
+
+
+def anchors(page: Path) -> set[str]:
+    """What links to the headings of a page end in: their words, joined by hyphens."""
+    headings = re.findall(r"^#+ +(.+)$", _BLOCK.sub("", page.read_text()), flags=re.MULTILINE)
+    words = (re.sub(r"[^\w\s-]", "", heading).lower() for heading in headings)
+    return {re.sub(r"[\s-]+", "-", each.strip()) for each in words}
 
 
 def name_of(page: Path) -> str:

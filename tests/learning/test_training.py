@@ -1,5 +1,4 @@
 import json
-import runpy
 import shutil
 from dataclasses import fields, replace
 from pathlib import Path
@@ -8,7 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from places import DATA, ROOT
+from pages import missing_rows
+from places import DATA
 
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 
@@ -91,9 +91,7 @@ def test_schedules_go_evenly_from_their_beginning_to_their_end(environment):
 
 
 def test_the_page_of_the_policies_says_how_they_are_trained():
-    tables = runpy.run_path(str(ROOT / "scripts" / "figures" / "policy_tables.py"))
-    page = (ROOT / "docs" / "policies.md").read_text().splitlines()
-    assert [row for row in tables["settings_table"]() if row not in page] == []
+    assert missing_rows("policies.md", "policy_tables", "settings_table") == []
 
 
 # The wrapper

@@ -134,7 +134,7 @@ def test_water_leaves_a_cup_at_the_tilt_at_which_it_is_expected():
         episodes.step(controller(episodes.observe()))
         state = episodes.state()
         left = (in_cup(state).sum(axis=1) < before) & (before > 5)
-        expected = patient.POURS_RAD + patient.PER_PARTICLE_RAD * before
+        expected = patient.POURS_RAD - patient.PER_PARTICLE_RAD * before
         differences_rad.extend((expert.carried_tilt_rad(state.tool_q_w) - expected)[left])
     assert len(differences_rad) > 40
     assert np.abs(differences_rad).max() < np.radians(3.0)

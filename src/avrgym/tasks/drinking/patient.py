@@ -37,7 +37,7 @@ NEAR_M, LEFT_M = 0.03, 0.05
 """From how near the lips water is poured, and from how far it is poured no more."""
 RESTING_M_S = 0.05
 """A mouth that is slower rests."""
-POURS_RAD, PER_PARTICLE_RAD = np.radians([89.5, -0.145])
+POURS_RAD, PER_PARTICLE_RAD = np.radians([89.5, 0.145])
 """At what tilt the last water comes to the rim, and how much earlier it does for each particle in the cup: measured as
 cups poured at 0.1 rad/s, within a degree at any filling."""
 CALM_RAD, READY_RAD = np.radians([4.0, 14.0])
@@ -91,7 +91,7 @@ class PatientExpert:
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         aside = (aside_m - turned_m)[:, None] * left
         offset = at_lips_w + aside - guide.pos_w
-        pours_rad = POURS_RAD + PER_PARTICLE_RAD * count(in_cup(state))
+        pours_rad = POURS_RAD - PER_PARTICLE_RAD * count(in_cup(state))
         tilt = _next_tilt_rad(tilt, pours_rad, norm(offset), rests, away)
         goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_RAD))
         into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
@@ -109,7 +109,7 @@ def _way(left_m: Array) -> Way:
 
 
 def _next_tilt_rad(tilt: Array, pours_rad: Array, distance_m: Array, rests: Bools, away: Bools) -> Array:
-    """The tilt (N,) that is aimed at, of cups with a tilt so far from the lips, whose water comes to the rim at one."""
+    """The tilt (N,) that is aimed at, of cups with a tilt, with one at which they pour, and so far from the lips."""
     calm_rad, ready_rad = pours_rad - CALM_RAD, pours_rad - READY_RAD
     pours = (distance_m < NEAR_M) & ~away & (rests | (tilt < calm_rad))
     on = tilt + CONTROL_STEP_S * np.clip(APPROACH_PER_S * (pours_rad - tilt), POUR_RAD_S, TURN_RAD_S)
