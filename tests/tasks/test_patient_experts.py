@@ -11,7 +11,6 @@ from avrgym.tasks.drinking.patient import (
     EXPECTED_RAD,
     NEAR_M,
     POUR_RAD_S,
-    READY_RAD,
     PatientExpert,
 )
 from avrgym.tasks.drinking.reward import in_cup
@@ -68,7 +67,7 @@ def test_water_is_poured_into_a_mouth_that_is_near_and_rests():
     assert next_tilt(pouring) > pouring
     assert next_tilt(pouring, distance_m=NEAR_M + 0.001) == pouring
     for stops in ({"rests": NO}, {"away": YES}, {"distance_m": 0.06}):
-        assert_allclose(next_tilt(pouring, **stops), POURS_RAD - READY_RAD)
+        assert_allclose(next_tilt(pouring, **stops), expert.FULL_RAD)
 
 
 def test_a_cup_is_tilted_the_more_slowly_the_nearer_its_water_is_to_the_rim():
@@ -80,14 +79,15 @@ def test_a_cup_is_tilted_the_more_slowly_the_nearer_its_water_is_to_the_rim():
 
 
 def test_a_cup_is_made_ready_near_the_mouth_and_is_carried_less_tilted():
-    ready = POURS_RAD - READY_RAD
-    assert_allclose(next_tilt(ready - 0.01, distance_m=0.05), ready)
-    assert_allclose(next_tilt(ready, distance_m=0.2), expert.TIPPED_RAD)
+    assert_allclose(next_tilt(expert.FULL_RAD - 0.01, distance_m=0.05), expert.FULL_RAD)
+    assert_allclose(next_tilt(expert.FULL_RAD, distance_m=0.2), expert.TIPPED_RAD)
 
 
 def test_a_cup_stays_on_its_side_of_the_face_where_that_is_near_the_lips(state):
     left, middle = patient._to_the_left(state), state.head_pos_w
-    for lips_m, moved in ((0.02, 0.0), (-0.02, 0.03), (-0.05, 0.0)):
+    most_m, beside_m = patient.MOST_ASIDE_M, patient.BESIDE_M
+    known = (0.02, 0.0), (-0.02, 0.02 + beside_m), (beside_m - most_m, most_m)
+    for lips_m, moved in (*known, (beside_m - 1.25 * most_m, 0.5 * most_m), (-0.08, 0.0)):
         aside = patient._aside_m(state, left, middle + 0.1 * left, middle + lips_m * left)
         assert_allclose(aside, moved, atol=1e-12)
         mirrored = patient._aside_m(state, left, middle - 0.1 * left, middle - lips_m * left)

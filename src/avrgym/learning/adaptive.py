@@ -1,9 +1,10 @@
 """A policy that remembers: one recipe for every environment, first by imitation, then by PPO.
 
 First it learns from the task's reactive expert, which knows where the person is and sees nobody tremble. The policy
-sees observations only, and learns by dataset aggregation (Ross, Gordon, Bagnell, AISTATS 2011, algorithm 3.1) to do as
-the expert does: whatever observations do not say, such as how somebody moves, it has to remember (Chen et al.,
-"Learning by cheating", CoRL 2019). Then it goes on by PPO, on the task's reward less a little for each newton.
+sees observations only, and learns by dataset aggregation (Ross, Gordon, Bagnell, AISTATS 2011, algorithm 3.1) to lead
+the tool as the expert does (``tool_error``): whatever observations do not say, such as how somebody moves, it has to
+remember (Chen et al., "Learning by cheating", CoRL 2019). Then it goes on by PPO, on the task's reward less a little
+for each newton.
 Its partners are those of ``zoo/train``: in imitation with each impairment in turn, in PPO with all of them at once, and
 there Revised people beside them, who never come to meet a tool. Where the expert's ways are too sudden to be learned, a
 policy may be the teacher in its place. A training may also go on from a policy that remembers: then it imitates nobody.
@@ -20,7 +21,7 @@ import io
 import json
 import shutil
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,15 +39,17 @@ from avrgym.learning.recurrent import RecurrentNetwork, fit
 from avrgym.learning.recurrent_ppo import DISCOUNT, RecurrentPPO
 from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
 from avrgym.learning.settings_file import settings_of
+from avrgym.learning.tool_error import ToolMotion, tool_error
 from avrgym.learning.updates import UpdateNormaliser, observation_of
 from avrgym.people.names import IMPAIRMENTS, REVISED, TRAIN_ZOO
 from avrgym.policies import registry
 from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.robots.registry import find_robot
 from avrgym.system.carried import Carried
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 from avrgym.tasks.known import EPISODE_STEPS
-from avrgym.tasks.registry import find_environment, sizes
+from avrgym.tasks.registry import TASKS, find_environment, sizes
 
 FILE = "adaptive.json"
 SHOWN_FOLDER = "shown"
@@ -80,6 +83,13 @@ STILL = (REVISED, "none")
 """Partners in PPO beside those of the zoo, people and impairment: they stay as they were found."""
 TEACHER_FILE, INITIAL_FILE = "teacher.safetensors", "initial.safetensors"
 """The policy that is learned from, where it is not the task's expert, and the one that is gone on from, if any."""
+
+
+@dataclass(frozen=True)
+class ShownWithArm(Shown):
+    """What an expert showed, (T, N, ...), and where the arm's joints were then, (T, N, J)."""
+
+    arm_angles_rad: NDArray[np.float32]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,6 +245,8 @@ class _Learner:
         self._teacher = None if configuration.teacher is None else Policy.load(out / TEACHER_FILE)
         self._initial = None if configuration.initial is None else Policy.load(out / INITIAL_FILE)
         observation_size, action_size = sizes(configuration.environment)
+        task, robot = find_environment(configuration.environment)
+        self._tool_motion = ToolMotion(TASKS[task].scene(find_robot(robot)))
         self._normaliser = UpdateNormaliser(observation_of(configuration.environment), DISCOUNT)
         torch.set_num_threads(1)  # so that sums keep their order
         with torch.random.fork_rng(devices=[]):
@@ -249,7 +261,7 @@ class _Learner:
                 self._normaliser.obs_rms.var = self._initial.observation_variance.copy()
             self._ppo = RecurrentPPO(self._network, observation_size)
         self.rounds = 0
-        self._shown: list[Shown] = []
+        self._shown: list[ShownWithArm] = []
         self._curve: list[CurvePoint] = []
         self._seconds_before, self._began = 0.0, time.monotonic()
 
@@ -265,7 +277,7 @@ class _Learner:
             notes: dict[str, Any] = json.loads(state["notes"])
             self.rounds = notes["rounds"]
             if self.rounds < self._configuration.imitation_rounds:
-                self._shown = [load_shown(self._file(number)) for number in range(self.rounds)]
+                self._shown = [load_shown(self._file(number), ShownWithArm) for number in range(self.rounds)]
         except Exception as error:  # torch raises many kinds
             raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
         self._curve = [(steps, reward, success) for steps, reward, success in notes["curve"]]
@@ -316,7 +328,8 @@ class _Learner:
         chance = 0.0 if self._teacher is None else self._teacher.action_deviation
         rollout = roll_out(self._policy(chance), order)
         self._normaliser.see(rollout)
-        shown = Shown(rollout.observations[:-1], rollout.actions)
+        assert rollout.arm_angles_rad is not None
+        shown = ShownWithArm(rollout.observations[:-1], rollout.actions, rollout.arm_angles_rad)
         np.savez(self._file(number), **asdict(shown))
         self._shown.append(shown)
         self._fit(random, last=number == configuration.imitation_rounds - 1)
@@ -369,19 +382,19 @@ class _Learner:
         return random.integers(2**31, size=self._configuration.worlds)
 
     def _fit(self, random: np.random.Generator, *, last: bool) -> None:
-        """Least squares over all episodes so far, at a rate that falls; in the last round of imitation longer."""
-        observations = torch.as_tensor(
-            self._normaliser.normalize_obs(
-                np.concatenate([each.observations for each in self._shown], axis=1)
-            )
+        """Least error of the tool in all episodes so far, at a rate that falls; in imitation's last round longer."""
+        seen, done, angles_rad = (
+            np.concatenate([getattr(each, field.name) for each in self._shown], axis=1)
+            for field in fields(ShownWithArm)
         )
-        actions = torch.as_tensor(np.concatenate([each.actions for each in self._shown], axis=1))
+        observations, actions = torch.as_tensor(self._normaliser.normalize_obs(seen)), torch.as_tensor(done)
         passes, fall = (LAST_PASSES, LAST_FALL) if last else (PASSES, FALL)
         optimizer = torch.optim.Adam(self._network.parameters(), LEARNING_RATE)
         rate = torch.optim.lr_scheduler.ExponentialLR(optimizer, fall ** (1.0 / passes))
         for _ in range(passes):
-            columns = torch.as_tensor(random.integers(actions.shape[1], size=SEQUENCES))
-            fit(self._network, optimizer, observations[:, columns], actions[:, columns], GRADIENT_NORM)
+            columns = random.integers(actions.shape[1], size=SEQUENCES)
+            targets = [actions[:, columns], self._tool_motion.per_action(angles_rad[:, columns])]
+            fit(self._network, optimizer, observations[:, columns], tool_error, targets, GRADIENT_NORM)
             rate.step()
 
     def _hear(self, rollout: Rollout, own: NDArray[np.bool_]) -> None:

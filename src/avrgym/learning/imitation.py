@@ -10,6 +10,7 @@ learns to do the same from all that was gathered so far.
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TypeVar
 from zipfile import BadZipFile
 
 import numpy as np
@@ -66,7 +67,7 @@ def imitate(
     done = model.num_timesteps // (worlds * EPISODE_STEPS)
     shown.mkdir(exist_ok=True)
     files = [shown / f"round_{number:04}.npz" for number in range(rounds)]
-    gathered = [load_shown(file) for file in files[:done]]
+    gathered = [load_shown(file, Shown) for file in files[:done]]
     for number in range(done, rounds):
         random = np.random.default_rng([seed, 2, number])
         by_expert = random.random(worlds) < EXPERT_SHARE**number
@@ -86,11 +87,12 @@ class Shown:
     actions: NDArray[np.float32]
 
 
+AnyShown = TypeVar("AnyShown", bound=Shown)
 Gather = Callable[[NDArray[np.bool_]], tuple[Shown, Finished]]
 """From which worlds (N,) the expert drives to what it showed in an episode of each."""
 
 
-def load_shown(file: Path) -> Shown:
+def load_shown(file: Path, kind: type[AnyShown]) -> AnyShown:
     """What a file keeps of a round.
 
     Raises:
@@ -98,7 +100,7 @@ def load_shown(file: Path) -> Shown:
     """
     try:
         with np.load(file) as arrays:
-            return Shown(**arrays)
+            return kind(**arrays)
     except (OSError, ValueError, TypeError, BadZipFile) as error:
         raise ValueError(f"{file}: not what an expert showed ({error})") from error
 

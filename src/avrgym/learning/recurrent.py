@@ -3,7 +3,7 @@
 # PyTorch's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -85,14 +85,18 @@ def fit(
     network: RecurrentNetwork,
     optimizer: torch.optim.Optimizer,
     observations: Tensor,
-    targets: Tensor,
+    loss: Callable[..., Tensor],
+    targets: Sequence[Tensor],
     gradient_norm: float,
 ) -> None:
-    """Bring what a network says of whole episodes, (T, n, O), nearer to targets (T, n, A), by least squares."""
+    """Lower the loss of what a network says of whole episodes, (T, n, O).
+
+    ``loss`` is given what it says in a window, (t, n, A), and that part of each of the targets (T, n, ...).
+    """
     remembered = None
     for window in windows():
         said, remembered = network(observations[window], remembered)
-        step(optimizer, network, nn.functional.mse_loss(said, targets[window]), gradient_norm)
+        step(optimizer, network, loss(said, *(target[window] for target in targets)), gradient_norm)
         remembered = remembered.detach()
 
 

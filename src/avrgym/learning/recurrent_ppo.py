@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.functional import mse_loss
 
 from avrgym.learning.recurrent import RecurrentNetwork, fit, step, windows
 
@@ -88,7 +89,7 @@ class RecurrentPPO:
             for columns in np.array_split(random.permutation(worlds), -(-worlds // SEQUENCES)):
                 chosen = torch.as_tensor(columns)
                 seen, wanted = observations[:-1, chosen], returns[:, chosen, None]
-                fit(self._critic, self._critic_optimizer, seen, wanted, GRADIENT_NORM)
+                fit(self._critic, self._critic_optimizer, seen, mse_loss, [wanted], GRADIENT_NORM)
                 if learns:
                     far += self._fit_policy(
                         seen,

@@ -5,7 +5,7 @@ device of its own they stay there from an episode's beginning to its end.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
@@ -87,7 +87,8 @@ class Rollout:
     ``observations`` (T + 1, n, O) are the plain ones, the last of them after the last step. ``actions`` (T, n, J) are
     those of the policy before they are clipped, or the expert's. ``rewards`` (T, n) are less what the order takes off.
     Of each episode (n,): the sum of the task's own rewards, whether it succeeded, the mean force on the person. These
-    are always on the host, the others are tensors where the worlds are on a device.
+    are always on the host, the others are tensors where the worlds are on a device. ``arm_angles_rad`` (T, n, J) are
+    those before each step, where an expert says what to do.
     """
 
     observations: Any
@@ -96,29 +97,34 @@ class Rollout:
     episode_return: Array
     success: Bools
     episode_force_n: Array
+    arm_angles_rad: Floats | None = None
 
     @classmethod
     def joined(cls, parts: list["Rollout"]) -> "Rollout":
         """The worlds of several parts beside each other."""
         if len(parts) == 1:
             return parts[0]
-        return cls(
-            **{
-                field.name: np.concatenate([getattr(part, field.name) for part in parts], axis=-1)
-                if getattr(parts[0], field.name).ndim < 3
-                else np.concatenate([getattr(part, field.name) for part in parts], axis=1)
-                for field in fields(cls)
-            }
-        )
+        names = parts[0]._arrays
+        return cls(**{name: _beside([getattr(part, name) for part in parts]) for name in names})
 
     @property
     def nbytes(self) -> int:
         """How many bytes its arrays have."""
-        return sum(getattr(self, field.name).nbytes for field in fields(self))
+        return sum(array.nbytes for array in self._arrays.values())
+
+    @property
+    def _arrays(self) -> dict[str, Any]:
+        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: array for name, array in arrays.items() if array is not None}
 
     def finished(self, of: slice | Bools = slice(None)) -> list[tuple[float, bool]]:
         """Return and success of some of its episodes."""
         return [*zip(self.episode_return[of].tolist(), self.success[of].tolist(), strict=True)]
+
+
+def _beside(arrays: list[Any]) -> Any:
+    """Arrays of the same steps, of other worlds each."""
+    return np.concatenate(arrays, axis=1 if arrays[0].ndim == 3 else -1)
 
 
 def roll_out(policy: Policy, order: Order) -> Rollout:
@@ -145,9 +151,11 @@ def roll_out_all(policies: Sequence[Policy], order: Order) -> list[Rollout]:
     expert = None if order.by_expert is None else _expert_for(policies[0], order, worlds)
     returns = force_n = xp.zeros(count, dtype=xp.float64, device=first.device)
     success: Any = None
+    arm_angles_rad: list[Array] = []
     for number in range(EPISODE_STEPS):
         action = robot.act(number)
         if expert is not None:
+            arm_angles_rad.append(worlds.simulation.arm_angles_rad())
             robot.done[-1] = np.clip(expert(worlds.observe()), -1.0, 1.0).astype(np.float32)
             assert order.by_expert is not None
             action = np.where(order.by_expert[:, None], robot.done[-1], action)
@@ -167,7 +175,10 @@ def roll_out_all(policies: Sequence[Policy], order: Order) -> list[Rollout]:
         success = step.success
     worlds.check()
     of_episodes = on_host(returns), on_host(success), on_host(force_n)
-    return [agent.rollout(*of_episodes) for agent in (robot, *humans)]
+    rollouts = [agent.rollout(*of_episodes) for agent in (robot, *humans)]
+    if expert is not None:
+        rollouts[0] = replace(rollouts[0], arm_angles_rad=np.stack(arm_angles_rad).astype(np.float32))
+    return rollouts
 
 
 def _watched(worlds: Episodes, action: Array) -> tuple[Step, Array]:

@@ -40,8 +40,8 @@ RESTING_M_S = 0.05
 POURS_RAD, PER_PARTICLE_RAD = np.radians([89.5, 0.145])
 """At what tilt the last water comes to the rim, and how much earlier it does for each particle in the cup: measured as
 cups poured at 0.1 rad/s, within a degree at any filling."""
-CALM_RAD, READY_RAD = np.radians([4.0, 14.0])
-"""So far below that tilt nothing is spilled by movement, and so far below it a cup waits before the mouth."""
+CALM_RAD = float(np.radians(4.0))
+"""So far below that tilt nothing is spilled by movement."""
 APPROACH_PER_S, POUR_RAD_S = 3.0, 0.03
 """How fast, of what is missing to that tilt, it is approached, and how fast a cup is tilted that pours."""
 AWAY_RAD, FAR_AWAY_RAD, EXPECTED_RAD = np.radians([25.0, 33.0, 8.0])
@@ -52,8 +52,8 @@ ROOM_M = 0.001
 """How much too far in a cup may be before it makes room."""
 WAITING_M = 0.01
 """How much farther from the face a cup waits."""
-BESIDE_M, MOST_ASIDE_M = 0.01, 0.04
-"""How far on its side of the head's middle a cup stays, and how far beside the lips it stays for that."""
+BESIDE_M, MOST_ASIDE_M = 0.004, 0.04
+"""How far on its side of the head's middle a cup stays, and how far beside the lips it stays for that at most."""
 TURNED_SHARE = 0.7
 """What share of that is made up for by turning the cup about its axis."""
 
@@ -110,12 +110,12 @@ def _way(left_m: Array) -> Way:
 
 def _next_tilt_rad(tilt: Array, pours_rad: Array, distance_m: Array, rests: Bools, away: Bools) -> Array:
     """The tilt (N,) that is aimed at, of cups with a tilt, with one at which they pour, and so far from the lips."""
-    calm_rad, ready_rad = pours_rad - CALM_RAD, pours_rad - READY_RAD
+    calm_rad = pours_rad - CALM_RAD
     pours = (distance_m < NEAR_M) & ~away & (rests | (tilt < calm_rad))
     on = tilt + CONTROL_STEP_S * np.clip(APPROACH_PER_S * (pours_rad - tilt), POUR_RAD_S, TURN_RAD_S)
-    ready = np.minimum(tilt + CONTROL_STEP_S * TURN_RAD_S, ready_rad)
+    ready = np.minimum(tilt + CONTROL_STEP_S * TURN_RAD_S, expert.FULL_RAD)
     stops = (tilt > calm_rad) & (away | ~rests | (distance_m > LEFT_M))
-    waits = np.where(tilt < ready_rad, ready, np.where(stops, ready_rad, tilt))
+    waits = np.where(tilt < expert.FULL_RAD, ready, np.where(stops, expert.FULL_RAD, tilt))
     return np.where(pours, on, np.where(distance_m > expert.AWAY_M, expert.TIPPED_RAD, waits))
 
 
@@ -147,8 +147,11 @@ def _turned(state: State, angle_rad: Array) -> State:
 
 
 def _aside_m(state: State, left: Array, tool_w: Array, at_lips_w: Array) -> Array:
-    """How far (N,) left of the lips cups go to stay on their side of the head's middle, where that is not too far."""
+    """How far (N,) left of the lips cups go to stay on their side of the head's middle, where that is not too far.
+
+    What is more than ``MOST_ASIDE_M`` is too far: the farther, the less is kept, and nothing from half as far again on.
+    """
     tool_m, lips_m = (((pos_w - state.head_pos_w) * left).sum(axis=-1) for pos_w in (tool_w, at_lips_w))
     side = np.where(tool_m > 0.0, 1.0, -1.0)
     missing_m = np.maximum(BESIDE_M - side * lips_m, 0.0)
-    return np.where(missing_m < MOST_ASIDE_M, side * missing_m, 0.0)
+    return side * np.maximum(np.minimum(missing_m, 3.0 * MOST_ASIDE_M - 2.0 * missing_m), 0.0)

@@ -1,0 +1,79 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+pytest.importorskip("stable_baselines3", reason="training is an extra")
+
+import torch
+
+from avrgym.geometry import kinematics, transforms
+from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
+from avrgym.learning.tool_error import ACTIONS_WEIGHT, UNIT_M, UNIT_RAD, ToolMotion, tool_error
+from avrgym.learning.updates import observation_of
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.policies.trained import Policy, packaged_policies
+from avrgym.robots.registry import find_robot
+from avrgym.system.carried import Carried
+from avrgym.tasks import places
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+ENVIRONMENT = "avrgym/DrinkingJaco-v1"
+
+
+def scene_of(environment: str):
+    task, robot = find_environment(environment)
+    return TASKS[task].scene(find_robot(robot))
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_it_foretells_how_actions_move_the_tool(environment):
+    scene, random = scene_of(environment), np.random.default_rng(1)
+    chain = places.arm_chain(scene)
+    joints = len(scene.arm.joints)
+    angles_rad = scene.arm.seed_pose_rad + random.uniform(-0.5, 0.5, (40, 3, joints))
+    actions = random.uniform(-0.01, 0.01, (40, 3, joints))
+    told = ToolMotion(scene).per_action(angles_rad.astype(np.float32)).numpy() @ actions[..., None]
+    step_rad = actions * scene.arm.speed_limit_rad_s * CONTROL_STEP_S
+    before, after = (
+        kinematics.forward(chain, rows.reshape(-1, joints)) for rows in (angles_rad, angles_rad + step_rad)
+    )
+    turn = transforms.to_rotation_vector(transforms.multiply(after[1], transforms.conjugate(before[1])))
+    moved = np.concatenate([(after[0] - before[0]) / UNIT_M, turn / UNIT_RAD], axis=-1)
+    assert np.abs(moved).max() > 0.005
+    assert_allclose(told.reshape(-1, 6), moved, atol=5e-5)
+
+
+def test_a_wrong_action_counts_by_where_it_leads_the_tool():
+    scene = scene_of(ENVIRONMENT)
+    motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose_rad, np.float32))
+    joints = len(scene.arm.joints)
+    wanted = torch.linspace(-0.5, 0.5, joints)
+    assert tool_error(wanted, wanted, motion) == 0.0
+    *_, axes = np.linalg.svd(motion.numpy().astype(float))
+    most, nothing = (torch.as_tensor(axes[row], dtype=torch.float32) for row in (0, joints - 1))
+    costs = [float(tool_error(wanted + wrong, wanted, motion)) for wrong in (nothing, most, 2.0 * most)]
+    assert_allclose(costs[0], ACTIONS_WEIGHT / joints, rtol=1e-3)
+    assert costs[1] > 10.0 * costs[0]
+    assert_allclose(costs[2], 4.0 * costs[1], rtol=1e-4)
+
+
+def test_a_rollout_says_where_the_arm_was_when_the_expert_spoke(monkeypatch):
+    monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 5)
+    policy = Policy.load(packaged_policies(ENVIRONMENT)["adaptive"])
+    place = Place(ENVIRONMENT, Carried.of("zoo/train"), "none", 1, "threads")
+    parts = [
+        roll_out(policy, Order(place, first, np.arange(first, first + 2), by_expert=np.array([True, False])))
+        for first in (0, 2)
+    ]
+    joined = Rollout.joined(parts)
+    entries = observation_of(ENVIRONMENT)
+    names = [entry.name for entry in entries.entries]
+    end = int(entries.ends[names.index("arm_angles_rad")])
+    joints = entries.entries[names.index("arm_angles_rad")].size
+    assert joined.arm_angles_rad is not None
+    assert_allclose(joined.arm_angles_rad, joined.observations[:-1, :, end - joints : end], atol=1e-6)
+    assert joined.nbytes == sum(part.nbytes for part in parts)
+    alone = roll_out(policy, Order(place, 0, np.arange(2)))
+    assert alone.arm_angles_rad is None
