@@ -32,8 +32,8 @@ def train(*arguments: str | Path) -> Result:
         (["--recipe", "adaptive", "--teacher", "nobody", "--worlds", "1"], "no policy 'nobody'"),
         (["--recipe", "paper", "--imitation-share", "1"], "--imitation-share goes with a new training"),
         (
-            ["--recipe", "adaptive", "--initial-policy", "adaptive", "--imitation-share", "1"],
-            "leave out --imitation-share",
+            ["--recipe", "adaptive", "--initial-policy", "adaptive", "--teacher", "revised", "--worlds", "1"],
+            "leave out the teacher, or give the share",
         ),
     ],
 )

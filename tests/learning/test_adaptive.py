@@ -55,16 +55,30 @@ def tensors(out: Path) -> bytes:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("last", "how", "imitated"),
-    [(200, {}, 2), (600, {}, 2), (200, {"teacher": "revised"}, 2), (400, {"initial": "adaptive"}, 0)],
-    ids=["in imitation", "in PPO", "in imitation of a policy", "having gone on from a policy"],
+    [
+        (200, {}, 2),
+        (600, {}, 2),
+        (200, {"teacher": "revised"}, 2),
+        (400, {"initial": "adaptive", "imitation_share": None}, 0),
+        (200, {"initial": "adaptive"}, 2),
+    ],
+    ids=[
+        "in imitation",
+        "in PPO",
+        "in imitation of a policy",
+        "having gone on from a policy",
+        "in imitation from a policy on",
+    ],
 )
 def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, how, imitated, tmp_path):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
-    training = replace(TINY, imitation_share=0.4, **how)
+    training = replace(TINY, **{"imitation_share": 0.4, **how})
     assert (training.rounds, training.imitation_rounds) == (5, imitated)
     policy = train(training, whole)
-    before = packaged(TINY.environment, "adaptive").metadata.steps if "initial" in how else 0
-    assert policy.metadata.steps == before + 1000
+    before = packaged(TINY.environment, "adaptive") if "initial" in how else None
+    assert policy.metadata.steps == 1000 + (0 if before is None else before.metadata.steps)
+    if before is not None:
+        assert_allclose(policy.observation_mean, before.observation_mean)
     assert policy.metadata.measured["episodes"] == 1
     assert policy.action_deviation in adaptive.CHANCES
 
@@ -88,7 +102,7 @@ def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, how, imitated, 
 def test_ppo_follows_imitation_and_ends_with_its_last_round():
     training = AdaptiveTraining(environment=TINY.environment)
     first = training.imitation_rounds + adaptive.CRITIC_ROUNDS
-    assert training.imitation_rounds == round(training.imitation_share * training.rounds)
+    assert training.imitation_rounds == round(adaptive.IMITATION_SHARE * training.rounds)
     assert training.ppo_share(0) == training.ppo_share(first) == 0.0
     assert 0.9 < training.ppo_share(training.rounds - 1) < 1.0
 

@@ -97,15 +97,15 @@ def train(
     initial_policy: Annotated[
         str | None,
         typer.Option(
-            help="With --recipe adaptive: a policy that remembers to go on from by PPO, by its name or file; nothing "
-            "is imitated then."
+            help="With --recipe adaptive: a policy that remembers to go on from, by its name or file; by PPO alone, "
+            "unless --imitation-share says how much imitates."
         ),
     ] = None,
     imitation_share: Annotated[
         float | None,
         typer.Option(
-            help="With --recipe adaptive: what share of its rounds imitate, at least one; PPO does the others. "
-            "0.25 unless named.",
+            help="With --recipe adaptive: what share of its rounds imitate; PPO does the others. 0.25 unless named, at "
+            "least one round; none with --initial-policy unless named.",
             min=0.0,
             max=1.0,
         ),
@@ -171,8 +171,6 @@ def train(
         for name, choice in of_new_adaptive.items():
             if choice is not None and (recipe != ADAPTIVE or resume):
                 raise ValueError(f"{name} goes with a new training by --recipe {ADAPTIVE}")
-        if initial_policy is not None and imitation_share is not None:
-            raise ValueError("--initial-policy goes on by PPO alone: leave out --imitation-share")
         if resume and (alternate or own_reward):
             raise ValueError("a pair goes on as it began; --resume goes without --alternate and --own-reward")
         if resume and config is not None:

@@ -7,7 +7,8 @@ remember (Chen et al., "Learning by cheating", CoRL 2019). Then it goes on by PP
 for each newton.
 Its partners are those of ``zoo/train``: in imitation with each impairment in turn, in PPO with all of them at once, and
 there Revised people beside them, who never come to meet a tool. Where the expert's ways are too sudden to be learned, a
-policy may be the teacher in its place. A training may also go on from a policy that remembers: then it imitates nobody.
+policy may be the teacher in its place. A training may also go on from a policy that remembers: by PPO alone, unless it
+says how much of it imitates.
 Gradients go back through 50 control steps at most (Williams and Peng, Neural Computation 2, 1990: truncated
 backpropagation).
 
@@ -54,6 +55,7 @@ from avrgym.tasks.registry import TASKS, find_environment, sizes
 FILE = "adaptive.json"
 SHOWN_FOLDER = "shown"
 MEASURED_EPISODES = 100
+IMITATION_SHARE = 0.25
 EXPERT_SHARE = 0.7
 """The expert drives all worlds in the first round, and in each later one this share of those of the round before."""
 SEQUENCES = 32
@@ -71,8 +73,8 @@ LOG_STD = -2.3, -2.6
 CHANCES = 0.0, 0.05, 0.08
 """Standard deviations that a finished policy may act with: it keeps the one with which it succeeds most."""
 PPO_LEARNING_RATE, LATER_LEARNING_RATE, LEFT = 3e-5, 1e-4, 0.02
-"""PPO's learning rate after imitation, where a higher one takes away what was reached, and where a training goes on
-from a policy; and the share of it that is left at the end."""
+"""PPO's learning rate after imitation, where a higher one takes away what was reached, and where nothing is imitated
+before it; and the share of it that is left at the end."""
 FORCE_WEIGHT_PER_N = 0.02
 """What each newton on the person takes off a step's reward in PPO, beyond the task's own."""
 PAID_FORCE_N = 5.0
@@ -96,15 +98,16 @@ class ShownWithArm(Shown):
 class AdaptiveTraining:
     """What is trained where: ``steps`` environment steps in all, whole rounds of an episode in each world.
 
-    ``imitation_share`` of the rounds imitate: the task's reactive expert, or ``teacher``, a policy by its name or file.
-    With ``initial``, a policy that remembers, by its name or file, none do: it goes on from that one by PPO, and has
-    its layers, in place of ``memory`` units and ``hidden`` ones.
+    ``imitation_share`` of the rounds imitate, the first ones: the task's expert, or ``teacher``, a policy by its name
+    or file. With ``initial``, a policy that remembers, by its name or file, it goes on from that one, and has its
+    layers, in place of ``memory`` units and ``hidden`` ones. Unless the share is given it is ``IMITATION_SHARE``, and
+    with an initial policy none.
     """
 
     environment: str
     people: str = TRAIN_ZOO
     steps: int = 1_280_000
-    imitation_share: float = 0.25
+    imitation_share: float | None = None
     seed: int = 0
     worlds: int = 64
     memory: int = 128
@@ -120,10 +123,11 @@ class AdaptiveTraining:
 
     @property
     def imitation_rounds(self) -> int:
-        """How many of them imitate, the first ones."""
-        if self.initial is not None:
-            return 0
-        return max(1, round(self.imitation_share * self.rounds))
+        """How many of them imitate; at least one where it begins with nothing."""
+        least, share = (1, IMITATION_SHARE) if self.initial is None else (0, 0.0)
+        return max(
+            least, round((share if self.imitation_share is None else self.imitation_share) * self.rounds)
+        )
 
     def ppo_share(self, number: int) -> float:
         """What share of the rounds in which the policy learns by PPO are done before the round of that number."""
@@ -141,7 +145,7 @@ def train(configuration: AdaptiveTraining, out: Path, tell: Tell = lambda progre
 
     Raises:
         ValueError: for an unknown environment, teacher or initial policy, naming what there is, for one of another
-            environment, for an initial policy without memory, and for both.
+            environment, for an initial policy without memory, and for both where nothing imitates.
         FileExistsError: when ``out`` already holds a training.
     """
     find_environment(configuration.environment)
@@ -223,8 +227,11 @@ def _find_initial(training: AdaptiveTraining) -> Policy | None:
     """The policy that is gone on from, where one is named."""
     if training.initial is None:
         return None
-    if training.teacher is not None:
-        raise ValueError("a training that goes on from a policy imitates nobody: leave out the teacher")
+    if training.teacher is not None and not training.imitation_rounds:
+        raise ValueError(
+            "a training that goes on from a policy imitates nobody unless its imitation share says so: leave out the "
+            "teacher, or give the share"
+        )
     initial = registry.find(training.initial, training.environment)
     if not isinstance(initial, Policy) or initial.memory is None:
         raise ValueError(
@@ -327,7 +334,8 @@ class _Learner:
         )
         chance = 0.0 if self._teacher is None else self._teacher.action_deviation
         rollout = roll_out(self._policy(chance), order)
-        self._normaliser.see(rollout)
+        if self._initial is None:
+            self._normaliser.see(rollout)
         assert rollout.arm_angles_rad is not None
         shown = ShownWithArm(rollout.observations[:-1], rollout.actions, rollout.arm_angles_rad)
         np.savez(self._file(number), **asdict(shown))
@@ -359,7 +367,7 @@ class _Learner:
         ]
         rollout = Rollout.joined([roll_out(policy, order) for order in orders])
         learns = number >= configuration.imitation_rounds + CRITIC_ROUNDS
-        rate = PPO_LEARNING_RATE if configuration.initial is None else LATER_LEARNING_RATE
+        rate = PPO_LEARNING_RATE if configuration.imitation_rounds else LATER_LEARNING_RATE
         self._ppo.improve(
             torch.as_tensor(self._normaliser.normalize_obs(rollout.observations)),
             torch.as_tensor(rollout.actions),
