@@ -21,7 +21,7 @@ from papers_results import row, short
 
 SEED = 0
 EPISODES, FEWER = 1000, 100
-"""Of policies that remember, and of the others; some of the former were measured before, with fewer."""
+"""Of policies that remember, and of the others; some cells of the former have fewer, which they say."""
 
 
 class Group(NamedTuple):

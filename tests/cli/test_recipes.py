@@ -90,7 +90,10 @@ def test_the_adaptive_recipe_leaves_a_policy_that_remembers(
     assert "complete" in again.stderr
 
 
-def test_a_share_of_the_adaptive_recipe_s_rounds_imitates(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("more", [[], ["--initial-policy", "adaptive"]])
+def test_a_share_of_the_adaptive_recipe_s_rounds_imitates(
+    more: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     class AskedError(Exception):
         pass
 
@@ -100,4 +103,4 @@ def test_a_share_of_the_adaptive_recipe_s_rounds_imitates(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(adaptive, "train", asked)
     given = ("--recipe", "adaptive", "--imitation-share", "1", "--steps", "1200", "--worlds", "2")
-    assert isinstance(train(*given).exception, AskedError)
+    assert isinstance(train(*given, *more).exception, AskedError)

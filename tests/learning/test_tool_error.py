@@ -12,24 +12,18 @@ from avrgym.learning.tool_error import ACTIONS_WEIGHT, UNIT_M, UNIT_RAD, ToolMot
 from avrgym.learning.updates import observation_of
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.policies.trained import Policy, packaged_policies
-from avrgym.robots.registry import find_robot
 from avrgym.system.carried import Carried
 from avrgym.tasks import places
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
+from avrgym.tasks.registry import ENVIRONMENTS, task_and_scene
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 ENVIRONMENT = "avrgym/DrinkingJaco-v1"
 
 
-def scene_of(environment: str):
-    task, robot = find_environment(environment)
-    return TASKS[task].scene(find_robot(robot))
-
-
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_it_foretells_how_actions_move_the_tool(environment):
-    scene, random = scene_of(environment), np.random.default_rng(1)
+    (_, scene), random = task_and_scene(environment), np.random.default_rng(1)
     chain = places.arm_chain(scene)
     joints = len(scene.arm.joints)
     angles_rad = scene.arm.seed_pose_rad + random.uniform(-0.5, 0.5, (40, 3, joints))
@@ -46,7 +40,7 @@ def test_it_foretells_how_actions_move_the_tool(environment):
 
 
 def test_a_wrong_action_counts_by_where_it_leads_the_tool():
-    scene = scene_of(ENVIRONMENT)
+    _, scene = task_and_scene(ENVIRONMENT)
     motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose_rad, np.float32))
     joints = len(scene.arm.joints)
     wanted = torch.linspace(-0.5, 0.5, joints)

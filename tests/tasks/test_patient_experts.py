@@ -143,7 +143,7 @@ def test_water_leaves_a_cup_at_the_tilt_at_which_it_is_expected():
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_patience_gives_drink_to_more_people(robot):
-    """In many episodes to 92 of 100, where those who know the present only come to 68 and 61."""
+    """In many episodes to 86 of 100, where those who know the present only come to 68 and 61."""
 
     def successes(make) -> float:
         episodes = begun(robot, "zoo/train", 32)

@@ -11,7 +11,7 @@ from avrgym.models.human import SKIN_TONES, Person
 from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.scene import build_spec
 from avrgym.robots.registry import find_robot
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment, task_and_scene
 from avrgym.vr.scene.scene_export import export_glb
 from avrgym.vr.scene.skins import Skin, closed, skins_of
 from glb import GlbFile
@@ -28,8 +28,7 @@ PERSON = Person("man", 0.66)
 
 @cache
 def model_of(environment: str) -> mujoco.MjModel:
-    task, robot = find_environment(environment)
-    scene = TASKS[task].scene(find_robot(robot))
+    _, scene = task_and_scene(environment)
     return build_spec(scene, PERSON, moving=True, appearance=True).compile()
 
 

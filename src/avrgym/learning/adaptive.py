@@ -45,12 +45,11 @@ from avrgym.learning.updates import UpdateNormaliser, observation_of
 from avrgym.people.names import IMPAIRMENTS, REVISED, TRAIN_ZOO
 from avrgym.policies import registry
 from avrgym.policies.trained import Policy, PolicyMetadata
-from avrgym.robots.registry import find_robot
 from avrgym.system.carried import Carried
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 from avrgym.tasks.known import EPISODE_STEPS
-from avrgym.tasks.registry import TASKS, find_environment, sizes
+from avrgym.tasks.registry import find_environment, sizes, task_and_scene
 
 FILE = "adaptive.json"
 SHOWN_FOLDER = "shown"
@@ -125,9 +124,9 @@ class AdaptiveTraining:
     def imitation_rounds(self) -> int:
         """How many of them imitate; at least one where it begins with nothing."""
         least, share = (1, IMITATION_SHARE) if self.initial is None else (0, 0.0)
-        return max(
-            least, round((share if self.imitation_share is None else self.imitation_share) * self.rounds)
-        )
+        if self.imitation_share is not None:
+            share = self.imitation_share
+        return max(least, round(share * self.rounds))
 
     def ppo_share(self, number: int) -> float:
         """What share of the rounds in which the policy learns by PPO are done before the round of that number."""
@@ -252,8 +251,8 @@ class _Learner:
         self._teacher = None if configuration.teacher is None else Policy.load(out / TEACHER_FILE)
         self._initial = None if configuration.initial is None else Policy.load(out / INITIAL_FILE)
         observation_size, action_size = sizes(configuration.environment)
-        task, robot = find_environment(configuration.environment)
-        self._tool_motion = ToolMotion(TASKS[task].scene(find_robot(robot)))
+        _, scene = task_and_scene(configuration.environment)
+        self._tool_motion = ToolMotion(scene)
         self._normaliser = UpdateNormaliser(observation_of(configuration.environment), DISCOUNT)
         torch.set_num_threads(1)  # so that sums keep their order
         with torch.random.fork_rng(devices=[]):

@@ -29,11 +29,10 @@ from avrgym.learning.rollouts import Order, Place, Rollout, roll_out_all
 from avrgym.learning.stable_baselines import ObservationScale, Scaled, Trainee
 from avrgym.people.kinds import carried_people
 from avrgym.policies.trained import Policy
-from avrgym.robots.registry import find_robot
 from avrgym.system.engines import THREADS
 from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.observation import Observation
-from avrgym.tasks.registry import TASKS, find_environment, sizes
+from avrgym.tasks.registry import sizes, task_and_scene
 
 MakeAll = Callable[[Sequence[Policy], Sequence[Order]], list[list[Rollout]]]
 """Makes the episodes of several orders, wherever; of each what ``rollouts.roll_out_all`` gives."""
@@ -234,8 +233,8 @@ def _see(statistics: RunningMeanStd, samples: Any) -> None:
 
 def observation_of(environment: str) -> Observation:
     """What observations in an environment are."""
-    task, robot = find_environment(environment)
-    return TASKS[task].observation(TASKS[task].scene(find_robot(robot)))
+    task, scene = task_and_scene(environment)
+    return task.observation(scene)
 
 
 def trainees_of(configuration: TrainingConfiguration, out: Path) -> list[Trainee[UpdateNormaliser]]:

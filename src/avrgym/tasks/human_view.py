@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from avrgym.geometry import transforms
 from avrgym.models.human import JOINTS
 from avrgym.people.behaviour import OFFERED_JOINTS, Offered
-from avrgym.robots.registry import find_robot
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.observation import FORCE_N, REACH_M, TURN_RAD, UNIT, Observation
-from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.registry import task_and_scene
 
 Array = NDArray[np.float64]
 
@@ -115,7 +114,5 @@ def human_view_of(environment_id: str) -> tuple[HumanView, int]:
     Raises:
         ValueError: for an unknown environment, naming the ids there are.
     """
-    name, robot = find_environment(environment_id)
-    task = TASKS[name]
-    observation = task.observation(task.scene(find_robot(robot)))
-    return HumanView(task.offered, observation), len(OFFERED_JOINTS[task.offered])
+    task, scene = task_and_scene(environment_id)
+    return HumanView(task.offered, task.observation(scene)), len(OFFERED_JOINTS[task.offered])

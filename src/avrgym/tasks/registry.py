@@ -6,6 +6,7 @@ Beside those of this package there are those that other packages register in the
 from collections.abc import Mapping
 
 from avrgym.models.robot import Robot, UnsuitableError
+from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.simulation.world_version import WORLD_VERSIONS
 from avrgym.system import plugins
@@ -86,15 +87,23 @@ def find_environment(environment_id: str) -> tuple[str, str]:
     return ENVIRONMENTS[environment_id]
 
 
+def task_and_scene(environment_id: str) -> tuple[Task, SceneConfig]:
+    """The task of an environment, and what its worlds are made of.
+
+    Raises:
+        ValueError: for an unknown environment, naming the ids there are.
+    """
+    name, robot = find_environment(environment_id)
+    return TASKS[name], TASKS[name].scene(find_robot(robot))
+
+
 def sizes(environment_id: str) -> tuple[int, int]:
     """How many numbers an observation and an action have.
 
     Raises:
         ValueError: for an unknown environment, naming the ids there are.
     """
-    name, robot = find_environment(environment_id)
-    task = TASKS[name]
-    scene = task.scene(find_robot(robot))
+    task, scene = task_and_scene(environment_id)
     return task.observation(scene).size, len(scene.arm.joints)
 
 

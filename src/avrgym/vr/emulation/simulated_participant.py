@@ -21,9 +21,8 @@ from avrgym.people import behaviour, distributions, impairments
 from avrgym.people.distributions import DISTRIBUTIONS, Distribution
 from avrgym.people.names import Impairment
 from avrgym.people.zoo import movement, partners
-from avrgym.robots.registry import find_robot
 from avrgym.tasks.human_view import HumanView, Seen
-from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.registry import task_and_scene
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, headset_from_head
@@ -168,8 +167,7 @@ class SimulatedParticipant:
         """
         if environment_id == self._environment:
             return
-        name, robot = find_environment(environment_id)
-        task, scene = TASKS[name], TASKS[name].scene(find_robot(robot))
+        task, scene = task_and_scene(environment_id)
         self._environment, self._offered = environment_id, task.offered
         self._view = HumanView(task.offered, task.observation(scene))
         self._rest(scene.posture, task.pose.rest_rad)

@@ -12,9 +12,8 @@ import mujoco
 
 from avrgym.models.human import Person
 from avrgym.models.scene import build_spec
-from avrgym.robots.registry import find_robot
 from avrgym.system.children import end_with_parent, undisturbed
-from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.registry import task_and_scene
 from avrgym.vr.scene.scene_export import export_glb
 
 P = ParamSpec("P")
@@ -35,8 +34,7 @@ def render_scene(environment_id: str, person: Person) -> bytes:
 
 def shown_model(environment_id: str, person: Person) -> mujoco.MjModel:
     """The model of an environment with a person in it, with its appearance."""
-    task, robot = find_environment(environment_id)
-    scene = TASKS[task].scene(find_robot(robot))
+    _, scene = task_and_scene(environment_id)
     return build_spec(scene, person, moving=True, appearance=True).compile()
 
 
