@@ -8,7 +8,7 @@ import torch
 
 from avrgym.geometry import kinematics, transforms
 from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
-from avrgym.learning.tool_error import ACTIONS_WEIGHT, UNIT_M, UNIT_RAD, ToolMotion, tool_error
+from avrgym.learning.tool_error import ACTIONS_WEIGHT, SLOW, UNIT_M, UNIT_RAD, ToolMotion, tool_error
 from avrgym.learning.updates import observation_of
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.policies.trained import Policy, packaged_policies
@@ -43,7 +43,7 @@ def test_a_wrong_action_counts_by_where_it_leads_the_tool():
     _, scene = task_and_scene(ENVIRONMENT)
     motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose_rad, np.float32))
     joints = len(scene.arm.joints)
-    wanted = torch.linspace(-0.5, 0.5, joints)
+    wanted = torch.zeros(joints)
     assert tool_error(wanted, wanted, motion) == 0.0
     *_, axes = np.linalg.svd(motion.numpy().astype(float))
     most, nothing = (torch.as_tensor(axes[row], dtype=torch.float32) for row in (0, joints - 1))
@@ -51,6 +51,19 @@ def test_a_wrong_action_counts_by_where_it_leads_the_tool():
     assert_allclose(costs[0], ACTIONS_WEIGHT / joints, rtol=1e-3)
     assert costs[1] > 10.0 * costs[0]
     assert_allclose(costs[2], 4.0 * costs[1], rtol=1e-4)
+
+
+def test_the_same_error_counts_less_the_faster_the_tool_is_to_go():
+    _, scene = task_and_scene(ENVIRONMENT)
+    motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose_rad, np.float32))
+    wanted, wrong = (
+        torch.linspace(-0.5, 0.5, len(scene.arm.joints)),
+        torch.full((len(scene.arm.joints),), 0.01),
+    )
+    length = float((motion @ wanted).square().sum().sqrt())
+    meant = [times * SLOW / length * wanted for times in (0.0, 1.0, 10.0)]
+    at_rest, slow, fast = (float(tool_error(each + wrong, each, motion)) for each in meant)
+    assert_allclose([slow / at_rest, fast / at_rest], [1 / 2, 1 / 101], rtol=1e-4)
 
 
 def test_a_rollout_says_where_the_arm_was_when_the_expert_spoke(monkeypatch):

@@ -7,10 +7,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm, normalize
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.experts.reactive import PresentGuide
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.scratch_itch import reactive
-from avrgym.tasks.scratch_itch.reward import ScratchItchState
+from avrgym.tasks.scratch_itch.expert import surface
+from avrgym.tasks.scratch_itch.reward import ScratchItchState, limb_frame
 
 OUTSIDE_RAD = np.radians(120.0)
 
@@ -90,6 +92,22 @@ def test_a_tip_goes_around_the_limb_and_not_through_it():
         tip = tip + np.where(arrived[:, None], 0.0, 0.01 * step / norm(step)[:, None])
         assert np.all(arrived | (norm(tip[:, :2]) >= radius))
     assert arrived.all()
+
+
+@pytest.mark.parametrize("robot", ["Jaco", "PR2"])
+def test_an_arm_that_leans_on_somebody_draws_back_to_where_its_hand_has_room(robot):
+    episodes = begun(f"avrgym/ScratchItch{robot}-v1", 4)
+    guide, state, itch = PresentGuide(episodes), episodes.state(), episodes.task_state
+    leaning = replace(state, links_force_n=np.array([0.0, 4.0, 6.0, 100.0]))
+    pos_w, q_w, speed = reactive.scratch(leaning, itch, guide)
+    free = reactive.scratch(replace(state, links_force_n=np.zeros(4)), itch, guide)
+    for now, then in zip((pos_w, q_w, speed), free, strict=True):
+        assert_array_equal(now[:2], then[:2])
+    out_w, _ = surface(itch, limb_frame(state, itch)[1])
+    away = pos_w - guide.pos_w
+    assert_allclose(normalize(away[2:]), reactive.hand(out_w)[2:], atol=1e-12)
+    assert np.all(speed[2:] > 0.0)
+    assert_array_equal(q_w[2:], guide.q_w[2:])
 
 
 def test_a_scratching_hand_stays_out_of_the_skin():

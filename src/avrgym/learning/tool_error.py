@@ -2,7 +2,8 @@
 
 The same error of an action moves the tool by centimetres at the shoulder and by millimetres at the wrist, and the
 errors of several joints add up or cancel. Least squares over the actions alone do not know: a cup at somebody's lips
-they left more wrong, up and down, than if it had not moved at all.
+they left more wrong, up and down, than if it had not moved at all. And what is a small error on the way is a large one
+at the skin, where a scratching tip is led by tenths of a millimetre: an error counts by what share of the motion it is.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -21,6 +22,9 @@ Floats = NDArray[np.float32]
 
 UNIT_M, UNIT_RAD = 0.02, 0.2
 """By how much a tool is moved and turned wrong in a control step that counts as 1: at 0.1 m these are the same."""
+SLOW = 0.25
+"""A motion so long (5 mm, or 0.05 rad) halves what an error counts, and one ten times as long takes it to a
+hundredth; shorter ones are all alike."""
 ACTIONS_WEIGHT = 0.1
 """What an action's own error counts: for turns of the elbow that leave the tool where it is."""
 
@@ -46,10 +50,10 @@ class ToolMotion:
 
 
 def tool_error(actions: Tensor, wanted: Tensor, per_action: Tensor) -> Tensor:
-    """The mean squared error of tools, and a little of the actions' own.
+    """The mean squared error of tools, and a little of the actions' own: the less the faster the tool is to go.
 
     By actions (..., J) in place of those wanted, which move tools by ``per_action`` (..., 6, J) each.
     """
-    wrong = actions - wanted
-    moved = (per_action @ wrong[..., None])[..., 0]
-    return moved.square().mean() + ACTIONS_WEIGHT * wrong.square().mean()
+    meant, moved = ((per_action @ each[..., None])[..., 0] for each in (wanted, actions - wanted))
+    error = moved.square().mean(dim=-1) + ACTIONS_WEIGHT * (actions - wanted).square().mean(dim=-1)
+    return (error / (1.0 + meant.square().sum(dim=-1) / SLOW**2)).mean()

@@ -23,8 +23,8 @@ SECONDS_PER_RAD = 2.0
 
 SWING_M_S, ENTER_M_S, RUB_M_S, TURN_RAD_S = 0.30, 0.05, 0.10, 0.8
 AWAY_M, ARRIVED_RAD = 0.06, 0.05
-TOUCH_N, PRESS_N = 0.3, 3.0
-M_PER_N, SOFTER_M, FIRMER_M = 0.0005, -0.002, 0.001
+TOUCH_N, PRESS_N = 0.3, 2.5
+M_PER_N, SOFTER_M, FIRMER_M = 0.0008, -0.006, 0.001
 """By how much the depth changes in a control step for each newton too few, and at most."""
 LOST_M = 0.004
 """By how much it does where the tip has left the skin."""

@@ -22,10 +22,17 @@ BESIDE_M = 0.02
 """How far beside the itch the tip comes down."""
 AHEAD_RAD = 0.8
 """How far around the limb the tip aims at most."""
+RUB_M_S = 0.06
+"""How fast it rubs: so slowly that the force hardly swings."""
+LEANING_N, BACK_M, BACK_M_S = 5.0, 0.03, 0.3
+"""From what force of its links on the person an arm draws back, how far in a control step it aims, and how fast."""
 
 
 def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
-    """The tip goes around the limb above the skin and comes down at the itch; where it touches, it rubs."""
+    """The tip goes around the limb above the skin and comes down at the itch; where it touches, it rubs.
+
+    An arm that leans on the person draws back, out to where its hand has room.
+    """
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
     rod_w = transforms.rotate(guide.q_w, expert.ROD)
@@ -36,8 +43,10 @@ def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
     itch_w = expert.tip(itch_pos_w(state, task_state), out_w, rod_w)
     rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < expert.SEEK_DEPTH_M)
     pos_w = np.where(rubs[:, None], expert.rub(state, task_state, guide.pos_w, rod_w), goal_w)
-    speed = speed_m_s(goal_w - state.tool_pos_w, expert.ENTER_M_S)
-    return pos_w, q_w, np.where(rubs, expert.RUB_M_S, speed)
+    speed = np.where(rubs, RUB_M_S, speed_m_s(goal_w - state.tool_pos_w, expert.ENTER_M_S))
+    leans = state.links_force_n > LEANING_N
+    pos_w = np.where(leans[:, None], guide.pos_w + BACK_M * hand(out_w), pos_w)
+    return pos_w, np.where(leans[:, None], guide.q_w, q_w), np.where(leans, BACK_M_S, speed)
 
 
 def turn_rad(rod_w: Array, out_w: Array) -> Array:
