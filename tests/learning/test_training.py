@@ -373,6 +373,10 @@ def test_only_a_training_that_was_cut_off_can_be_resumed(trained, tmp_path):
         resume(out)
     with pytest.raises(ValueError, match="holds no training to resume"):
         resume(tmp_path)
+    (tmp_path / "adaptive.json").touch()
+    with pytest.raises(ValueError, match="holds a training by --recipe adaptive"):
+        resume(tmp_path)
+    (tmp_path / "adaptive.json").unlink()
     (tmp_path / "configuration.json").write_bytes((out / "configuration.json").read_bytes())
     (tmp_path / "checkpoint.pt").write_bytes((out / "checkpoint.pt").read_bytes()[:1000])
     with pytest.raises(ValueError, match=r"checkpoint\.pt: not a checkpoint of this training"):

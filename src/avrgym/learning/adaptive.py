@@ -32,6 +32,7 @@ import torch
 from numpy.typing import NDArray
 
 from avrgym.learning.checkpoint import moments, set_moments
+from avrgym.learning.configuration import ADAPTIVE_FILE
 from avrgym.learning.course import CHECKPOINT_FILE, POLICY_FILE, CurvePoint, Progress, Tell
 from avrgym.learning.exporting import git_commit, thinned
 from avrgym.learning.imitation import Shown, load_shown
@@ -51,7 +52,6 @@ from avrgym.system.locks import locked
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import find_environment, sizes, task_and_scene
 
-FILE = "adaptive.json"
 SHOWN_FOLDER = "shown"
 MEASURED_EPISODES = 100
 IMITATION_SHARE = 0.25
@@ -203,7 +203,7 @@ def stored_training(out: Path) -> AdaptiveTraining:
     Raises:
         ValueError: when there is none, or its file is damaged.
     """
-    path = out / FILE
+    path = out / ADAPTIVE_FILE
     if not path.exists():
         raise ValueError(f"{out} holds no training of an adaptive policy to resume")
     try:
@@ -240,7 +240,7 @@ def _find_initial(training: AdaptiveTraining) -> Policy | None:
 
 
 def _store(training: AdaptiveTraining, out: Path) -> None:
-    write_whole(out / FILE, msgspec.json.format(msgspec.json.encode(asdict(training))))
+    write_whole(out / ADAPTIVE_FILE, msgspec.json.format(msgspec.json.encode(asdict(training))))
 
 
 class _Learner:

@@ -18,6 +18,8 @@ from avrgym.tasks.training_settings import TrainingSettings
 PEOPLE = "people"
 """Name of a copy of the file of people, or the folder of trained humans, that a training was begun with, if it was."""
 CONFIGURATION_FILE, LOG_FOLDER = "configuration.json", "tensorboard"
+ADAPTIVE_FILE = "adaptive.json"
+"""The same of a training by the recipe ``adaptive``."""
 PEOPLE_SUFFIX = ".toml"
 STEPWISE, BY_UPDATES = 1, 2
 PAPER_STEPS = 10_000_000
@@ -177,6 +179,10 @@ def stored_configuration(out: Path) -> TrainingConfiguration:
         ValueError: when ``out`` holds no training, or one of a later version.
     """
     path = out / CONFIGURATION_FILE
+    if (out / ADAPTIVE_FILE).exists():
+        raise ValueError(
+            f"{out} holds a training by --recipe adaptive; allowed with it: --resume --recipe adaptive"
+        )
     if not path.exists():
         raise ValueError(f"{out} holds no training to resume")
     try:
