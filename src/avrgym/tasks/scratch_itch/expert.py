@@ -1,5 +1,7 @@
 """Scratching by script: come to the itch where there is room, press gently, rub to and fro along the limb."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,11 +25,9 @@ SECONDS_PER_RAD = 2.0
 
 SWING_M_S, ENTER_M_S, RUB_M_S, TURN_RAD_S = 0.30, 0.05, 0.10, 0.8
 AWAY_M, ARRIVED_RAD = 0.06, 0.05
-TOUCH_N, PRESS_N = 0.3, 2.5
-M_PER_N, SOFTER_M, FIRMER_M = 0.0008, -0.006, 0.001
-"""By how much the depth changes in a control step for each newton too few, and at most."""
+TOUCH_N = 0.3
 LOST_M = 0.004
-"""By how much it does where the tip has left the skin."""
+"""By how much deeper a tip goes in a control step that has left the skin."""
 SEEK_DEPTH_M = 0.03
 """Where the rod aims before it touches: it meets the skin on the way."""
 HARD_S, DETOUR_STEPS = 20.0, 50
@@ -38,6 +38,18 @@ ROD = (1.0, 0.0, 0.0)
 """Where the rod points in the tool's frame."""
 LOOP_M, AHEAD_RAD = np.array([0.014, 0.009]), np.radians(75.0)
 """The tip goes round the itch, so far away along the limb and across it, and aims so far ahead on its way."""
+
+
+class Press(NamedTuple):
+    """How hard a tip presses; by how much deeper it goes in a control step, for each newton too few and at most."""
+
+    force_n: float
+    m_per_n: float
+    softer_m: float
+    firmer_m: float
+
+
+PRESS = Press(force_n=3.0, m_per_n=0.0005, softer_m=-0.002, firmer_m=0.001)
 
 
 class ScratchItchExpert:
@@ -83,7 +95,7 @@ class ScratchItchExpert:
         near = norm(state.tool_pos_w - itch_pos_w(state, task_state)) < ITCH_RADIUS_M
         self._touched = near & (self._touched | (self._arrived & (state.tool_force_n > TOUCH_N)))
         inside_w = tip(itch_pos_w(state, task_state) - SEEK_DEPTH_M * out, out, rod_w)
-        rubbed_w = rub(state, task_state, self._guide.pos_w, rod_w)
+        rubbed_w = rub(state, task_state, self._guide.pos_w, rod_w, PRESS)
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
     def _find_detour(self) -> tuple[Array, Array]:
@@ -124,7 +136,7 @@ class ScratchItchExpert:
         return cost_s[world, best]
 
 
-def rub(state: State, task_state: ScratchItchState, pos_w: Array, rod_w: Array) -> Array:
+def rub(state: State, task_state: ScratchItchState, pos_w: Array, rod_w: Array, press: Press) -> Array:
     """The next place (N, 3) of a tip that goes round and round about the itch.
 
     Where it goes depends on nothing but where it is, how deep on what it feels.
@@ -134,6 +146,7 @@ def rub(state: State, task_state: ScratchItchState, pos_w: Array, rod_w: Array) 
         task_state: where it itches.
         pos_w: where the tip aims now (N, 3), world frame.
         rod_w: where the rod points, (N, 3) unit vectors, world frame.
+        press: how hard.
     """
     _, limb_q_w = limb_frame(state, task_state)
     out, along = surface(task_state, limb_q_w)
@@ -143,7 +156,7 @@ def rub(state: State, task_state: ScratchItchState, pos_w: Array, rod_w: Array) 
     angle = elementary.arctan2(offset[:, 1], offset[:, 0]) + AHEAD_RAD
     ahead = LOOP_M * np.stack([elementary.cos(angle), elementary.sin(angle)], axis=-1)
     next_w = middle_w + (ahead[..., None] * axes).sum(axis=1)
-    deeper = np.clip(M_PER_N * (PRESS_N - state.tool_force_n), SOFTER_M, FIRMER_M)
+    deeper = np.clip(press.m_per_n * (press.force_n - state.tool_force_n), press.softer_m, press.firmer_m)
     deeper = np.where(state.tool_force_n > 0.0, deeper, LOST_M)
     height = ((pos_w - next_w) * out).sum(axis=-1) - deeper
     return next_w + height[:, None] * out

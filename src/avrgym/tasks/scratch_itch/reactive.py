@@ -23,7 +23,8 @@ BESIDE_M = 0.02
 AHEAD_RAD = 0.8
 """How far around the limb the tip aims at most."""
 RUB_M_S = 0.06
-"""How fast it rubs: so slowly that the force hardly swings."""
+PRESS = expert.Press(force_n=2.5, m_per_n=0.0008, softer_m=-0.006, firmer_m=0.001)
+"""How fast it rubs and how hard: so slowly that the force hardly swings, and quick to give way."""
 LEANING_N, BACK_M, BACK_M_S = 5.0, 0.03, 0.3
 """From what force of its links on the person an arm draws back, how far in a control step it aims, and how fast."""
 
@@ -42,7 +43,8 @@ def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
     goal_w = expert.tip(skin_w, out_w, rod_w)
     itch_w = expert.tip(itch_pos_w(state, task_state), out_w, rod_w)
     rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < expert.SEEK_DEPTH_M)
-    pos_w = np.where(rubs[:, None], expert.rub(state, task_state, guide.pos_w, rod_w), goal_w)
+    rubbed_w = expert.rub(state, task_state, guide.pos_w, rod_w, PRESS)
+    pos_w = np.where(rubs[:, None], rubbed_w, goal_w)
     speed = np.where(rubs, RUB_M_S, speed_m_s(goal_w - state.tool_pos_w, expert.ENTER_M_S))
     leans = state.links_force_n > LEANING_N
     pos_w = np.where(leans[:, None], guide.pos_w + BACK_M * hand(out_w), pos_w)
