@@ -56,10 +56,8 @@ def test_a_wrong_action_counts_by_where_it_leads_the_tool():
 def test_the_same_error_counts_less_the_faster_the_tool_is_to_go():
     _, scene = task_and_scene(ENVIRONMENT)
     motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose_rad, np.float32))
-    wanted, wrong = (
-        torch.linspace(-0.5, 0.5, len(scene.arm.joints)),
-        torch.full((len(scene.arm.joints),), 0.01),
-    )
+    wanted = torch.linspace(-0.5, 0.5, len(scene.arm.joints))
+    wrong = torch.full_like(wanted, 0.01)
     length = float((motion @ wanted).square().sum().sqrt())
     meant = [times * SLOW / length * wanted for times in (0.0, 1.0, 10.0)]
     at_rest, slow, fast = (float(tool_error(each + wrong, each, motion)) for each in meant)

@@ -54,6 +54,7 @@ def tool_error(actions: Tensor, wanted: Tensor, per_action: Tensor) -> Tensor:
 
     By actions (..., J) in place of those wanted, which move tools by ``per_action`` (..., 6, J) each.
     """
-    meant, moved = ((per_action @ each[..., None])[..., 0] for each in (wanted, actions - wanted))
-    error = moved.square().mean(dim=-1) + ACTIONS_WEIGHT * (actions - wanted).square().mean(dim=-1)
+    wrong = actions - wanted
+    meant, moved = ((per_action @ each[..., None])[..., 0] for each in (wanted, wrong))
+    error = moved.square().mean(dim=-1) + ACTIONS_WEIGHT * wrong.square().mean(dim=-1)
     return (error / (1.0 + meant.square().sum(dim=-1) / SLOW**2)).mean()
