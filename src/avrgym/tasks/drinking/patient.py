@@ -42,7 +42,7 @@ POURS_RAD, PER_PARTICLE_RAD = np.radians([89.5, 0.145])
 cups poured at 0.1 rad/s, within a degree at any filling."""
 CALM_RAD = float(np.radians(4.0))
 """So far below that tilt nothing is spilled by movement."""
-APPROACH_PER_S, POUR_RAD_S = 3.0, 0.03
+APPROACH_PER_S, POUR_RAD_S = 3.0, 0.08
 """How fast, of what is missing to that tilt, it is approached, and how fast a cup is tilted that pours."""
 AWAY_RAD, FAR_AWAY_RAD, EXPECTED_RAD = np.radians([25.0, 33.0, 8.0])
 """From where on a face looks away; where it is awaited goes from there to the last as it turns to the second."""
@@ -52,7 +52,7 @@ ROOM_M = 0.001
 """How much too far in a cup may be before it makes room."""
 WAITING_M = 0.01
 """How much farther from the face a cup waits."""
-BESIDE_M, MOST_ASIDE_M = 0.004, 0.04
+BESIDE_M, MOST_ASIDE_M = 0.01, 0.04
 """How far on its side of the head's middle a cup stays, and how far beside the lips it stays for that at most."""
 TURNED_SHARE = 0.7
 """What share of that is made up for by turning the cup about its axis."""
@@ -120,9 +120,9 @@ def _next_tilt_rad(tilt: Array, pours_rad: Array, distance_m: Array, rests: Bool
 
 
 def _to_the_left(state: State) -> Array:
-    """The level direction (N, 3) from the right shoulder to the left."""
+    """The direction (N, 3) from the right shoulder to the left."""
     shoulders_w = state.person_segment_w[:, [_RIGHT, _LEFT]].mean(axis=2)
-    return transforms.normalize((shoulders_w[:, 1] - shoulders_w[:, 0]) * [1.0, 1.0, 0.0])
+    return transforms.normalize(shoulders_w[:, 1] - shoulders_w[:, 0])
 
 
 def _turn_rad(state: State) -> Array:
