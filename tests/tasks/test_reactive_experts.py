@@ -10,7 +10,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.reactive import PresentGuide
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.tasks.scratch_itch import reactive
+from avrgym.tasks.scratch_itch import expert, reactive
 from avrgym.tasks.scratch_itch.expert import surface
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, limb_frame
 
@@ -29,19 +29,19 @@ def test_what_a_reactive_expert_does_depends_on_nothing_but_the_present(environm
     """One that saw everything so far and one that comes in now do the same."""
     episodes = begun(environment, 2)
     make = episodes.task.reactive_expert
-    expert = make(episodes)
+    reacts = make(episodes)
     for _ in range(30):
-        episodes.step(expert(episodes.observe()))
+        episodes.step(reacts(episodes.observe()))
     expected = make(episodes)(episodes.observe())
-    assert_array_equal(expert(episodes.observe()), expected)
+    assert_array_equal(reacts(episodes.observe()), expected)
     assert np.abs(expected).max() <= 1.0 + 1e-9
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_reactive_expert_brings_the_tool_nearer(environment):
     episodes = begun(environment, 8)
-    expert = episodes.task.reactive_expert(episodes)
-    distances = [episodes.step(expert(episodes.observe())).distance_m.mean() for _ in range(60)]
+    reacts = episodes.task.reactive_expert(episodes)
+    distances = [episodes.step(reacts(episodes.observe())).distance_m.mean() for _ in range(60)]
     assert distances[-1] < 0.5 * distances[0]
 
 
@@ -52,10 +52,10 @@ def around_axis(from_axis, angle, along):
 
 def share_of_successes(episodes: Episodes) -> float:
     """In how many worlds the expert has succeeded after an episode."""
-    expert = episodes.task.reactive_expert(episodes)
+    reacts = episodes.task.reactive_expert(episodes)
     success = np.zeros(1, dtype=bool)
     for _ in range(EPISODE_STEPS):
-        success = episodes.step(expert(episodes.observe())).success
+        success = episodes.step(reacts(episodes.observe())).success
     return success.mean()
 
 
@@ -105,24 +105,64 @@ def test_an_arm_that_leans_on_somebody_draws_back_to_where_its_hand_has_room(rob
         assert_array_equal(now[:2], then[:2])
     out_w, _ = surface(itch, limb_frame(state, itch)[1])
     away = pos_w - guide.pos_w
-    assert_allclose(normalize(away[2:]), reactive.hand(out_w)[2:], atol=1e-12)
+    in_front = reactive.faces_in(out_w) * (robot == "Jaco")
+    assert_allclose(normalize(away[2:]), reactive.hand(out_w, in_front)[2:], atol=1e-12)
     assert np.all(speed[2:] > 0.0)
     assert_array_equal(q_w[2:], guide.q_w[2:])
 
 
-def test_a_scratching_hand_stays_out_of_the_skin():
-    out_w = normalize(np.random.default_rng(0).normal(size=(500, 3)))
-    hand_w = reactive.hand(out_w)
+def around_everywhere(seed: int) -> np.ndarray:
+    """Unit vectors (500, 3)."""
+    return normalize(np.random.default_rng(seed).normal(size=(500, 3)))
+
+
+@pytest.mark.parametrize(
+    ("in_front", "slant_rad"), [(0.0, reactive.SLANT_RAD), (1.0, reactive.FRONT_SLANT_RAD)]
+)
+def test_a_scratching_hand_stays_out_of_the_skin(in_front, slant_rad):
+    out_w = around_everywhere(0)
+    hand_w = reactive.hand(out_w, np.full(500, in_front))
     assert_allclose(norm(hand_w), 1.0)
-    assert np.all((hand_w * out_w).sum(axis=-1) >= np.cos(reactive.SLANT_RAD) - 1e-9)
+    assert np.all((hand_w * out_w).sum(axis=-1) >= np.cos(slant_rad) - 1e-9)
 
 
-def test_a_rod_that_has_turned_need_not_turn_again():
-    random = np.random.default_rng(0)
-    rod_w, out_w = (normalize(random.normal(size=(500, 3))) for _ in range(2))
-    turn = reactive.turn_rad(rod_w, out_w)
+@pytest.mark.parametrize(
+    ("in_front", "askew_rad"), [(0.0, reactive.ASKEW_RAD), (1.0, reactive.FRONT_ASKEW_RAD)]
+)
+def test_a_rod_that_has_turned_need_not_turn_again(in_front, askew_rad):
+    rod_w, out_w, front = around_everywhere(0), around_everywhere(1), np.full(500, in_front)
+    turn = reactive.turn_rad(rod_w, out_w, front)
     turned_w = transforms.rotate(transforms.from_rotation_vector(turn), rod_w)
     assert (norm(turn) > 0.1).sum() > 400
-    assert_allclose(reactive.turn_rad(turned_w, out_w), 0.0, atol=1e-7)
-    askew_rad = np.arccos((-turned_w * reactive.hand(out_w)).sum(axis=-1))
-    assert np.all(askew_rad <= reactive.ASKEW_RAD + 1e-7)
+    assert_allclose(reactive.turn_rad(turned_w, out_w, front), 0.0, atol=1e-7)
+    beside_rad = np.arccos((-turned_w * reactive.hand(out_w, front)).sum(axis=-1))
+    assert np.all(beside_rad <= askew_rad + 1e-7)
+
+
+def test_only_skin_that_faces_in_is_reached_from_in_front():
+    out_w = around_everywhere(0)
+    share = reactive.faces_in(out_w)
+    inner = (out_w[:, 0] > reactive.INWARDS[1]) & (out_w[:, 2] > reactive.NOT_DOWN[1])
+    assert np.all(share[inner] == 1.0)
+    assert np.all(share[(out_w[:, 0] < reactive.INWARDS[0]) | (out_w[:, 2] < reactive.NOT_DOWN[0])] == 0.0)
+    assert ((share > 0.0) & (share < 1.0)).any()
+
+
+@pytest.mark.parametrize("robot", ["Jaco", "PR2"])
+def test_a_hand_that_comes_from_in_front_turns_before_it_comes(robot):
+    """With the itch on the inner side of the forearm a mounted arm aims before the wrist, and then at the itch."""
+    episodes = begun(f"avrgym/ScratchItch{robot}-v1", 8)
+    angle = np.full(8, np.radians(-150.0))
+    itch = replace(
+        episodes.task_state,
+        limb=np.ones(8, dtype=np.intp),
+        itch=around_axis(0.033, angle, np.full(8, -0.13)),
+    )
+    guide, state = PresentGuide(episodes), episodes.state()
+    out_w, _ = surface(itch, limb_frame(state, itch)[1])
+    in_front = reactive.faces_in(out_w) == 1.0
+    before_wrist_w = state.right_arm_pos_w[:, 2] + expert.FROM_WRIST_M
+    goal_w, _, _ = reactive.scratch(state, itch, guide)
+    waits = np.all(np.abs(goal_w - before_wrist_w) < 1e-9, axis=-1)
+    assert in_front.any()
+    assert_array_equal(waits, in_front & (robot == "Jaco"))

@@ -31,14 +31,15 @@ class Guide:
 
     What is asked for goes on from where the servos aim, so that their lag does not slow the tool down. ``pos_w``
     (N, 3) and ``q_w`` (N, 4) are the tool's pose at these angles. ``posture_rad`` (N, J), the arm's first angles
-    until an expert sets others, draws the arm wherever the tool leaves it free.
+    until an expert sets others, draws the arm wherever the tool leaves it free. ``scene`` is what stands around.
     """
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin where the arms are."""
         self._episodes, self._simulation = episodes, episodes.simulation
-        self._chain = places.arm_chain(episodes.scene)
-        self._reach_rad = episodes.scene.arm.speed_limit_rad_s * CONTROL_STEP_S
+        self.scene = episodes.scene
+        self._chain = places.arm_chain(self.scene)
+        self._reach_rad = self.scene.arm.speed_limit_rad_s * CONTROL_STEP_S
         self._clearance = Clearance(self._simulation)
         self._base_w = self._simulation.robot_base()
         self._to_base = transforms.invert(*self._base_w)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from avrgym.geometry import elementary, transforms
-from avrgym.geometry.arrays import namespace
+from avrgym.geometry.arrays import like, namespace
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.bed_bathing.expert import FOREARM
@@ -18,6 +18,14 @@ FORWARDS, UPWARDS, SWERVE = -0.2, 0.2, 0.5
 """Where the hand has room, for each metre to the person's right; and how much more so by how the skin lies there."""
 LEVEL, SOFT = -0.35, 0.17
 """The height of the skin's normal at which the hand changes from above the arm to below it, and how gradually."""
+FRONT_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
+FRONT_SLANT_RAD, FRONT_ASKEW_RAD = 1.0, 0.2
+"""Where a hand has room that comes from in front, and what the first two are for it."""
+INWARDS, NOT_DOWN = (0.6, 0.85), (-0.5, -0.3)
+"""Skin is scratched from in front that faces the person's left, and not the ground: from where on, and from where on
+wholly, as parts of its normal."""
+STILL_TURNS_RAD = (0.2, 0.6)
+"""By how much such a hand has to turn from which on it stays away from the itch, and waits before the wrist."""
 BESIDE_M = 0.02
 """How far beside the itch the tip comes down."""
 AHEAD_RAD = 0.8
@@ -32,48 +40,64 @@ LEANING_N, BACK_M, BACK_M_S = 5.0, 0.03, 0.3
 def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
     """The tip goes around the limb above the skin and comes down at the itch; where it touches, it rubs.
 
-    An arm that leans on the person draws back, out to where its hand has room.
+    Where it itches on the inner side, an arm that is mounted on the wheelchair first turns its hand before the wrist.
+    The thicker one that stands on the floor would lean on the person. An arm that does draws back, out to where its
+    hand has room.
     """
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
+    in_front = faces_in(out_w) * (not guide.scene.mount.on_floor)
     rod_w = transforms.rotate(guide.q_w, expert.ROD)
-    q_w = transforms.multiply(transforms.from_rotation_vector(turn_rad(rod_w, out_w)), guide.q_w)
+    turn_w = turn_rad(rod_w, out_w, in_front)
+    q_w = transforms.multiply(transforms.from_rotation_vector(turn_w), guide.q_w)
     tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
     skin_w = limb_pos_w + transforms.rotate(limb_q_w, around(tool, task_state))
     goal_w = expert.tip(skin_w, out_w, rod_w)
+    waits = (in_front * _share(norm(turn_w), STILL_TURNS_RAD))[:, None]
+    goal_w = goal_w + waits * (state.right_arm_pos_w[:, 2] + expert.FROM_WRIST_M - goal_w)
     itch_w = expert.tip(itch_pos_w(state, task_state), out_w, rod_w)
     rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < expert.SEEK_DEPTH_M)
     rubbed_w = expert.rub(state, task_state, guide.pos_w, rod_w, PRESS)
     pos_w = np.where(rubs[:, None], rubbed_w, goal_w)
     speed = np.where(rubs, RUB_M_S, speed_m_s(goal_w - state.tool_pos_w, expert.ENTER_M_S))
     leans = state.links_force_n > LEANING_N
-    pos_w = np.where(leans[:, None], guide.pos_w + BACK_M * hand(out_w), pos_w)
+    pos_w = np.where(leans[:, None], guide.pos_w + BACK_M * hand(out_w, in_front), pos_w)
     return pos_w, np.where(leans[:, None], guide.q_w, q_w), np.where(leans, BACK_M_S, speed)
 
 
-def turn_rad(rod_w: Array, out_w: Array) -> Array:
+def faces_in(out_w: Array) -> Array:
+    """What share (N,) of skin that faces (N, 3), world frame, is to be reached from in front: none or all, mostly."""
+    return _share(out_w[:, 0], INWARDS) * _share(out_w[:, 2], NOT_DOWN)
+
+
+def turn_rad(rod_w: Array, out_w: Array, in_front: Array | float = 0.0) -> Array:
     """How a rod has to turn, rotation vectors (N, 3), world frame, for the hand to be where it has room.
 
     Args:
         rod_w: where it points, unit vectors (N, 3), world frame.
         out_w: out of the skin at the itch, likewise.
+        in_front: see ``hand``.
     """
-    axis, angle = _turn(rod_w, -hand(out_w))
-    return axis * namespace(angle).maximum(angle - ASKEW_RAD, 0.0)[:, None]
+    axis, angle = _turn(rod_w, -hand(out_w, in_front))
+    askew_rad = ASKEW_RAD + in_front * (FRONT_ASKEW_RAD - ASKEW_RAD)
+    return axis * namespace(angle).maximum(angle - askew_rad, 0.0 * angle)[:, None]
 
 
-def hand(out_w: Array) -> Array:
+def hand(out_w: Array, in_front: Array | float = 0.0) -> Array:
     """In which direction (N, 3) from an itch the hand should be, world frame, by where its skin faces (N, 3).
 
     Straight out of the skin, but drawn to where there is room: on the person's right, in front and above where the skin
-    faces up, behind and below where it faces down.
+    faces up, behind and below where it faces down; by a share (N,) it comes from in front, over the lap.
     """
     xp = namespace(out_w)
     above = elementary.tanh((out_w[:, 2] - LEVEL) / SOFT)
     right, forwards = xp.ones_like(above), FORWARDS + SWERVE * (above - out_w[:, 1])
     room_w = xp.stack([-right, -forwards, UPWARDS + SWERVE * above], axis=-1)
+    share = (in_front * right)[:, None]
+    room_w = (1.0 - share) * transforms.normalize(room_w) + share * like(FRONT_W, out_w)
     axis, angle = _turn(out_w, transforms.normalize(room_w))
-    return transforms.rotate(transforms.from_axis_angle(axis, xp.minimum(angle, SLANT_RAD)), out_w)
+    slant_rad = SLANT_RAD + in_front * (FRONT_SLANT_RAD - SLANT_RAD)
+    return transforms.rotate(transforms.from_axis_angle(axis, xp.minimum(angle, slant_rad)), out_w)
 
 
 def around(tool: Array, task_state: ScratchItchState) -> Array:
@@ -89,6 +113,12 @@ def around(tool: Array, task_state: ScratchItchState) -> Array:
     return np.stack(
         [-height * elementary.cos(angle), height * elementary.sin(angle), task_state.itch[:, 2]], axis=-1
     )
+
+
+def _share(value: Array, ends: tuple[float, float]) -> Array:
+    """How far (N,) values are on their way from one end to the other."""
+    first, last = ends
+    return np.clip((value - first) / (last - first), 0.0, 1.0)
 
 
 def _turn(a: Array, b: Array) -> tuple[Array, Array]:
