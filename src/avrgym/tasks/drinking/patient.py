@@ -42,7 +42,7 @@ POURS_RAD, PER_PARTICLE_RAD = np.radians([89.5, 0.145])
 cups poured at 0.1 rad/s, within a degree at any filling."""
 CALM_RAD = float(np.radians(4.0))
 """So far below that tilt nothing is spilled by movement."""
-APPROACH_PER_S, POUR_RAD_S = 3.0, 0.08
+APPROACH_PER_S, POUR_RAD_S = 3.0, 0.03
 """How fast, of what is missing to that tilt, it is approached, and how fast a cup is tilted that pours."""
 AWAY_RAD, FAR_AWAY_RAD, EXPECTED_RAD = np.radians([25.0, 33.0, 8.0])
 """From where on a face looks away; where it is awaited goes from there to the last as it turns to the second."""

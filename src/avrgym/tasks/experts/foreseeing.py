@@ -19,8 +19,8 @@ from avrgym.tasks.task import Controller, Expert, RunningEpisodes, TaskState
 
 Array = NDArray[np.float64]
 
-AHEAD_STEPS = 2
-"""How many control steps ahead people are seen, 0.2 s."""
+AHEAD_STEPS = 1
+"""How many control steps ahead people are seen, 0.1 s."""
 PLACES = ("head_pos_w", "mouth_pos_w", "person_segment_w", "right_arm_pos_w")
 ROTATIONS = ("head_q_w", "right_arm_q_w")
 """What of a state is where the person is."""
