@@ -15,8 +15,8 @@ from avrgym.tasks.drinking.patient import (
 )
 from avrgym.tasks.drinking.reward import in_cup
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.foreseeing import foreseeing
 from avrgym.tasks.experts.head import heading
+from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.known import EPISODE_STEPS
 
 YES, NO = np.array([True]), np.array([False])
@@ -153,6 +153,6 @@ def test_patience_gives_drink_to_more_people(robot):
         return success.mean()
 
     task = begun(robot, "zoo/train", 1).task
-    patience = successes(foreseeing(task.patient_expert))
+    patience = successes(steadied(task.patient_expert))
     assert patience > 0.6
-    assert patience > successes(foreseeing(task.reactive_expert))
+    assert patience > successes(steadied(task.reactive_expert))

@@ -21,7 +21,7 @@ from avrgym.simulation.region_forces import RegionWatch
 from avrgym.system.carried import Carried
 from avrgym.system.engines import THREADS
 from avrgym.tasks.episodes import Episodes, Step
-from avrgym.tasks.experts.foreseeing import foreseeing
+from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.task import Controller
 
@@ -202,7 +202,7 @@ def _expert_for(policy: Policy, order: Order, worlds: Episodes) -> Controller:
     task = worlds.task
     if policy.memory is None:
         return task.reactive_expert(worlds)
-    return foreseeing(task.patient_expert or task.reactive_expert)(worlds)
+    return steadied(task.patient_expert or task.reactive_expert)(worlds)
 
 
 class _Agent:

@@ -467,23 +467,6 @@ class Episodes:
         acted = np.clip(action, -1.0, 1.0)
         return step.reward + weight * ((acted * acted).sum(axis=-1) - step.reward_terms[EFFORT])
 
-    def people_ahead(self, steps: int) -> tuple[People, People]:
-        """The people as they want to be now, and in so many control steps if the tool stays where it is.
-
-        Without sway, chewing and tremor. Whoever does not move by themselves stays as they are.
-        """
-        if not self._moved_by_themselves:
-            return self._people, self._people
-        state = self.simulation.state()
-        now, later = (
-            replace(
-                self._people,
-                joint_angles_rad=self._minds.ahead_rad(number, lambda: state, self._possible),
-            )
-            for number in (0, steps)
-        )
-        return now, later
-
     def marks_w(self) -> Array:
         """Where the task's marks are now, (N, ``task.marks.count``, 3), world frame; none without marks."""
         if self.task.marks is None:

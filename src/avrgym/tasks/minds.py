@@ -77,32 +77,23 @@ class Minds:
             people: their bodies.
             possible: where their joints can go.
         """
-        before, mind = self._mind, self._lived(self._mind, look, possible)
+        if isinstance(self._mind, movement.Mind):
+            return possible(self._live_in_the_zoo(self._mind, look(), people, possible))
+        mind = behaviour.wait(self._mind)
+        targets = mind.targets_rad + _direction(mind.time_s) * people.tremor_rad
+        if self._cooperating:
+            mind = behaviour.see(mind, look(), self._offered, self._posture)
+            targets = targets + behaviour.sway_rad(mind)
         self._mind = mind
-        if isinstance(mind, movement.Mind):
-            trembles = _direction(mind.time_s) * movement.settled(mind)[:, None] * people.tremor_rad
-            return possible(mind.targets_rad + movement.oscillation_rad(mind) + trembles)
-        targets = before.targets_rad + _direction(mind.time_s) * people.tremor_rad
-        return possible(targets + behaviour.sway_rad(mind) if self._cooperating else targets)
+        return possible(targets)
 
-    def ahead_rad(self, steps: int, look: Callable[[], Sight], possible: Possible) -> Array:
-        """Where they will want their joints (N, 20) in so many control steps if they see the same until then.
-
-        Without what comes on top: sway, chewing and tremor.
-        """
-        mind = self._mind
-        for _ in range(steps):
-            mind = self._lived(mind, look, possible)
-        return possible(mind.targets_rad)
-
-    def _lived(
-        self, mind: behaviour.Mind | movement.Mind, look: Callable[[], Sight], possible: Possible
-    ) -> behaviour.Mind | movement.Mind:
-        """Minds a control step on."""
-        if isinstance(mind, movement.Mind):
-            return movement.live(mind, look(), self._offered, self._posture, possible)
-        mind = behaviour.wait(mind)
-        return behaviour.see(mind, look(), self._offered, self._posture) if self._cooperating else mind
+    def _live_in_the_zoo(
+        self, mind: movement.Mind, sight: Sight, people: People, possible: Possible
+    ) -> Array:
+        mind = movement.live(mind, sight, self._offered, self._posture, possible)
+        self._mind = mind
+        tremor = _direction(mind.time_s) * movement.settled(mind)[:, None] * people.tremor_rad
+        return mind.targets_rad + movement.oscillation_rad(mind) + tremor
 
 
 def _direction(time_s: Array) -> Array:

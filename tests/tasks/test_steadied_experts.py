@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.experts.steadied import PLACES, ROTATIONS, steadied
+from avrgym.tasks.known import EPISODE_STEPS
+
+
+class Recorder:
+    """An expert that keeps what it sees."""
+
+    def __init__(self, episodes):
+        self.episodes, self.seen = episodes, []
+
+    def __call__(self, observation):
+        self.seen.append(self.episodes.state())
+        return np.zeros((self.episodes.simulation.num_worlds, len(self.episodes.scene.arm.joints)))
+
+
+def watched(impairment: str, steps: int):
+    """What a steadied expert saw of people at each step, and what there was to see."""
+    episodes = Episodes("avrgym/FeedingJaco-v1", 4, impairment=impairment, num_threads=1)
+    episodes.begin(np.arange(4), [np.random.default_rng([3, i]) for i in range(4)])
+    recorders = []
+
+    def expert(running):
+        recorders.append(Recorder(running))
+        return recorders[0]
+
+    controller, there = steadied(expert)(episodes), []
+    for _ in range(steps):
+        there.append(episodes.state())
+        episodes.step(controller(episodes.observe()))
+    return recorders[0].seen, there
+
+
+def test_who_rests_is_seen_as_they_are():
+    seen, there = watched("none", 4)
+    for saw, was in zip(seen, there, strict=True):
+        for name in (*PLACES, *ROTATIONS):
+            assert_allclose(getattr(saw, name), getattr(was, name), atol=1e-12)
+
+
+def test_a_tremor_is_hardly_seen():
+    seen, there = watched("tremor", 12)
+
+    def swing_m(states):
+        mouths = np.array([state.mouth_pos_w for state in states[6:]])
+        return np.ptp(mouths, axis=0).max()
+
+    assert swing_m(there) > 0.005
+    assert swing_m(seen) < 0.2 * swing_m(there)
+
+
+def test_the_tool_is_seen_as_it_is():
+    seen, there = watched("tremor", 3)
+    assert_allclose(seen[-1].tool_pos_w, there[-1].tool_pos_w, atol=0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("environment", "impairment", "share"),
+    [
+        ("FeedingJaco", "tremor", 0.6),
+        ("DrinkingPR2", "none", 0.35),
+        ("ScratchItchJaco", "weakness", 0.6),
+        ("BedBathingPR2", "tremor", 0.6),
+    ],
+)
+def test_a_steadied_expert_often_succeeds(environment, impairment, share):
+    """With the PR2's cup in 61 % of many episodes, in the others oftener."""
+    episodes = Episodes(
+        f"avrgym/{environment}-v1", 24, distribution="zoo/train", impairment=impairment, num_threads=1
+    )
+    episodes.begin(np.arange(24), [np.random.default_rng([6, i]) for i in range(24)])
+    expert, success = steadied(episodes.task.reactive_expert)(episodes), np.zeros(24, dtype=bool)
+    for _ in range(EPISODE_STEPS):
+        success = episodes.step(expert(episodes.observe())).success
+    assert success.mean() >= share
