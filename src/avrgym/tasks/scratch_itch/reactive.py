@@ -20,12 +20,13 @@ LEVEL, SOFT = -0.35, 0.17
 """The height of the skin's normal at which the hand changes from above the arm to below it, and how gradually."""
 FRONT_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
 FRONT_SLANT_RAD, FRONT_ASKEW_RAD = 1.0, 0.2
-"""Where a hand has room that comes from in front, and what the first two are for it."""
+"""Where a hand has room that comes from in front, and what ``SLANT_RAD`` and ``ASKEW_RAD`` are for it."""
 INWARDS, NOT_DOWN = (0.6, 0.85), (-0.5, -0.3)
 """Skin is scratched from in front that faces the person's left, and not the ground: from where on, and from where on
 wholly, as parts of its normal."""
 STILL_TURNS_RAD = (0.2, 0.6)
-"""By how much such a hand has to turn from which on it stays away from the itch, and waits before the wrist."""
+"""Such a hand comes to the itch when it has to turn by no more than the first; from the second on it waits before the
+wrist."""
 BESIDE_M = 0.02
 """How far beside the itch the tip comes down."""
 AHEAD_RAD = 0.8
@@ -80,7 +81,7 @@ def turn_rad(rod_w: Array, out_w: Array, in_front: Array | float = 0.0) -> Array
     """
     axis, angle = _turn(rod_w, -hand(out_w, in_front))
     askew_rad = ASKEW_RAD + in_front * (FRONT_ASKEW_RAD - ASKEW_RAD)
-    return axis * namespace(angle).maximum(angle - askew_rad, 0.0 * angle)[:, None]
+    return axis * namespace(angle).maximum(angle - askew_rad, 0.0)[:, None]
 
 
 def hand(out_w: Array, in_front: Array | float = 0.0) -> Array:
