@@ -96,7 +96,7 @@ def hand(out_w: Array, in_front: Array | float = 0.0) -> Array:
     room_w = xp.stack([-right, -forwards, UPWARDS + SWERVE * above], axis=-1)
     share = (in_front * right)[:, None]
     room_w = (1.0 - share) * transforms.normalize(room_w) + share * like(FRONT_W, out_w)
-    axis, angle = _turn(out_w, transforms.normalize(room_w))
+    axis, angle = _turn(out_w, room_w)
     slant_rad = SLANT_RAD + in_front * (FRONT_SLANT_RAD - SLANT_RAD)
     return transforms.rotate(transforms.from_axis_angle(axis, xp.minimum(angle, slant_rad)), out_w)
 
@@ -123,7 +123,7 @@ def _share(value: Array, ends: tuple[float, float]) -> Array:
 
 
 def _turn(a: Array, b: Array) -> tuple[Array, Array]:
-    """The axis (N, 3) about which unit vectors a turn to unit vectors b, (N, 3), and by how much (N,)."""
+    """The axis (N, 3) about which vectors a turn to vectors b, (N, 3), and by how much (N,)."""
     axis = transforms.cross(a, b)
     sine = norm(axis)
     return axis / namespace(sine).maximum(sine, 1e-9)[:, None], elementary.arctan2(sine, (a * b).sum(axis=-1))
