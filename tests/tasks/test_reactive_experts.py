@@ -111,7 +111,7 @@ def test_an_arm_that_leans_on_somebody_draws_back_to_where_its_hand_has_room(rob
     assert_array_equal(q_w[2:], guide.q_w[2:])
 
 
-def around_everywhere(seed: int) -> np.ndarray:
+def directions(seed: int) -> np.ndarray:
     """Unit vectors (500, 3)."""
     return normalize(np.random.default_rng(seed).normal(size=(500, 3)))
 
@@ -120,7 +120,7 @@ def around_everywhere(seed: int) -> np.ndarray:
     ("in_front", "slant_rad"), [(0.0, reactive.SLANT_RAD), (1.0, reactive.FRONT_SLANT_RAD)]
 )
 def test_a_scratching_hand_stays_out_of_the_skin(in_front, slant_rad):
-    out_w = around_everywhere(0)
+    out_w = directions(0)
     hand_w = reactive.hand(out_w, np.full(500, in_front))
     assert_allclose(norm(hand_w), 1.0)
     assert np.all((hand_w * out_w).sum(axis=-1) >= np.cos(slant_rad) - 1e-9)
@@ -130,7 +130,7 @@ def test_a_scratching_hand_stays_out_of_the_skin(in_front, slant_rad):
     ("in_front", "askew_rad"), [(0.0, reactive.ASKEW_RAD), (1.0, reactive.FRONT_ASKEW_RAD)]
 )
 def test_a_rod_that_has_turned_need_not_turn_again(in_front, askew_rad):
-    rod_w, out_w, front = around_everywhere(0), around_everywhere(1), np.full(500, in_front)
+    rod_w, out_w, front = directions(0), directions(1), np.full(500, in_front)
     turn = reactive.turn_rad(rod_w, out_w, front)
     turned_w = transforms.rotate(transforms.from_rotation_vector(turn), rod_w)
     assert (norm(turn) > 0.1).sum() > 400
@@ -140,7 +140,7 @@ def test_a_rod_that_has_turned_need_not_turn_again(in_front, askew_rad):
 
 
 def test_only_skin_that_faces_in_is_reached_from_in_front():
-    out_w = around_everywhere(0)
+    out_w = directions(0)
     share = reactive.faces_in(out_w)
     inner = (out_w[:, 0] > reactive.INWARDS[1]) & (out_w[:, 2] > reactive.NOT_DOWN[1])
     assert np.all(share[inner] == 1.0)

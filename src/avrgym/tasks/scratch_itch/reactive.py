@@ -27,6 +27,8 @@ wholly, as parts of its normal."""
 STILL_TURNS_RAD = (0.2, 0.6)
 """Such a hand comes to the itch when it has to turn by no more than the first; from the second on it waits before the
 wrist."""
+NONE_TO_ALL = (0.0, 1.0)
+"""The shares at the first and the second of two such values; evenly more between them."""
 BESIDE_M = 0.02
 """How far beside the itch the tip comes down."""
 AHEAD_RAD = 0.8
@@ -54,7 +56,7 @@ def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
     tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
     skin_w = limb_pos_w + transforms.rotate(limb_q_w, around(tool, task_state))
     goal_w = expert.tip(skin_w, out_w, rod_w)
-    waits = (in_front * _share(norm(turn_w), STILL_TURNS_RAD))[:, None]
+    waits = (in_front * np.interp(norm(turn_w), STILL_TURNS_RAD, NONE_TO_ALL))[:, None]
     goal_w = goal_w + waits * (state.right_arm_pos_w[:, 2] + expert.FROM_WRIST_M - goal_w)
     itch_w = expert.tip(itch_pos_w(state, task_state), out_w, rod_w)
     rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < expert.SEEK_DEPTH_M)
@@ -68,7 +70,7 @@ def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
 
 def faces_in(out_w: Array) -> Array:
     """What share (N,) of skin that faces (N, 3), world frame, is to be reached from in front: none or all, mostly."""
-    return _share(out_w[:, 0], INWARDS) * _share(out_w[:, 2], NOT_DOWN)
+    return np.interp(out_w[:, 0], INWARDS, NONE_TO_ALL) * np.interp(out_w[:, 2], NOT_DOWN, NONE_TO_ALL)
 
 
 def turn_rad(rod_w: Array, out_w: Array, in_front: Array | float = 0.0) -> Array:
@@ -94,7 +96,7 @@ def hand(out_w: Array, in_front: Array | float = 0.0) -> Array:
     above = elementary.tanh((out_w[:, 2] - LEVEL) / SOFT)
     right, forwards = xp.ones_like(above), FORWARDS + SWERVE * (above - out_w[:, 1])
     room_w = xp.stack([-right, -forwards, UPWARDS + SWERVE * above], axis=-1)
-    share = (in_front * right)[:, None]
+    share = (in_front + xp.zeros_like(above))[:, None]
     room_w = (1.0 - share) * transforms.normalize(room_w) + share * like(FRONT_W, out_w)
     axis, angle = _turn(out_w, room_w)
     slant_rad = SLANT_RAD + in_front * (FRONT_SLANT_RAD - SLANT_RAD)
@@ -114,12 +116,6 @@ def around(tool: Array, task_state: ScratchItchState) -> Array:
     return np.stack(
         [-height * elementary.cos(angle), height * elementary.sin(angle), task_state.itch[:, 2]], axis=-1
     )
-
-
-def _share(value: Array, ends: tuple[float, float]) -> Array:
-    """How far (N,) values are on their way from one end to the other."""
-    first, last = ends
-    return np.clip((value - first) / (last - first), 0.0, 1.0)
 
 
 def _turn(a: Array, b: Array) -> tuple[Array, Array]:
