@@ -50,6 +50,12 @@ def around_axis(from_axis, angle, along):
     return np.stack([-from_axis * np.cos(angle), from_axis * np.sin(angle), along], axis=-1)
 
 
+def forearm_itch(episodes: Episodes, angle) -> ScratchItchState:
+    """Itches in the middle of the forearm, by angles (N,) from its outer side."""
+    limb, itch = np.ones(len(angle), dtype=np.intp), around_axis(0.033, angle, np.full(len(angle), -0.13))
+    return replace(episodes.task_state, limb=limb, itch=itch)
+
+
 def share_of_successes(episodes: Episodes) -> float:
     """In how many worlds the expert has succeeded after an episode."""
     reacts = episodes.task.reactive_expert(episodes)
@@ -70,10 +76,7 @@ def test_a_reactive_expert_mostly_succeeds(task):
 def test_a_reactive_expert_scratches_the_far_side_of_the_forearm(robot):
     """On its upper, inner side, where the robot is on the outer one."""
     episodes = begun(f"avrgym/ScratchItch{robot}-v1", 8)
-    radius, middle = 0.033, -0.13
-    angle = np.radians(np.linspace(-135.0, -100.0, 8))
-    itch = around_axis(radius, angle, np.full(8, middle))
-    episodes.task_state = replace(episodes.task_state, limb=np.ones(8, dtype=np.intp), itch=itch)
+    episodes.task_state = forearm_itch(episodes, np.radians(np.linspace(-135.0, -100.0, 8)))
     assert share_of_successes(episodes) >= 0.75
 
 
@@ -105,7 +108,7 @@ def test_an_arm_that_leans_on_somebody_draws_back_to_where_its_hand_has_room(rob
         assert_array_equal(now[:2], then[:2])
     out_w, _ = surface(itch, limb_frame(state, itch)[1])
     away = pos_w - guide.pos_w
-    in_front = reactive.faces_in(out_w) * (robot == "Jaco")
+    in_front = reactive.faces_in(state, itch) * (robot == "Jaco")
     assert_allclose(normalize(away[2:]), reactive.hand(out_w, in_front)[2:], atol=1e-12)
     assert np.all(speed[2:] > 0.0)
     assert_array_equal(q_w[2:], guide.q_w[2:])
@@ -140,9 +143,12 @@ def test_a_rod_that_has_turned_need_not_turn_again(in_front, askew_rad):
 
 
 def test_only_skin_that_faces_in_is_reached_from_in_front():
-    out_w = directions(0)
-    share = reactive.faces_in(out_w)
+    episodes = begun("avrgym/ScratchItchJaco-v1", 200)
+    episodes.task_state = forearm_itch(episodes, np.linspace(-np.pi, np.pi, 200))
+    share = reactive.faces_in(episodes.state(), episodes.task_state)
+    out_w, _ = surface(episodes.task_state, limb_frame(episodes.state(), episodes.task_state)[1])
     inner = (out_w[:, 0] > reactive.INWARDS[1]) & (out_w[:, 2] > reactive.NOT_DOWN[1])
+    assert inner.any()
     assert np.all(share[inner] == 1.0)
     assert np.all(share[(out_w[:, 0] < reactive.INWARDS[0]) | (out_w[:, 2] < reactive.NOT_DOWN[0])] == 0.0)
     assert ((share > 0.0) & (share < 1.0)).any()
@@ -152,15 +158,9 @@ def test_only_skin_that_faces_in_is_reached_from_in_front():
 def test_a_hand_that_comes_from_in_front_turns_before_it_comes(robot):
     """With the itch on the inner side of the forearm a mounted arm aims before the wrist, and then at the itch."""
     episodes = begun(f"avrgym/ScratchItch{robot}-v1", 8)
-    angle = np.full(8, np.radians(-150.0))
-    itch = replace(
-        episodes.task_state,
-        limb=np.ones(8, dtype=np.intp),
-        itch=around_axis(0.033, angle, np.full(8, -0.13)),
-    )
+    itch = forearm_itch(episodes, np.full(8, np.radians(-150.0)))
     guide, state = PresentGuide(episodes), episodes.state()
-    out_w, _ = surface(itch, limb_frame(state, itch)[1])
-    in_front = reactive.faces_in(out_w) == 1.0
+    in_front = reactive.faces_in(state, itch) == 1.0
     before_wrist_w = state.right_arm_pos_w[:, 2] + expert.FROM_WRIST_M
     goal_w, _, _ = reactive.scratch(state, itch, guide)
     waits = np.all(np.abs(goal_w - before_wrist_w) < 1e-9, axis=-1)

@@ -132,7 +132,7 @@ class Task:
         reactive_expert: does without plan or memory what depends evenly on the present: training imitates it.
         views: from where pictures are taken.
         training: how policies are trained.
-        patient_expert: may remember how people moved; policies that remember imitate it in place of the reactive one.
+        patient_expert: may remember; policies that remember imitate it in place of the reactive one.
         detour_m: how much longer than straight on the way of tool and hand to the goal is, (N,); with a
             ``training.detour_weight_per_m`` training draws the policy along it.
         marks: what is drawn on the person.

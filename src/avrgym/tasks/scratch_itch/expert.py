@@ -67,7 +67,7 @@ class ScratchItchExpert:
         )
         self._steps = 0
         hard = self._plan(np.ones(count, dtype=bool)) > HARD_S
-        self._detour_rad, cost_s = self._find_detour()
+        self._detour_rad, cost_s = find_detour(self._guide, episodes.state())
         self._detour = hard & (cost_s < HARD_S)
 
     def __call__(self, observation: Array) -> Array:
@@ -98,16 +98,6 @@ class ScratchItchExpert:
         rubbed_w = rub(state, task_state, self._guide.pos_w, rod_w, PRESS)
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
-    def _find_detour(self) -> tuple[Array, Array]:
-        """Angles (N, J) before and above the wrist, the rod pointing down, and what it costs to go there (N,)."""
-        wrist_w = self._episodes.state().right_arm_pos_w[:, 2]
-        turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
-        q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))
-        place_w = np.repeat((wrist_w + FROM_WRIST_M)[:, None], q_w.shape[1], axis=1)
-        angles, cost_s = self._guide.find(place_w, q_w)
-        world, best = np.arange(len(wrist_w)), cost_s.argmin(axis=-1)
-        return angles[world, best], cost_s[world, best]
-
     def _plan(self, worlds: NDArray[np.bool_]) -> Array:
         """Choose for some worlds, (N,), of all ways to point at the itch the quickest with room for the arm.
 
@@ -134,6 +124,17 @@ class ScratchItchExpert:
         self._before_rad = np.where(new, before, self._before_rad)
         self._guide.posture_rad = np.where(new, angles, self._guide.posture_rad)
         return cost_s[world, best]
+
+
+def find_detour(guide: Guide, state: State) -> tuple[Array, Array]:
+    """Angles (N, J) before and above the wrist, the rod pointing down, and what it costs to go there (N,)."""
+    wrist_w = state.right_arm_pos_w[:, 2]
+    turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
+    q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))
+    place_w = np.repeat((wrist_w + FROM_WRIST_M)[:, None], q_w.shape[1], axis=1)
+    angles, cost_s = guide.find(place_w, q_w)
+    world, best = np.arange(len(wrist_w)), cost_s.argmin(axis=-1)
+    return angles[world, best], cost_s[world, best]
 
 
 def rub(state: State, task_state: ScratchItchState, pos_w: Array, rod_w: Array, press: Press) -> Array:

@@ -47,9 +47,13 @@ def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
     The thicker one that stands on the floor would lean on the person. An arm that does draws back, out to where its
     hand has room.
     """
+    return come(state, task_state, guide, faces_in(state, task_state) * (not guide.scene.mount.on_floor))
+
+
+def come(state: State, task_state: ScratchItchState, guide: Guide, in_front: Array) -> Aim:
+    """The same, of hands that come from in front by shares (N,)."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
-    in_front = faces_in(out_w) * (not guide.scene.mount.on_floor)
     rod_w = transforms.rotate(guide.q_w, expert.ROD)
     turn_w = turn_rad(rod_w, out_w, in_front)
     q_w = transforms.multiply(transforms.from_rotation_vector(turn_w), guide.q_w)
@@ -68,8 +72,10 @@ def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
     return pos_w, np.where(leans[:, None], guide.q_w, q_w), np.where(leans, BACK_M_S, speed)
 
 
-def faces_in(out_w: Array) -> Array:
-    """What share (N,) of skin that faces (N, 3), world frame, is to be reached from in front: none or all, mostly."""
+def faces_in(state: State, task_state: ScratchItchState) -> Array:
+    """By what share (N,) the skin where it itches is to be reached from in front: by none or all, mostly."""
+    _, limb_q_w = limb_frame(state, task_state)
+    out_w, _ = expert.surface(task_state, limb_q_w)
     return np.interp(out_w[:, 0], INWARDS, NONE_TO_ALL) * np.interp(out_w[:, 2], NOT_DOWN, NONE_TO_ALL)
 
 

@@ -1,0 +1,51 @@
+"""Scratching patiently: an expert who remembers whether the arm has turned over, for policies that remember.
+
+To the inner side of the forearm a hand comes from in front, over the lap. An arm that stands on the floor begins with
+its forearm turned so that the elbow then leans on the person, and no short way leads to the other turn. It first
+swings, all joints together, to the place before and above the wrist where the oracle's detour leads, with its elbow up.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.tasks.experts.reactive import TURN_RAD_S, PresentGuide
+from avrgym.tasks.scratch_itch.expert import HARD_S, SWING_M_S, find_detour
+from avrgym.tasks.scratch_itch.reactive import come, faces_in
+from avrgym.tasks.task import RunningEpisodes
+
+Array = NDArray[np.float64]
+
+HALF = 0.5
+"""From what share of it on skin counts as facing in."""
+TURNED = 0.85
+"""What share of the way to the detour is enough."""
+
+
+class PatientExpert:
+    """Goes to each of N itches by the reactive rule, from in front only with arms that are mounted or turned over."""
+
+    def __init__(self, episodes: RunningEpisodes) -> None:
+        """Begin where people and arms are."""
+        self._episodes, self._guide = episodes, PresentGuide(episodes)
+        self._first_rad = self._guide.angles_rad
+        self._detour_rad, cost_s = find_detour(self._guide, episodes.state())
+        self._detour_rad[:, -1] = self._first_rad[:, -1]
+        self._can_turn = cost_s < HARD_S
+        self._turned = np.full(len(cost_s), not episodes.scene.mount.on_floor)
+
+    def __call__(self, observation: Array) -> Array:
+        """Actions (N, J)."""
+        guide, state, task_state = self._guide, self._episodes.state(), self._episodes.task_state
+        guide.relax()
+        self._turned |= self._share_of_detour() > TURNED
+        inner = faces_in(state, task_state)
+        turns = (inner > HALF) & self._can_turn & ~self._turned
+        swing = guide.swing(self._detour_rad, SWING_M_S, np.pi)
+        pos_w, q_w, speed = come(state, task_state, guide, np.where(self._turned, inner, 0.0))
+        straight = guide.straight(pos_w, q_w, speed, TURN_RAD_S)
+        return guide.ask(np.where(turns[:, None], swing, straight))
+
+    def _share_of_detour(self) -> Array:
+        """How much (N,) of their way to the detour the arms have gone, in their joints."""
+        way = self._detour_rad - self._first_rad
+        return ((self._guide.angles_rad - self._first_rad) * way).sum(axis=-1) / (way * way).sum(axis=-1)
