@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from avrgym.tasks.experts.reactive import TURN_RAD_S, PresentGuide
 from avrgym.tasks.scratch_itch.expert import HARD_S, SWING_M_S, find_detour
-from avrgym.tasks.scratch_itch.reactive import come, faces_in
+from avrgym.tasks.scratch_itch.reactive import aim, faces_in
 from avrgym.tasks.task import RunningEpisodes
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ class PatientExpert:
         inner = faces_in(state, task_state)
         turns = (inner > HALF) & self._can_turn & ~self._turned
         swing = guide.swing(self._detour_rad, SWING_M_S, np.pi)
-        pos_w, q_w, speed = come(state, task_state, guide, np.where(self._turned, inner, 0.0))
+        pos_w, q_w, speed = aim(state, task_state, guide, np.where(self._turned, inner, 0.0))
         straight = guide.straight(pos_w, q_w, speed, TURN_RAD_S)
         return guide.ask(np.where(turns[:, None], swing, straight))
 

@@ -44,14 +44,14 @@ def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
     """The tip goes around the limb above the skin and comes down at the itch; where it touches, it rubs.
 
     Where it itches on the inner side, an arm that is mounted on the wheelchair first turns its hand before the wrist.
-    The thicker one that stands on the floor would lean on the person. An arm that does draws back, out to where its
-    hand has room.
+    The thicker one that stands on the floor would lean on the person: see ``patient``. An arm that leans draws back,
+    out to where its hand has room.
     """
-    return come(state, task_state, guide, faces_in(state, task_state) * (not guide.scene.mount.on_floor))
+    return aim(state, task_state, guide, faces_in(state, task_state) * (not guide.scene.mount.on_floor))
 
 
-def come(state: State, task_state: ScratchItchState, guide: Guide, in_front: Array) -> Aim:
-    """The same, of hands that come from in front by shares (N,)."""
+def aim(state: State, task_state: ScratchItchState, guide: Guide, in_front: Array) -> Aim:
+    """Where tips go as in ``scratch``, of hands that come from in front by shares (N,)."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
     rod_w = transforms.rotate(guide.q_w, expert.ROD)
