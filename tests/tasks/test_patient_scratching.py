@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -7,8 +5,11 @@ from numpy.testing import assert_array_equal
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.known import EPISODE_STEPS
-from avrgym.tasks.scratch_itch.patient import PatientExpert
+from avrgym.tasks.scratch_itch.expert import surface
+from avrgym.tasks.scratch_itch.patient import TurnsOver, patient_expert
 from avrgym.tasks.scratch_itch.reactive import faces_in
+from avrgym.tasks.scratch_itch.reward import limb_frame
+from itches import forearm_itch
 
 INNER_RAD = np.radians(np.linspace(-165.0, -135.0, 8))
 """Places on the forearm that face the other arm, from its outer side."""
@@ -19,9 +20,7 @@ def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
     count = len(angle_rad)
     episodes = Episodes(f"avrgym/ScratchItch{robot}-v1", count, distribution="revised", num_threads=1)
     episodes.begin(np.arange(count), [np.random.default_rng([8, i]) for i in range(count)])
-    radius, along = 0.033, np.full(count, -0.13)
-    itch = np.stack([-radius * np.cos(angle_rad), radius * np.sin(angle_rad), along], axis=-1)
-    episodes.task_state = replace(episodes.task_state, limb=np.ones(count, dtype=np.intp), itch=itch)
+    episodes.task_state = forearm_itch(episodes, angle_rad)
     return episodes
 
 
@@ -30,7 +29,7 @@ def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
 )
 def test_who_need_not_turn_the_arm_does_as_the_reactive_expert(robot, angle_rad):
     episodes = begun(robot, angle_rad)
-    patient, reactive = PatientExpert(episodes), episodes.task.reactive_expert(episodes)
+    patient, reactive = patient_expert(episodes), episodes.task.reactive_expert(episodes)
     for _ in range(40):
         observation = episodes.observe()
         action = patient(observation)
@@ -40,8 +39,9 @@ def test_who_need_not_turn_the_arm_does_as_the_reactive_expert(robot, angle_rad)
 
 def test_an_arm_on_the_floor_turns_over_once_before_it_comes_to_the_inner_side():
     episodes = begun("PR2", INNER_RAD)
-    patient, reactive = PatientExpert(episodes), episodes.task.reactive_expert(episodes)
-    assert np.all(faces_in(episodes.state(), episodes.task_state) > 0.5)
+    patient, reactive = TurnsOver(episodes), episodes.task.reactive_expert(episodes)
+    out_w, _ = surface(episodes.task_state, limb_frame(episodes.state(), episodes.task_state)[1])
+    assert np.all(faces_in(out_w) > 0.5)
     turned, first_way = [], patient._detour_rad - episodes.simulation.arm_angles_rad()
     for _ in range(60):
         observation = episodes.observe()
@@ -59,7 +59,7 @@ def test_an_arm_on_the_floor_turns_over_once_before_it_comes_to_the_inner_side()
 @pytest.mark.slow
 def test_the_inner_side_of_the_forearm_is_scratched_by_an_arm_that_turned_over():
     episodes = begun("PR2", INNER_RAD)
-    scratches = steadied(PatientExpert)(episodes)
+    scratches = steadied(patient_expert)(episodes)
     for _ in range(EPISODE_STEPS):
         step = episodes.step(scratches(episodes.observe()))
     assert step.success.mean() >= 0.75

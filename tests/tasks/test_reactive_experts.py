@@ -13,6 +13,7 @@ from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.scratch_itch import expert, reactive
 from avrgym.tasks.scratch_itch.expert import surface
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, limb_frame
+from itches import around_axis, forearm_itch
 
 OUTSIDE_RAD = np.radians(120.0)
 
@@ -43,17 +44,6 @@ def test_a_reactive_expert_brings_the_tool_nearer(environment):
     reacts = episodes.task.reactive_expert(episodes)
     distances = [episodes.step(reacts(episodes.observe())).distance_m.mean() for _ in range(60)]
     assert distances[-1] < 0.5 * distances[0]
-
-
-def around_axis(from_axis, angle, along):
-    """Places in a limb's frame, the angle from its outer side."""
-    return np.stack([-from_axis * np.cos(angle), from_axis * np.sin(angle), along], axis=-1)
-
-
-def forearm_itch(episodes: Episodes, angle) -> ScratchItchState:
-    """Itches in the middle of the forearm, by angles (N,) from its outer side."""
-    limb, itch = np.ones(len(angle), dtype=np.intp), around_axis(0.033, angle, np.full(len(angle), -0.13))
-    return replace(episodes.task_state, limb=limb, itch=itch)
 
 
 def share_of_successes(episodes: Episodes) -> float:
@@ -108,7 +98,7 @@ def test_an_arm_that_leans_on_somebody_draws_back_to_where_its_hand_has_room(rob
         assert_array_equal(now[:2], then[:2])
     out_w, _ = surface(itch, limb_frame(state, itch)[1])
     away = pos_w - guide.pos_w
-    in_front = reactive.faces_in(state, itch) * (robot == "Jaco")
+    in_front = reactive.faces_in(out_w) * (robot == "Jaco")
     assert_allclose(normalize(away[2:]), reactive.hand(out_w, in_front)[2:], atol=1e-12)
     assert np.all(speed[2:] > 0.0)
     assert_array_equal(q_w[2:], guide.q_w[2:])
@@ -143,10 +133,8 @@ def test_a_rod_that_has_turned_need_not_turn_again(in_front, askew_rad):
 
 
 def test_only_skin_that_faces_in_is_reached_from_in_front():
-    episodes = begun("avrgym/ScratchItchJaco-v1", 200)
-    episodes.task_state = forearm_itch(episodes, np.linspace(-np.pi, np.pi, 200))
-    share = reactive.faces_in(episodes.state(), episodes.task_state)
-    out_w, _ = surface(episodes.task_state, limb_frame(episodes.state(), episodes.task_state)[1])
+    out_w = directions(0)
+    share = reactive.faces_in(out_w)
     inner = (out_w[:, 0] > reactive.INWARDS[1]) & (out_w[:, 2] > reactive.NOT_DOWN[1])
     assert inner.any()
     assert np.all(share[inner] == 1.0)
@@ -160,7 +148,8 @@ def test_a_hand_that_comes_from_in_front_turns_before_it_comes(robot):
     episodes = begun(f"avrgym/ScratchItch{robot}-v1", 8)
     itch = forearm_itch(episodes, np.full(8, np.radians(-150.0)))
     guide, state = PresentGuide(episodes), episodes.state()
-    in_front = reactive.faces_in(state, itch) == 1.0
+    out_w, _ = surface(itch, limb_frame(state, itch)[1])
+    in_front = reactive.faces_in(out_w) == 1.0
     before_wrist_w = state.right_arm_pos_w[:, 2] + expert.FROM_WRIST_M
     goal_w, _, _ = reactive.scratch(state, itch, guide)
     waits = np.all(np.abs(goal_w - before_wrist_w) < 1e-9, axis=-1)

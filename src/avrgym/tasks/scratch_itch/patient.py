@@ -8,10 +8,11 @@ swings, all joints together, to the place before and above the wrist where the o
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.tasks.experts.reactive import TURN_RAD_S, PresentGuide
-from avrgym.tasks.scratch_itch.expert import HARD_S, SWING_M_S, find_detour
-from avrgym.tasks.scratch_itch.reactive import aim, faces_in
-from avrgym.tasks.task import RunningEpisodes
+from avrgym.tasks.experts.reactive import TURN_RAD_S, PresentGuide, Reactive
+from avrgym.tasks.scratch_itch.expert import HARD_S, SWING_M_S, find_detour, surface
+from avrgym.tasks.scratch_itch.reactive import aim, faces_in, scratch
+from avrgym.tasks.scratch_itch.reward import limb_frame
+from avrgym.tasks.task import Controller, RunningEpisodes
 
 Array = NDArray[np.float64]
 
@@ -21,8 +22,13 @@ TURNED = 0.85
 """What share of the way to the detour is enough."""
 
 
-class PatientExpert:
-    """Goes to each of N itches by the reactive rule, from in front only with arms that are mounted or turned over."""
+def patient_expert(episodes: RunningEpisodes) -> Controller:
+    """One whose arm turns over, where it stands on the floor; a mounted arm need not, and does as the reactive one."""
+    return TurnsOver(episodes) if episodes.scene.mount.on_floor else Reactive(episodes, scratch)
+
+
+class TurnsOver:
+    """Goes to each of N itches by the reactive rule, from in front only with arms that have turned over."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin where people and arms are."""
@@ -31,19 +37,21 @@ class PatientExpert:
         self._detour_rad, cost_s = find_detour(self._guide, episodes.state())
         self._detour_rad[:, -1] = self._first_rad[:, -1]
         self._can_turn = cost_s < HARD_S
-        self._turned = np.full(len(cost_s), not episodes.scene.mount.on_floor)
+        self._turned = np.zeros(len(cost_s), dtype=bool)
 
     def __call__(self, observation: Array) -> Array:
         """Actions (N, J)."""
         guide, state, task_state = self._guide, self._episodes.state(), self._episodes.task_state
         guide.relax()
         self._turned |= self._share_of_detour() > TURNED
-        inner = faces_in(state, task_state)
-        turns = (inner > HALF) & self._can_turn & ~self._turned
-        swing = guide.swing(self._detour_rad, SWING_M_S, np.pi)
-        pos_w, q_w, speed = aim(state, task_state, guide, np.where(self._turned, inner, 0.0))
-        straight = guide.straight(pos_w, q_w, speed, TURN_RAD_S)
-        return guide.ask(np.where(turns[:, None], swing, straight))
+        pos_w, q_w, speed = aim(state, task_state, guide, self._turned)
+        angles_rad = guide.straight(pos_w, q_w, speed, TURN_RAD_S)
+        out_w, _ = surface(task_state, limb_frame(state, task_state)[1])
+        turns = (faces_in(out_w) > HALF) & self._can_turn & ~self._turned
+        if turns.any():
+            swing_rad = guide.swing(self._detour_rad, SWING_M_S, np.pi)
+            angles_rad = np.where(turns[:, None], swing_rad, angles_rad)
+        return guide.ask(angles_rad)
 
     def _share_of_detour(self) -> Array:
         """How much (N,) of their way to the detour the arms have gone, in their joints."""

@@ -22,7 +22,7 @@ from avrgym.tasks.observation import Observation, from_goal, position
 from avrgym.tasks.person import ARM_SPREAD_RAD, above_clothes
 from avrgym.tasks.scratch_itch.detour import around_arm_m
 from avrgym.tasks.scratch_itch.expert import ScratchItchExpert
-from avrgym.tasks.scratch_itch.patient import PatientExpert
+from avrgym.tasks.scratch_itch.patient import patient_expert
 from avrgym.tasks.scratch_itch.reactive import scratch
 from avrgym.tasks.scratch_itch.reward import (
     WEIGHTS,
@@ -113,7 +113,7 @@ SCRATCH_ITCH = Task(
         on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
     ),
     training=TRAINING,
-    patient_expert=PatientExpert,
+    patient_expert=patient_expert,
     detour_m=around_arm_m,
     marks=MARKS,
 )
