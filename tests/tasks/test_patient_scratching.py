@@ -6,13 +6,14 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.scratch_itch.expert import surface
-from avrgym.tasks.scratch_itch.patient import TurnsOver, patient_expert
-from avrgym.tasks.scratch_itch.reactive import faces_in
+from avrgym.tasks.scratch_itch.patient import DOWN, TurnsOver, patient_expert
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from itches import forearm_itch
 
 INNER_RAD = np.radians(np.linspace(-165.0, -135.0, 8))
-"""Places on the forearm that face the other arm, from its outer side."""
+OUTER_AND_UPPER_RAD = np.radians(np.linspace(-90.0, 0.0, 8))
+BELOW_RAD = np.radians(np.linspace(85.0, 115.0, 8))
+"""Places on the forearm, from its outer side; the inner ones face the other arm."""
 
 
 def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
@@ -24,9 +25,7 @@ def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
     return episodes
 
 
-@pytest.mark.parametrize(
-    ("robot", "angle_rad"), [("Jaco", INNER_RAD), ("PR2", np.radians(np.linspace(-60.0, 60.0, 8)))]
-)
+@pytest.mark.parametrize(("robot", "angle_rad"), [("Jaco", INNER_RAD), ("PR2", BELOW_RAD)])
 def test_who_need_not_turn_the_arm_does_as_the_reactive_expert(robot, angle_rad):
     episodes = begun(robot, angle_rad)
     patient, reactive = patient_expert(episodes), episodes.task.reactive_expert(episodes)
@@ -37,11 +36,12 @@ def test_who_need_not_turn_the_arm_does_as_the_reactive_expert(robot, angle_rad)
         episodes.step(action)
 
 
-def test_an_arm_on_the_floor_turns_over_once_before_it_comes_to_the_inner_side():
-    episodes = begun("PR2", INNER_RAD)
+@pytest.mark.parametrize("angle_rad", [INNER_RAD, OUTER_AND_UPPER_RAD])
+def test_an_arm_on_the_floor_turns_over_once_before_it_comes_to_skin_that_does_not_face_down(angle_rad):
+    episodes = begun("PR2", angle_rad)
     patient, reactive = TurnsOver(episodes), episodes.task.reactive_expert(episodes)
     out_w, _ = surface(episodes.task_state, limb_frame(episodes.state(), episodes.task_state)[1])
-    assert np.all(faces_in(out_w) > 0.5)
+    assert np.all(out_w[:, 2] > DOWN)
     turned, first_way = [], patient._detour_rad - episodes.simulation.arm_angles_rad()
     for _ in range(60):
         observation = episodes.observe()

@@ -3,6 +3,8 @@
 To the inner side of the forearm a hand comes from in front, over the lap. An arm that stands on the floor begins with
 its forearm turned so that the elbow then leans on the person, and no short way leads to the other turn. It first
 swings, all joints together, to the place before and above the wrist where the oracle's detour leads, with its elbow up.
+So it does wherever it itches but underneath. Elsewhere either way would do, and where one must be chosen a policy that
+is not sure does something in between.
 """
 
 import numpy as np
@@ -16,8 +18,10 @@ from avrgym.tasks.task import Controller, RunningEpisodes
 
 Array = NDArray[np.float64]
 
-HALF = 0.5
-"""From what share of it on skin counts as facing in."""
+DOWN = -0.65
+"""Skin faces down whose normal is no higher: an arm comes to it from below, as it is."""
+INWARDS, NOT_DOWN = (0.3, 0.6), (-0.9, -0.6)
+"""To which skin an arm that has turned over comes from in front, see ``reactive.faces_in``: to more of it."""
 TURNED = 0.85
 """What share of the way to the detour is enough."""
 
@@ -28,7 +32,7 @@ def patient_expert(episodes: RunningEpisodes) -> Controller:
 
 
 class TurnsOver:
-    """Goes to each of N itches by the reactive rule, from in front only with arms that have turned over."""
+    """Turns the arm over, unless it itches underneath, and then goes to each of N itches by the reactive rule."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin where people and arms are."""
@@ -44,10 +48,11 @@ class TurnsOver:
         guide, state, task_state = self._guide, self._episodes.state(), self._episodes.task_state
         guide.relax()
         self._turned |= self._share_of_detour() > TURNED
-        pos_w, q_w, speed = aim(state, task_state, guide, self._turned)
-        angles_rad = guide.straight(pos_w, q_w, speed, TURN_RAD_S)
         out_w, _ = surface(task_state, limb_frame(state, task_state)[1])
-        turns = (faces_in(out_w) > HALF) & self._can_turn & ~self._turned
+        in_front = faces_in(out_w, INWARDS, NOT_DOWN) * self._turned
+        pos_w, q_w, speed = aim(state, task_state, guide, in_front)
+        angles_rad = guide.straight(pos_w, q_w, speed, TURN_RAD_S)
+        turns = (out_w[:, 2] > DOWN) & self._can_turn & ~self._turned
         if turns.any():
             swing_rad = guide.swing(self._detour_rad, SWING_M_S, np.pi)
             angles_rad = np.where(turns[:, None], swing_rad, angles_rad)

@@ -1,7 +1,6 @@
 """The rule by which the reactive expert scratches: around the arm, wherever it itches."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import like, namespace
@@ -13,7 +12,7 @@ from avrgym.tasks.experts.reactive import Aim, Array, before_m, speed_m_s
 from avrgym.tasks.scratch_itch import expert
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_pos_w, limb_frame
 
-Bools = NDArray[np.bool_]
+Range = tuple[float, float]
 
 SLANT_RAD, ASKEW_RAD = 1.2, 0.4
 """How far from straight out of the skin the hand may be drawn, and how far the rod may point beside it."""
@@ -50,14 +49,14 @@ def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
     The thicker one that stands on the floor would lean on the person: see ``patient``. An arm that leans draws back,
     out to where its hand has room.
     """
-    return aim(state, task_state, guide, not guide.scene.mount.on_floor)
+    out_w, _ = expert.surface(task_state, limb_frame(state, task_state)[1])
+    return aim(state, task_state, guide, faces_in(out_w) * (not guide.scene.mount.on_floor))
 
 
-def aim(state: State, task_state: ScratchItchState, guide: Guide, may_in_front: Bools | bool) -> Aim:
-    """Where tips go as in ``scratch``, of hands that may, (N,), come from in front."""
+def aim(state: State, task_state: ScratchItchState, guide: Guide, in_front: Array) -> Aim:
+    """Where tips go as in ``scratch``, of hands that come by a share (N,) from in front."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
-    in_front = faces_in(out_w) * may_in_front
     rod_w = transforms.rotate(guide.q_w, expert.ROD)
     turn_w = turn_rad(rod_w, out_w, in_front)
     q_w = transforms.multiply(transforms.from_rotation_vector(turn_w), guide.q_w)
@@ -76,9 +75,9 @@ def aim(state: State, task_state: ScratchItchState, guide: Guide, may_in_front: 
     return pos_w, np.where(leans[:, None], guide.q_w, q_w), np.where(leans, BACK_M_S, speed)
 
 
-def faces_in(out_w: Array) -> Array:
+def faces_in(out_w: Array, inwards: Range = INWARDS, not_down: Range = NOT_DOWN) -> Array:
     """What share (N,) of skin that faces (N, 3), world frame, is to be reached from in front: none or all, mostly."""
-    return np.interp(out_w[:, 0], INWARDS, NONE_TO_ALL) * np.interp(out_w[:, 2], NOT_DOWN, NONE_TO_ALL)
+    return np.interp(out_w[:, 0], inwards, NONE_TO_ALL) * np.interp(out_w[:, 2], not_down, NONE_TO_ALL)
 
 
 def turn_rad(rod_w: Array, out_w: Array, in_front: Array | float = 0.0) -> Array:
