@@ -35,6 +35,11 @@ STEPS = 1_000_000
 """Of a training, unless another number is asked for."""
 ADAPTIVE, PAPER, PAIR = RECIPES = ("adaptive", "paper", "pair")
 """For policies that remember; what the paper did; and for a robot and a human who learn together."""
+SETTLED: dict[str | None, tuple[str, ...]] = {
+    ADAPTIVE: ("--config", "--people", "--impairment", "--cluster", "--engine"),
+    PAPER: ("--config",),
+}
+"""Options that a recipe leaves no choice of."""
 
 
 def envs(json_file: JsonFile = None) -> None:
@@ -152,37 +157,21 @@ def train(
         if help_config:
             say(settings_text(env))
             return
-        if recipe is not None:
-            of_all = {"--config": config is not None and recipe != PAIR}
-            of_adaptive = {
-                "--people": people != "original",
-                "--impairment": impairment != "none",
-                "--cluster": cluster is not None,
-                "--engine": engine != THREADS,
-            }
-            _check_recipe(recipe, of_all | of_adaptive if recipe == ADAPTIVE else of_all)
-        if recipe != PAIR and (alternate or own_reward):
-            raise ValueError(f"--alternate and --own-reward go with --recipe {PAIR}")
-        of_new_adaptive = {
-            "--teacher": teacher,
-            "--initial-policy": initial_policy,
-            "--imitation-share": imitation_share,
+        given = {
+            "--config": config is not None,
+            "--people": people != "original",
+            "--impairment": impairment != "none",
+            "--cluster": cluster is not None,
+            "--engine": engine != THREADS,
+            "--teacher": teacher is not None,
+            "--initial-policy": initial_policy is not None,
+            "--imitation-share": imitation_share is not None,
+            "--alternate": bool(alternate),
+            "--own-reward": own_reward,
+            "--worlds": worlds is not None,
+            "--jobs": jobs is not None,
         }
-        for name, choice in of_new_adaptive.items():
-            if choice is not None and (recipe != ADAPTIVE or resume):
-                raise ValueError(f"{name} goes with a new training by --recipe {ADAPTIVE}")
-        if resume and (alternate or own_reward):
-            raise ValueError("a pair goes on as it began; --resume goes without --alternate and --own-reward")
-        if resume and config is not None:
-            raise ValueError(
-                "a training goes on with the settings it began with; --resume goes without --config"
-            )
-        if resume and worlds is not None:
-            raise ValueError("--worlds belongs to a new training: this one goes on as it was configured")
-        if jobs is not None and cluster is None:
-            raise ValueError(
-                "--jobs goes with --cluster: without one, threads of this process step the worlds"
-            )
+        _check_together(recipe, [name for name, is_given in given.items() if is_given], resume=resume)
         settings = PAPER_SETTINGS if recipe == PAPER else None
         if config is not None:
             settings = read_settings(config, env)
@@ -225,13 +214,29 @@ def train(
         say(f"human     {folder / HUMAN_FILE}")
 
 
-def _check_recipe(recipe: str, others: dict[str, bool]) -> None:
-    """Refuse recipes that there are not, and options that one leaves no choice of."""
-    if recipe not in RECIPES:
+def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> None:
+    """Refuse a recipe that there is not, and options given that do not go with it or with each other."""
+    if recipe is not None and recipe not in RECIPES:
         raise ValueError(f"unknown recipe {recipe!r}; allowed: {', '.join(RECIPES)}")
-    given = [name for name, is_given in others.items() if is_given]
-    if given:
-        raise ValueError(f"--recipe {recipe} says that itself or cannot do it: leave out {', '.join(given)}")
+    settled = [name for name in given if name in SETTLED.get(recipe, ())]
+    if settled:
+        raise ValueError(
+            f"--recipe {recipe} says that itself or cannot do it: leave out {', '.join(settled)}"
+        )
+    of_pairs = any(name in given for name in ("--alternate", "--own-reward"))
+    if of_pairs and recipe != PAIR:
+        raise ValueError(f"--alternate and --own-reward go with --recipe {PAIR}")
+    for name in ("--teacher", "--initial-policy", "--imitation-share"):
+        if name in given and (recipe != ADAPTIVE or resume):
+            raise ValueError(f"{name} goes with a new training by --recipe {ADAPTIVE}")
+    if resume and of_pairs:
+        raise ValueError("a pair goes on as it began; --resume goes without --alternate and --own-reward")
+    if resume and "--config" in given:
+        raise ValueError("a training goes on with the settings it began with; --resume goes without --config")
+    if resume and "--worlds" in given:
+        raise ValueError("--worlds belongs to a new training: this one goes on as it was configured")
+    if "--jobs" in given and "--cluster" not in given:
+        raise ValueError("--jobs goes with --cluster: without one, threads of this process step the worlds")
 
 
 def _train_adaptive(env: str, seed: int, choices: dict[str, Any], folder: Path, *, resume: bool) -> None:
