@@ -6,14 +6,13 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.scratch_itch.expert import surface
-from avrgym.tasks.scratch_itch.patient import DOWN, TurnsOver, patient_expert
+from avrgym.tasks.scratch_itch.patient import INWARDS, NOT_DOWN, TurnsOver, patient_expert
+from avrgym.tasks.scratch_itch.reactive import faces_in
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from itches import forearm_itch
 
 INNER_RAD = np.radians(np.linspace(-165.0, -135.0, 8))
-OUTER_AND_UPPER_RAD = np.radians(np.linspace(-90.0, 0.0, 8))
-BELOW_RAD = np.radians(np.linspace(85.0, 115.0, 8))
-"""Places on the forearm, from its outer side; the inner ones face the other arm."""
+"""Places on the forearm that face the other arm, from its outer side."""
 
 
 def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
@@ -25,7 +24,9 @@ def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
     return episodes
 
 
-@pytest.mark.parametrize(("robot", "angle_rad"), [("Jaco", INNER_RAD), ("PR2", BELOW_RAD)])
+@pytest.mark.parametrize(
+    ("robot", "angle_rad"), [("Jaco", INNER_RAD), ("PR2", np.radians(np.linspace(-60.0, 60.0, 8)))]
+)
 def test_who_need_not_turn_the_arm_does_as_the_reactive_expert(robot, angle_rad):
     episodes = begun(robot, angle_rad)
     patient, reactive = patient_expert(episodes), episodes.task.reactive_expert(episodes)
@@ -36,18 +37,17 @@ def test_who_need_not_turn_the_arm_does_as_the_reactive_expert(robot, angle_rad)
         episodes.step(action)
 
 
-@pytest.mark.parametrize("angle_rad", [INNER_RAD, OUTER_AND_UPPER_RAD])
-def test_an_arm_on_the_floor_turns_over_once_before_it_comes_to_skin_that_does_not_face_down(angle_rad):
-    episodes = begun("PR2", angle_rad)
+def test_the_arm_of_the_pr2_turns_over_once_before_it_comes_to_the_inner_side():
+    episodes = begun("PR2", INNER_RAD)
     patient, reactive = TurnsOver(episodes), episodes.task.reactive_expert(episodes)
     out_w, _ = surface(episodes.task_state, limb_frame(episodes.state(), episodes.task_state)[1])
-    assert np.all(out_w[:, 2] > DOWN)
-    turned, first_way = [], patient._detour_rad - episodes.simulation.arm_angles_rad()
+    assert np.all(faces_in(out_w, INWARDS, NOT_DOWN) == 1.0)
+    turned = []
     for _ in range(60):
         observation = episodes.observe()
         action = patient(observation)
         if not turned:
-            assert np.all((action * first_way).sum(axis=-1) > 0.0)
+            assert np.all((action * patient._way_rad).sum(axis=-1) > 0.0)
             assert np.abs(action - reactive(observation)).max() > 0.1
         turned.append(patient._turned.copy())
         episodes.step(action)
