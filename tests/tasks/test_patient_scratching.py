@@ -2,17 +2,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from avrgym.geometry.transforms import norm
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.scratch_itch.expert import surface
-from avrgym.tasks.scratch_itch.patient import INWARDS, NOT_DOWN, TurnsOver, patient_expert
+from avrgym.tasks.scratch_itch.patient import SWINGS, SwingsInFront, patient_expert
 from avrgym.tasks.scratch_itch.reactive import faces_in
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from itches import forearm_itch
 
-INNER_RAD = np.radians(np.linspace(-165.0, -135.0, 8))
-"""Places on the forearm that face the other arm, from its outer side."""
+INNER_RAD, OUTER_RAD = np.radians(np.linspace([-165.0, -60.0], [-135.0, 60.0], 8)).T
+"""Places on the forearm that face the other arm, and the others, from its outer side."""
 
 
 def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
@@ -24,11 +25,9 @@ def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
     return episodes
 
 
-@pytest.mark.parametrize(
-    ("robot", "angle_rad"), [("Jaco", INNER_RAD), ("PR2", np.radians(np.linspace(-60.0, 60.0, 8)))]
-)
-def test_who_need_not_turn_the_arm_does_as_the_reactive_expert(robot, angle_rad):
-    episodes = begun(robot, angle_rad)
+@pytest.mark.parametrize("robot", SWINGS)
+def test_what_does_not_face_in_is_scratched_as_by_the_reactive_expert(robot):
+    episodes = begun(robot, OUTER_RAD)
     patient, reactive = patient_expert(episodes), episodes.task.reactive_expert(episodes)
     for _ in range(40):
         observation = episodes.observe()
@@ -37,28 +36,30 @@ def test_who_need_not_turn_the_arm_does_as_the_reactive_expert(robot, angle_rad)
         episodes.step(action)
 
 
-def test_the_arm_of_the_pr2_turns_over_once_before_it_comes_to_the_inner_side():
-    episodes = begun("PR2", INNER_RAD)
-    patient, reactive = TurnsOver(episodes), episodes.task.reactive_expert(episodes)
+@pytest.mark.parametrize("robot", SWINGS)
+def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
+    episodes = begun(robot, INNER_RAD)
+    patient = patient_expert(episodes)
+    assert isinstance(patient, SwingsInFront)
     out_w, _ = surface(episodes.task_state, limb_frame(episodes.state(), episodes.task_state)[1])
-    assert np.all(faces_in(out_w, INWARDS, NOT_DOWN) == 1.0)
-    turned = []
+    assert np.all(faces_in(out_w, SWINGS[robot].inwards, SWINGS[robot].not_down) == 1.0)
+    way_rad, swung = np.array(SWINGS[robot].way_rad), []
     for _ in range(60):
-        observation = episodes.observe()
-        action = patient(observation)
-        if not turned:
-            assert np.all((action * patient._way_rad).sum(axis=-1) > 0.0)
-            assert np.abs(action - reactive(observation)).max() > 0.1
-        turned.append(patient._turned.copy())
+        action = patient(episodes.observe())
+        if not swung:
+            along = (action * way_rad).sum(axis=-1) / (norm(action) * norm(way_rad))
+            assert np.all(along > 0.5)
+        swung.append(patient._swung.copy())
         episodes.step(action)
-    assert not turned[0].any()
-    assert turned[-1].mean() > 0.7
-    assert np.all(np.diff(np.array(turned, dtype=int), axis=0) >= 0)
+    assert not swung[0].any()
+    assert swung[-1].mean() > 0.7
+    assert np.all(np.diff(np.array(swung, dtype=int), axis=0) >= 0)
 
 
 @pytest.mark.slow
-def test_the_inner_side_of_the_forearm_is_scratched_by_an_arm_that_turned_over():
-    episodes = begun("PR2", INNER_RAD)
+@pytest.mark.parametrize("robot", SWINGS)
+def test_the_inner_side_of_the_forearm_is_scratched_by_an_arm_that_swung_in_front(robot):
+    episodes = begun(robot, INNER_RAD)
     scratches = steadied(patient_expert)(episodes)
     for _ in range(EPISODE_STEPS):
         step = episodes.step(scratches(episodes.observe()))

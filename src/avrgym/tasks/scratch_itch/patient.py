@@ -1,67 +1,76 @@
-"""Scratching patiently: an expert who remembers whether the arm has turned over, for policies that remember.
+"""Scratching patiently: an expert who remembers whether the arm has swung in front, for policies that remember.
 
-To the inner side of the forearm a hand comes from in front, over the lap. The PR2's arm begins with its forearm turned
-so that the elbow then leans on the person, and no short way leads to the other turn. It first swings, all joints
-together, to where the oracle's detour leads: before and above the wrist, with its elbow up.
+To the inner side of the forearm a hand comes from in front, over the lap. No short way leads there: the elbow of an arm
+that goes straight leans on the person. So the arm first swings, all joints together, to before and above the wrist,
+with its elbow up. It is the same way every time, so that it is soon learned.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.tasks.experts.reactive import TURN_RAD_S, PresentGuide, Reactive
 from avrgym.tasks.scratch_itch.expert import SWING_M_S, surface
-from avrgym.tasks.scratch_itch.reactive import aim, faces_in, scratch
+from avrgym.tasks.scratch_itch.reactive import Range, aim, faces_in, scratch
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from avrgym.tasks.task import Controller, RunningEpisodes
 
 Array = NDArray[np.float64]
 
-OVER_RAD = {
-    "l_shoulder_pan_joint": -0.85,
-    "l_shoulder_lift_joint": -0.6,
-    "l_upper_arm_roll_joint": -0.9,
-    "l_forearm_roll_joint": 2.6,
-    "l_wrist_flex_joint": 0.75,
+
+class Swing(NamedTuple):
+    """By how much its joints (J,) turn that swing an arm in front, and to which skin it then comes.
+
+    For the last two see ``reactive.faces_in``.
+    """
+
+    way_rad: tuple[float, ...]
+    inwards: Range
+    not_down: Range
+
+
+SWINGS = {
+    "Jaco": Swing((-2.27, -0.57, 0.89, -0.2, -0.1, -0.62, 0.0), inwards=(0.5, 0.8), not_down=(-0.8, -0.6)),
+    "PR2": Swing((-0.85, -0.6, -0.9, 0.0, 2.6, 0.75, 0.0), inwards=(0.3, 0.6), not_down=(-0.7, -0.5)),
 }
-"""By how much joints move to turn the PR2's arm over: the mean of the oracle's detours, which are about the same for
-nearly everyone, and learned sooner where they are quite the same."""
-INWARDS, NOT_DOWN = (0.3, 0.6), (-0.7, -0.5)
-"""To which skin an arm that has turned over comes from in front, see ``reactive.faces_in``: more than a mounted one."""
+"""By robot. The Jaco goes about the median of the ways by which its hand comes in front reactively; the PR2, whose
+forearm turns over, about the mean of the detours that the oracle plans."""
 HALF = 0.5
-"""From what share of it on an arm turns over."""
-TURNED = 0.85
+"""From what share of it in front on an arm swings there first."""
+SWUNG = 0.85
 """What share of the way is enough."""
 
 
 def patient_expert(episodes: RunningEpisodes) -> Controller:
-    """One whose arm turns over, where it has these joints; others do as the reactive one."""
-    turns_over = OVER_RAD.keys() <= set(episodes.scene.arm.joints)
-    return TurnsOver(episodes) if turns_over else Reactive(episodes, scratch)
+    """One whose arm first swings in front, where it is one of ``SWINGS``; others are reactive."""
+    swing = SWINGS.get(episodes.scene.robot.name)
+    return Reactive(episodes, scratch) if swing is None else SwingsInFront(episodes, swing)
 
 
-class TurnsOver:
-    """Goes to each of N itches by the reactive rule, from in front only with arms that have turned over."""
+class SwingsInFront:
+    """Goes to each of N itches by the reactive rule, from in front only with arms that have swung there."""
 
-    def __init__(self, episodes: RunningEpisodes) -> None:
+    def __init__(self, episodes: RunningEpisodes, swing: Swing) -> None:
         """Begin where people and arms are."""
         self._episodes, self._guide = episodes, PresentGuide(episodes)
-        self._first_rad = self._guide.angles_rad
-        self._way_rad = np.array([OVER_RAD.get(joint, 0.0) for joint in episodes.scene.arm.joints])
-        self._turned = np.zeros(len(self._first_rad), dtype=bool)
+        self._swing, self._first_rad = swing, self._guide.angles_rad
+        self._way_rad = np.array(swing.way_rad)
+        self._swung = np.zeros(len(self._first_rad), dtype=bool)
 
     def __call__(self, observation: Array) -> Array:
         """Actions (N, J)."""
         guide, state, task_state = self._guide, self._episodes.state(), self._episodes.task_state
         guide.relax()
-        self._turned |= self._share_of_way() > TURNED
+        self._swung |= self._share_of_way() > SWUNG
         out_w, _ = surface(task_state, limb_frame(state, task_state)[1])
-        in_front = faces_in(out_w, INWARDS, NOT_DOWN)
-        pos_w, q_w, speed = aim(state, task_state, guide, in_front * self._turned)
+        in_front = faces_in(out_w, self._swing.inwards, self._swing.not_down)
+        pos_w, q_w, speed = aim(state, task_state, guide, in_front * self._swung)
         angles_rad = guide.straight(pos_w, q_w, speed, TURN_RAD_S)
-        turns = (in_front > HALF) & ~self._turned
-        if turns.any():
+        swings = (in_front > HALF) & ~self._swung
+        if swings.any():
             swing_rad = guide.swing(self._first_rad + self._way_rad, SWING_M_S, np.pi)
-            angles_rad = np.where(turns[:, None], swing_rad, angles_rad)
+            angles_rad = np.where(swings[:, None], swing_rad, angles_rad)
         return guide.ask(angles_rad)
 
     def _share_of_way(self) -> Array:
