@@ -39,16 +39,18 @@ def test_what_does_not_face_in_is_scratched_as_by_the_reactive_expert(robot):
 @pytest.mark.parametrize("robot", SWINGS)
 def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
     episodes = begun(robot, INNER_RAD)
-    patient = patient_expert(episodes)
+    patient, reactive = patient_expert(episodes), episodes.task.reactive_expert(episodes)
     assert isinstance(patient, SwingsInFront)
     out_w, _ = surface(episodes.task_state, limb_frame(episodes.state(), episodes.task_state)[1])
     assert np.all(faces_in(out_w, SWINGS[robot].inwards, SWINGS[robot].not_down) == 1.0)
     way_rad, swung = np.array(SWINGS[robot].way_rad), []
     for _ in range(60):
-        action = patient(episodes.observe())
+        observation = episodes.observe()
+        action = patient(observation)
         if not swung:
             along = (action * way_rad).sum(axis=-1) / (norm(action) * norm(way_rad))
             assert np.all(along > 0.5)
+            assert np.abs(action - reactive(observation)).max() > 0.1
         swung.append(patient._swung.copy())
         episodes.step(action)
     assert not swung[0].any()
