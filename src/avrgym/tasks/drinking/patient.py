@@ -52,10 +52,16 @@ ROOM_M = 0.001
 """How much too far in a cup may be before it makes room."""
 WAITING_M = 0.01
 """How much farther from the face a cup waits."""
+TURNED_M, MOST_TURNED_M = 0.025, 0.042
+"""How far left of where it pours the middle of a cup's rim is, and how far to either side at most: turned about its axis
+to the left it leaves both arms the room to come to a mouth that is far from them, see "A turned cup reaches farther" in
+``docs/adaptive.md``."""
 BESIDE_M, MOST_ASIDE_M = 0.01, 0.04
 """How far on its side of the head's middle a cup stays, and how far beside the lips it stays for that at most."""
 TURNED_SHARE = 0.7
-"""What share of that is made up for by turning the cup about its axis."""
+"""What share of that is made up for by turning the cup farther."""
+LOOKING_RAD = float(np.radians(8.0))
+"""How far to the left faces look that look at a cup which is turned so: how far they look away counts from there."""
 
 _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
 
@@ -67,7 +73,7 @@ class PatientExpert:
         """Begin where people and arms are."""
         self._episodes, self._guide = episodes, PresentGuide(episodes)
         state = episodes.state()
-        self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state)
+        self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state) - LOOKING_RAD
 
     def __call__(self, observation: Array) -> Array:
         """Actions (N, J)."""
@@ -75,21 +81,21 @@ class PatientExpert:
         guide.relax()
         rests = norm(state.mouth_pos_w - self._mouth_w) < RESTING_M_S * CONTROL_STEP_S
         self._mouth_w = state.mouth_pos_w
-        turn_rad = _turn_rad(state)
+        turn_rad = _turn_rad(state) - LOOKING_RAD
         away = (np.abs(turn_rad) > AWAY_RAD) & (np.abs(turn_rad - self._first_turn_rad) >= TURNED_RAD)
         awaited = _turned(state, np.where(away, _expected_rad(turn_rad) - turn_rad, 0.0))
         return self._bring(awaited, rests, away)
 
     def _bring(self, state: State, rests: Bools, away: Bools) -> Array:
-        guide, way = self._guide, _way(np.zeros(len(rests)))
+        guide, way = self._guide, _way(np.full(len(rests), TURNED_M))
         tilt = expert.carried_tilt_rad(guide.q_w)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         left = _to_the_left(state)
         aside_m = _aside_m(state, left, guide.pos_w, at_lips_w)
-        turned_m = TURNED_SHARE * aside_m
+        turned_m = np.clip(TURNED_M + TURNED_SHARE * aside_m, -MOST_TURNED_M, MOST_TURNED_M)
         way = _way(turned_m)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
-        aside = (aside_m - turned_m)[:, None] * left
+        aside = (TURNED_M + aside_m - turned_m)[:, None] * left
         offset = at_lips_w + aside - guide.pos_w
         pours_rad = POURS_RAD - PER_PARTICLE_RAD * count(in_cup(state))
         tilt = _next_tilt_rad(tilt, pours_rad, norm(offset), rests, away)
