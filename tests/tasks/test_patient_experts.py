@@ -16,6 +16,7 @@ from avrgym.tasks.drinking.patient import (
 from avrgym.tasks.drinking.reward import in_cup
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.head import heading
+from avrgym.tasks.experts.reactive import PresentGuide
 from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.known import EPISODE_STEPS
 
@@ -109,6 +110,21 @@ def test_a_cup_beside_the_lips_is_turned_so_that_it_pours_there(state):
         beside_w, edge_w = brought(left_m)
         assert_allclose(edge_w, pours_at_w, atol=1e-4)
         assert_allclose(((beside_w - straight_w) * left).sum(axis=1), left_m, atol=1e-4)
+
+
+@pytest.mark.parametrize("robot", ["Jaco", "PR2"])
+def test_a_turned_cup_comes_to_everybody(robot):
+    """The Jaco cannot bring it straight to all of them."""
+    episodes = begun(robot, "zoo/train", 24)
+    guide, state, tilt = PresentGuide(episodes), episodes.state(), np.full(24, np.radians(88.0))
+
+    def reached(left_m: float) -> np.ndarray:
+        pos_w, q_w = expert.at_mouth(state, patient._way(np.full(24, left_m)), tilt)
+        _, cost_s = guide.find(pos_w[:, None], q_w[:, None])
+        return np.isfinite(cost_s)
+
+    assert reached(patient.TURNED_M).all()
+    assert reached(0.0).all() == (robot == "PR2")
 
 
 def test_whoever_has_looked_aside_from_the_beginning_is_not_waited_for(monkeypatch):

@@ -6,7 +6,8 @@ only into a mouth that rests, and stops as soon as the mouth moves. The less wat
 tilted before it pours: up to there the tilt is quick, so that also short rests are of use. Who looks away, to others or
 about, is waited for before the place where the face comes back to, unless they have looked there from the beginning.
 Who turns from the side that the cup is on would turn to and fro if it followed across the face: it stays on its side,
-turned about its axis so that it pours over the part of its rim that is at the lips.
+turned about its axis so that it pours over the part of its rim that is at the lips. It comes to everybody somewhat
+turned: so the hand that holds it is lower, where the arm reaches farther.
 """
 
 from dataclasses import replace
@@ -53,15 +54,14 @@ ROOM_M = 0.001
 WAITING_M = 0.01
 """How much farther from the face a cup waits."""
 TURNED_M, MOST_TURNED_M = 0.025, 0.042
-"""How far left of where it pours the middle of a cup's rim is, and how far to either side at most: turned about its axis
-to the left it leaves both arms the room to come to a mouth that is far from them, see "A turned cup reaches farther" in
-``docs/adaptive.md``."""
+"""How far the cup's reference point is left of where it pours as a rule, and to either side at most: turned about its
+axis by so much, the cup comes to mouths that arms from the right could not bring it to straight."""
 BESIDE_M, MOST_ASIDE_M = 0.01, 0.04
 """How far on its side of the head's middle a cup stays, and how far beside the lips it stays for that at most."""
 TURNED_SHARE = 0.7
 """What share of that is made up for by turning the cup farther."""
 LOOKING_RAD = float(np.radians(8.0))
-"""How far to the left faces look that look at a cup which is turned so: how far they look away counts from there."""
+"""How far to the left faces are turned that look at such a cup."""
 
 _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
 
@@ -73,7 +73,7 @@ class PatientExpert:
         """Begin where people and arms are."""
         self._episodes, self._guide = episodes, PresentGuide(episodes)
         state = episodes.state()
-        self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state) - LOOKING_RAD
+        self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state)
 
     def __call__(self, observation: Array) -> Array:
         """Actions (N, J)."""
@@ -81,7 +81,7 @@ class PatientExpert:
         guide.relax()
         rests = norm(state.mouth_pos_w - self._mouth_w) < RESTING_M_S * CONTROL_STEP_S
         self._mouth_w = state.mouth_pos_w
-        turn_rad = _turn_rad(state) - LOOKING_RAD
+        turn_rad = _turn_rad(state)
         away = (np.abs(turn_rad) > AWAY_RAD) & (np.abs(turn_rad - self._first_turn_rad) >= TURNED_RAD)
         awaited = _turned(state, np.where(away, _expected_rad(turn_rad) - turn_rad, 0.0))
         return self._bring(awaited, rests, away)
@@ -132,11 +132,12 @@ def _to_the_left(state: State) -> Array:
 
 
 def _turn_rad(state: State) -> Array:
-    """How far (N,) faces are turned from where the trunk faces, to the left."""
+    """How far (N,) faces are turned to the left of where those are turned that look at the cup."""
     into, left = heading(state), _to_the_left(state)
-    return elementary.arctan2(
+    turn_rad = elementary.arctan2(
         -(into * left).sum(axis=-1), (into * transforms.cross(expert.UP, left)).sum(axis=-1)
     )
+    return turn_rad - LOOKING_RAD
 
 
 def _expected_rad(turn_rad: Array) -> Array:
