@@ -134,7 +134,8 @@ def train(
     seed: Seed = 0,
     engine: Engine = THREADS,
     worlds: Annotated[
-        int | None, typer.Option(help="Worlds of an update; without it the task's own number.", min=1)
+        int | None,
+        typer.Option(help="Worlds of an update; without it the task's or the recipe's own number.", min=1),
     ] = None,
     cluster: Address = None,
     jobs: Annotated[

@@ -19,8 +19,8 @@ from avrgym.learning.recurrent import RecurrentNetwork, fit, step, windows
 DISCOUNT, GAE_LAMBDA = 0.99, 0.95
 CLIP_RANGE = 0.2
 EPOCHS = 4
-SEQUENCES = 16
-"""Episodes of one step of the optimizer."""
+SEQUENCES, MOST_MINIBATCHES = 16, 8
+"""Episodes of one step of the optimizer, more where an update would have more minibatches of them than that."""
 FARTHEST = 0.03
 """An update ends when the policy has gone so far from where it began (mean Kullback-Leibler divergence of an epoch)."""
 CRITIC_MEMORY, CRITIC_HIDDEN, CRITIC_LEARNING_RATE = 64, (64,), 1e-3
@@ -84,9 +84,10 @@ class RecurrentPPO:
         gained = (gained - gained.mean()) / (gained.std() + 1e-8)
         learns = learning_rate > 0.0
         worlds = rewards.shape[1]
+        minibatches = min(-(-worlds // SEQUENCES), MOST_MINIBATCHES)
         for _ in range(EPOCHS):
             far: list[float] = []
-            for columns in np.array_split(random.permutation(worlds), -(-worlds // SEQUENCES)):
+            for columns in np.array_split(random.permutation(worlds), minibatches):
                 chosen = torch.as_tensor(columns)
                 seen, wanted = observations[:-1, chosen], returns[:, chosen, None]
                 fit(self._critic, self._critic_optimizer, seen, mse_loss, [wanted], GRADIENT_NORM)
