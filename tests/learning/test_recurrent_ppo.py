@@ -6,8 +6,8 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 import torch
 
-from avrgym.learning.recurrent import RecurrentNetwork
-from avrgym.learning.recurrent_ppo import RecurrentPPO, advantages
+from avrgym.learning.recurrent import RecurrentNetwork, windows
+from avrgym.learning.recurrent_ppo import EPOCHS, RecurrentPPO, advantages
 from avrgym.tasks.known import EPISODE_STEPS
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -21,11 +21,13 @@ def begun() -> tuple[RecurrentNetwork, RecurrentPPO]:
     return network, RecurrentPPO(network, 3)
 
 
-def update(network: RecurrentNetwork, number: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def update(
+    network: RecurrentNetwork, number: int, worlds: int = WORLDS
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Episodes whose reward is the higher, the nearer actions come to 0.5."""
     random = np.random.default_rng(number)
     observations = torch.as_tensor(
-        random.standard_normal((EPISODE_STEPS + 1, WORLDS, 3)), dtype=torch.float32
+        random.standard_normal((EPISODE_STEPS + 1, worlds, 3)), dtype=torch.float32
     )
     with torch.no_grad():
         means = network(observations[:-1])[0]
@@ -68,6 +70,14 @@ def test_actions_go_where_the_reward_is():
     assert rewards[-1] - at_best > 0.2 * (rewards[0] - at_best)
     assert rewards[0] < -0.6
     assert rewards[-1] > -0.35
+
+
+@pytest.mark.parametrize(("worlds", "minibatches"), [(8, 1), (64, 4), (65, 5), (160, 8)])
+def test_many_episodes_make_larger_minibatches_rather_than_more(worlds: int, minibatches: int) -> None:
+    network, ppo = begun()
+    ppo.improve(*update(network, 1, worlds), DEVIATION, np.random.default_rng(1), learning_rate=0.0)
+    steps = ppo.state()["critic_optimizer"]["state"][0]["step"]
+    assert int(steps) == EPOCHS * minibatches * len([*windows()])
 
 
 def test_while_only_the_critic_learns_the_policy_stays_as_it_is():

@@ -20,7 +20,7 @@ DISCOUNT, GAE_LAMBDA = 0.99, 0.95
 CLIP_RANGE = 0.2
 EPOCHS = 4
 SEQUENCES, MOST_MINIBATCHES = 16, 8
-"""Episodes of one step of the optimizer, more where an update would have more minibatches of them than that."""
+"""An update's episodes are cut into minibatches of so many, or into so many where that would make more."""
 FARTHEST = 0.03
 """An update ends when the policy has gone so far from where it began (mean Kullback-Leibler divergence of an epoch)."""
 CRITIC_MEMORY, CRITIC_HIDDEN, CRITIC_LEARNING_RATE = 64, (64,), 1e-3
