@@ -50,6 +50,15 @@ def test_an_episode_is_the_same_however_many_there_are(rewards: Callable[..., np
     assert not np.intersect1d(rewards(3, seed=1), three).size
 
 
+def test_batches_hold_each_episode_once_and_are_of_one_size() -> None:
+    for episodes, size in ((1, 64), (3, 2), (100, 64), (1000, 64)):
+        batches = evaluation._split(episodes, size)
+        assert [number for batch in batches for number in batch] == list(range(episodes))
+        sizes = {len(batch) for batch in batches}
+        assert max(sizes) <= size
+        assert max(sizes) - min(sizes) <= 1
+
+
 def test_a_policy_file_has_the_figures_of_its_name(rewards: Callable[..., np.ndarray]) -> None:
     path = packaged_policies(ENVIRONMENT)["revised"]
     assert np.array_equal(rewards(2, policy=str(path)), rewards(2, policy="revised"))
