@@ -10,6 +10,9 @@ from avrgym.geometry import elementary
 
 Array = NDArray[np.float64]
 
+CACHED = 65536
+"""How many numbers of a product are held before they are summed: half a megabyte, which a processor's cache holds."""
+
 
 @dataclass(frozen=True, eq=False)
 class Memory:
@@ -50,7 +53,12 @@ class Memory:
 
 def product(rows: Array, weight: Array) -> Array:
     """The rows (N, inputs) times (inputs, outputs); a library for matrices would sum in an order of its own."""
-    return (rows[:, :, None] * weight).sum(axis=1)
+    outputs = np.empty((len(rows), weight.shape[1]))
+    at_once = max(1, CACHED // weight.size)
+    for first in range(0, len(rows), at_once):
+        some = slice(first, first + at_once)
+        (rows[some, :, None] * weight).sum(axis=1, out=outputs[some])
+    return outputs
 
 
 def frozen(array: Any) -> Array:
