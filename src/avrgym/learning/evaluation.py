@@ -33,7 +33,7 @@ MAX_WORLDS = 64
 WORTH_A_PROCESS = 16
 """How many episodes take longer than a process to start."""
 QUANTILE = NormalDist().inv_cdf(0.975)
-"""Beyond which, on either side, lie 5 % of a normal distribution."""
+"""Outside plus and minus so many standard deviations lie 5 % of a normal distribution."""
 
 
 class Results(NamedTuple):
