@@ -76,7 +76,7 @@ PPO_LEARNING_RATE, LATER_LEARNING_RATE, LEFT = 3e-5, 1e-4, 0.02
 before it; and the share of it that is left at the end."""
 FORCE_WEIGHT_PER_N = 0.02
 """What each newton on the person takes off a step's reward in PPO, beyond the task's own."""
-PAID_FORCE_N = 3.5
+PAID_FORCE_N = 1.5
 """In PPO a reward pays for pressing, where it does, up to so many newtons."""
 OVERLOAD_WEIGHT = 5.0
 """What a step's reward loses in PPO where a region of the body bears its transient limit, see ``rollouts.Order``."""
