@@ -7,7 +7,7 @@ from avrgym.geometry.transforms import angle_between, norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.guide import Guide
 from avrgym.tasks.experts.head import heading
-from avrgym.tasks.experts.reactive import Aim, Array, funnel_m, speed_m_s
+from avrgym.tasks.experts.reactive import FASTEST_M_S, Aim, Array, funnel_m, speed_m_s
 from avrgym.tasks.feeding import expert
 from avrgym.tasks.task import TaskState
 
@@ -17,12 +17,17 @@ MISSED_M_RAD, TURNED_M_RAD = 0.1, 0.02
 """What a radian counts that the arm misses, and one that the spoon is turned, beside metres that the arm misses."""
 
 
-def feed(state: State, task_state: TaskState, guide: Guide) -> Aim:
-    """The level spoon through a funnel before the face into the mouth, turned as the arm gets there."""
+def feed(state: State, task_state: TaskState, guide: Guide, kept_off_m: Array | float = 0.0) -> Aim:
+    """The level spoon through a funnel before the face into the mouth, turned as the arm gets there.
+
+    A spoon that is kept off stays so far (N,) before the mouth at least, and goes there as fast as it can.
+    """
     into = heading(state)
     goal_w, q_w = _within_reach(state, guide, elementary.arctan2(into[:, 1], into[:, 0]))
-    back_m = funnel_m(goal_w - guide.pos_w, into, 0.005, expert.AWAY_M)
-    speed = speed_m_s(goal_w - guide.pos_w, expert.ENTER_M_S)
+    back_m = np.maximum(funnel_m(goal_w - guide.pos_w, into, 0.005, expert.AWAY_M), kept_off_m)
+    speed = np.where(
+        np.greater(kept_off_m, 0.0), FASTEST_M_S, speed_m_s(goal_w - guide.pos_w, expert.ENTER_M_S)
+    )
     return goal_w - back_m[:, None] * into, q_w, speed
 
 

@@ -16,6 +16,7 @@ from avrgym.simulation.worlds import Start
 from avrgym.tasks import places
 from avrgym.tasks.experts.reactive import Reactive
 from avrgym.tasks.feeding.expert import FeedingExpert
+from avrgym.tasks.feeding.patient import PatientExpert
 from avrgym.tasks.feeding.reactive import feed
 from avrgym.tasks.feeding.reward import WEIGHTS, evaluate_step, init_state
 from avrgym.tasks.feeding.training import TRAINING
@@ -70,6 +71,7 @@ FEEDING = Task(
     evaluate_step=evaluate_step,
     expert=FeedingExpert,
     reactive_expert=partial(Reactive, aim=feed),
+    patient_expert=PatientExpert,
     views=Views(
         mounted=View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
         on_floor=BESIDE_WHEELCHAIR,

@@ -1,0 +1,46 @@
+"""Feeding patiently: an expert who comes to heads that rest, for policies that remember.
+
+A head that moves while the spoon touches it presses against the whole arm. So the spoon keeps off the face as long as
+the mouth moves, as when people lean to it or turn, and comes in again once it rests.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry.transforms import norm
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.simulation.worlds import State
+from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.experts.reactive import Aim, Reactive
+from avrgym.tasks.feeding.reactive import feed
+from avrgym.tasks.task import RunningEpisodes, TaskState
+
+Array = NDArray[np.float64]
+
+RESTING_M_S = 0.04
+"""A mouth that is slower rests."""
+KEPT_OFF_M = 0.06
+"""How far before the mouth the spoon stays while the mouth goes twice as fast, or faster; less so below."""
+
+
+class PatientExpert:
+    """Feeds each of N people by the reactive rule, but for keeping off while the mouth moves."""
+
+    def __init__(self, episodes: RunningEpisodes) -> None:
+        """Begin where people and arms are."""
+        self._mouth_w = episodes.state().mouth_pos_w
+        self._follow = Reactive(episodes, self._aim)
+
+    def __call__(self, observation: Array) -> Array:
+        """Actions (N, J)."""
+        return self._follow(observation)
+
+    def _aim(self, state: State, task_state: TaskState, guide: Guide) -> Aim:
+        speed_m_s = norm(state.mouth_pos_w - self._mouth_w) / CONTROL_STEP_S
+        self._mouth_w = state.mouth_pos_w
+        return feed(state, task_state, guide, kept_off_m(speed_m_s))
+
+
+def kept_off_m(mouth_m_s: Array) -> Array:
+    """How far before mouths (N,) the spoon stays at least that go at speeds (N,)."""
+    return KEPT_OFF_M * np.clip(mouth_m_s / RESTING_M_S - 1.0, 0.0, 1.0)
