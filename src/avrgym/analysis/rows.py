@@ -41,8 +41,7 @@ class TrialRow:
     ``contradictory``.
     ``reward``, ``success`` and ``seconds`` are those stored when the trial was completed, ``reward_recorded`` is
     summed from the recording. Distance and force are over the control steps; head and waist are means over them,
-    waists with their ends. ``guard_interventions`` is how often the force guard drew the arm back, ``None`` without
-    one.
+    waists with their ends. ``guard_interventions`` is how often the force guard acted, ``None`` without one.
     """
 
     participant: str

@@ -365,7 +365,10 @@ def evaluate(
         ),
     ] = False,
     force_guard: Annotated[
-        bool, typer.Option("--force-guard", help="Draw back arms that press too hard, as live sessions do.")
+        bool,
+        typer.Option(
+            "--force-guard", help="Keep arms from pressing too hard or coming too fast, as live sessions do."
+        ),
     ] = False,
     engine: Engine = THREADS,
     regions: Annotated[

@@ -37,7 +37,7 @@ QUANTILE = NormalDist().inv_cdf(0.975)
 
 
 class Results(NamedTuple):
-    """Of n episodes: summed reward, success, mean force, what regions bore, how often a guard drew back; (n,)."""
+    """Of n episodes: summed reward, success, mean force, what regions bore, how often a guard acted; (n,)."""
 
     reward: Array
     success: NDArray[np.bool_]
@@ -53,8 +53,8 @@ class Evaluation:
 
     ``stream`` is what its episodes were drawn from: figures of ``showing`` are of episodes that no choice has seen.
     ``force_regions`` are the forces by region of the body, ``episodes_over_limit`` counts the episodes in which any
-    region bore more than its limits allow, see ``RegionLoads``. ``guard_interventions`` is how often a force guard drew
-    the arm back, per episode; ``None`` without one. ``engine`` and ``device`` say where physics ran.
+    region bore more than its limits allow, see ``RegionLoads``. ``guard_interventions`` is how often a force guard
+    acted, per episode; ``None`` without one. ``engine`` and ``device`` say where physics ran.
     """
 
     env: str

@@ -9,6 +9,10 @@ Its limits are of two kinds. Who is clamped bears the *quasi-static* limit. Who 
 ``TRANSIENT_S`` the *transient* limit, ``transient_factor`` times as much. On skull and face the standard allows no such
 contact; here their transient limit is the quasi-static one.
 
+How fast somebody may be struck follows from the force: body and arm are two masses with a spring between them, the
+region's *effective mass* and *spring constant* (table A.3), see ``blow_speed_m_s``. Contacts of our simulation give way
+otherwise, see ``yielding``.
+
 Our bodies are capsules. Where one is of two regions, as a chest is of chest and back, the lower limit counts. The
 standard has no feet; they count as lower legs. The front of the cranium, with eyes and nose, has the forehead's limit.
 """
@@ -27,11 +31,14 @@ TRANSIENT_S = 0.5
 
 @dataclass(frozen=True)
 class BodyRegion:
-    """A region of the body: its name, its limits, and which of ``human.GEOMS`` it is."""
+    """A region of the body: its name, its limits, its spring constant and effective mass, and which of ``human.GEOMS``
+    it is."""
 
     name: str
     quasi_static_limit_n: float
     transient_factor: float
+    spring_n_mm: float
+    mass_kg: float
     geoms: tuple[str, ...]
 
     @property
@@ -45,18 +52,18 @@ def _limbs(*parts: str) -> tuple[str, ...]:
 
 
 BODY_REGIONS = (
-    BodyRegion("skull", 130.0, 1.0, ("cranium",)),
-    BodyRegion("face", 65.0, 1.0, ("jaw",)),
-    BodyRegion("neck", 150.0, 2.0, ("neck",)),
-    BodyRegion("shoulders", 210.0, 2.0, _limbs("shoulder")),
-    BodyRegion("chest", 140.0, 2.0, ("chest",)),
-    BodyRegion("abdomen", 110.0, 2.0, ("waist",)),
-    BodyRegion("pelvis", 180.0, 2.0, ("hips",)),
-    BodyRegion("upper_arms", 150.0, 2.0, _limbs("upper_arm")),
-    BodyRegion("forearms", 160.0, 2.0, _limbs("forearm")),
-    BodyRegion("hands", 140.0, 2.0, _limbs("hand")),
-    BodyRegion("thighs", 220.0, 2.0, _limbs("thigh")),
-    BodyRegion("lower_legs", 130.0, 2.0, _limbs("shin", "foot")),
+    BodyRegion("skull", 130.0, 1.0, 150.0, 4.4, ("cranium",)),
+    BodyRegion("face", 65.0, 1.0, 75.0, 4.4, ("jaw",)),
+    BodyRegion("neck", 150.0, 2.0, 50.0, 1.2, ("neck",)),
+    BodyRegion("shoulders", 210.0, 2.0, 35.0, 40.0, _limbs("shoulder")),
+    BodyRegion("chest", 140.0, 2.0, 25.0, 40.0, ("chest",)),
+    BodyRegion("abdomen", 110.0, 2.0, 10.0, 40.0, ("waist",)),
+    BodyRegion("pelvis", 180.0, 2.0, 25.0, 40.0, ("hips",)),
+    BodyRegion("upper_arms", 150.0, 2.0, 30.0, 3.0, _limbs("upper_arm")),
+    BodyRegion("forearms", 160.0, 2.0, 40.0, 2.0, _limbs("forearm")),
+    BodyRegion("hands", 140.0, 2.0, 75.0, 0.6, _limbs("hand")),
+    BodyRegion("thighs", 220.0, 2.0, 50.0, 75.0, _limbs("thigh")),
+    BodyRegion("lower_legs", 130.0, 2.0, 60.0, 75.0, _limbs("shin", "foot")),
 )
 """In the order of every array of forces by region, (N, R). Forces on both sides of the body are added up."""
 REGION_OF_GEOM: Mapping[str, int] = {
@@ -65,3 +72,14 @@ REGION_OF_GEOM: Mapping[str, int] = {
 """The index of each geom's region, the geoms of a region next to each other."""
 QUASI_STATIC_LIMIT_N: Array = np.array([region.quasi_static_limit_n for region in BODY_REGIONS])
 TRANSIENT_LIMIT_N: Array = np.array([region.transient_limit_n for region in BODY_REGIONS])
+
+
+def blow_speed_m_s(force_n: Array, arm_kg: float) -> Array:
+    """At what speed (R,) a blow brings each region a force (R,): F / √(k μ), 1/μ = 1/m_body + 1/m_arm.
+
+    ISO/TS 15066:2016, A.3.4: the energy of two masses that close becomes that of the spring between them. ``arm_kg`` is
+    the arm's effective mass.
+    """
+    springs_n_m = np.array([1000.0 * region.spring_n_mm for region in BODY_REGIONS])
+    masses_kg = np.array([region.mass_kg for region in BODY_REGIONS])
+    return force_n / np.sqrt(springs_n_m / (1.0 / masses_kg + 1.0 / arm_kg))

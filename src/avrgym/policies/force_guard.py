@@ -1,56 +1,71 @@
-"""A guard between whoever drives robots and their arms: one that presses a person too hard draws back."""
+"""A guard between whoever drives robots and their arms: one that presses a person too hard draws back.
+
+A blow is over before anybody can react to its force, and a head that moves presses at once against the whole arm. So
+the guard keeps to speeds as well, see ``approach``: an arm draws back from who comes to its tool, and holds still where
+it comes too fast itself.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.models.scene import PHYSICS_STEP_S
+from avrgym.policies.approach import Approach
 from avrgym.simulation.worlds import Simulation
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 GUARD_SHARE = 0.5
-"""Above this share of a region's quasi-static limit the arm draws back."""
+"""Above this share of a region's quasi-static limit the arm draws back, and no blow may bring more."""
 RELEASE_SHARE = 0.25
 """Below this share on every region it is driven again. So far apart, that it does not chatter."""
 WAYPOINT_RAD = 0.01
 """How far some joint moves from one remembered pose of the way to the next."""
 WAYPOINTS = 150
 ACTS, RESTS = "force_guard_acts", "force_guard_rests"
-"""The events of a recording at which an arm begins to draw back, and is driven again."""
+"""The events of a recording at which a guard begins to act, and an arm is driven again."""
 
 
 class ForceGuard:
     """Lets the arms of N worlds draw back along the way that they came, where a region of a person bears too much.
 
-    It sees the forces of each physics step before the next one, and does all that it does by actions, so that whoever
-    records actions has its own among them. Where nobody is pressed it changes no bit.
+    So it does where a region comes to the tool faster than a blow may be; where the tool comes so fast, the arm holds
+    still. It sees the forces of each physics step before the next one, and speeds once a control step; all that it
+    does it does by actions, so that whoever records actions has its own among them. Where nobody is pressed or comes
+    too fast it changes no bit.
 
-    ``given`` (N, A) is what the arms are told now. ``yielding`` (N,) says which draw back; ``region`` and ``force_n``
-    (N,) are what was borne most, by its limit, when they began to, and ``interventions`` (N,) is how often they did.
+    ``given`` (N, A) is what the arms are told now. ``yielding`` (N,) says which draw back, ``holding`` (N,) which hold
+    still, and ``interventions`` (N,) is how often it began to do either.
     """
 
     def __init__(self, simulation: Simulation) -> None:
         """Guard the arms of a simulation that measures forces by region, from where they stand now."""
         self._simulation = simulation
         self._travel_rad = PHYSICS_STEP_S * simulation.scene.arm.speed_limit_rad_s
+        self._approach = Approach(simulation, GUARD_SHARE * QUASI_STATIC_LIMIT_N)
         self.begin()
 
     def begin(self) -> None:
         """Guard the episodes that have begun in all worlds."""
+        self._approach.begin()
         angles = self._simulation.arm_angles_rad()
         worlds = len(angles)
         self.given = np.zeros_like(angles)
-        self.yielding = np.zeros(worlds, dtype=bool)
-        self.region, self.interventions = (np.zeros(worlds, dtype=np.intp) for _ in range(2))
-        self.force_n = np.zeros(worlds)
-        self._asked = self.given
+        self.yielding, self.holding, self._pressed = (np.zeros(worlds, dtype=bool) for _ in range(3))
+        self.interventions = np.zeros(worlds, dtype=np.intp)
+        self._asked, self._force_n = self.given, np.zeros((worlds, len(BODY_REGIONS)))
         self._way_rad = np.repeat(angles[:, None], WAYPOINTS, axis=1)
         self._count, self._forgotten = np.ones(worlds, dtype=np.intp), np.zeros(worlds, dtype=np.intp)
 
+    @property
+    def acting(self) -> Bools:
+        """In which worlds (N,) the arms do not what was asked for."""
+        return self.yielding | self.holding
+
     def act(self, asked: Array) -> Array:
         """The actions (N, A) with which a control step begins, in place of those that were asked for."""
+        self._approach.look()
         self._asked = asked
         self.given = self._decide()
         return self.given
@@ -61,26 +76,28 @@ class ForceGuard:
         self.given = self._decide()
         return (self.given != before).any(axis=-1)
 
-    def borne(self, world: int) -> str:
-        """What was borne most in a world when its arm began to draw back, in words."""
-        region = BODY_REGIONS[int(self.region[world])]
-        return f"{region.name} {self.force_n[world]:.1f} N, limit {region.quasi_static_limit_n:g} N"
+    def why(self, world: int) -> str:
+        """Why it acts in a world, in words: what is borne most, or what comes too fast."""
+        if not self._pressed[world]:
+            return self._approach.words(world)
+        force_n = self._force_n[world]
+        most = int((force_n / QUASI_STATIC_LIMIT_N).argmax())
+        region = BODY_REGIONS[most]
+        return f"{region.name} {force_n[most]:.1f} N, limit {region.quasi_static_limit_n:g} N"
 
     def _decide(self) -> Array:
         """What the arms are to do in the coming physics step; called once for each."""
-        force_n = self._simulation.region_force_n()
-        share = force_n / QUASI_STATIC_LIMIT_N
-        most = share.max(axis=-1)
-        begins = ~self.yielding & (most > GUARD_SHARE)
-        region = share.argmax(axis=-1)
-        self.region = np.where(begins, region, self.region)
-        self.force_n = np.where(
-            begins, np.take_along_axis(force_n, region[:, None], axis=-1)[:, 0], self.force_n
-        )
-        self.interventions = self.interventions + begins
-        self.yielding = begins | (self.yielding & (most >= RELEASE_SHARE))
+        acted = self.acting
+        self._force_n = self._simulation.region_force_n()
+        most = (self._force_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
+        self._pressed = (most > GUARD_SHARE) | (self._pressed & (most >= RELEASE_SHARE))
+        self.yielding = self._pressed | self._approach.by_person
+        self.holding = self._approach.by_tool & ~self.yielding
+        self.interventions = self.interventions + (self.acting & ~acted)
         self._remember()
-        return np.where(self.yielding[:, None], self._retreat(), self._asked)
+        return np.where(
+            self.yielding[:, None], self._retreat(), np.where(self.holding[:, None], 0.0, self._asked)
+        )
 
     def _remember(self) -> None:
         """Note where the arms are that do not draw back, unless they are still where they were noted last."""

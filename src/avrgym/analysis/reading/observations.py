@@ -229,7 +229,7 @@ def _streams(row: TrialRow, recording: Recording) -> list[StreamRow]:
 
 
 def guard_interventions(recording: Recording) -> int | None:
-    """How often a force guard drew the robot's arm back; ``None`` where there was none."""
+    """How often a force guard acted; ``None`` where there was none."""
     if not recording.metadata.get("force_guard"):
         return None
     return sum(event.name == ACTS for _, event in recording.topics["/events"])

@@ -107,7 +107,7 @@ def _metrics(row: TrialRow) -> Markup:
             "Closest to the target": quantity(row.distance_least_m, "m"),
             "Mean force on the person": quantity(row.force_mean_n, "N"),
             "Peak force on the person": quantity(row.force_peak_n, "N"),
-            "Arm drawn back by the force guard": _times(row.guard_interventions),
+            "Interventions of the force guard": _times(row.guard_interventions),
             "Person held": _share(row.held_share),
             "Torso height": quantity(row.torso_height_m, "m", digits=3),
             "Bent forward, mean": quantity(row.waist_x_deg, "°", digits=1),

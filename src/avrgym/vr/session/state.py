@@ -272,14 +272,13 @@ class SessionState:
             self.report(f"the robot holds still, its controller failed: {failure}")
 
     def watch_guard(self) -> None:
-        """Record whenever the force guard begins to draw the robot back, and when the robot is driven again."""
+        """Record whenever the force guard begins to act, with why, and when the robot is driven again."""
         guard = self.world.guard
-        acts = bool(guard.yielding[0])
+        acts = bool(guard.acting[0])
         if acts == self._guard_acts:
             return
         self._guard_acts = acts
-        borne = guard.borne(0) if acts else ""
-        self.record_event(ACTS if acts else RESTS, borne)
+        self.record_event(ACTS if acts else RESTS, guard.why(0) if acts else "")
 
     def end_attempt(self, result: AttemptEnd) -> RecordingError | None:
         """End a running attempt; what keeps its recording from being complete, if anything does."""

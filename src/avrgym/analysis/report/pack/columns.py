@@ -78,7 +78,7 @@ COLUMNS: Mapping[str, Column] = {
     "distance_least_m": _number("Least distance to the target.", "m", _NO_RECORDING, _FROM_0),
     "force_mean_n": _number("Mean force of robot and tool on the person.", "N", _NO_RECORDING, _FROM_0),
     "force_peak_n": _number("Greatest force of robot and tool on the person.", "N", _NO_RECORDING, _FROM_0),
-    "guard_interventions": _whole("How often the force guard drew the arm back.", "no force guard, or no recording"),
+    "guard_interventions": _whole("How often the force guard acted.", "no force guard, or no recording"),
     **{f"head_{axis}_m": _head(axis) for axis in "xyz"},
     **{f"waist_{axis}_deg": _waist(axis, "mean") for axis in "xyz"},
     **{f"waist_{axis}_least_deg": _waist(axis, "least") for axis in "xyz"},

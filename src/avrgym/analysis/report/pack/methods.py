@@ -125,8 +125,8 @@ def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
     yield (
         f"Participants sat on a seat {seat.seat_height_m:g} m high and lay on a mattress {seat.mattress_height_m:g} m "
         f"high with its back at {seat.mattress_back_deg:g}°. "
-        + ("A force guard drew back" if design.force_guard else "No force guard drew back")
-        + " arms that pressed too hard."
+        + ("A force guard kept arms" if design.force_guard else "No force guard kept arms")
+        + " from pressing too hard and from coming too fast."
     )
     yield _latency(analysis)
     if checked:

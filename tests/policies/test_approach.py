@@ -1,0 +1,133 @@
+"""Speeds at which people and tools come together: what a blow brings, and what the force guard does about it."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
+
+from avrgym.learning.evaluation import watched_step
+from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N, REGION_OF_GEOM, blow_speed_m_s
+from avrgym.models.human import GEOMS
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.policies.approach import NEAR_M, effective_mass_kg
+from avrgym.policies.force_guard import ForceGuard
+from avrgym.simulation.region_forces import RegionWatch
+from avrgym.simulation.state import State
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.task import Controller
+from forces import towards
+from starts import begun
+
+FEEDING = "avrgym/FeedingPR2-v1"
+WORLDS = 8
+LEANING_STEPS = 50
+"""People who are fed lean to the spoon within five seconds."""
+Array = NDArray[np.float64]
+Asked = Callable[[Episodes], Controller]
+
+
+def test_a_blow_at_that_speed_has_the_energy_of_the_spring_at_that_force():
+    force_n = 0.5 * QUASI_STATIC_LIMIT_N
+    for arm_kg in (0.5, 3.0, 20.0, np.inf):
+        speeds = blow_speed_m_s(force_n, arm_kg)
+        for region, force, speed in zip(BODY_REGIONS, force_n, speeds, strict=True):
+            together_kg = 1.0 / (1.0 / region.mass_kg + 1.0 / arm_kg)
+            stored_j = force**2 / (2.0 * 1000.0 * region.spring_n_mm)
+            assert_allclose(0.5 * together_kg * speed**2, stored_j)
+    assert (blow_speed_m_s(force_n, 3.0) > blow_speed_m_s(force_n, 20.0)).all()
+
+
+@pytest.mark.parametrize(("robot", "least_kg", "most_kg"), [("Jaco", 2.0, 4.0), ("PR2", 15.0, 25.0)])
+def test_an_arm_strikes_with_half_its_mass_and_with_its_tool(robot: str, least_kg: float, most_kg: float):
+    """A Jaco weighs 5 kg without its base; the shoulder of a PR2 turns with its whole arm, 41 kg."""
+    assert least_kg < effective_mass_kg(begun(f"avrgym/Feeding{robot}-v1", 1).simulation) < most_kg
+
+
+def from_axis_m(point: Array, ends: Array) -> float:
+    """How far a point is from an axis, tried along it."""
+    along = np.linspace(0.0, 1.0, 4001)[:, None]
+    return float(np.linalg.norm(ends[0] + along * (ends[1] - ends[0]) - point, axis=-1).min())
+
+
+def shares(before: State, now: State, world: int, allowed_m_s: Array) -> tuple[float, float]:
+    """How fast somebody came to the tool, and both together, as shares of what is allowed; of the fastest near one."""
+    found = [[0.0, 0.0]]
+    for index, name in enumerate(GEOMS):
+        was, ends = before.person_segment_w[world, index], now.person_segment_w[world, index]
+        pad, pad_before = now.pad_pos_w[world], before.pad_pos_w[world]
+        now_m, limit_m = from_axis_m(pad, ends), CONTROL_STEP_S * allowed_m_s[REGION_OF_GEOM[name]]
+        gap_m = now_m - now.person_radius_m[world, index]
+        closed_m = [from_axis_m(place, was) - now_m for place in (pad, pad_before)]
+        found.append([each / limit_m if gap_m - each < NEAR_M else 0.0 for each in closed_m])
+    people, both = zip(*found, strict=True)
+    return max(people), max(both)
+
+
+def test_it_acts_as_speeds_say_and_gives_else_what_was_asked():
+    """Arms that are led at people who come to meet them: each world, step by step, worked out once more alone."""
+    episodes = begun(FEEDING, WORLDS, "participants", by_region=True)
+    simulation = episodes.simulation
+    guard, before = ForceGuard(simulation), simulation.state()
+    allowed_m_s = blow_speed_m_s(0.5 * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
+    leads = episodes.task.reactive_expert(episodes)
+    seen: list[tuple[bool, bool]] = []
+    for _ in range(LEANING_STEPS):
+        now, asked = simulation.state(), np.clip(leads(episodes.observe()), -1.0, 1.0)
+        given = guard.act(asked)
+        for world in range(WORLDS):
+            people, both = shares(before, now, world, allowed_m_s)
+            if min(abs(people - 1.0), abs(both - 1.0)) < 1e-3 or guard._pressed[world]:
+                continue
+            seen.append((people > 1.0, both > 1.0))
+            assert guard.yielding[world] == (people > 1.0)
+            assert guard.holding[world] == (both > 1.0 and people <= 1.0)
+            if guard.holding[world]:
+                assert not given[world].any()
+            elif not guard.acting[world]:
+                assert_array_equal(given[world], asked[world])
+            if guard.acting[world]:
+                assert "m/s, limit" in guard.why(world)
+        before = now
+        episodes.step(given)
+    by_person, together = np.array(seen).T
+    for kind in (by_person, together & ~by_person, ~by_person & ~together):
+        assert kind.sum() >= 10
+
+
+def test_who_rests_before_an_arm_that_rests_is_left_alone():
+    episodes = begun(FEEDING, WORLDS, by_region=True)
+    guard = ForceGuard(episodes.simulation)
+    asked = np.zeros((WORLDS, episodes.action_size))
+    for _ in range(10):
+        episodes.step(guard.act(asked))
+    assert not guard.interventions.any()
+
+
+def largest_shares(environment: str, whom: str, asked: Asked) -> tuple[Array, Array]:
+    """What people bear without a guard and with one, the largest share (N,) of a region's limit."""
+    found: list[Array] = []
+    for guarded in (False, True):
+        episodes = begun(environment, WORLDS, whom, by_region=True)
+        guard, watch = ForceGuard(episodes.simulation) if guarded else None, RegionWatch(WORLDS)
+        ask = asked(episodes)
+        for _ in range(LEANING_STEPS):
+            watched_step(episodes, np.clip(ask(episodes.observe()), -1.0, 1.0), watch, guard)
+        found.append((watch.loads().peak_n / QUASI_STATIC_LIMIT_N).max(axis=-1))
+    return found[0], found[1]
+
+
+def test_heads_that_come_to_a_spoon_are_not_struck():
+    without, guarded = largest_shares(FEEDING, "participants", lambda each: each.task.reactive_expert(each))
+    assert (without > 1.0).sum() >= 2
+    assert (guarded < 0.75).all()
+
+
+def test_arms_that_are_driven_at_heads_at_full_speed_come_slowly():
+    heads = np.zeros(WORLDS, dtype=np.intp)
+    without, guarded = largest_shares(
+        "avrgym/FeedingJaco-v1", "revised", lambda each: lambda observation: towards(each, heads)
+    )
+    assert (without > 1.0).sum() >= WORLDS // 2
+    assert (guarded < 1.0).all()
