@@ -22,8 +22,8 @@ from starts import begun
 
 FEEDING = "avrgym/FeedingPR2-v1"
 WORLDS = 8
-LEANING_STEPS = 50
-"""People who are fed lean to the spoon within five seconds."""
+LEANING_STEPS = 40
+"""People who are fed lean to the spoon within four seconds."""
 Array = NDArray[np.float64]
 Asked = Callable[[Episodes], Controller]
 

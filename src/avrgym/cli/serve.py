@@ -84,7 +84,7 @@ def serve(
         bool | None,
         typer.Option(
             "--force-guard/--no-force-guard",
-            help="Whether arms that press too hard draw back; they do, and in a study as study.toml says.",
+            help="Whether arms are kept from pressing too hard or coming too fast; they are unless a study says not.",
             show_default=False,
         ),
     ] = None,

@@ -79,8 +79,9 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     participants what a task is, by task; where one is missing, the task's own sentence does. ``furniture`` is what they
     really sit and lie on.
     A trial whose person was held for more than ``max_held_share`` of the time in which the robot helped enters no
-    analysis; a design that does not say counts all. ``force_guard``: arms that press too hard draw back; a design that
-    does not say has none, as studies that began without it. ``streams`` are exchanged with other devices.
+    analysis; a design that does not say counts all. ``force_guard``: arms are kept from pressing too hard and from
+    coming too fast; a design that does not say has none, as studies that began without it. ``streams`` are exchanged
+    with other devices.
     ``headset_check``: sessions of people begin with a check of the headset; of a design that does not say they do not.
     ``measure_reach``: people stretch their arms when they are measured, and their bodies' arms become as long.
     """

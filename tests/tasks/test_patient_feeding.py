@@ -1,0 +1,55 @@
+"""An expert who feeds patiently: reactive before who rests, and off the face of who moves."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from avrgym.learning.evaluation import watched_step
+from avrgym.models.body_regions import QUASI_STATIC_LIMIT_N
+from avrgym.simulation.region_forces import RegionWatch
+from avrgym.tasks.experts.steadied import steadied
+from avrgym.tasks.feeding.patient import KEPT_OFF_M, RESTING_M_S, PatientExpert, kept_off_m
+from avrgym.tasks.task import Expert
+from starts import begun
+
+WORLDS = 4
+FEEDING = "avrgym/FeedingPR2-v1"
+
+
+def test_a_spoon_is_kept_off_the_more_the_faster_the_mouth_goes():
+    speeds = np.linspace(0.0, 0.5, 101)
+    off = kept_off_m(speeds)
+    assert (np.diff(off) >= 0.0).all()
+    assert not off[speeds <= RESTING_M_S].any()
+    assert_array_equal(off[speeds >= 2.0 * RESTING_M_S + 1e-9], KEPT_OFF_M)
+
+
+def test_who_rests_is_fed_reactively():
+    episodes = begun(FEEDING, WORLDS)
+    patient, reactive = PatientExpert(episodes), episodes.task.reactive_expert(episodes)
+    for _ in range(30):
+        observation = episodes.observe()
+        action = patient(observation)
+        assert_array_equal(action, reactive(observation))
+        episodes.step(action)
+
+
+def fed(expert: Expert) -> tuple[float, float]:
+    """People who come to meet the spoon: the share of them that it feeds, and the mean force on them."""
+    episodes = begun(FEEDING, WORLDS, "participants", by_region=True)
+    feeds, watch, force_n = steadied(expert)(episodes), RegionWatch(WORLDS), 0.0
+    for _ in range(100):
+        step = watched_step(episodes, np.clip(feeds(episodes.observe()), -1.0, 1.0), watch)
+        force_n += float(step.force_on_person_n.mean()) / 100
+    largest = (watch.loads().peak_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
+    assert step.success.all()
+    return float(np.median(largest)), force_n
+
+
+@pytest.mark.slow
+def test_who_comes_to_meet_the_spoon_is_pressed_less():
+    task = begun(FEEDING, 1).task
+    assert task.patient_expert is not None
+    reactive, patient = fed(task.reactive_expert), fed(task.patient_expert)
+    assert patient[0] < 0.5 * reactive[0]
+    assert patient[1] < 0.5 * reactive[1]
