@@ -8,11 +8,14 @@ import pytest
 from typer.main import get_command
 
 from avrgym.cli.main import app
-from avrgym.models.body_regions import BODY_REGIONS
+from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N, blow_speed_m_s
+from avrgym.policies.approach import effective_mass_kg
+from avrgym.policies.force_guard import GUARD_SHARE
 from avrgym.tasks.known import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from pages import DOCUMENTS, anchors, missing_rows, name_of
 from places import ROOT
+from starts import begun
 
 README = (ROOT / "README.md").read_text()
 ENVIRONMENT_PAGE = (ROOT / "docs" / "environments.md").read_text()
@@ -96,9 +99,15 @@ def test_the_page_of_the_zoo_says_who_lives_there(table):
 
 def test_the_page_of_the_policies_says_what_regions_bear():
     page = (ROOT / "docs" / "policies.md").read_text().splitlines()
-    for region in BODY_REGIONS:
+    speeds = [
+        blow_speed_m_s(GUARD_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(begun(name, 1).simulation))
+        for name in ("avrgym/FeedingJaco-v1", "avrgym/FeedingPR2-v1")
+    ]
+    for region, *fastest in zip(BODY_REGIONS, *speeds, strict=True):
         limits = f"{region.quasi_static_limit_n:g} N | {region.transient_limit_n:g} N"
-        assert f"| {region.name} | {limits} | {', '.join(region.geoms)} |" in page
+        blow = f"{region.spring_n_mm:g} N/mm | {region.mass_kg:g} kg"
+        allowed = " | ".join(f"{100 * speed:.0f} cm/s" for speed in fastest)
+        assert f"| {region.name} | {limits} | {blow} | {allowed} | {', '.join(region.geoms)} |" in page
 
 
 PAPER_PAGE = (ROOT / "docs" / "paper.md").read_text()
