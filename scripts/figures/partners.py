@@ -3,6 +3,7 @@
     python scripts/figures/partners.py measure [KIND ...]   measures what is not yet, of `adaptive` unless other
                                                             kinds of policies are named; goes on where it stopped
     python scripts/figures/partners.py table [KIND ...]     prints the tables of docs/adaptive.md
+    python scripts/figures/partners.py guard                prints that of docs/policies.md: with the force guard
 
 Episodes are of the stream that no choice has seen, seed 0. Figures lie in `scripts/figures/partners.json`.
 """
@@ -52,8 +53,12 @@ OF_REGION = ("mean_n", "peak_n", "limit_n", "exceedances")
 
 
 def main() -> None:
-    """Do one of the two."""
-    do = {"measure": measure, "table": print_tables}
+    """Do one of the three."""
+    do = {
+        "measure": measure,
+        "table": print_tables,
+        "guard": lambda _: print(*table_of_the_guard(), sep="\n"),
+    }
     if len(sys.argv) < 2 or sys.argv[1] not in do:
         sys.exit(__doc__)
     do[sys.argv[1]](sys.argv[2:] or ["adaptive"])
@@ -110,6 +115,21 @@ def table(kind: str) -> Iterator[str]:
 def table_of_forces(kind: str) -> Iterator[str]:
     """How many episodes exceeded a limit, and the region that came closest to its own."""
     return _table(kind, _hardest)
+
+
+def table_of_the_guard() -> Iterator[str]:
+    """What the force guard is worth with participants, where mouths are served or a limit was exceeded without it."""
+    told = read(FIGURES_FILE)
+    yield row("environment", "policy", "episodes", *2 * ("without the guard", "with it"))
+    yield row(*["---"] * 7)
+    for kind in ("original", "revised", "adaptive"):
+        for environment in _environments(kind):
+            both = [told[name_of(environment, kind, group)] for group in ("participants", "guarded")]
+            name = short(environment)
+            if both[0]["episodes_over_limit"] or name.startswith(("Feeding", "Drinking")):
+                episodes = " and ".join(dict.fromkeys(str(each["episodes"]) for each in both))
+                shown = [cell(each) for cell in (success_and_force, _hardest) for each in both]
+                yield row(name, kind, episodes, *shown)
 
 
 def _table(kind: str, cell: Callable[[Mapping], str]) -> Iterator[str]:

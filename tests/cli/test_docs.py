@@ -80,6 +80,10 @@ def test_the_page_of_policies_that_remember_says_how_all_do_with_whom(kind, tabl
     assert missing_rows("adaptive.md", "partners", table, kind) == []
 
 
+def test_the_page_of_the_policies_says_what_the_force_guard_is_worth():
+    assert missing_rows("policies.md", "partners", "table_of_the_guard") == []
+
+
 @pytest.mark.parametrize(
     ("page", "script"),
     [
