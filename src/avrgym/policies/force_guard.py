@@ -36,7 +36,7 @@ class ForceGuard:
     too fast it changes no bit.
 
     ``given`` (N, A) is what the arms are told now. ``yielding`` (N,) says which draw back, ``holding`` (N,) which hold
-    still, and ``interventions`` (N,) is how often it began to do either.
+    still, and ``interventions`` (N,) is how often they began to do either.
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -87,13 +87,13 @@ class ForceGuard:
 
     def _decide(self) -> Array:
         """What the arms are to do in the coming physics step; called once for each."""
-        acted = self.acting
+        yielded, acted = self.yielding, self.acting
         self._force_n = self._simulation.region_force_n()
         most = (self._force_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
         self._pressed = (most > GUARD_SHARE) | (self._pressed & (most >= RELEASE_SHARE))
         self.yielding = self._pressed | self._approach.by_person
         self.holding = self._approach.by_tool & ~self.yielding
-        self.interventions = self.interventions + (self.acting & ~acted)
+        self.interventions = self.interventions + ((self.yielding & ~yielded) | (self.acting & ~acted))
         self._remember()
         return np.where(
             self.yielding[:, None], self._retreat(), np.where(self.holding[:, None], 0.0, self._asked)

@@ -72,7 +72,7 @@ class SessionState:
 
     def __post_init__(self) -> None:
         self._told_scene = self.scene_message()
-        self._guard_acts = False
+        self._guard_interventions, self._guard_acts = 0, False
         self._latencies: deque[records.Latency] = deque(maxlen=LATENCIES_KEPT)
         self.latency: list[messages.StageLatency] = []
 
@@ -254,7 +254,7 @@ class SessionState:
         attempt.record_physics(world, self.now_s)
         self.drivers.begin()
         world.prepare(self.driver)
-        self._guard_acts = False
+        self._guard_interventions, self._guard_acts = 0, False
 
     def watch_driver(self) -> None:
         """Record whenever the driver fails or drives again; tell each kind of failure once an attempt."""
@@ -272,13 +272,14 @@ class SessionState:
             self.report(f"the robot holds still, its controller failed: {failure}")
 
     def watch_guard(self) -> None:
-        """Record whenever the force guard begins to act, with why, and when the robot is driven again."""
+        """Record each intervention of the force guard, with why, and when the robot is driven again."""
         guard = self.world.guard
-        acts = bool(guard.acting[0])
-        if acts == self._guard_acts:
-            return
-        self._guard_acts = acts
-        self.record_event(ACTS if acts else RESTS, guard.why(0) if acts else "")
+        interventions, acts = int(guard.interventions[0]), bool(guard.acting[0])
+        if interventions > self._guard_interventions:
+            self.record_event(ACTS, guard.why(0))
+        elif self._guard_acts and not acts:
+            self.record_event(RESTS, "")
+        self._guard_interventions, self._guard_acts = interventions, acts
 
     def end_attempt(self, result: AttemptEnd) -> RecordingError | None:
         """End a running attempt; what keeps its recording from being complete, if anything does."""
