@@ -10,6 +10,7 @@ from avrgym.simulation.region_forces import RegionWatch
 from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.feeding.patient import KEPT_OFF_M, RESTING_M_S, PatientExpert, kept_off_m
 from avrgym.tasks.task import Expert
+from experts import assert_acts_reactively
 from starts import begun
 
 WORLDS = 4
@@ -25,13 +26,7 @@ def test_a_spoon_is_kept_off_the_more_the_faster_the_mouth_goes():
 
 
 def test_who_rests_is_fed_reactively():
-    episodes = begun(FEEDING, WORLDS)
-    patient, reactive = PatientExpert(episodes), episodes.task.reactive_expert(episodes)
-    for _ in range(30):
-        observation = episodes.observe()
-        action = patient(observation)
-        assert_array_equal(action, reactive(observation))
-        episodes.step(action)
+    assert_acts_reactively(PatientExpert, begun(FEEDING, WORLDS), 30)
 
 
 def fed(expert: Expert) -> tuple[float, float]:

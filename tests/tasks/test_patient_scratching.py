@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
 from avrgym.geometry.transforms import norm
 from avrgym.tasks.episodes import Episodes
@@ -10,6 +9,7 @@ from avrgym.tasks.scratch_itch.expert import surface
 from avrgym.tasks.scratch_itch.patient import SWINGS, SwingsInFront, patient_expert
 from avrgym.tasks.scratch_itch.reactive import faces_in
 from avrgym.tasks.scratch_itch.reward import limb_frame
+from experts import assert_acts_reactively
 from itches import forearm_itch
 
 INNER_RAD, OUTER_RAD = np.radians(np.linspace([-165.0, -60.0], [-135.0, 60.0], 8)).T
@@ -27,13 +27,7 @@ def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
 
 @pytest.mark.parametrize("robot", SWINGS)
 def test_what_does_not_face_in_is_scratched_as_by_the_reactive_expert(robot):
-    episodes = begun(robot, OUTER_RAD)
-    patient, reactive = patient_expert(episodes), episodes.task.reactive_expert(episodes)
-    for _ in range(40):
-        observation = episodes.observe()
-        action = patient(observation)
-        assert_array_equal(action, reactive(observation))
-        episodes.step(action)
+    assert_acts_reactively(patient_expert, begun(robot, OUTER_RAD), 40)
 
 
 @pytest.mark.parametrize("robot", SWINGS)
