@@ -88,7 +88,8 @@ def test_it_acts_as_speeds_say_and_gives_else_what_was_asked():
             elif not guard.acting[world]:
                 assert_array_equal(given[world], asked[world])
             if guard.acting[world]:
-                assert "m/s, limit" in guard.why(world)
+                what = "comes" if guard.yielding[world] else "and tool come together"
+                assert f" {what} at " in guard.why(world)
         before = now
         episodes.step(given)
     by_person, together = np.array(seen).T

@@ -14,8 +14,11 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
 from avrgym.models import human, robot
+from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N, blow_speed_m_s
 from avrgym.models.human import Person, Sex
 from avrgym.models.scene import TOOL
+from avrgym.policies.approach import effective_mass_kg
+from avrgym.policies.force_guard import ACTS, GUARD_SHARE
 from avrgym.recording.files import Recording, RecordingWriter
 from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.simulation.brakes import HOLDING
@@ -46,6 +49,7 @@ from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.protocol.webxr import hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.tracking.world import TICK_S
+from starts import begun
 from visit import ENVIRONMENT, Visit, plan
 
 Array = NDArray[np.float64]
@@ -259,6 +263,18 @@ def test_every_recorded_state_follows_bit_for_bit_from_the_one_before(whole: Vis
             if finished[k] in eating and finished[k + 1] > finished[k]:
                 again[food] = after[food]
             assert np.array_equal(again, after), f"state {k} differs"
+
+
+def test_whoever_comes_too_fast_is_an_event_with_region_and_speed(whole: Visit) -> None:
+    simulation = begun(ENVIRONMENT, 1).simulation
+    fastest = blow_speed_m_s(GUARD_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
+    limits_m_s = {region.name: float(speed) for region, speed in zip(BODY_REGIONS, fastest, strict=True)}
+    events = [event for recording in whole.recordings() for _, event in recording.topics["/events"]]
+    details = [event.detail for event in events if event.name == ACTS and event.detail.endswith("m/s")]
+    for detail in details:
+        region, *_, speed, _, _, limit, _ = detail.split()
+        assert float(limit) == round(limits_m_s[region], 2) <= float(speed)
+    assert {detail.split(" at ")[0].partition(" ")[2] for detail in details} == {"and tool come together"}
 
 
 def test_the_torso_height_is_measured(whole: Visit) -> None:

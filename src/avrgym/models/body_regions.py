@@ -31,8 +31,7 @@ TRANSIENT_S = 0.5
 
 @dataclass(frozen=True)
 class BodyRegion:
-    """A region of the body: its name, its limits, its spring constant and effective mass, and which of ``human.GEOMS``
-    it is."""
+    """A region of the body: its limits, its spring constant and effective mass, and which of ``human.GEOMS`` it is."""
 
     name: str
     quasi_static_limit_n: float

@@ -22,25 +22,21 @@ _REGIONS = np.array([REGION_OF_GEOM[geom] for geom in GEOMS])
 class Approach:
     """Watches the tools of N worlds, and the regions of people's bodies that they are near.
 
-    A tool is the point at its pad's origin; nothing else of the robot is watched. ``by_person`` and ``by_tool`` (N,)
+    A tool is the point at its pad's origin; nothing else of the robot is watched. ``by_person`` and ``together`` (N,)
     say whether a region has come to where the tool is, and whether both have come together, too fast since the control
     step before; ``region`` and ``speed_m_s`` (N,) are the region that did so fastest, by what is allowed, and its
     speed.
     """
 
     def __init__(self, simulation: Simulation, force_n: Array) -> None:
-        """Watch for what would bring regions forces (R,), from where people and tools are now."""
+        """Watch for what would bring regions forces (R,), from where people and tools rest now."""
         self._simulation = simulation
         self.allowed_m_s = blow_speed_m_s(force_n, effective_mass_kg(simulation))
-        self.begin()
-
-    def begin(self) -> None:
-        """Begin where people and tools are, at rest."""
-        state = self._simulation.state()
+        state = simulation.state()
         self._pad_w, self._segment_w = state.pad_pos_w, state.person_segment_w
         worlds = len(self._pad_w)
         self.by_person: Bools = np.zeros(worlds, dtype=bool)
-        self.by_tool: Bools = self.by_person
+        self.together: Bools = self.by_person
         self.region, self.speed_m_s = np.zeros(worlds, dtype=np.intp), np.zeros(worlds)
 
     def look(self) -> None:
@@ -55,7 +51,7 @@ class Approach:
             for before_w in (pad_w, self._pad_w)
         )
         self._pad_w, self._segment_w = pad_w, segment_w
-        self.by_person, self.by_tool = np.any(person > 1.0, axis=-1), np.any(both > 1.0, axis=-1)
+        self.by_person, self.together = np.any(person > 1.0, axis=-1), np.any(both > 1.0, axis=-1)
         share = np.where(self.by_person[:, None], person, both)
         fastest = share.argmax(axis=-1)
         self.region = _REGIONS[fastest]

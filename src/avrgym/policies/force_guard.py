@@ -43,12 +43,11 @@ class ForceGuard:
         """Guard the arms of a simulation that measures forces by region, from where they stand now."""
         self._simulation = simulation
         self._travel_rad = PHYSICS_STEP_S * simulation.scene.arm.speed_limit_rad_s
-        self._approach = Approach(simulation, GUARD_SHARE * QUASI_STATIC_LIMIT_N)
         self.begin()
 
     def begin(self) -> None:
         """Guard the episodes that have begun in all worlds."""
-        self._approach.begin()
+        self._approach = Approach(self._simulation, GUARD_SHARE * QUASI_STATIC_LIMIT_N)
         angles = self._simulation.arm_angles_rad()
         worlds = len(angles)
         self.given = np.zeros_like(angles)
@@ -92,7 +91,7 @@ class ForceGuard:
         most = (self._force_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
         self._pressed = (most > GUARD_SHARE) | (self._pressed & (most >= RELEASE_SHARE))
         self.yielding = self._pressed | self._approach.by_person
-        self.holding = self._approach.by_tool & ~self.yielding
+        self.holding = self._approach.together & ~self.yielding
         self.interventions = self.interventions + ((self.yielding & ~yielded) | (self.acting & ~acted))
         self._remember()
         return np.where(
