@@ -1,6 +1,8 @@
 """Packages to begin with: installed as they are written, they pass their own tests and are wherever ours are."""
 
+import compileall
 import json
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -10,9 +12,11 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
+from avrgym.skeletons import writing
 from avrgym.skeletons.writing import TEMPLATES, distribution, module
 from extension import avrgym, environment_with, python
 
+SKELETONS = Path(writing.__file__).parent
 NAMES = {"task": "RollUpSleeve", "robot": "LongArm2", "controller": "LetGo"}
 
 
@@ -129,3 +133,22 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, small_files) -> None:
     small_files(0)
     assert refused.exit_code == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("next_to_sources", [False, True])
+@pytest.mark.parametrize("kind", NAMES)
+def test_templates_that_were_compiled_give_the_same_package(
+    kind: str, next_to_sources: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    template = SKELETONS / "templates" / kind
+    clean = shutil.ignore_patterns("__pycache__")
+    copy = Path(shutil.copytree(template, tmp_path / "templates" / kind, ignore=clean))
+    sources = {path.relative_to(copy) for path in copy.rglob("*") if path.is_file()}
+    compileall.compile_dir(copy, quiet=1, legacy=next_to_sources)
+    assert list(copy.rglob("*.pyc"))
+    monkeypatch.setattr(writing, "files", lambda _package: tmp_path)
+    written = new(kind, NAMES[kind], "--out", tmp_path / "mine")
+    assert written.exit_code == 0, written.output
+    found = [path for path in (tmp_path / "mine").rglob("*") if path.is_file()]
+    assert len(found) == len(sources)
+    assert all(path.suffix != ".pyc" for path in found)

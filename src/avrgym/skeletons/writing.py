@@ -18,6 +18,8 @@ from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 Kind = Literal["task", "robot", "controller"]
 TEMPLATES: Mapping[Kind, str] = {"task": "TouchElbow", "robot": "ExampleArm", "controller": "WaveArm"}
 """The name that each template bears, which a package's own takes the place of."""
+TEMPLATE_FILES = (".md", ".py", ".toml", ".xml")
+"""Suffixes of the files in templates. Installers add others: pip compiles every Python file that it installs."""
 NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
 
 
@@ -87,11 +89,11 @@ def _written(kind: Kind, name: str, folder: Path) -> Iterator[Path]:
 
 
 def _texts(folder: Traversable, *parents: str) -> Iterator[tuple[tuple[str, ...], str]]:
-    """The files of a folder and those below it: the parts of each path, and what it holds."""
+    """The template files of a folder and of those below it: the parts of each path, and its text."""
     for each in sorted(folder.iterdir(), key=lambda each: each.name):
         if each.is_dir():
             yield from _texts(each, *parents, each.name)
-        else:
+        elif each.name.endswith(TEMPLATE_FILES):
             yield (*parents, each.name), each.read_text("utf-8")
 
 

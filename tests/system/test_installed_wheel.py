@@ -1,0 +1,172 @@
+"""Every command of the wheel, as pip installs it: with all that pip compiles, and nothing of this clone.
+
+``tests/soak/soak_install.py`` installs its dependencies too; here they are those that the tests run with.
+"""
+
+import json
+import re
+import subprocess
+import sys
+import sysconfig
+import venv
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.main import get_command
+
+from avrgym.cli.main import app
+from limits import UNHURRIED, with_limits
+from places import DATA, ROOT
+
+pytestmark = pytest.mark.slow
+
+RUN = """
+import json
+import sys
+
+import avrgym
+from avrgym.cli import app
+
+assert avrgym.__file__.startswith(sys.prefix), avrgym.__file__
+for command in json.loads(sys.argv[1]):
+    print("$ avrgym", *command, flush=True)
+    assert not app(command, standalone_mode=False), command
+"""
+FEEDING = "avrgym/FeedingJaco-v1"
+DESIGN = {
+    "tasks": '["Feeding"]', "robots": '["Jaco"]', "policies": '["revised", "oracle"]', "practice_policy": '""',
+    "trial_steps": "20", "free_movement_s": "0.0",
+}  # fmt: skip
+NEW = [["new", "task", "LiftArm"], ["new", "robot", "LongArm"], ["new", "controller", "LetGo"]]
+PLUGINS = ("lift-arm", "long-arm", "let-go")
+WITH_PLUGINS = [
+    ["envs", "--json", "envs.json"],
+    ["evaluate", "avrgym/LiftArmJaco-v1", "--policy", "oracle", "--episodes", "1"],
+    ["evaluate", "avrgym/FeedingLongArm-v1", "--policy", "let-go", "--episodes", "1"],
+]
+ALONE = [
+    ["export", "policy", "revised", FEEDING, "mine.onnx"],
+    ["export", "scene", FEEDING, "scene"],
+    ["bench", "sim", "--env", FEEDING, "--num-envs", "1"],
+    ["bench", "vr", "--env", FEEDING, "--seconds", "1"],
+    ["train", FEEDING, "--steps", "1", "--config", "little.toml", "--out", "run"],
+    ["replay", str(DATA / "recordings-of-0.1.0" / "ScratchItchJaco.mcap"), "--verify"],
+]
+OF_A_STUDY = [
+    ["study", "freeze", "study", "--template"],
+    ["study", "enrol", "study", "--body", "man", "--age", "30"],
+    ["study", "withdraw", "study", "sub-001"],
+    ["study", "delete-participant", "study", "sub-001"],
+    ["study", "simulate", "study", "--participants", "2", "--jobs", "1"],
+    ["study", "status", "study"],
+    ["study", "check", "study"],
+    ["analyze", "study"],
+    ["fit-people", "study", "--out", "people.toml"],
+    ["study", "export", "study", "--out", "bids", "--format", "bids"],
+    ["study", "merge", "study", "--out", "merged"],
+    ["study", "power", "study", "--simulations", "2", "--participants", "4", "--jobs", "1"],
+]
+REBUILD = ["study", "rebuild", "study"]
+ELSEWHERE = {("demo",), ("sweep",), ("study", "consent")}
+"""What takes minutes (``tests/soak/soak_install.py``), needs a cluster, or asks."""
+SERVERS = (["serve", "--port", "0", "--env", FEEDING], ["view", FEEDING, "--port", "0"])
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the virtual environment ``env``, in which there is the wheel."""
+    folder = tmp_path_factory.mktemp("lab")
+    call = f"import hatchling.build; hatchling.build.build_wheel({str(folder)!r})"
+    subprocess.run([sys.executable, "-c", call], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    venv.create(folder / "env", with_pip=False, symlinks=True)
+    site = Path(sysconfig.get_path("purelib", vars={"base": str(folder / "env")}))
+    (site / "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
+    (wheel,) = folder.glob("*.whl")
+    install(folder, wheel)
+    assert list(site.rglob("templates/**/*.pyc")), "pip compiles what it installs"
+    return folder
+
+
+def install(lab: Path, *what: Path) -> None:
+    """Install as pip does, without the network."""
+    offline = ("--quiet", "--no-index", "--no-deps", "--no-build-isolation", "--ignore-installed")
+    pip = [sys.executable, "-m", "pip", "--python", python(lab), "install", *offline, *what]
+    subprocess.run(pip, check=True, timeout=300)
+
+
+def python(lab: Path) -> Path:
+    return lab / "env" / "bin" / "python"
+
+
+def run(lab: Path, *commands: list[str]) -> str:
+    """What commands print that run one after another in one process; all must succeed."""
+    return called(lab, python(lab), "-c", RUN, json.dumps(commands))
+
+
+def called(lab: Path, *command: str | Path) -> str:
+    ran = subprocess.run(command, cwd=lab, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    assert ran.returncode == 0, ran.stdout
+    return ran.stdout
+
+
+def leaves(command: Any, *above: str) -> Iterator[tuple[str, ...]]:
+    """The words of each command of the program."""
+    below: Mapping[str, Any] = getattr(command, "commands", {})
+    if not below:
+        yield above
+    for name, each in below.items():
+        yield from leaves(each, *above, name)
+
+
+def test_every_command_is_run_here_or_elsewhere() -> None:
+    known = [*NEW, *WITH_PLUGINS, *ALONE, *OF_A_STUDY, REBUILD, *SERVERS, ["study", "new"], ["doctor"]]
+    every = set(leaves(get_command(app)))
+    ran = {next(words for words in every if tuple(line[: len(words)]) == words) for line in known}
+    assert ran | ELSEWHERE == every
+
+
+def test_every_command_has_help(lab: Path) -> None:
+    said = run(lab, *([*words, "--help"] for words in leaves(get_command(app))))
+    assert said.count("Usage: ") == len(list(leaves(get_command(app))))
+    assert "Usage: avrgym" in called(lab, lab / "env" / "bin" / "avrgym", "--help")
+    assert "faults: 0" in called(lab, lab / "env" / "bin" / "avrgym", "doctor")
+
+
+def test_what_new_writes_is_installed_and_works(lab: Path) -> None:
+    run(lab, *NEW)
+    install(lab, *(lab / name for name in PLUGINS))
+    run(lab, *WITH_PLUGINS)
+    listed = {row["env"] for row in json.loads((lab / "envs.json").read_text())}
+    assert {"avrgym/LiftArmJaco-v1", "avrgym/FeedingLongArm-v1", "avrgym/LiftArmLongArm-v1"} <= listed
+
+
+def test_commands_that_need_no_study_work(lab: Path) -> None:
+    (lab / "little.toml").write_text("worlds = 2\nminibatch = 100\n")
+    run(lab, *ALONE)
+
+
+def test_a_study_comes_to_its_report(lab: Path) -> None:
+    run(lab, ["study", "new", "study"])
+    design = lab / "study" / "study.toml"
+    text = design.read_text()
+    for name, value in DESIGN.items():
+        text = re.sub(f"^{name} = .*$", f"{name} = {value}", text, flags=re.M)
+    design.write_text(text)
+    run(lab, *OF_A_STUDY)
+    for lost in (lab / "study").glob("study.db*"):
+        lost.unlink()
+    run(lab, REBUILD)
+    assert (lab / "study" / "analysis" / "report" / "index.html").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("words", SERVERS, ids=lambda words: words[0])
+def test_servers_serve(words: list[str], lab: Path) -> None:
+    command = [str(python(lab)), *with_limits(*UNHURRIED)[1:], *words]
+    with subprocess.Popen(command, cwd=lab, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert any("#token=" in line for line in process.stdout)
+        finally:
+            process.terminate()
