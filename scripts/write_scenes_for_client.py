@@ -17,7 +17,7 @@ from avrgym.policies.trained import load_policy
 from avrgym.simulation.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.tasks.known import ENVIRONMENTS
 
 SCENES = Path(__file__).parents[1] / "client" / "tests" / "scenes.json"
 KINDS = ("sphere", "capsule", "cylinder", "box")

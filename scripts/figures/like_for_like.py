@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 from avrgym.learning.evaluation import evaluate
 from avrgym.policies.trained import Policy
-from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.tasks.known import ENVIRONMENTS
+from avrgym.tasks.registry import find_environment
 from figures_file import add, chosen, read
 from papers_results import VIRTUAL_REALITY, row, short
 
@@ -84,7 +85,7 @@ def train_all() -> None:
         if (out / training.CONFIGURATION_FILE).exists():
             policy = training.resume(out)
         else:
-            steps = STEPS[ENVIRONMENTS[run.environment][0]]
+            steps = STEPS[find_environment(run.environment)[0]]
             policy = training.train(
                 training.configuration_for(run.environment, run.people, steps, run.seed), out
             )

@@ -17,7 +17,8 @@ from playwright.sync_api import Page, sync_playwright
 from avrgym.geometry import transforms
 from avrgym.models.scene import TOOL
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.tasks.known import ENVIRONMENTS
+from avrgym.tasks.registry import find_environment
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
@@ -157,7 +158,7 @@ def main() -> None:
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
         for environment_id in wanted:
-            task, robot = ENVIRONMENTS[environment_id]
+            task, robot = find_environment(environment_id)
             name = "".join(f"_{c.lower()}" if c.isupper() else c for c in task).lstrip("_")
             stem = f"{name}_{robot.lower()}"
             with LiveServer(lambda send, shown=environment_id: Moment(shown, send), "127.0.0.1", 0) as server:

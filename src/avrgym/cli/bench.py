@@ -9,9 +9,18 @@ import typer
 
 from avrgym.cli.options import Engine, chosen_environments
 from avrgym.cli.progress import duration, progress_bar
-from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, say, write_json
+from avrgym.cli.terminal import (
+    JsonFile,
+    check_json,
+    plain_errors,
+    print_table,
+    say,
+    say_left_out,
+    write_json,
+)
 from avrgym.policies.names import CHOICES
 from avrgym.system.engines import THREADS
+from avrgym.tasks.known import expected_errors
 
 Row = dict[str, Any]
 app = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine.")
@@ -98,9 +107,23 @@ def _tabulate(
     json_file: Path | None,
     shown: Callable[[Row], Row] = lambda row: row,
 ) -> list[Row]:
-    """Measure a row for each environment that was named, or all; print what is ``shown`` of them, write them whole."""
+    """Measure a row for each environment that was named, or all; print what is ``shown`` of them, write them whole.
+
+    Of all, those that cannot be measured are left out and named.
+    """
     check_json(json_file)
-    rows = [row(environment) for environment in chosen_environments(environments, every)]
+    rows: list[Row] = []
+    failed: list[Exception] = []
+    for environment in chosen_environments(environments, every):
+        try:
+            rows.append(row(environment))
+        except expected_errors(environment) as error:
+            if not every:
+                raise
+            failed.append(error)
+            say_left_out(environment, error)
+    if not rows:
+        raise failed[0]
     print_table([shown(each) for each in rows])
     write_json(json_file, rows)
     return rows

@@ -22,6 +22,7 @@ from avrgym.cli.terminal import (
     print_regions,
     print_table,
     say,
+    say_left_out,
     write_json,
 )
 from avrgym.people.names import NAMES
@@ -409,6 +410,7 @@ def evaluate(
                 allow_other_environment=allow_other_environment,
                 force_guard=force_guard,
                 engine=engine,
+                leave_out=say_left_out if all_environments else None,
             )
         rows = [asdict(each) for each in metrics]
         if cross_play:

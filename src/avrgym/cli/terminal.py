@@ -106,6 +106,15 @@ def say(text: str) -> None:
     typer.echo(printable(text))
 
 
+def say_left_out(what: str, error: Exception) -> None:
+    """Name on the error stream what a command over all of a kind leaves out, and why, in one line."""
+    reason = (
+        str(error) if isinstance(error, ValueError | RuntimeError) else f"{type(error).__name__}: {error}"
+    )
+    line = " ".join(f"left out  {what}: {reason}".split("\n"))
+    typer.echo(printable(line, sys.stderr.encoding), err=True)
+
+
 def console(width: int | None = None) -> "Console":
     """What text is drawn on; in a file it has no control characters, whatever variables ask for colour."""
     from rich.console import Console

@@ -36,7 +36,7 @@ def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[Broken]:
     for entry in entries(group):
         try:
             add(_object(entry, kind))
-        except Exception as error:  # other people's code may raise anything
+        except (Exception, SystemExit) as error:  # other people's code may raise anything
             broken.append(skip(described(entry), error))
     return broken
 
@@ -53,7 +53,7 @@ def described(entry: EntryPoint) -> str:
     return f"{entry.name} = {entry.value}{package}"
 
 
-def skip(name: str, error: Exception) -> Broken:
+def skip(name: str, error: BaseException) -> Broken:
     """Warn that something is left out because of an error."""
     broken = Broken(name, f"{type(error).__name__}: {error}")
     _LOG.warning("skipped %s: %s", broken.name, broken.reason)

@@ -15,3 +15,11 @@ def environment_id(task: str, robot: str) -> str:
 
 ENVIRONMENTS = tuple(environment_id(task, robot) for task, robot in product(TASKS, ROBOTS))
 """Their ids; other packages may add to them."""
+
+
+def expected_errors(environment_id: str) -> tuple[type[Exception], ...]:
+    """The errors for which a command over all environments leaves this one out and names it.
+
+    Code of other packages may raise any exception.
+    """
+    return (ValueError, RuntimeError) if environment_id in ENVIRONMENTS else (Exception,)

@@ -52,7 +52,7 @@ class Registry:
             task.observation(task.scene(robot))
         except UnsuitableError:
             return False
-        except Exception as error:  # other people's code may raise anything
+        except (Exception, SystemExit) as error:  # other people's code may raise anything
             self.broken.append(plugins.skip(environment_id(task.name, robot.name), error))
             return False
         return True

@@ -1,0 +1,155 @@
+"""Commands over all environments leave out what an extension lacks or breaks, and name it."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import avrgym.envs.benchmark as simulation_benchmark
+import avrgym.vr.benchmark.measuring as vr_benchmark
+from avrgym.cli.main import app
+from avrgym.learning import evaluation
+from avrgym.tasks import registry
+from avrgym.tasks.task import Expert
+from extension import environment_with
+
+OURS, THEIRS = "avrgym/FeedingJaco-v1", "avrgym/StirJaco-v1"
+
+
+def avrgym(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, [*map(str, arguments)])
+
+
+def fail(*_: Any) -> Any:
+    raise KeyError("spoon")
+
+
+@pytest.fixture(autouse=True)
+def _short_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(evaluation, "EPISODE_STEPS", 2)
+
+
+@pytest.fixture
+def extend(monkeypatch: pytest.MonkeyPatch) -> Callable[[Expert], None]:
+    """Have one environment of this package, and one of an extension with this expert."""
+
+    def extended(expert: Expert) -> None:
+        feeding = registry.TASKS["Feeding"]
+        monkeypatch.setitem(registry.TASKS, "Stir", replace(feeding, name="Stir", expert=expert))  # type: ignore[arg-type]
+        monkeypatch.setattr(registry, "ENVIRONMENTS", {OURS: ("Feeding", "Jaco"), THEIRS: ("Stir", "Jaco")})
+
+    return extended
+
+
+@pytest.mark.parametrize(
+    ("policies", "expected"),
+    [
+        (["adaptive"], [(OURS, "adaptive")]),
+        (["adaptive", "zero"], [(OURS, "adaptive"), (OURS, "zero"), (THEIRS, "zero")]),
+        (["oracle"], [(OURS, "oracle")]),
+    ],
+    ids=lambda value: value[0] if isinstance(value[0], str) else "",
+)
+def test_evaluate_leaves_out_what_cannot_run(
+    policies: list[str], expected: list[tuple[str, str]], extend: Callable[[Expert], None], tmp_path: Path
+) -> None:
+    extend(fail)
+    asked = [word for policy in policies for word in ("--policy", policy)]
+    rows = tmp_path / "rows.json"
+    done = avrgym("evaluate", "--all", *asked, "--episodes", "1", "--jobs", "1", "--json", rows)
+    assert done.exit_code == 0, done.output
+    assert [(row["env"], row["policy"]) for row in json.loads(rows.read_text())] == expected
+    (named,) = done.stderr.splitlines()
+    assert named.startswith(f"left out  {THEIRS} with {policies[0]}")
+    assert ("KeyError: 'spoon'" if policies == ["oracle"] else "no policy 'adaptive'") in named
+
+
+def test_its_rows_are_those_of_each_alone(extend: Callable[[Expert], None], tmp_path: Path) -> None:
+    extend(registry.TASKS["Feeding"].expert)
+    asked = ["--policy", "zero", "--policy", "oracle", "--episodes", "1", "--jobs", "1", "--json"]
+    together, alone = tmp_path / "all.json", tmp_path / "alone.json"
+    assert avrgym("evaluate", "--all", *asked, together).exit_code == 0
+    assert avrgym("evaluate", OURS, THEIRS, *asked, alone).exit_code == 0
+    assert json.loads(together.read_text()) == json.loads(alone.read_text())
+
+
+def test_a_matrix_has_no_line_of_it(extend: Callable[[Expert], None]) -> None:
+    extend(fail)
+    done = avrgym("evaluate", "--all", "--cross-play", "--policy", "zero", "--policy", "adaptive",
+                  "--people", "original", "--people", "revised", "--episodes", "1", "--jobs", "1")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert [THEIRS in line for line in done.stdout.splitlines() if "adaptive" in line] == [False]
+
+
+def test_a_name_that_no_environment_knows_is_still_refused(extend: Callable[[Expert], None]) -> None:
+    extend(fail)
+    for option, name in (("--policy", "adaptvie"), ("--people", "orignal")):
+        refused = avrgym("evaluate", "--all", option, name)
+        assert refused.exit_code == 1
+        (line,) = refused.stderr.splitlines()
+        assert name in line
+        assert "left out" not in line
+
+
+def test_where_one_is_named_it_is_refused(extend: Callable[[Expert], None]) -> None:
+    extend(fail)
+    refused = avrgym("evaluate", OURS, THEIRS, "--policy", "adaptive", "--episodes", "1")
+    assert refused.exit_code == 1
+    assert refused.stderr.startswith(f"avrgym: no policy 'adaptive' for {THEIRS}")
+
+
+def test_where_nothing_runs_that_is_an_error(
+    extend: Callable[[Expert], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    extend(fail)
+    monkeypatch.setattr(registry, "ENVIRONMENTS", {THEIRS: ("Stir", "Jaco")})
+    refused = avrgym("evaluate", "--all", "--policy", "oracle", "--episodes", "1", "--jobs", "1")
+    assert refused.exit_code == 1
+    assert refused.stderr.splitlines()[-1] == "avrgym: nothing was evaluated: every environment was left out"
+
+
+@pytest.mark.parametrize("what", ["sim", "vr"])
+def test_bench_leaves_out_what_cannot_be_measured(
+    what: str, extend: Callable[[Expert], None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    extend(fail)
+    module, name = {
+        "sim": (simulation_benchmark, "measure_simulation"),
+        "vr": (vr_benchmark, "measure_vr"),
+    }[what]
+    monkeypatch.setattr(
+        f"avrgym.cli.bench._{'stages' if what == 'vr' else 'brief'}", lambda _: [{"stage": 1}]
+    )
+    monkeypatch.setattr("avrgym.cli.bench.asdict", lambda row: row)
+    monkeypatch.setattr("avrgym.cli.bench._brief", lambda row: row)
+    monkeypatch.setattr(module, name, lambda env, *_: {"env": env} if env == OURS else fail())
+    done = avrgym("bench", what, "--json", tmp_path / "rows.json")
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "rows.json").read_text()) == [{"env": OURS}]
+    assert f"left out  {THEIRS}: KeyError: 'spoon'" in done.stderr
+    assert not isinstance(avrgym("bench", what, "--env", THEIRS).exception, SystemExit)
+
+
+@pytest.mark.slow
+def test_a_plug_in_that_ends_the_program_is_skipped(tmp_path: Path) -> None:
+    about = tmp_path / "leaver-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: leaver\nVersion: 1.0\n")
+    groups = ("tasks", "robots", "controllers")
+    (about / "entry_points.txt").write_text(
+        "".join(f"[avrgym.{each}]\nleaver = leaver:IT\n" for each in groups)
+    )
+    (tmp_path / "leaver.py").write_text("raise SystemExit('no licence')\n")
+    ran = subprocess.run(
+        [sys.executable, "-c", "from avrgym.cli import app; app()", "envs"],
+        env=environment_with(tmp_path), cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr
+    assert OURS in ran.stdout
+    assert "SystemExit: no licence" in " ".join(ran.stdout.split())
