@@ -1,4 +1,4 @@
-import type { Action, Furniture, Overview, Participant, Study } from "./dashboard-study";
+import { Refusal, type Action, type Furniture, type Identity, type Overview, type Participant, type Study } from "./dashboard-study";
 import {
   answeredItems,
   beginWords,
@@ -21,6 +21,26 @@ function field(form: HTMLFormElement, name: string): string {
   return String(new FormData(form).get(name) ?? "").trim();
 }
 
+function identityIn(form: HTMLFormElement): Identity {
+  const confirmed = field(form, "confirm_double") !== "";
+  return { name: field(form, "name"), contact: field(form, "contact"), confirm_double: confirmed };
+}
+
+/** Shows why an action was refused and the field that confirms it, if the form has one, and passes the refusal on. */
+function offerConfirmation(form: HTMLFormElement, error: unknown): never {
+  if (error instanceof Refusal && error.confirm) {
+    showConfirmation(form, error.confirm);
+    form.querySelector("p[data-confirm]:not([hidden])")?.replaceChildren(error.message);
+    form.querySelector<HTMLInputElement>("[data-confirm]:not([hidden]) input")?.focus();
+  }
+  throw error;
+}
+
+/** Shows the confirmation of this name in a form, and hides all others. */
+function showConfirmation(form: HTMLFormElement, name: string | null): void {
+  for (const field of form.querySelectorAll<HTMLElement>("[data-confirm]")) field.hidden = field.dataset["confirm"] !== name;
+}
+
 /** The study on the page: tables of what is stored, and forms that change it. */
 export class Dashboard {
   private overview: Overview | null = null;
@@ -40,10 +60,7 @@ export class Dashboard {
       text: field(form, "text"),
     }));
     element("edit-note").addEventListener("reset", () => (element("edit-note").hidden = true));
-    this.onAct("identity", "identity", "are in the key file", (form) => ({
-      name: field(form, "name"),
-      contact: field(form, "contact"),
-    }));
+    this.onAct("identity", "identity", "are in the key file", identityIn);
     this.onAct("withdrawal", "withdrawal", "is stored", (form) => ({ reason: field(form, "reason") }));
   }
 
@@ -72,9 +89,10 @@ export class Dashboard {
 
   private onSubmit(id: string, submit: (form: HTMLFormElement) => Promise<void>): void {
     const form = element<HTMLFormElement>(id);
+    form.addEventListener("reset", () => showConfirmation(form, null));
     form.addEventListener("submit", (event) => {
       event.preventDefault();
-      this.afterwards(() => submit(form));
+      this.afterwards(() => submit(form).catch((error) => offerConfirmation(form, error)));
     });
   }
 
@@ -101,8 +119,7 @@ export class Dashboard {
       sex: field(form, "sex"),
       age_years: age ? Number(age) : null,
       language: field(form, "language"),
-      name: field(form, "name"),
-      contact: field(form, "contact"),
+      ...identityIn(form),
     });
     form.reset();
     await this.choose(pseudonym);

@@ -96,7 +96,25 @@ export interface Participant {
 /** What can be done to a participant; `study/dashboard/application.py` says what each takes. */
 export type Action = "identity" | "consent" | "inclusion" | "withdrawal" | "notes" | "edited-notes" | "sessions";
 
-/** The study behind the experimenter's token. Every call throws an `Error` with the server's words when it is refused. */
+/** Who somebody is, and whether the experimenter confirms that no participant with that name or contact is the same person. */
+export interface Identity {
+  name: string;
+  contact: string;
+  confirm_double: boolean;
+}
+
+/** A refusal in the server's words; `confirm` names what the experimenter can confirm to do it all the same. */
+export class Refusal extends Error {
+  readonly confirm: string | null;
+
+  constructor(status: number, text: string) {
+    const { detail, confirm } = parsed(text);
+    super(typeof detail === "string" ? detail : `the server answered with status ${status}`);
+    this.confirm = typeof confirm === "string" ? confirm : null;
+  }
+}
+
+/** The study behind the experimenter's token. Every call throws a `Refusal` with the server's words when it is refused. */
 export class Study {
   constructor(private readonly token: string) {}
 
@@ -108,7 +126,7 @@ export class Study {
     return this.call(`participants/${encodeURIComponent(pseudonym)}`) as Promise<Participant>;
   }
 
-  async enrol(somebody: { sex: string; age_years: number | null; language: string; name: string; contact: string }): Promise<string> {
+  async enrol(somebody: Identity & { sex: string; age_years: number | null; language: string }): Promise<string> {
     const { participant } = (await this.call("participants", somebody)) as { participant: string };
     return participant;
   }
@@ -123,18 +141,16 @@ export class Study {
     const posted = body ? { method: "POST", body: JSON.stringify(body) } : {};
     const response = await fetch(`study/${path}`, { ...posted, headers });
     const text = await response.text();
-    if (!response.ok) throw new Error(refusal(response.status, text));
+    if (!response.ok) throw new Refusal(response.status, text);
     return text ? JSON.parse(text) : null;
   }
 }
 
-/** The server's words for a refusal. */
-export function refusal(status: number, text: string): string {
+/** The fields of a refusal; none where it is not JSON. */
+function parsed(text: string): { detail?: unknown; confirm?: unknown } {
   try {
-    const { detail } = JSON.parse(text) as { detail?: unknown };
-    if (typeof detail === "string") return detail;
+    return JSON.parse(text) as object;
   } catch {
-    // not JSON: the status must do
+    return {};
   }
-  return `the server answered with status ${status}`;
 }

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { sessionWords } from "../src/dashboard-live";
-import { refusal, type ConditionResults, type Participant, type Trial } from "../src/dashboard-study";
+import { Refusal, type ConditionResults, type Participant, type Trial } from "../src/dashboard-study";
 import {
   beginWords,
   paragraphs,
@@ -108,8 +108,10 @@ describe("words", () => {
   });
 
   it("repeat the server's reason for a refusal", () => {
-    expect(refusal(409, '{"detail": "no session"}')).toBe("no session");
+    expect(new Refusal(409, '{"detail": "no session"}').message).toBe("no session");
     for (const text of ["<html>", "{}", '{"detail": [1]}'])
-      expect(refusal(500, text)).toBe("the server answered with status 500");
+      expect(new Refusal(500, text).message).toBe("the server answered with status 500");
+    expect(new Refusal(409, '{"detail": "sub-001?", "confirm": "double"}').confirm).toBe("double");
+    expect(new Refusal(409, '{"detail": "no session"}').confirm).toBeNull();
   });
 });

@@ -29,7 +29,8 @@ def make_site(folder: Path, site: str = "", *, trials: tuple[int | None, ...] = 
 def add_participant(folder: Path, trials: int | None) -> str:
     """Someone with a name who runs so many trials at a site."""
     with Store(folder) as store:
-        pseudonym = take_in(store, simulated=False, name="Grace Unverwechselbar")
+        name = f"Grace Unverwechselbar {len(store.participants())}"
+        pseudonym = take_in(store, simulated=False, name=name)
         run_participant(store, pseudonym, trials, simulated=False)
     return pseudonym
 

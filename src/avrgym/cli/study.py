@@ -95,8 +95,17 @@ def enrol(
     name: Annotated[str, typer.Option(help="Kept in private/key.json and nowhere else.")] = "",
     contact: Annotated[str, typer.Option(help="Kept in private/key.json and nowhere else.")] = "",
     site: Annotated[str, typer.Option(help="Where; without it the site of study.toml.")] = "",
+    confirm_double: Annotated[
+        bool,
+        typer.Option(
+            "--confirm-double", help="Enrol another person with the same name and contact as somebody."
+        ),
+    ] = False,
 ) -> None:
-    """Take someone in under a new pseudonym."""
+    """Take someone in under a new pseudonym.
+
+    Somebody with the same name and contact is refused, because each person takes part once.
+    """
     from avrgym.study.people.participants import enrol as take_in
     from avrgym.study.storage.store import Store
 
@@ -104,7 +113,14 @@ def enrol(
         if body not in SEXES:
             raise ValueError(f"unknown body model {body!r}; allowed: {', '.join(SEXES)}")
         pseudonym = take_in(
-            store, body, age_years=age, language=language, name=name, contact=contact, site=site
+            store,
+            body,
+            age_years=age,
+            language=language,
+            name=name,
+            contact=contact,
+            site=site,
+            confirm_double=confirm_double,
         )
     say(f"enrolled  {pseudonym}")
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from avrgym.study.checking.finding import Finding
+from avrgym.study.people.doubles import possible_doubles
 from avrgym.study.storage import keyfile
 from avrgym.study.storage.database import BACKUPS, LEDGER_BEGUN
 from avrgym.study.storage.database import FILE as DATABASE
@@ -15,6 +16,8 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import exposed, make_private, unfinished
 
+_GONE = ("excluded", "withdrawn")
+"""States of participants whose data enter no analysis."""
 _PRIVATE = (DATABASE, HEAD, CHECKSUM, RECORDINGS, BACKUPS, ANALYSIS)
 
 
@@ -45,15 +48,21 @@ def check_private(store: Store) -> Iterator[Finding]:
 
 
 def _check_names(store: Store) -> Iterator[Finding]:
-    known = {participant.pseudonym for participant in store.participants()}
+    states = {participant.pseudonym: participant.state for participant in store.participants()}
     where = f"{keyfile.FOLDER}/{keyfile.FILE}"
     try:
-        strangers = sorted(set(keyfile.read_key(store.folder)) - known)
+        key = keyfile.read_key(store.folder)
     except StudyError as error:
         yield Finding(where, str(error))
         return
-    for pseudonym in strangers:
+    for pseudonym in sorted(set(key) - set(states)):
         yield Finding(where, f"names {pseudonym}, who is not in this study: delete-participant removes that")
+    for first, second in possible_doubles(
+        key, (name for name, state in states.items() if state not in _GONE)
+    ):
+        yield Finding(
+            second, f"may be the same person as {first}, with the same name or contact", wrong=False
+        )
 
 
 def fix_permissions(store: Store) -> None:

@@ -15,6 +15,7 @@ from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
 from avrgym.study.dashboard.views import overview, participant_view
+from avrgym.study.people.doubles import PossibleDouble
 from avrgym.study.people.participants import (
     add_note,
     edit_note,
@@ -83,6 +84,7 @@ class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     language: Line = ""
     name: Line = ""
     contact: Line = ""
+    confirm_double: bool = False
 
 
 class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -90,6 +92,7 @@ class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: Line
     contact: Line
+    confirm_double: bool = False
 
 
 class Agreement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -137,12 +140,13 @@ def _enrol(board: Dashboard, new: Enrolment) -> dict[str, str]:
         language=new.language,
         name=new.name,
         contact=new.contact,
+        confirm_double=new.confirm_double,
     )
     return {"participant": pseudonym}
 
 
 def _identify(board: Dashboard, pseudonym: str, who: Identification) -> None:
-    set_identity(board.store, pseudonym, who.name, who.contact)
+    set_identity(board.store, pseudonym, who.name, who.contact, confirm_double=who.confirm_double)
 
 
 def _consent(board: Dashboard, pseudonym: str, agreement: Agreement) -> None:
@@ -209,6 +213,7 @@ def dashboard_app(store: Store, tokens: Tokens, live: LiveSessions | None = None
     board = Dashboard(store, live)
     app = FastAPI(openapi_url=None, dependencies=[Depends(experimenter_only)])
     app.add_exception_handler(StudyError, _refuse(409))
+    app.add_exception_handler(PossibleDouble, _refuse(409, confirm="double"))
     app.add_exception_handler(PolicyError, _refuse(409))
     app.add_exception_handler(OSError, _refuse(507))
 
@@ -263,8 +268,9 @@ def _json(value: Any) -> Response:
     return Response(msgspec.json.encode(value), media_type="application/json")
 
 
-def _refuse(status: int) -> Callable[[Request, Exception], Response]:
+def _refuse(status: int, **more: str) -> Callable[[Request, Exception], Response]:
     def refuse(_request: Request, error: Exception) -> Response:
-        return Response(msgspec.json.encode({"detail": str(error)}), status, media_type="application/json")
+        body = msgspec.json.encode({"detail": str(error), **more})
+        return Response(body, status, media_type="application/json")
 
     return refuse

@@ -10,6 +10,7 @@ from avrgym.models.human import SEXES, Sex
 from avrgym.study.design.allocation import least_filled_cell, order_of_cells, plan_trials
 from avrgym.study.design.design import Design
 from avrgym.study.design.wrong import NAME
+from avrgym.study.people.doubles import confirmed_doubles
 from avrgym.study.storage import keyfile, ledger, schema
 from avrgym.study.storage.remains import known_numbers
 from avrgym.study.storage.rows import Note, Participant, StudySession, pseudonym_of
@@ -31,13 +32,16 @@ def enrol(
     contact: str = "",
     simulated: bool = False,
     site: str = "",
+    confirm_double: bool = False,
 ) -> str:
     """Take someone in and return their pseudonym; name and contact go into the key file and nowhere else.
 
     Orders are balanced within each ``site``; without one it is the design's. They read the study in ``language``, one
-    of the design's, its first unless given.
+    of the design's, its first unless given. ``confirm_double``: they are another person than any with the same name
+    and contact.
 
     Raises:
+        PossibleDouble: when they may be enrolled already, and ``confirm_double`` is false.
         StudyError: for an unknown body model or language, an impossible age, a simulated participant with a name, or a
             name, contact or site that cannot be one.
     """
@@ -53,8 +57,11 @@ def enrol(
     _check_identity(name, contact)
     if site and not NAME.fullmatch(site):
         raise StudyError(f"{site!r} is no site; allowed: at most 40 letters, digits, - and _")
+    identity = keyfile.Identity(name, contact)
     with store.write() as connection:
+        told_apart = confirmed_doubles(store.folder, identity, confirmed=confirm_double)
         number = _next_number(store, connection)
+        pseudonym = pseudonym_of(number)
         ledger.insert(
             connection,
             schema.PARTICIPANT,
@@ -67,19 +74,30 @@ def enrol(
             language=language or languages[0],
             enrolled_at=now(),
         )
-        record_event(connection, "participant enrolled", "", {"participant": number})
-    pseudonym = pseudonym_of(number)
+        record_event(connection, "participant enrolled", told_apart, {"participant": number})
     if name or contact:
-        set_identity(store, pseudonym, name, contact)
+        with store.write():  # after the row is on disk: a crash leaves no name of nobody
+            keyfile.write_entry(store.folder, pseudonym, identity)
     return pseudonym
 
 
-def set_identity(store: Store, pseudonym: str, name: str, contact: str) -> None:
-    """Store who a participant is, in the key file only; ``StudyError`` for what cannot be a name or contact."""
+def set_identity(
+    store: Store, pseudonym: str, name: str, contact: str, *, confirm_double: bool = False
+) -> None:
+    """Store who a participant is, in the key file only.
+
+    Raises:
+        PossibleDouble: when another participant may be the same person, and ``confirm_double`` is false.
+        StudyError: for what cannot be a name or contact.
+    """
     _check_identity(name, contact)
+    identity = keyfile.Identity(name, contact)
     with store.write() as connection:  # one writer at a time, for the key file as well
-        find_participant(connection, pseudonym)
-        keyfile.write_entry(store.folder, pseudonym, keyfile.Identity(name, contact))
+        number = find_participant(connection, pseudonym).number
+        told_apart = confirmed_doubles(store.folder, identity, confirmed=confirm_double, pseudonym=pseudonym)
+        if told_apart:
+            record_event(connection, "identity corrected", told_apart, {"participant": number})
+        keyfile.write_entry(store.folder, pseudonym, identity)
 
 
 def texts_of(store: Store, participant: Participant) -> Texts:

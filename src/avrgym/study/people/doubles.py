@@ -1,0 +1,70 @@
+"""Possible doubles: entries of the key file that may belong to one person."""
+
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import combinations
+from pathlib import Path
+
+from avrgym.study.storage.keyfile import Identity, read_key
+from avrgym.study.storage.states import StudyError
+
+
+class PossibleDouble(StudyError):
+    """Someone who may take part already; the message contains pseudonyms and no names."""
+
+
+def confirmed_doubles(folder: Path, identity: Identity, *, confirmed: bool, pseudonym: str = "") -> str:
+    """The detail of an enrolment event: the participants who look like the same person, or an empty text.
+
+    Args:
+        folder: the study's folder.
+        identity: the name and contact to be stored.
+        confirmed: the experimenter confirms that this is another person.
+        pseudonym: the participant of this identity, if there is one; their own entry is not compared.
+
+    Raises:
+        PossibleDouble: when the key file has an entry of the same person, and nobody confirmed the difference.
+    """
+    doubles = " and ".join(
+        other
+        for other, known in read_key(folder).items()
+        if other != pseudonym and may_be_same_person(known, identity)
+    )
+    if doubles and not confirmed:
+        raise PossibleDouble(
+            f"this may be {doubles}, with the same name or contact; nothing was stored. Each person is enrolled once; "
+            "if this is another person, confirm that by --confirm-double or on the dashboard"
+        )
+    return doubles and f"confirmed as another person than {doubles}"
+
+
+def possible_doubles(key: Mapping[str, Identity], pseudonyms: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Pairs of these participants that may be one person."""
+    for first, second in combinations(sorted(set(pseudonyms) & set(key)), 2):
+        if may_be_same_person(key[first], key[second]):
+            yield first, second
+
+
+def may_be_same_person(first: Identity, second: Identity) -> bool:
+    """Whether two entries agree in name or contact and differ in neither; one that is empty differs from nothing."""
+    pairs = (
+        (_plain_name(first.name), _plain_name(second.name)),
+        (_plain_contact(first.contact), _plain_contact(second.contact)),
+    )
+    given = [(one, other) for one, other in pairs if one and other]
+    return bool(given) and all(one == other for one, other in given)
+
+
+def _plain_name(name: str) -> str:
+    return " ".join(_folded(name).split())
+
+
+def _plain_contact(contact: str) -> str:
+    """Without any spaces, which mean nothing in addresses and telephone numbers."""
+    return "".join(_folded(contact).split())
+
+
+def _folded(text: str) -> str:
+    """Unicode's NFKC form without case and without invisible format characters."""
+    folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", text).casefold())
+    return "".join(character for character in folded if unicodedata.category(character) != "Cf")

@@ -1,0 +1,99 @@
+"""Nobody is enrolled twice by mistake, however their name and contact are written."""
+
+import unicodedata
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli.main import app
+from avrgym.study.checking.checks import check_study
+from avrgym.study.people.doubles import PossibleDouble
+from avrgym.study.people.participants import enrol, set_identity, withdraw
+from avrgym.study.storage.keyfile import read_key
+from avrgym.study.storage.store import Store
+from studies import small_study
+
+NAME, CONTACT = "Zoë  Straßer", "zoe@example.org"
+SAME = (
+    (NAME, CONTACT),
+    ("zoë straßer", "ZOE@EXAMPLE.ORG"),
+    ("  ZOË STRASSER ", " zoe@example.org"),
+    (unicodedata.normalize("NFD", NAME), CONTACT),
+    ("Zoë\u00a0Straßer", "zoe @example.org"),
+    ("Ｚｏë Straßer", "zoe@example\u200b.org"),
+    (NAME, ""),
+    ("", CONTACT),
+)
+OTHERS = (("Zoe Straßer", CONTACT), (NAME, "zoe2@example.org"), ("", ""), ("Ada Example", ""))
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    with Store(small_study(tmp_path / "study")) as opened:
+        enrol(opened, "woman", name=NAME, contact=CONTACT)
+        yield opened
+
+
+def contents(store: Store) -> tuple[object, ...]:
+    return store.participants(), store.events(), read_key(store.folder)
+
+
+def named(store: Store) -> list[str]:
+    return [f"{each.where} {each.what}" for each in check_study(store) if "same person" in each.what]
+
+
+@pytest.mark.parametrize(("name", "contact"), SAME)
+def test_the_same_person_is_refused_by_code_and_nothing_is_stored(
+    store: Store, name: str, contact: str
+) -> None:
+    before = contents(store)
+    with pytest.raises(PossibleDouble, match=r"sub-001.*--confirm-double") as refused:
+        enrol(store, "woman", name=name, contact=contact)
+    assert "stra" not in str(refused.value).lower()
+    assert "zo" not in str(refused.value).lower()
+    assert contents(store) == before
+
+
+@pytest.mark.parametrize(("name", "contact"), OTHERS)
+def test_other_people_are_enrolled(store: Store, name: str, contact: str) -> None:
+    assert enrol(store, "woman", name=name, contact=contact) == "sub-002"
+    assert named(store) == []
+
+
+def test_a_confirmed_double_is_enrolled_and_check_names_codes_alone(store: Store) -> None:
+    enrol(store, "man", name=NAME.upper(), contact=CONTACT, confirm_double=True)
+    (warning,) = named(store)
+    assert warning.startswith("sub-002 may be the same person as sub-001")
+    assert not any(part.lower() in warning.lower() for part in (*NAME.split(), CONTACT))
+    assert "another person than sub-001" in store.events()[-1].detail
+    assert not any(each.wrong for each in check_study(store) if "same person" in each.what)
+
+
+def test_whoever_withdrew_is_no_double_in_check_but_is_not_enrolled_again_unseen(store: Store) -> None:
+    withdraw(store, "sub-001")
+    with pytest.raises(PossibleDouble, match="sub-001"):
+        enrol(store, "woman", name=NAME, contact=CONTACT)
+    enrol(store, "woman", name=NAME, contact=CONTACT, confirm_double=True)
+    assert named(store) == []
+
+
+def test_a_corrected_name_is_compared_with_all_others(store: Store) -> None:
+    set_identity(store, "sub-001", NAME.lower(), CONTACT)
+    enrol(store, "man", name="Ada Example")
+    with pytest.raises(PossibleDouble, match="sub-001"):
+        set_identity(store, "sub-002", NAME, CONTACT)
+    assert read_key(store.folder)["sub-002"].name == "Ada Example"
+    set_identity(store, "sub-002", NAME, CONTACT, confirm_double=True)
+    assert len(named(store)) == 1
+
+
+def test_the_command_line_refuses_and_takes_a_confirmation(store: Store) -> None:
+    command = ["study", "enrol", str(store.folder), "--body", "woman", "--name", "ZOË STRASSER"]
+    refused = CliRunner().invoke(app, command)
+    assert refused.exit_code == 1
+    assert "sub-001" in refused.output
+    confirmed = CliRunner().invoke(app, [*command, "--confirm-double"])
+    assert confirmed.exit_code == 0, confirmed.output
+    assert "sub-002" in confirmed.output
