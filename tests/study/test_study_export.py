@@ -17,6 +17,7 @@ import pytest
 
 from avrgym.robots.registry import find_robot
 from avrgym.study.export import FORMATS, export_study
+from avrgym.study.export.lerobot import statistics
 from avrgym.study.export.tables import neutral, write_csv
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import open_session
@@ -378,3 +379,41 @@ def test_lerobot_datasets_are_described_by_their_metadata(exports: dict[str, Pat
     stats = json.loads((folder / "meta" / "stats.json").read_text())
     assert set(stats) == set(info["features"])
     assert stats["action"]["mean"] == pytest.approx([0.5] * 7)
+
+
+STATISTICS = {"min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99"}
+"""Those of LeRobot's format v3.0."""
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_lerobot_statistics_have_the_quantiles_of_every_feature(exports: dict[str, Path], scene: str) -> None:
+    """Over all frames in stats.json, over each episode's own beside it."""
+    folder = exports["lerobot"] / scene
+    frames: Any = pd.read_parquet(folder / "data" / "chunk-000" / "file-000.parquet")
+    episodes: Any = pd.read_parquet(folder / "meta" / "episodes" / "chunk-000" / "file-000.parquet")
+    whole = json.loads((folder / "meta" / "stats.json").read_text())
+    assert set(whole) == set(frames.columns)
+    for feature, found in whole.items():
+        assert set(found) == STATISTICS
+        check_quantiles(frames[feature], found)
+        for _, episode in episodes.iterrows():
+            own = frames.iloc[episode["dataset_from_index"] : episode["dataset_to_index"]]
+            check_quantiles(own[feature], {name: episode[f"stats/{feature}/{name}"] for name in STATISTICS})
+
+
+def check_quantiles(column: Any, found: dict[str, Any]) -> None:
+    values = np.array([np.atleast_1d(value) for value in column], np.float64)
+    for name in sorted(STATISTICS):
+        if name.startswith("q"):
+            expected = np.quantile(values, int(name[1:]) / 100.0, axis=0)
+            np.testing.assert_allclose(found[name], expected, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(1,), (7,), (200,), (1, 3), (200, 7)])
+def test_lerobot_quantiles_are_those_of_numpy(shape: tuple[int, ...]) -> None:
+    values = np.random.default_rng(5).normal(size=shape).astype(np.float32)
+    found = statistics(values)
+    check_quantiles(values, found)
+    ordered = [found[name] for name in ("min", "q01", "q10", "q50", "q90", "q99", "max")]
+    assert (np.diff(ordered, axis=0) >= 0.0).all()
+    assert found["count"] == [len(values)]

@@ -24,6 +24,8 @@ VERSION = "v3.0"
 STEPS_PER_S = 10
 FILE = "chunk-000/file-000.parquet"
 PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+"""By the format's names; policies with quantile normalisation need q01 and q99."""
 Columns = Mapping[str, NDArray[Any]]
 
 
@@ -53,7 +55,7 @@ def _write_dataset(attempts: Sequence[ExportedAttempt], folder: Path) -> None:
     pq.write_table(pa.Table.from_pylist(rows), folder / "meta" / "episodes" / FILE)
     pq.write_table(_task_table(tasks), folder / "meta" / "tasks.parquet")
     _write_json(folder / "meta" / "info.json", _info(attempts, whole, len(tasks)))
-    _write_json(folder / "meta" / "stats.json", {name: _statistics(values) for name, values in whole.items()})
+    _write_json(folder / "meta" / "stats.json", {name: statistics(values) for name, values in whole.items()})
 
 
 def _task(exported: ExportedAttempt) -> str:
@@ -82,10 +84,10 @@ def _columns(exported: ExportedAttempt, episode: int, start: int, task: int) -> 
 def _episode(
     exported: ExportedAttempt, columns: Columns, number: int, start: int, length: int
 ) -> dict[str, Any]:
-    statistics = {
+    about = {
         f"stats/{feature}/{name}": value
         for feature, values in columns.items()
-        for name, value in _statistics(values).items()
+        for name, value in statistics(values).items()
     }
     labels = {f"study/{name}": "" if value is None else value for name, value in exported.labels().items()}
     return {
@@ -99,12 +101,15 @@ def _episode(
         "meta/episodes/chunk_index": 0,
         "meta/episodes/file_index": 0,
         **labels,
-        **statistics,
+        **about,
     }
 
 
-def _statistics(values: NDArray[Any]) -> dict[str, list[float]]:
-    """Over all frames, each a list of the feature's size."""
+def statistics(values: NDArray[Any]) -> dict[str, list[float]]:
+    """The statistics of a feature over all these frames, each a list of the feature's size.
+
+    Quantiles of a data set are those of its frames. They are not averages over episodes, which are too narrow.
+    """
     numbers = values.reshape(len(values), -1).astype(np.float64)
     return {
         "min": numbers.min(axis=0).tolist(),
@@ -112,6 +117,7 @@ def _statistics(values: NDArray[Any]) -> dict[str, list[float]]:
         "mean": numbers.mean(axis=0).tolist(),
         "std": numbers.std(axis=0).tolist(),
         "count": [len(numbers)],
+        **{name: np.quantile(numbers, share, axis=0).tolist() for name, share in QUANTILES.items()},
     }
 
 
