@@ -10,6 +10,7 @@ from avrgym.analysis.statistics.session_answers import AFTER, BEFORE, CHANGE, ch
 from avrgym.analysis.statistics.subjective import DIGITS
 from avrgym.analysis.statistics.tests import (
     EXACT_SIGNED_RANK,
+    clustered_interval,
     energy_test,
     holm,
     mark,
@@ -78,6 +79,43 @@ def test_wilson_of_published_shares() -> None:
     assert wilson_interval(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
     assert wilson_interval(15, 148) == pytest.approx((0.0624, 0.1605), abs=5e-5)
     assert wilson_interval(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
+
+
+@pytest.mark.parametrize("spread_logit", [0.0, 1.0, 2.0])
+def test_clustered_interval_covers_the_success_rate_of_people_who_differ(
+    spread_logit: float, rng: np.random.Generator
+) -> None:
+    """Studies of eight participants with four trials each, half of which succeed on average."""
+    people = rng.normal(0.0, spread_logit, (STUDIES, 8, 1))
+    success = rng.random((STUDIES, 8, 4)) < 1.0 / (1.0 + np.exp(-people))
+    intervals = np.array([clustered_interval(study) for study in success.tolist()])
+    covered = (intervals[:, 0] <= 0.5) & (intervals[:, 1] >= 0.5)
+    assert 0.94 <= covered.mean() <= 0.975
+    pooled = np.array([wilson_interval(each, 32) for each in success.sum(axis=(1, 2)).tolist()])
+    ignored = float(((pooled[:, 0] <= 0.5) & (pooled[:, 1] >= 0.5)).mean())
+    assert (ignored < 0.9) == (spread_logit > 0.0)
+
+
+STUDIES = 4000
+
+
+def test_clustered_interval_of_single_trials_is_wilsons() -> None:
+    assert clustered_interval([[True], [False], [True]]) == wilson_interval(2, 3)
+    assert clustered_interval([[True]]) == wilson_interval(1, 1)
+
+
+def test_one_participant_of_several_trials_has_no_interval() -> None:
+    assert clustered_interval([[True, False, True]]) == (None, None)
+
+
+def test_clustered_interval_is_within_0_and_1_and_contains_the_proportion(rng: np.random.Generator) -> None:
+    for _ in range(300):
+        sizes = rng.integers(1, 5, rng.integers(2, 9))
+        clusters = [(rng.random(size) < rng.choice([0.0, 0.1, 0.5, 1.0])).tolist() for size in sizes]
+        low, high = clustered_interval(clusters)
+        assert low is not None
+        assert high is not None
+        assert 0.0 <= low <= np.mean(np.concatenate(clusters)) <= high <= 1.0
 
 
 # SciPy's figures

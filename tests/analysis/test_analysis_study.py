@@ -16,9 +16,8 @@ from analysed import ITEMS, break_off, latency_of, run_trials, take_part
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.statistics.families import TRIAL, Compared, Question, corrected
 from avrgym.analysis.statistics.offered import offered_tests
-from avrgym.analysis.statistics.tests import holm, signed_rank
+from avrgym.analysis.statistics.tests import clustered_interval, holm, signed_rank
 from avrgym.analysis.study import Analysis, analyse
-from avrgym.learning.evaluation import wilson_interval
 from avrgym.recording.latency import STAGES, TOTAL
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage.store import Store
@@ -112,7 +111,8 @@ def test_objective_measures_follow_from_the_trials(tables: dict[str, Frame]) -> 
         own = only(counted, simulated=row.simulated, robot=row.robot, policy=row.policy)
         successes = int(own["success"].astype(bool).sum())
         assert (row.trials, row.successes) == (len(own), successes)
-        assert (row.success_low, row.success_high) == pytest.approx(wilson_interval(successes, len(own)))
+        clusters = [each["success"].astype(bool).tolist() for _, each in own.groupby("participant")]
+        assert (row.success_low, row.success_high) == pytest.approx(clustered_interval(clusters))
         if row.task == "all":
             assert np.isnan(row.reward_mean)
             continue

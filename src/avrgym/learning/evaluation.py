@@ -252,9 +252,12 @@ def _sum_up(batch: _Batch, results: list[Results]) -> Evaluation:
     )
 
 
-def wilson_interval(successes: int, count: int) -> tuple[float, float]:
-    """The 95 % score interval of a share (Wilson, J. Am. Stat. Assoc. 22, 1927, p. 209)."""
-    share, z_squared_by_count = successes / count, QUANTILE**2 / count
+def wilson_interval(successes: float, count: float, quantile: float = QUANTILE) -> tuple[float, float]:
+    """The score interval of a proportion, at 95 % (Wilson, J. Am. Stat. Assoc. 22, 1927, p. 209).
+
+    ``count`` may be an effective sample size; ``quantile`` is the standard normal one, or Student's.
+    """
+    share, z_squared_by_count = successes / count, quantile**2 / count
     middle = share + z_squared_by_count / 2.0
     half = (z_squared_by_count * (share * (1.0 - share) + z_squared_by_count / 4.0)) ** 0.5
     low, high = ((middle + sign * half) / (1.0 + z_squared_by_count) for sign in (-1.0, 1.0))

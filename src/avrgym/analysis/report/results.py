@@ -90,10 +90,11 @@ def _interval(mean: float | None, low: float | None, high: float | None) -> str:
 
 
 def percent(rate: float | None, low: float | None, high: float | None) -> str:
-    """A share with the ends of its interval."""
-    if rate is None or low is None or high is None:
+    """A proportion with the ends of its interval, where it has one."""
+    if rate is None:
         return "–"
-    return f"{100 * rate:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+    interval = "" if low is None or high is None else f" [{100 * low:.0f}, {100 * high:.0f}]"
+    return f"{100 * rate:.0f} %{interval}"
 
 
 # Answers

@@ -209,8 +209,9 @@ METHODS = (
     "listed, whose person was held still, because tracking was lost or jumped, for a larger share of the time in which "
     "the robot helped than the design allows. Every table has a column that says whether a row is about simulated "
     "participants.",
-    "Reward: mean over participants with a 95 % interval by Student's t. Success: Wilson's 95 % interval. Beside them "
-    "stands what training measured for the same policy with the people that it trained with.",
+    "Reward: mean over participants with a 95 % interval by Student's t. Success: Wilson's 95 % interval; "
+    "where participants have several trials, with the effective sample size. Next to them is the result of "
+    "training for the same policy with its training population.",
     "Wilcoxon's signed-rank test: zeros are left out, ties share their mean rank; exact for at most "
     f"{EXACT_SIGNED_RANK} differences, else the normal approximation. Policies are paired within participant × task × "
     "robot. Over trials as in the paper, which takes the trials of one participant for independent; over participants "

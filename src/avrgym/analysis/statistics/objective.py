@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from itertools import product
+from itertools import groupby, product
 from statistics import fmean, stdev
 
 from avrgym.analysis.rows import ObjectiveRow, Outcome, Simulated, TrialRow
-from avrgym.analysis.statistics.tests import t_interval
+from avrgym.analysis.statistics.tests import clustered_interval, t_interval
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.policies.trained import FILE_SUFFIX, Policy, PolicyError, find_policy, packaged_policies
 from avrgym.study.storage.store import Store
@@ -19,7 +19,8 @@ ALL = "all"
 def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRow]:
     """A row for each condition of the design, and for each robot and policy over all tasks; groups apart.
 
-    Reward intervals are Student's t over trials, each of another participant; success intervals are Wilson's.
+    Reward intervals are Student's t over trials, each of another participant; success intervals take account of
+    participants who have several trials.
     """
     design = store.design
     beside = {
@@ -49,7 +50,7 @@ def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, 
     rewards = [row.reward for row in own if row.reward is not None] if task != ALL else []
     successes = sum(bool(row.success) for row in own)
     mean, low, high = mean_with_interval(rewards)
-    success_low, success_high = wilson_interval(successes, len(own)) if own else (None, None)
+    success_low, success_high = clustered_interval(_by_participant(own)) if own else (None, None)
     return Outcome(
         simulated=simulated,
         task=task,
@@ -64,6 +65,16 @@ def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, 
         success_low=success_low,
         success_high=success_high,
     )
+
+
+def _by_participant(trials: Sequence[TrialRow]) -> list[list[bool]]:
+    """Whether each trial succeeded, in lists by participant."""
+    ordered = sorted(trials, key=_participant)
+    return [[bool(row.success) for row in own] for _, own in groupby(ordered, _participant)]
+
+
+def _participant(row: TrialRow) -> tuple[bool, str, str]:
+    return row.simulated, row.site or "", row.participant
 
 
 def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | None, float | None]:

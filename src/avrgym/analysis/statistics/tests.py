@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 from scipy.spatial.distance import cdist
 
+from avrgym.learning.evaluation import wilson_interval
+
 Array = NDArray[np.floating]
 
 EXACT_SIGNED_RANK = 50
@@ -186,6 +188,40 @@ def holm(probabilities: Sequence[float | None]) -> list[float | None]:
 def mark(p: float | None) -> str:
     """Stars for a probability: * below 0.05, ** below 0.01, *** below 0.001."""
     return next((stars for limit, stars in MARKS if p is not None and p < limit), "")
+
+
+def clustered_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float | None, float | None]:
+    """The 95 % interval of a proportion of trials, of which each cluster is one participant's.
+
+    Wilson's interval with the effective sample size, which is the number of trials over the design effect, and
+    Student's quantile for the number of clusters (Korn and Graubard, Survey Methodology 24, 1998, p. 193; Kott, Survey
+    Methodology 43, 2017, p. 245). The design effect is the variance of the proportion between clusters over
+    that of independent trials. With one trial in each cluster this is Wilson's interval; one cluster alone, of
+    several trials, has none.
+    """
+    sizes = np.array([len(each) for each in clusters])
+    successes = np.array([sum(each) for each in clusters])
+    count, share = int(sizes.sum()), float(successes.sum() / sizes.sum())
+    if sizes.max() == 1:
+        return wilson_interval(float(successes.sum()), count)
+    if len(clusters) < 2:
+        return None, None
+    quantile = float(stats.t.ppf(0.975, len(clusters) - 1))
+    size = count / _design_effect(successes - sizes * share, count, share)
+    return wilson_interval(share * size, size, quantile)
+
+
+LEAST_DESIGN_EFFECT = 0.25
+"""Few clusters underestimate the design effect by accident, down to 0 where all have equal shares."""
+
+
+def _design_effect(residuals: Array, count: int, share: float) -> float:
+    """``residuals`` (K,) are the successes of each cluster minus those expected; 1 where all trials end alike."""
+    if share in (0.0, 1.0):
+        return 1.0
+    clusters = len(residuals)
+    between = clusters / (clusters - 1) * float(residuals @ residuals) / count**2
+    return max(between / (share * (1.0 - share) / count), LEAST_DESIGN_EFFECT)
 
 
 def t_interval(mean: float, deviation: float, count: int) -> tuple[float | None, float | None]:

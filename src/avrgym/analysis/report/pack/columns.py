@@ -24,6 +24,7 @@ _NOT_TESTED = "nothing could be tested"
 _NO_ESTIMATE = "there is no estimate"
 _NOT_SIMULATED = "the policy was not measured in simulation"
 _FEW = "too few values"
+_NO_INTERVAL = "no trial, or several of one participant"
 _SESSION = "it is about whole sessions"
 
 
@@ -95,8 +96,8 @@ COLUMNS: Mapping[str, Column] = {
     "reward_high": _number("Upper end of its 95 % interval, Student's t.", "1", _FEW),
     "successes": _whole("How many trials succeeded."),
     "success_rate": _number("Share of trials that succeeded.", "1", "no trial", _SHARE),
-    "success_low": _number("Lower end of its 95 % interval, Wilson's.", "1", "no trial", _SHARE),
-    "success_high": _number("Upper end of its 95 % interval, Wilson's.", "1", "no trial", _SHARE),
+    "success_low": _number("Lower end of its 95 % interval, Wilson's.", "1", _NO_INTERVAL, _SHARE),
+    "success_high": _number("Upper end of its 95 % interval, Wilson's.", "1", _NO_INTERVAL, _SHARE),
     "simulation_people": _text("Simulated people with whom the policy was measured.", _NOT_SIMULATED),
     "simulation_episodes": _whole("Episodes of that measurement.", _NOT_SIMULATED),
     "simulation_reward_mean": _number("Mean reward in simulation.", "1", _NOT_SIMULATED),
