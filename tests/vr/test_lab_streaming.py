@@ -9,7 +9,7 @@ import pytest
 
 from avrgym.models.body_regions import BODY_REGIONS
 from avrgym.recording.records import Stream
-from avrgym.recording.streams import StreamChoice, stream_figures, times_s
+from avrgym.recording.streams import StreamChoice, stream_figures, times_of
 from avrgym.vr.protocol.messages import Entered, Ready, Status
 from avrgym.vr.session.events import StreamFound, StreamLost
 from lab import POSED, RATE_HZ, Device, LiveVisit, lab_streams, pylsl
@@ -72,7 +72,7 @@ def test_samples_come_with_their_own_times_into_the_recording(lived: LiveVisit) 
     began_s = next(event.time_s for event in lived.observed if type(event).__name__ == "TrialBegun")
     chunks = [chunk for _, chunk in recording.topics["/samples"] if chunk.stream == "heart"]
     taken_s = np.concatenate([np.array(chunk.values)[:, 0] for chunk in chunks])
-    error_s = times_s(chunks) + began_s + lived.began_s - taken_s
+    error_s = times_of(recording.topics, "heart").time_s + began_s + lived.began_s - taken_s
     assert len(error_s) > RATE_HZ / 2
     assert np.abs(error_s).max() < LOOPBACK_S
     numbers = np.concatenate([np.array(chunk.values)[:, 1] for chunk in chunks])
@@ -115,9 +115,8 @@ def test_events_go_out_with_the_times_of_the_recording(lived: LiveVisit) -> None
     (recording,) = lived.recordings()
     chunks = [chunk for _, chunk in recording.topics["/samples"] if chunk.stream == "own"]
     sent = [json.loads(text) for chunk in chunks for (text,) in chunk.texts]
-    phases = [
-        (time_s, each["phase"]) for time_s, each in zip(times_s(chunks), sent, strict=True) if "phase" in each
-    ]
+    times_s = times_of(recording.topics, "own").time_s
+    phases = [(time_s, each["phase"]) for time_s, each in zip(times_s, sent, strict=True) if "phase" in each]
     recorded = {
         event.detail: time_ns / 1e9 for time_ns, event in recording.topics["/events"] if event.name == "phase"
     }

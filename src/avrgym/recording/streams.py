@@ -9,18 +9,18 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.recording.records import Stream, StreamSamples
+from avrgym.recording.records import Stream
+from avrgym.recording.stream_clocks import GAP_INTERVALS, Chunks, SampleTimes, sample_times
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,39}")
 """A stream's name also stands in the names of files."""
 QUERY = re.compile(r"{one}( and {one})*".format(one=r"(name|type|source_id|hostname)='[^'<>&\"]{1,80}'"))
 QUERIES = "name='…', type='…', source_id='…' or hostname='…', several of them joined by \"and\""
-GAP_INTERVALS = 5.0
-"""Samples of a regular stream that lie further apart than so many intervals have others missing between them."""
 FEWEST = 10
 """Of fewer samples nothing is said about jitter."""
 
 Array = NDArray[np.float64]
+Topics = Mapping[str, Sequence[tuple[int, Any]]]
 
 
 class StreamChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -61,7 +61,8 @@ class StreamFigures:
     ``rate_hz`` is what the device promises, 0 for samples at any time; ``measured_hz`` what came. ``offset_ms`` is the
     median of what was added to the device's clock, ``offset_range_ms`` from its least to its most. ``jitter_ms`` is
     the standard deviation of times about even spacing between gaps, ``gaps`` counts these; ``None`` where spacing is
-    not even or samples are few.
+    not even or samples are few. ``clock_resets`` counts jumps of the device's clock, ``clock_jump_s`` is the furthest;
+    all other figures are of corrected times.
     """
 
     stream: str
@@ -73,25 +74,37 @@ class StreamFigures:
     offset_range_ms: float
     jitter_ms: float | None
     gaps: int | None
+    clock_resets: int
+    clock_jump_s: float
 
 
-def times_s(chunks: Sequence[StreamSamples]) -> Array:
-    """When all samples of chunks were taken."""
-    return np.concatenate([np.array(chunk.time_s, float) for chunk in chunks]) if chunks else np.empty(0)
+def described_streams(topics: Topics) -> dict[str, Stream]:
+    """The streams in a recording, by its topics and their names."""
+    return {each.stream: each for _, each in topics["/streams"]}
 
 
-def stream_figures(topics: Mapping[str, Sequence[tuple[int, Any]]]) -> list[StreamFigures]:
+def chunks_of(topics: Topics, stream: str) -> Chunks:
+    """The samples of a stream, with the times of their arrival."""
+    return [(time_ns, chunk) for time_ns, chunk in topics["/samples"] if chunk.stream == stream]
+
+
+def times_of(topics: Topics, stream: str) -> SampleTimes:
+    """When the samples of a stream were taken, corrected where its clock jumped."""
+    described = described_streams(topics).get(stream)
+    return sample_times(chunks_of(topics, stream), described.rate_hz if described else 0.0)
+
+
+def stream_figures(topics: Topics) -> list[StreamFigures]:
     """Of each stream in a recording, by its topics; in the order of their names."""
-    described: dict[str, Stream] = {each.stream: each for _, each in topics["/streams"]}
     return [
-        _figures(stream, [chunk for _, chunk in topics["/samples"] if chunk.stream == name])
-        for name, stream in sorted(described.items())
+        _figures(stream, chunks_of(topics, name), times_of(topics, name))
+        for name, stream in sorted(described_streams(topics).items())
     ]
 
 
-def _figures(stream: Stream, chunks: Sequence[StreamSamples]) -> StreamFigures:
-    times = times_s(chunks)
-    offsets_ms = 1e3 * np.array([chunk.offset_s for chunk in chunks] or [0.0])
+def _figures(stream: Stream, chunks: Chunks, found: SampleTimes) -> StreamFigures:
+    times = found.time_s
+    offsets_ms = 1e3 * np.array([chunk.offset_s for _, chunk in chunks] or [0.0])
     lasted_s = float(times[-1] - times[0]) if len(times) > 1 else 0.0
     jitter_s, gaps = _evenness(times, stream.rate_hz)
     return StreamFigures(
@@ -104,6 +117,8 @@ def _figures(stream: Stream, chunks: Sequence[StreamSamples]) -> StreamFigures:
         offset_range_ms=float(np.ptp(offsets_ms)),
         jitter_ms=None if jitter_s is None else 1e3 * jitter_s,
         gaps=gaps,
+        clock_resets=len(found.resets),
+        clock_jump_s=max((reset.jump_s for reset in found.resets), key=abs, default=0.0),
     )
 
 
@@ -111,7 +126,7 @@ def _evenness(times: Array, rate_hz: float) -> tuple[float | None, int | None]:
     """The deviation from the straight line through each stretch without a gap, and the number of gaps."""
     if rate_hz <= 0.0 or len(times) < FEWEST:
         return None, None
-    breaks = np.flatnonzero(np.abs(np.diff(times)) > GAP_INTERVALS / rate_hz) + 1
+    breaks = np.flatnonzero(np.diff(times) > GAP_INTERVALS / rate_hz) + 1
     stretches = np.split(times, breaks)
     residuals = [_residuals(stretch) for stretch in stretches if len(stretch) >= FEWEST]
     return (float(np.concatenate(residuals).std()) if residuals else None), len(breaks)

@@ -11,11 +11,12 @@ from avrgym.analysis.study import Analysis
 METHOD = (
     "Streams came by Lab Streaming Layer, whose measured offset between clocks was added to every sample's time. "
     "Jitter is the standard deviation of a sample's time about even spacing, within stretches without a gap. Medians "
-    "are over trials; streams.csv has every trial."
+    "are over trials; streams.csv has every trial. In a gap samples are missing. At a reset the device's clock jumped; "
+    "times are corrected by when samples arrived, and all other figures are of corrected times."
 )
 HEADS = (
     "Stream", "Kind", "Trials", "Samples", "Rate promised / Hz", "came / Hz", "Clock offset / ms", "its range, at most",
-    "Jitter / ms", "at most", "Gaps",
+    "Jitter / ms", "at most", "Gaps", "Clock resets", "furthest / s",
 )  # fmt: skip
 
 
@@ -50,6 +51,8 @@ def _line(rows: Sequence[StreamRow]) -> tuple[object, ...]:
         _ms(median, jitters),
         _ms(max, jitters),
         sum(gaps) if gaps else "–",
+        sum(row.clock_resets for row in rows),
+        quantity(max((row.clock_jump_s for row in rows), key=abs) or None, absent="–", digits=3),
     )
 
 

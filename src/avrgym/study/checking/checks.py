@@ -8,6 +8,8 @@ from typing import Any
 from avrgym.recording.files import Recording, RecordingError, read_recording
 from avrgym.recording.outcomes import Metrics
 from avrgym.recording.questionnaire import SESSION_MOMENTS
+from avrgym.recording.stream_clocks import SampleTimes
+from avrgym.recording.streams import described_streams, times_of
 from avrgym.study.checking.database_checks import check_database, check_private
 from avrgym.study.checking.finding import Finding, left_out
 from avrgym.study.checking.held import held_share, too_much_held
@@ -27,6 +29,9 @@ from avrgym.study.storage.rows import (
 from avrgym.study.storage.sites import LEFT_OUT
 from avrgym.study.storage.states import TAKES_PART, StudyError
 from avrgym.study.storage.store import Store, find_all
+
+_NAMED = 3
+"""As many jumps of a clock are listed."""
 
 
 def check_study(store: Store) -> list[Finding]:
@@ -178,8 +183,22 @@ def _check_recording(
         held = too_much_held(held_share(recording), store.design)
         if held is not None:
             yield left_out(participant.pseudonym, trial.position, held)
+    for name, times in _clocks(recording):
+        if times.resets:
+            yield Finding(attempt.recording, _jumped(name, times), wrong=False)
     for name in _differences(recording, _stored(participant, trial, attempt), answers):
         yield Finding(attempt.recording, f"was recorded with another {name} than was planned or stored")
+
+
+def _clocks(recording: Recording) -> Iterator[tuple[str, SampleTimes]]:
+    """The times of each stream of other devices."""
+    return ((name, times_of(recording.topics, name)) for name in sorted(described_streams(recording.topics)))
+
+
+def _jumped(stream: str, times: SampleTimes) -> str:
+    jumps = ", ".join(f"{reset.jump_s:+.3f} s at {reset.time_s:.1f} s" for reset in times.resets[:_NAMED])
+    more = f" and {len(times.resets) - _NAMED} more" if len(times.resets) > _NAMED else ""
+    return f"the clock of the stream {stream} jumped: {jumps}{more}; analysis and exports use corrected times"
 
 
 def _gave(metrics: Metrics) -> tuple[int | None, float | None, bool | None]:

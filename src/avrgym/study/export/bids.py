@@ -14,7 +14,7 @@ from typing import Any
 from avrgym.recording.questionnaire import Item
 from avrgym.recording.records import Event, Pose, TrackingFrame
 from avrgym.study.export import LEFT_OUT, NOTICE
-from avrgym.study.export.physio import Series, marks, recorded_series
+from avrgym.study.export.physio import Series, corrected_marks, marks, recorded_series
 from avrgym.study.export.tables import neutral
 from avrgym.study.export.trials import ExportedAttempt
 from avrgym.study.storage.answers import answer_moments
@@ -130,7 +130,8 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
     _write_json(folder / f"{name}_channels.json", _reference_frame())
     _write_json(folder / f"{name}_motion.json", _sidecar(exported, frames, len(channels)))
     start_s = frames[0].received_time_s if frames else 0.0
-    _write_events([*topics["/events"], *marks(topics)], start_s, folder / f"{name}_events")
+    events = [*topics["/events"], *marks(topics)]
+    _write_events(events, start_s, folder / f"{name}_events", corrected_marks(topics, start_s))
     for series in recorded_series(topics, start_s):
         _write_series(series, exported, folder / f"{name}_recording-{series.stream.stream}_physio")
 
@@ -143,15 +144,24 @@ def _write_series(series: Series, exported: ExportedAttempt, path: Path) -> None
     _write_json(path.with_suffix(".json"), {"TaskName": exported.task, **series.sidecar()})
 
 
-def _write_events(events: Sequence[tuple[int, Event]], start_s: float, path: Path) -> None:
-    """Write what happened, with onsets from the first frame on."""
+def _write_events(
+    events: Sequence[tuple[int, Event]], start_s: float, path: Path, corrected: Mapping[str, Any]
+) -> None:
+    """Write what happened, with onsets from the first frame on; ``corrected`` are the onsets of a stream's marks."""
     rows = [
         {"onset": time_ns / 1e9 - start_s, "duration": None, "trial_type": event.name, "detail": event.detail}
         for time_ns, event in sorted(events, key=lambda timed: timed[0])
     ]
     if rows:
         _write_table(path.with_suffix(".tsv"), rows)
-        _write_json(path.with_suffix(".json"), {"detail": {"Description": "More about the event."}})
+        about: dict[str, Any] = {"detail": {"Description": "More about the event."}}
+        if corrected:
+            about["onset"] = {
+                "Description": "Onset from the first tracking frame on.",
+                "Units": "s",
+                **corrected,
+            }
+        _write_json(path.with_suffix(".json"), about)
 
 
 def _channels() -> Iterator[dict[str, Any]]:

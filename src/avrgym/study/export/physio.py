@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.recording.records import Event, Stream
-from avrgym.recording.streams import times_s
+from avrgym.recording.stream_clocks import Chunks, SampleTimes, sample_times
+from avrgym.recording.streams import Topics, chunks_of, described_streams
 
 GAZE = "gaze"
 """The kind of streams of eye trackers in Lab Streaming Layer's list of kinds."""
@@ -27,9 +28,11 @@ TIMESTAMP = {
     "Description": "When the sample was taken, from the first tracking frame on; clocks are aligned.",
     "Units": "s",
 }
+CORRECTED = (
+    "Times are corrected where the device's clock jumped, by when samples arrived, and never decrease."
+)
 
 Array = NDArray[np.float64]
-Topics = Mapping[str, Sequence[tuple[int, Any]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +40,7 @@ class Series:
     """The samples of one stream: ``time_s`` (n,) from the first tracking frame on, ``values`` (n, columns).
 
     ``columns`` are the names of the columns, ``labels`` what the device calls its channels, ``units`` theirs.
+    ``corrections`` say what was corrected of the times; empty where nothing was.
     """
 
     stream: Stream
@@ -45,6 +49,7 @@ class Series:
     units: Sequence[str]
     time_s: Array
     values: Array
+    corrections: Mapping[str, Any]
 
     def rows(self) -> Iterator[list[float | None]]:
         """The time and the numbers of each sample; what the device does not know is missing."""
@@ -67,30 +72,56 @@ class Series:
             **(OF_EYES if is_gaze else {"PhysioType": "generic"}),
             "ManufacturersModelName": stream.source,
             "Description": f"{stream.kind} by Lab Streaming Layer.",
-            "timestamp": TIMESTAMP,
+            "timestamp": {**TIMESTAMP, **self.corrections},
             **about,
         }
 
 
 def recorded_series(topics: Topics, start_s: float) -> Iterator[Series]:
     """The streams of numbers in a recording, by its topics; ``start_s`` is when its first tracking frame came."""
-    for stream in {each.stream: each for _, each in topics["/streams"]}.values():
-        chunks = [chunk for _, chunk in topics["/samples"] if chunk.stream == stream.stream and chunk.values]
+    for name, stream in described_streams(topics).items():
+        chunks = [each for each in chunks_of(topics, name) if each[1].values]
         if chunks:
-            values = np.concatenate([np.array(chunk.values, float) for chunk in chunks])
-            yield _series(stream, times_s(chunks) - start_s, values)
+            values = np.concatenate([np.array(chunk.values, float) for _, chunk in chunks])
+            yield _series(stream, sample_times(chunks, stream.rate_hz), start_s, values)
 
 
 def marks(topics: Topics) -> list[tuple[int, Event]]:
     """What streams of texts said, each an event that bears the stream's name, with its time in nanoseconds."""
     return [
-        (round(time_s * 1e9), Event(chunk.stream, ", ".join(texts)))
-        for _, chunk in topics["/samples"]
-        for time_s, texts in zip(chunk.time_s, chunk.texts, strict=False)
+        (round(time_s * 1e9), Event(name, ", ".join(texts)))
+        for name, chunks in _text_chunks(topics)
+        for time_s, texts in zip(
+            sample_times(chunks, 0.0).time_s, (row for _, chunk in chunks for row in chunk.texts), strict=True
+        )
     ]
 
 
-def _series(stream: Stream, time_s: Array, values: Array) -> Series:
+def corrected_marks(topics: Topics, start_s: float) -> dict[str, Any]:
+    """By the names of streams of texts what was corrected of their times."""
+    found = {name: corrections(sample_times(chunks, 0.0), start_s) for name, chunks in _text_chunks(topics)}
+    return {name: each for name, each in found.items() if each}
+
+
+def _text_chunks(topics: Topics) -> Iterator[tuple[str, Chunks]]:
+    for name in dict.fromkeys(chunk.stream for _, chunk in topics["/samples"] if chunk.texts):
+        yield name, [each for each in chunks_of(topics, name) if each[1].texts]
+
+
+def corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
+    """What was corrected of a stream's times, in the words of a sidecar; nothing where nothing was."""
+    if not times.resets and not times.raised:
+        return {}
+    return {
+        "Correction": CORRECTED,
+        "ClockResets": [
+            {"Onset": reset.time_s - start_s, "JumpInSeconds": reset.jump_s} for reset in times.resets
+        ],
+        "SamplesRaised": times.raised,
+    }
+
+
+def _series(stream: Stream, times: SampleTimes, start_s: float, values: Array) -> Series:
     """The columns in the device's order, but for the coordinates of a gaze, which come first."""
     channels = range(values.shape[1])
     labels = [_at(stream.channels, channel, f"channel_{channel + 1}") for channel in channels]
@@ -106,8 +137,9 @@ def _series(stream: Stream, time_s: Array, values: Array) -> Series:
         [names[i] for i in order],
         [labels[i] for i in order],
         [_at(stream.units, i, "n/a") for i in order],
-        time_s,
+        times.time_s - start_s,
         values[:, order],
+        corrections(times, start_s),
     )
 
 

@@ -149,6 +149,8 @@ COLUMNS: Mapping[str, Column] = {
         "Standard deviation of the samples' times about even spacing.", "ms", "no even spacing, or few samples"
     ),
     "streams.gaps": _whole("Where samples are missing between others.", "no even spacing, or few samples"),
+    "streams.clock_resets": _whole("How often the device's clock jumped; times are corrected for it."),
+    "streams.clock_jump_s": _number("The furthest jump; negative for a clock that jumped back.", "s"),
     "score_summaries.policy": Column(POLICY.meaning, TEXT, "", POLICY.allowed, _SESSION),
     "people.torso_height_m": _number("Torso height, hip bone to centre of the head.", "m"),
     **{f"people.waist_{axis}_deg": _number(f"Angle of the waist about {axis}.", "°") for axis in "xyz"},
