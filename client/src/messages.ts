@@ -383,7 +383,7 @@ export interface Feedback {
  * `step` counts the attempt's control steps, `reward` sums them up, `success` is so far; distance and
  * force are those of the latest one. `force_region` is the region of the body that bears most now, by its limit, and
  * `force_share` how much of that; empty and 0 where none bears anything. `draws_back`: the force guard moves the
- * robot. `tracking_age_s` is the time since the newest usable frame. `operated`: in this trial the experimenter
+ * robot. `withdrawing`: after success the robot withdraws its tool, or waits withdrawn. `tracking_age_s` is the time since the newest usable frame. `operated`: in this trial the experimenter
  * drives; `idle`: the robot holds still for want of an action. `held_because`: the answer for which a stop rule
  * paused the session, empty where none did. `latency`: how late pictures were in the last seconds of
  * which the client told, from pose to picture as `total_ms` and by stage. `streams`: those of other devices. */
@@ -406,6 +406,7 @@ export interface Status {
   force_region: string;
   force_share: number;
   draws_back: boolean;
+  withdrawing: boolean;
   tracking_age_s: number | null;
   left_modality: Modality;
   right_modality: Modality;

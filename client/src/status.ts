@@ -34,7 +34,7 @@ export function statusWords(status: Status): Record<string, string> {
     "watch-environment": status.environment.replace("avrgym/", ""),
     "watch-phase": PHASE_WORDS[status.phase] + pausedWords(status),
     "watch-steps": `${status.step} of ${status.steps}`,
-    "watch-reward": `${status.reward.toFixed(1)}${status.success ? ", success" : ""}`,
+    "watch-reward": `${status.reward.toFixed(1)}${successWords(status)}`,
     "watch-distance": `${(100 * status.distance_m).toFixed(1)} cm`,
     "watch-force": `${status.force_on_person_n.toFixed(1)} N`,
     "watch-limit": limitWords(status),
@@ -43,6 +43,10 @@ export function statusWords(status: Status): Record<string, string> {
     "watch-streams": streamWords(status),
     "watch-height": `${(100 * status.torso_height_m).toFixed(1)} cm`,
   };
+}
+
+function successWords({ success, withdrawing }: Status): string {
+  return success ? `, success${withdrawing ? ": withdraws the tool and waits" : ""}` : "";
 }
 
 function limitWords({ force_region, force_share, draws_back }: Status): string {

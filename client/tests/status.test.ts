@@ -21,6 +21,7 @@ const STATUS: Status = {
   force_region: "",
   force_share: 0,
   draws_back: false,
+  withdrawing: false,
   tracking_age_s: 0.011,
   left_modality: "hand",
   right_modality: "hand",
@@ -72,6 +73,12 @@ describe("how a session stands", () => {
     const pressed = { ...STATUS, force_region: "upper_arms", force_share: 0.56 };
     expect(statusWords(pressed)["watch-limit"]).toBe("56 %, upper arms");
     expect(statusWords({ ...pressed, draws_back: true })["watch-limit"]).toBe("56 %, upper arms: draws back");
+  });
+
+  it("says when the robot has withdrawn after success", () => {
+    expect(statusWords({ ...STATUS, withdrawing: true })["watch-reward"]).toBe(
+      "41.3, success: withdraws the tool and waits",
+    );
   });
 
   it("says for which answer a stop rule paused the session, until it goes on", () => {

@@ -22,7 +22,9 @@ STEPS = 110
 def helping(folder: Path) -> Visit:
     """A visit in whose only trial a trained robot has just fed the participant."""
     session: SessionPlan = replace(
-        plan(trial_steps=STEPS), trials=[TrialPlan(ENVIRONMENT, "revised", 3, practice=False)]
+        plan(trial_steps=STEPS),
+        trials=[TrialPlan(ENVIRONMENT, "revised", 3, practice=False)],
+        withdraw_after_success=False,
     )
     visit = Visit(folder, session, load_policies(session))
     visit.sit_down()

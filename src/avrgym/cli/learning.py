@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from avrgym.cli.cluster import Address, on_cluster
-from avrgym.cli.options import PEOPLE, Engine, Impairment, Seed, chosen_environments
+from avrgym.cli.options import (
+    PEOPLE,
+    Engine,
+    Impairment,
+    Seed,
+    WithdrawAfterSuccess,
+    chosen_environments,
+)
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
     Jobs,
@@ -128,6 +135,7 @@ def train(
         bool,
         typer.Option("--own-reward", help="With --recipe pair: each pays for its own effort."),
     ] = False,
+    withdraw_after_success: WithdrawAfterSuccess = False,
     help_config: Annotated[
         bool,
         typer.Option("--help-config", help="Print the environment's training settings, and train nothing."),
@@ -170,6 +178,7 @@ def train(
             "--imitation-share": imitation_share is not None,
             "--alternate": bool(alternate),
             "--own-reward": own_reward,
+            "--withdraw-after-success": withdraw_after_success,
             "--worlds": worlds is not None,
             "--jobs": jobs is not None,
         }
@@ -187,6 +196,7 @@ def train(
                 "teacher": teacher,
                 "initial": initial_policy,
                 "imitation_share": imitation_share,
+                "withdraw_after_success": withdraw_after_success or None,
             }
             _train_adaptive(env, seed, choices, folder, resume=resume)
             say(f"policy    {folder / training.POLICY_FILE}")
@@ -228,7 +238,7 @@ def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> No
     of_pairs = any(name in given for name in ("--alternate", "--own-reward"))
     if of_pairs and recipe != PAIR:
         raise ValueError(f"--alternate and --own-reward go with --recipe {PAIR}")
-    for name in ("--teacher", "--initial-policy", "--imitation-share"):
+    for name in ("--teacher", "--initial-policy", "--imitation-share", "--withdraw-after-success"):
         if name in given and (recipe != ADAPTIVE or resume):
             raise ValueError(f"{name} goes with a new training by --recipe {ADAPTIVE}")
     if resume and of_pairs:
@@ -371,6 +381,7 @@ def evaluate(
             "--force-guard", help="Keep arms from pressing too hard or coming too fast, as live sessions do."
         ),
     ] = False,
+    withdraw_after_success: WithdrawAfterSuccess = False,
     engine: Engine = THREADS,
     regions: Annotated[
         bool, typer.Option("--regions", help="Show the forces by region of the body too.")
@@ -409,6 +420,7 @@ def evaluate(
                 cluster=workers,
                 allow_other_environment=allow_other_environment,
                 force_guard=force_guard,
+                withdraw_after_success=withdraw_after_success,
                 engine=engine,
                 leave_out=say_left_out if all_environments else None,
             )

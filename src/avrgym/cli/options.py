@@ -14,6 +14,13 @@ Impairment = Annotated[
     str, typer.Option(help=f"What keeps people from moving as they want: {', '.join(names.IMPAIRMENTS)}.")
 ]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
+WithdrawAfterSuccess = Annotated[
+    bool,
+    typer.Option(
+        "--withdraw-after-success",
+        help="Withdraw the tool and wait after success in tasks that end with it, as live sessions do.",
+    ),
+]
 Engine = Annotated[str, typer.Option(help=f"Where physics runs: {ENGINES}.")]
 
 

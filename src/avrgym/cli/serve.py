@@ -46,7 +46,7 @@ def serve(
     env: Annotated[
         list[str] | None, typer.Option(help="An environment of the trials, again for more.")
     ] = None,
-    policy: Annotated[str, typer.Option(help=f"Who drives: {CHOICES}; or {OPERATOR}.")] = "revised",
+    policy: Annotated[str, typer.Option(help=f"Who drives: {CHOICES}; or {OPERATOR}.")] = "adaptive",
     body: Annotated[
         str, typer.Option("--body", "--person", help=f"The body model: {' or '.join(SEXES)}.")
     ] = "woman",

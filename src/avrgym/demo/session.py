@@ -41,7 +41,7 @@ def run_demo(out: Path, seed: int, say: Callable[[str], None]) -> DemoResult:
     """Run a trial of each task, answer the questionnaire, and write the report into ``out``."""
     plan = SessionPlan(
         trials=[
-            TrialPlan(environment, "revised", seed=len(ENVIRONMENTS) * seed + number, practice=False)
+            TrialPlan(environment, "adaptive", seed=len(ENVIRONMENTS) * seed + number, practice=False)
             for number, environment in enumerate(ENVIRONMENTS)
         ],
         sex="woman",

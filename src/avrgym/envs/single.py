@@ -39,8 +39,9 @@ class AssistiveEnv(Drawn, gym.Env[Array, NDArray[np.float32]]):
         person: Person | None = None,
         impairment: str = "none",
         render_mode: str | None = None,
+        withdraw_after_success: bool = False,
     ) -> None:
-        """See ``Episodes`` for people, person and impairment.
+        """See ``Episodes`` for people, person, impairment and withdrawal.
 
         Raises:
             ValueError: for an unknown name, naming what is allowed.
@@ -48,7 +49,13 @@ class AssistiveEnv(Drawn, gym.Env[Array, NDArray[np.float32]]):
         check_render_mode(render_mode, environment_id)
         self.render_mode = render_mode
         self.episodes = Episodes(
-            environment_id, 1, distribution=people, person=person, impairment=impairment, num_threads=1
+            environment_id,
+            1,
+            distribution=people,
+            person=person,
+            impairment=impairment,
+            num_threads=1,
+            withdraw_after_success=withdraw_after_success,
         )
         self.observation_space, self.action_space = spaces_of(self.episodes)
         self._steps_left = 0

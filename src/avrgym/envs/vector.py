@@ -56,8 +56,9 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
         max_episode_steps: int = EPISODE_STEPS,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         engine: str = THREADS,
+        withdraw_after_success: bool = False,
     ) -> None:
-        """See ``Episodes`` for people, person, impairment, threads and engine.
+        """See ``Episodes`` for people, person, impairment, threads, engine and withdrawal.
 
         Raises:
             ValueError: for an unknown name or a number out of range, naming what is allowed.
@@ -80,6 +81,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
             impairment=impairment,
             num_threads=num_threads,
             engine=engine,
+            withdraw_after_success=withdraw_after_success,
         )
         self.single_observation_space, self.single_action_space = spaces_of(self.episodes)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

@@ -99,7 +99,8 @@ class AdaptiveTraining:
 
     ``imitation_share`` of the rounds imitate, the first ones: the task's expert, or ``teacher``, a policy by its name
     or file. With ``initial``, a policy that remembers, by its name or file, it goes on from that one, and has its
-    layers, in place of ``memory`` units and ``hidden`` ones. Unless the share is given it is ``IMITATION_SHARE``, and
+    layers, in place of ``memory`` units and ``hidden`` ones. ``withdraw_after_success`` is as of ``Episodes``: then
+    contact after success earns nothing, and imitation shows the withdrawal. Unless the share is given it is ``IMITATION_SHARE``, and
     with an initial policy none.
     """
 
@@ -114,6 +115,7 @@ class AdaptiveTraining:
     threads: int = 0
     teacher: str | None = None
     initial: str | None = None
+    withdraw_after_success: bool = False
 
     @property
     def rounds(self) -> int:
@@ -322,9 +324,10 @@ class _Learner:
         configuration = self._configuration
         random = np.random.default_rng([configuration.seed, 2, number])
         by_expert = random.random(configuration.worlds) < EXPERT_SHARE**number
-        impairment = IMPAIRMENTS[number % len(IMPAIRMENTS)]
+        turn, still = divmod(number, 2)
+        partner = STILL if still else (configuration.people, IMPAIRMENTS[turn % len(IMPAIRMENTS)])
         order = Order(
-            self._place(configuration.people, impairment),
+            self._place(*partner),
             0,
             self._episodes(number),
             noise=(configuration.seed, number),
@@ -380,7 +383,12 @@ class _Learner:
     def _place(self, people: str, impairment: str) -> Place:
         configuration = self._configuration
         return Place(
-            configuration.environment, Carried.of(people), impairment, configuration.threads, "threads"
+            configuration.environment,
+            Carried.of(people),
+            impairment,
+            configuration.threads,
+            "threads",
+            configuration.withdraw_after_success,
         )
 
     def _episodes(self, number: int) -> NDArray[np.int64]:

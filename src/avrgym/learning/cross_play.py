@@ -37,6 +37,7 @@ def cross_play(
     cluster: "Cluster | None" = None,
     allow_other_environment: bool = False,
     force_guard: bool = False,
+    withdraw_after_success: bool = False,
     engine: str = THREADS,
     leave_out: LeaveOut | None = None,
 ) -> list[Evaluation]:
@@ -72,6 +73,7 @@ def cross_play(
                 cluster=cluster,
                 allow_other_environment=allow_other_environment,
                 force_guard=force_guard,
+                withdraw_after_success=withdraw_after_success,
                 engine=engine,
             )
             chosen = [each for each in environment_ids if each in met_in[whom] and each in driven_in[policy]]

@@ -90,6 +90,7 @@ class _Batch:
     engine: str
     allow_other_environment: bool
     force_guard: bool
+    withdraw_after_success: bool
 
 
 def evaluate(
@@ -123,6 +124,7 @@ def evaluate_all(
     cluster: "Cluster | None" = None,
     allow_other_environment: bool = False,
     force_guard: bool = False,
+    withdraw_after_success: bool = False,
     engine: str = THREADS,
 ) -> list[Evaluation]:
     """Run episodes of 200 steps in each environment, and sum them up.
@@ -143,6 +145,7 @@ def evaluate_all(
         cluster: whose workers share the work instead of processes here. It changes no figure.
         allow_other_environment: whether to run a policy that was trained for another environment.
         force_guard: whether a ``ForceGuard`` stands between policy and arm.
+        withdraw_after_success: as of ``Episodes``.
         engine: where physics runs. What is reported of a policy is measured on threads.
 
     Raises:
@@ -175,6 +178,7 @@ def evaluate_all(
             threads=threads,
             allow_other_environment=allow_other_environment,
             force_guard=force_guard,
+            withdraw_after_success=withdraw_after_success,
             engine=engine,
         )
         for environment_id in environment_ids
@@ -220,6 +224,7 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
         num_threads=batch.threads,
         by_region=True,
         engine=batch.engine,
+        withdraw_after_success=batch.withdraw_after_success,
     )
     generators = episode_generators(batch.stream, batch.seed, batch.episodes)
     return _run(world, batch, generators, progress)
@@ -288,6 +293,7 @@ def _run(
 def watched_step(world: Episodes, asked: Array, watch: RegionWatch, guard: ForceGuard | None = None) -> Step:
     """One control step, watched in each physics step; what it was worth is judged by the last action, as live."""
     simulation = world.simulation
+    asked = world.led(asked)
     world.command(asked if guard is None else guard.act(asked))
     for tick in range(SUBSTEPS):
         if guard is not None and tick > 0:

@@ -43,6 +43,7 @@ class Place:
     impairment: str
     threads: int
     engine: str
+    withdraw_after_success: bool = False
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,8 @@ def roll_out_all(policies: Sequence[Policy], order: Order) -> list[Rollout]:
         action = robot.act(number)
         if expert is not None:
             arm_angles_rad.append(worlds.simulation.arm_angles_rad())
-            robot.done[-1] = np.clip(expert(worlds.observe()), -1.0, 1.0).astype(np.float32)
+            shown = worlds.led(np.clip(expert(worlds.observe()), -1.0, 1.0))
+            robot.done[-1] = shown.astype(np.float32)
             assert order.by_expert is not None
             action = np.where(order.by_expert[:, None], robot.done[-1], action)
         for human in humans:
@@ -281,6 +283,7 @@ def worlds_of(place: Place, count: int, *, steered: bool = False, by_region: boo
         num_threads=place.threads,
         engine=place.engine,
         on_device=place.engine != THREADS,
+        withdraw_after_success=place.withdraw_after_success,
         steered=steered,
         by_region=by_region,
     )

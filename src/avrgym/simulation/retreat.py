@@ -52,12 +52,29 @@ class Near(NamedTuple):
 
 
 class Retreat:
-    """The retreat of the first world's arm from wherever it is when it is first asked for an action."""
+    """The retreat of one world's arm from wherever it is when it is first asked for an action."""
 
-    def __init__(self, simulation: Simulation) -> None:
-        """Find the arm's links and the person. That takes milliseconds: before an episode, not during one."""
-        self._simulation = simulation
-        self._model = model = copy(simulation.batch.get_model(0))
+    def __init__(
+        self,
+        simulation: Simulation,
+        world: int = 0,
+        *,
+        clear_m: float = CLEAR_M,
+        free_m: float = FREE_M,
+        steps: int = 0,
+    ) -> None:
+        """Find the arm's links and the person. That takes milliseconds: before an episode, not during one.
+
+        Args:
+            simulation: the physics of N worlds.
+            world: which of them.
+            clear_m: the distance from the mouth at which the tool has left.
+            free_m: the distance from the person at which tool and hand have left.
+            steps: control steps that it has taken already.
+        """
+        self._simulation, self._world = simulation, world
+        self._clear_m, self._free_m = clear_m, free_m
+        self._model = model = copy(simulation.batch.get_model(world))
         self._data = mujoco.MjData(model)
         joints = [model.joint(robot.PREFIX + name) for name in simulation.scene.arm.joints]
         self._dofs = np.array([joint.dofadr[0] for joint in joints])
@@ -68,11 +85,11 @@ class Retreat:
         self._obstacles = [*self._person, *np.flatnonzero(model.geom_contype == FURNITURE.contype).tolist()]
         self._tool = model.body(TOOL).id
         self._head, self._mouth = (model.site(human.PREFIX + name).id for name in ("head_centre", "mouth"))
-        self._steps = 0
+        self._steps = steps
 
     def action(self) -> Array | None:
         """The action (J,) for the next control step; ``None`` when the tool has left or ``LONGEST_S`` are over."""
-        self._data.qpos[:] = self._simulation.qpos(0)
+        self._data.qpos[:] = self._simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         near = self._near()
@@ -83,8 +100,8 @@ class Retreat:
 
     def _has_left(self, near: Near) -> bool:
         from_mouth_w = self._data.xpos[self._tool] - self._data.site_xpos[self._mouth]
-        return float(np.linalg.norm(from_mouth_w)) > CLEAR_M and bool(
-            (near.gap_m[near.of_hand] > FREE_M).all()
+        return float(np.linalg.norm(from_mouth_w)) > self._clear_m and bool(
+            (near.gap_m[near.of_hand] > self._free_m).all()
         )
 
     def _wish_w(self, near: Near) -> Array:
@@ -92,14 +109,14 @@ class Retreat:
         away = _unit(self._data.xpos[self._tool] - self._data.site_xpos[self._head])
         if near.of_hand.any():
             nearest = np.where(near.of_hand, near.gap_m, np.inf).argmin()
-            away = away + max(0.0, 2.0 - 2.0 * near.gap_m[nearest] / FREE_M) * near.away_w[nearest]
+            away = away + max(0.0, 2.0 - 2.0 * near.gap_m[nearest] / self._free_m) * near.away_w[nearest]
         return SPEED_M_S * _unit(away)
 
     def _speeds_rad_s(self, velocity_w: Array, near: Near) -> Array:
         """The joints' speeds (J,) that move the tool so and turn it little, as nearly as person and joints let them."""
         jacobian = self._jacobian(self._tool, self._data.xpos[self._tool])
         jacobian[3:] *= LEVER_M
-        angles_rad, joints = self._simulation.arm_angles_rad()[0], np.eye(len(self._dofs))
+        angles_rad, joints = self._simulation.arm_angles_rad()[self._world], np.eye(len(self._dofs))
         down_rad, up_rad = angles_rad - self._range_rad[:, 0], self._range_rad[:, 1] - angles_rad
         rows = np.concatenate([near.rows, joints, -joints])
         room = np.concatenate([near.gap_m - KEPT_M, down_rad, up_rad])

@@ -23,6 +23,7 @@ from avrgym.people.uniform import which
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
+from avrgym.simulation.withdrawal import Withdrawal
 from avrgym.simulation.world_version import WORLD_VERSION, check_world_version
 from avrgym.simulation.worlds import Ids, Simulation, Start, State
 from avrgym.system.engines import THREADS
@@ -109,6 +110,7 @@ class Episodes:
         steered: bool = False,
         engine: str = THREADS,
         on_device: bool = False,
+        withdraw_after_success: bool = False,
     ) -> None:
         """Compile the scene.
 
@@ -129,6 +131,9 @@ class Episodes:
             engine: where physics runs, one of ``simulation.engines.engine.ENGINES``.
             on_device: whether control steps stay on that engine's device: ``step`` takes and gives tensors, and copies
                 nothing to the host; ``check`` then has to be asked. Episodes begin on the host all the same.
+            withdraw_after_success: whether the robot withdraws its tool once a task that ``ends_with_success`` is
+                complete, see ``simulation.withdrawal``. Steps that the withdrawal drives are not rewarded: their reward
+                and its terms are 0.
 
         Raises:
             ValueError: for an unknown environment, distribution, impairment, version or engine, naming what there is,
@@ -136,6 +141,8 @@ class Episodes:
             RuntimeError: where what the engine needs is not installed.
         """
         check_world_version(world_version)
+        if withdraw_after_success and engine != THREADS:
+            raise ValueError(f"withdraw_after_success needs the engine {THREADS}, not {engine}")
         task, robot = find_environment(environment_id)
         self._made_with = {
             "distribution": distribution,
@@ -148,6 +155,7 @@ class Episodes:
             "steered": steered,
             "engine": engine,
             "on_device": on_device,
+            "withdraw_after_success": withdraw_after_success,
         }
         self.environment_id = environment_id
         self._action_limit = ACTION_LIMIT[world_version]
@@ -208,6 +216,8 @@ class Episodes:
             steered=steered,
             beside=there,
         )
+        withdraws = withdraw_after_success and self.task.ends_with_success
+        self._withdrawal = Withdrawal(self.simulation) if withdraws else None
         self._unusable: Any = brought(np.zeros(num_worlds, dtype=bool), there)
         """Where actions on the device have not been finite, (N,)."""
         self._arm_start_rad = np.zeros((num_worlds, len(self.scene.arm.joints)))
@@ -226,6 +236,7 @@ class Episodes:
             "simulation": self.simulation.saved(),
             "minds": self._minds.saved(),
             "humans": None if self._humans is None else self._humans.saved(),
+            "withdrawal": None if self._withdrawal is None else self._withdrawal.saved(),
             "changing": {name: getattr(self, name) for name in _CHANGING},
         }
 
@@ -235,6 +246,8 @@ class Episodes:
         self._minds.go_on_from(state["minds"])
         if self._humans is not None:
             self._humans.go_on_from(state["humans"])
+        if self._withdrawal is not None:
+            self._withdrawal.go_on_from(state["withdrawal"])
         for name, value in state["changing"].items():
             setattr(self, name, value)
         self._meet(self.people)
@@ -254,6 +267,8 @@ class Episodes:
             NoRoomError: a ``ValueError``, when ``MOST_DRAWS`` starts of a world all were such.
         """
         drawn_from = dict(zip(ids.tolist(), generators, strict=True))
+        if self._withdrawal is not None:
+            self._withdrawal.begin(ids)
         self.draws[ids] = 0
         crowded = ids
         while len(crowded):
@@ -352,9 +367,27 @@ class Episodes:
             ValueError: for actions that ``checked_actions`` refuses; nothing has moved then. On a device actions must
                 be tensors there, of single precision, and whether they are finite is asked by ``check``.
         """
+        action = self.led(action)
         self.command(action)
         self.simulation.step()
         return self.evaluate_step(action)
+
+    @property
+    def withdrawing(self) -> NDArray[np.bool_]:
+        """The worlds (N,) whose task is complete and whose robot withdraws, or waits withdrawn."""
+        if self._withdrawal is None:
+            return np.zeros(self.simulation.num_worlds, dtype=bool)
+        return self._withdrawal.driving
+
+    def led(self, action: Array) -> Array:
+        """The actions (N, J) of the coming control step: those of the withdrawal in the worlds that it drives.
+
+        Raises:
+            ValueError: for actions that ``step`` refuses.
+        """
+        if self._withdrawal is None:
+            return action
+        return self._withdrawal.led(checked_actions(action, (self.simulation.num_worlds, self.action_size)))
 
     def command(self, action: Array) -> None:
         """Give the robots their actions (N, J), and people who move by themselves their targets.
@@ -424,7 +457,12 @@ class Episodes:
         result = self.task.evaluate_step(state, clipped, self.task_state)
         self.task_state = result.task_state
         self.simulation.park(result.gone)
-        return self._step(state, result)
+        if self._withdrawal is None:
+            return self._step(state, result)
+        unpaid = self._withdrawal.driving
+        self._withdrawal.see(result.success, result.events)
+        terms = {name: np.where(unpaid, 0.0, term) for name, term in result.terms.items()}
+        return self._step(state, replace(result, terms=terms))
 
     def assess(self) -> Step:
         """Evaluate the present state as if nothing had been asked of the robots; the tasks' states stay as they are."""

@@ -136,6 +136,8 @@ class Task:
         detour_m: how much longer than straight on the way of tool and hand to the goal is, (N,); with a
             ``training.detour_weight_per_m`` training draws the policy along it.
         marks: what is drawn on the person.
+        ends_with_success: whether going on after success helps nobody. The robot then withdraws its tool where an
+            episode or a session has ``withdraw_after_success``.
 
     Raises:
         TypeError: for a part that is missing or of another kind, naming it.
@@ -161,6 +163,7 @@ class Task:
     patient_expert: Expert | None = None
     detour_m: Callable[[State, TaskState], Array] | None = None
     marks: Marks | None = None
+    ends_with_success: bool = False
 
     def __post_init__(self) -> None:
         for part, kind in _KINDS.items():
@@ -221,6 +224,7 @@ _KINDS: Mapping[str, type] = {
     "weights": Mapping,
     "views": Views,
     "training": TrainingSettings,
+    "ends_with_success": bool,
 }
 _FUNCTIONS = (
     "scene",

@@ -80,8 +80,9 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     really sit and lie on.
     A trial whose person was held for more than ``max_held_share`` of the time in which the robot helped enters no
     analysis; a design that does not say counts all. ``force_guard``: arms are kept from pressing too hard and from
-    coming too fast; a design that does not say has none, as studies that began without it. ``streams`` are exchanged
-    with other devices.
+    coming too fast; a design that does not say has none, as studies that began without it.
+    ``withdraw_after_success``: the robot withdraws its tool once a task that ends with success is complete; of a design
+    that does not say it goes on to the trial's end. ``streams`` are exchanged with other devices.
     ``headset_check``: sessions of people begin with a check of the headset; of a design that does not say they do not.
     ``measure_reach``: people stretch their arms when they are measured, and their bodies' arms become as long.
     """
@@ -100,6 +101,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     languages: Names = ("en",)
     max_held_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 1.0
     force_guard: bool = False
+    withdraw_after_success: bool = False
     headset_check: bool = False
     measure_reach: bool = False
     consent: Consent

@@ -221,6 +221,7 @@ def plan_session(
         trial_steps=design.trial_steps,
         furniture=furniture or design.furniture,
         force_guard=design.force_guard,
+        withdraw_after_success=design.withdraw_after_success,
         stop_rules=design.rules,
         texts=texts,
         measure_reach=design.measure_reach and not participant.simulated,

@@ -64,4 +64,5 @@ DRINKING = Task(
         on_floor=BESIDE_WHEELCHAIR,
     ),
     training=TRAINING,
+    ends_with_success=True,
 )

@@ -77,4 +77,5 @@ FEEDING = Task(
         on_floor=BESIDE_WHEELCHAIR,
     ),
     training=TRAINING,
+    ends_with_success=True,
 )

@@ -182,6 +182,7 @@ class Viewing:
             force_region=region,
             force_share=share,
             draws_back=False,
+            withdrawing=False,
             tracking_age_s=None,
             left_modality="none",
             right_modality="none",

@@ -249,6 +249,7 @@ def configuration(
         "xr_from_world": {"position": xr_from_world.position, "orientation": xr_from_world.orientation},
         "language": plan.texts.language,
         "force_guard": plan.force_guard,
+        "withdraw_after_success": plan.withdraw_after_success,
         **checked,
         "furniture": msgspec.to_builtins(plan.furniture),
         "reward_weights": dict(world.task.weights),

@@ -92,6 +92,7 @@ def status(
         force_region=region,
         force_share=share,
         draws_back=phase.name == "trial" and bool(world.guard.yielding[0]),
+        withdrawing=phase.name == "trial" and world.withdrawing,
         tracking_age_s=tracking.age_s(now_s),
         left_modality=left,
         right_modality=right,

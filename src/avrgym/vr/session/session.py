@@ -179,12 +179,15 @@ class Session:
             self._check_continuity(0.0 if before_s is None else now_s - before_s)
         self._follow()
         driver = self._phase.driver
-        step = self.world.tick(driver, guarded=state.plan.force_guard)
+        step = self.world.tick(
+            driver, guarded=state.plan.force_guard, withdraws=driver is not None and state.withdraws
+        )
         if storage.attempt is not None:
             storage.attempt.record_physics(self.world, now_s)
         if driver is not None:
             state.watch_driver()
             state.watch_guard()
+            state.watch_withdrawal()
         if step is not None:
             self._go_to(self._phase.finish_step(step))
         self._check_storage()

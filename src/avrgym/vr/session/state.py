@@ -9,6 +9,7 @@ import numpy as np
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.policies.force_guard import ACTS, RESTS
+from avrgym.simulation.withdrawal import WITHDRAWS
 from avrgym.recording import records
 from avrgym.recording.files import RecordingError
 from avrgym.recording.headset_check import HeadsetCheck
@@ -72,7 +73,7 @@ class SessionState:
 
     def __post_init__(self) -> None:
         self._told_scene = self.scene_message()
-        self._guard_interventions, self._guard_acts = 0, False
+        self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
         self._latencies: deque[records.Latency] = deque(maxlen=LATENCIES_KEPT)
         self.latency: list[messages.StageLatency] = []
 
@@ -254,7 +255,7 @@ class SessionState:
         attempt.record_physics(world, self.now_s)
         self.drivers.begin()
         world.prepare(self.driver)
-        self._guard_interventions, self._guard_acts = 0, False
+        self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
 
     def watch_driver(self) -> None:
         """Record whenever the driver fails or drives again; tell each kind of failure once an attempt."""
@@ -280,6 +281,18 @@ class SessionState:
         elif self._guard_acts and not acts:
             self.record_event(RESTS, "")
         self._guard_interventions, self._guard_acts = interventions, acts
+
+    @property
+    def withdraws(self) -> bool:
+        """Whether the robot withdraws after success; an operator decides that alone."""
+        return self.plan.withdraw_after_success and not isinstance(self.driver, Operator)
+
+    def watch_withdrawal(self) -> None:
+        """Record when the robot begins to withdraw after success."""
+        withdraws = self.world.withdrawing
+        if withdraws and not self._withdrew:
+            self.record_event(WITHDRAWS, "")
+        self._withdrew = withdraws
 
     def end_attempt(self, result: AttemptEnd) -> RecordingError | None:
         """End a running attempt; what keeps its recording from being complete, if anything does."""

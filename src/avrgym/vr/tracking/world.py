@@ -13,6 +13,7 @@ from avrgym.models.human import Person
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, SceneConfig
 from avrgym.policies.force_guard import ForceGuard
 from avrgym.simulation.retreat import Retreat
+from avrgym.simulation.withdrawal import Withdrawal
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.task import Task
@@ -32,11 +33,15 @@ Amend = Callable[[], Array | None]
 
 @dataclass(frozen=True)
 class ControlStep:
-    """One finished control step: the observation (O,) it began with, its last action (7,), and what it gave."""
+    """One finished control step: the observation (O,) it began with, its last action (7,), and what it gave.
+
+    ``withdrawing``: the robot withdrew after success, or waited withdrawn.
+    """
 
     observation: Array
     action: Array
     outcome: Step
+    withdrawing: bool = False
 
 
 class ControlSteps:
@@ -175,6 +180,7 @@ class LiveWorld:
         self._episodes.begin(np.array([0]), self._generators)
         self.start = self._episodes.start(0)
         self._retreat = Retreat(self._episodes.simulation)
+        self._withdrawal = Withdrawal(self._episodes.simulation)
         self.hold()
 
     def follow(self, pose: BodyPose) -> None:
@@ -203,10 +209,18 @@ class LiveWorld:
         driver.begin(self._episodes, self._generators)
         self.guard.begin()
 
-    def tick(self, driver: Driver | None, *, guarded: bool = False) -> ControlStep | None:
+    @property
+    def withdrawing(self) -> bool:
+        """Whether the robot withdraws after success, or waits withdrawn."""
+        return bool(self._withdrawal.driving[0])
+
+    def tick(
+        self, driver: Driver | None, *, guarded: bool = False, withdraws: bool = False
+    ) -> ControlStep | None:
         """Advance by 10 ms. With a driver who is prepared the robot moves; every tenth tick gives a control step.
 
         ``guarded``: what the driver asks for goes through ``guard``, and what that makes of it counts as the action.
+        ``withdraws``: after success in a task that ends with it the robot withdraws in place of the driver.
         """
         self.ticks += 1
         if self._retreated_ticks is not None:
@@ -214,11 +228,19 @@ class LiveWorld:
             return None
         if driver is None:
             return self._steps.tick(None)
-        if not guarded:
-            return self._steps.tick(driver.act, driver.amend)
-        return self._steps.tick(
-            lambda seen: self.guard.act(driver.act(seen)), lambda: self._amended(driver.amend())
-        )
+        withdrew = self.withdrawing
+        act, amend = (self._withdraw, _nothing) if withdrew else (driver.act, driver.amend)
+        if guarded:
+            step = self._steps.tick(lambda seen: self.guard.act(act(seen)), lambda: self._amended(amend()))
+        else:
+            step = self._steps.tick(act, amend)
+        if step is None or not (withdraws and self.task.ends_with_success):
+            return step
+        self._withdrawal.see(step.outcome.success, step.outcome.events)
+        return replace(step, withdrawing=withdrew)
+
+    def _withdraw(self, _seen: Array) -> Array:
+        return self._withdrawal.led(np.zeros((1, self._episodes.action_size)))
 
     def _amended(self, asked: Array | None) -> Array | None:
         return self.guard.given if self.guard.amend(asked)[0] else None
@@ -246,6 +268,10 @@ class LiveWorld:
     def scene(self, number: int, registration: Registration) -> messages.Scene:
         """What the client has to draw; ``number`` is that of the scene in its address."""
         return scene_message(number, self._episodes, registration)
+
+
+def _nothing() -> None:
+    """No other action during a control step."""
 
 
 def most_pressed(simulation: Simulation) -> tuple[str, float]:

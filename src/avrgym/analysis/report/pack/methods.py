@@ -127,6 +127,11 @@ def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
         f"high with its back at {seat.mattress_back_deg:g}°. "
         + ("A force guard kept arms" if design.force_guard else "No force guard kept arms")
         + " from pressing too hard and from coming too fast."
+        + (
+            " After success in feeding and drinking the robot withdrew its tool and waited."
+            if design.withdraw_after_success
+            else ""
+        )
     )
     yield _latency(analysis)
     if checked:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Self
 
+from avrgym.simulation.withdrawal import WITHDRAWAL
 from avrgym.texts.texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
@@ -65,7 +66,10 @@ class Trial(Stoppable):
     def finish_step(self, step: ControlStep) -> Retreat | Self:
         attempt = self.state.storage.attempt
         assert attempt is not None
-        attempt.record_step(step, self.state.current.policy, self.driver.idle, self.state.now_s)
+        if step.withdrawing:
+            attempt.record_step(step, WITHDRAWAL, False, self.state.now_s)
+        else:
+            attempt.record_step(step, self.state.current.policy, self.driver.idle, self.state.now_s)
         if attempt.steps < self.state.plan.trial_steps:
             return self
         return Retreat(self.state)

@@ -1,0 +1,114 @@
+"""After success the robot withdraws in a session and waits: recorded, replayed to the same bits, left to studies."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from avrgym.policies.force_guard import ACTS
+from avrgym.policies.names import OPERATOR
+from avrgym.recording.files import Recording
+from avrgym.recording.records import Control
+from avrgym.replay.verification import verify
+from avrgym.simulation.withdrawal import SETTLED_STEPS, WITHDRAWAL, WITHDRAWS
+from avrgym.study.design.design import DesignError, default_text, parse_design
+from avrgym.study.sessions.live import plan_session
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol.messages import Status
+from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
+from avrgym.vr.tracking.world import LiveWorld
+from analysed import take_part
+from studies import make_study
+from visit import ENVIRONMENT, Visit, plan
+
+STEPS = 100
+LINE = "withdraw_after_success = true\n"
+
+
+def trial(folder: Path, *, withdraws: bool, policy: str = "revised") -> tuple[Recording, list[Status]]:
+    """A trial in which a participant who keeps still is fed."""
+    session: SessionPlan = replace(
+        plan(trial_steps=STEPS),
+        trials=[TrialPlan(ENVIRONMENT, policy, 3, practice=False)],
+        withdraw_after_success=withdraws,
+    )
+    visit = Visit(folder, session, load_policies(session))
+    visit.sit_down()
+    visit.until("questionnaire")
+    visit.answer(1, 2, 3, 4)
+    visit.leave()
+    (recording,) = visit.recordings()
+    return recording, visit.said(Status)
+
+
+def steps_of(recording: Recording) -> list[Control]:
+    return [step for _, step in recording.topics["/control"]]
+
+
+def times(recording: Recording, name: str) -> list[float]:
+    return [time_ns / 1e9 for time_ns, event in recording.topics["/events"] if event.name == name]
+
+
+def test_the_robot_withdraws_waits_and_replays(tmp_path: Path) -> None:
+    recording, statuses = trial(tmp_path, withdraws=True)
+    steps = steps_of(recording)
+    first = next(number for number, step in enumerate(steps) if step.success)
+    drivers = [step.driver for step in steps]
+    begins = drivers.index(WITHDRAWAL)
+    assert begins > first + SETTLED_STEPS
+    assert set(drivers[:begins]) == {"revised"}
+    assert set(drivers[begins:]) == {WITHDRAWAL}
+    assert all(step.force_on_person_n == 0.0 for step in steps[begins + 20 :])
+    (began_s,) = times(recording, WITHDRAWS)
+    assert not [time_s for time_s in times(recording, ACTS) if time_s > began_s + 1.0]
+    assert recording.metadata["withdraw_after_success"] is True
+    assert {status.withdrawing for status in statuses if status.success and status.phase == "trial"} == {
+        False,
+        True,
+    }
+    assert not any(status.withdrawing for status in statuses if status.phase != "trial")
+    found = verify(recording)
+    assert (found.identical_states, found.identical_steps) == (found.states, STEPS)
+
+
+def test_without_it_the_policy_goes_on(tmp_path: Path) -> None:
+    recording, statuses = trial(tmp_path, withdraws=False)
+    steps = steps_of(recording)
+    assert {step.driver for step in steps} == {"revised"}
+    assert any(step.success and step.force_on_person_n > 0.0 for step in steps[-40:])
+    assert not times(recording, WITHDRAWS)
+    assert recording.metadata["withdraw_after_success"] is False
+    assert not any(status.withdrawing for status in statuses)
+
+
+def test_an_operator_decides_alone(tmp_path: Path) -> None:
+    session = replace(plan(), trials=[TrialPlan(ENVIRONMENT, OPERATOR, 3, practice=False)])
+    visit = Visit(tmp_path, session, load_policies(session))
+    visit.sit_down()
+    visit.until("trial")
+    assert session.withdraw_after_success
+    withdraws: list[bool] = []
+    tick = LiveWorld.tick
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            LiveWorld,
+            "tick",
+            lambda world, driver, **how: (withdraws.append(how["withdraws"]), tick(world, driver, **how))[1],
+        )
+        visit.tick(5)
+    assert withdraws == [False] * 5
+
+
+def test_new_studies_withdraw_and_those_that_do_not_say_go_on(tmp_path: Path) -> None:
+    assert parse_design(default_text()).withdraw_after_success
+    assert not parse_design(default_text().replace(LINE, "")).withdraw_after_success
+    with pytest.raises(DesignError, match="withdraw_after_success"):
+        parse_design(default_text().replace(LINE, 'withdraw_after_success = "yes"\n'))
+
+
+@pytest.mark.parametrize("withdraws", [True, False])
+def test_sessions_withdraw_as_the_design_says(tmp_path: Path, withdraws: bool) -> None:
+    value = "true" if withdraws else "false"
+    with Store(make_study(tmp_path / "study", withdraw_after_success=value)) as store:
+        session = plan_session(store, take_part(store))
+    assert session.withdraw_after_success == withdraws
