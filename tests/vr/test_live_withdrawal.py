@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from analysed import take_part
 from avrgym.policies.force_guard import ACTS
 from avrgym.policies.names import OPERATOR
 from avrgym.recording.files import Recording
@@ -17,7 +18,6 @@ from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Status
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.tracking.world import LiveWorld
-from analysed import take_part
 from studies import make_study
 from visit import ENVIRONMENT, Visit, plan
 

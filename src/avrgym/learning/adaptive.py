@@ -100,8 +100,8 @@ class AdaptiveTraining:
     ``imitation_share`` of the rounds imitate, the first ones: the task's expert, or ``teacher``, a policy by its name
     or file. With ``initial``, a policy that remembers, by its name or file, it goes on from that one, and has its
     layers, in place of ``memory`` units and ``hidden`` ones. ``withdraw_after_success`` is as of ``Episodes``: then
-    contact after success earns nothing, and imitation shows the withdrawal. Unless the share is given it is ``IMITATION_SHARE``, and
-    with an initial policy none.
+    contact after success earns nothing, and imitation shows the withdrawal. Unless the share is given it is
+    ``IMITATION_SHARE``, and with an initial policy none.
     """
 
     environment: str

@@ -1,7 +1,8 @@
 """Withdrawal after success: the arm moves its tool a little away from the person and waits.
 
 It begins once the task has succeeded and nothing more has reached the person for ``SETTLED_S``. The tool then leaves as
-in a ``Retreat``, but only as far as ``FROM_MOUTH_M`` and ``FROM_PERSON_M``, and the arm holds still until the episode ends.
+in a ``Retreat``, but only as far as ``FROM_MOUTH_M`` and ``FROM_PERSON_M``. The arm then holds still until the episode
+ends.
 """
 
 from typing import Any

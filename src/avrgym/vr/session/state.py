@@ -9,13 +9,13 @@ import numpy as np
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.policies.force_guard import ACTS, RESTS
-from avrgym.simulation.withdrawal import WITHDRAWS
 from avrgym.recording import records
 from avrgym.recording.files import RecordingError
 from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.recording.latency import is_whole, percentiles_ms
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.recording.stop_rules import Verdict
+from avrgym.simulation.withdrawal import WITHDRAWS
 from avrgym.texts.texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
