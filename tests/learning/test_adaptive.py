@@ -274,3 +274,14 @@ def test_newtons_beyond_the_most_are_not_paid_for(monkeypatch):
 def test_a_folder_without_training_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no training of an adaptive policy"):
         resume(tmp_path)
+
+
+def test_with_withdrawal_contact_after_success_earns_nothing_and_imitation_shows_waiting():
+    place = Place("avrgym/FeedingJaco-v1", Carried.of("revised"), "none", 1, "threads")
+    order = Order(place, 0, np.array([3]), by_expert=np.array([True]))
+    policy = packaged("avrgym/FeedingJaco-v1", "adaptive")
+    goes_on = roll_out(policy, order)
+    waits = roll_out(policy, replace(order, place=replace(place, withdraw_after_success=True)))
+    assert goes_on.success.all() and waits.success.all()
+    assert (goes_on.rewards[-20:] != 0.0).all() and np.abs(goes_on.actions[-20:]).max() > 0.0
+    assert (waits.rewards[-20:] == 0.0).all() and (waits.actions[-20:] == 0.0).all()

@@ -183,7 +183,7 @@ GIVEN = (7, 1, 4, 2)
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Visit:
     """A practice trial and a trial of full length with the packaged policy, answered and finished."""
     trials = [TrialPlan(ENVIRONMENT, "revised", seed, practice) for seed, practice in ((1, True), (2, False))]
-    session = SessionPlan(trials, "woman", FREE_S, simulated=True)
+    session = SessionPlan(trials, "woman", FREE_S, simulated=True, withdraw_after_success=False)
     visit = Visit(tmp_path_factory.mktemp("whole"), session, load_policies(session))
     visit.sit_down()
     visit.until("questionnaire")
