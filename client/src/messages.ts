@@ -380,13 +380,14 @@ export interface Feedback {
 
 /** How the session stands, several times a second, for those who watch it; never sent to the participant.
  *
- * `step` counts the attempt's control steps, `reward` sums them up, `success` is so far; distance and
- * force are those of the latest one. `force_region` is the region of the body that bears most now, by its limit, and
+ * `step` counts the attempt's control steps, `reward` sums them up, `success` is so far; distance and force are
+ * those of the latest one. `force_region` is the region of the body that bears most now, by its limit, and
  * `force_share` how much of that; empty and 0 where none bears anything. `draws_back`: the force guard moves the
- * robot. `withdrawing`: after success the robot withdraws its tool, or waits withdrawn. `tracking_age_s` is the time since the newest usable frame. `operated`: in this trial the experimenter
- * drives; `idle`: the robot holds still for want of an action. `held_because`: the answer for which a stop rule
- * paused the session, empty where none did. `latency`: how late pictures were in the last seconds of
- * which the client told, from pose to picture as `total_ms` and by stage. `streams`: those of other devices. */
+ * robot. `withdrawing`: after success the robot withdraws its tool, or waits withdrawn. `tracking_age_s` is the
+ * time since the newest usable frame. `operated`: in this trial the experimenter drives; `idle`: the robot holds
+ * still for want of an action. `held_because`: the answer for which a stop rule paused the session, empty where none
+ * did. `latency`: how late pictures were in the last seconds of which the client told, from pose to picture as
+ * `total_ms` and by stage. `streams`: those of other devices. */
 export interface Status {
   type: "status";
   phase: PhaseName;
