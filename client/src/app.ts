@@ -9,7 +9,7 @@ import type { Outgoing } from "./codec";
 import { LatencyMeter } from "./latency";
 import type { Body, Phase, Problem, Scene, ServerMessage, Welcome } from "./messages";
 import { Page, isStopKey } from "./page";
-import { BACK, DONE } from "./paint";
+import { AGAIN, BACK, DONE } from "./paint";
 import { Panel } from "./panel";
 import { Questionnaire } from "./questionnaire";
 import { createRoom } from "./room";
@@ -147,8 +147,7 @@ export class App {
     const { root } = this.world;
     root.add(createRoom(detail));
     if (detail.lighting) this.view.reflect(root);
-    const { left, right } = this.immersive.pointers;
-    this.view.scene.add(root, this.panel.mesh, left.group, right.group);
+    this.view.scene.add(root, this.panel.mesh, this.immersive.pointers.group);
     this.view.standBefore(root);
   }
 
@@ -272,7 +271,7 @@ export class App {
   }
 
   private left(): void {
-    this.immersive.stopPointing();
+    this.immersive.pointers.hide();
     this.showPresenting(false);
     this.send({ type: "left" });
   }
@@ -297,6 +296,7 @@ export class App {
     else if (this.questionnaire.question) this.answer(value);
     else if (confirmsAnswers(this.phase)) value === DONE && this.send({ type: "ready" });
     else if (choice) this.send(choice);
+    else if (value === AGAIN) this.send({ type: "recalibrate" });
     else if (awaitsReady(this.phase)) this.send({ type: "ready" });
   }
 

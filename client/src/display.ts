@@ -31,6 +31,8 @@ export interface PanelContent {
   notice: string | null;
   /** Whether all questions are answered, and the answers are to be confirmed. */
   confirms: boolean;
+  /** Whether the participant may ask to be measured again. */
+  again: boolean;
 }
 
 const LINK_WORDS: Record<Link, Key> = {
@@ -62,8 +64,9 @@ export function panelContent(display: Display): PanelContent | null {
   const text = question ? question.text : phaseText(phase);
   if (!text && !notice) return null;
   const body = phase?.name === "calibration" ? display.body : null;
-  const confirms = confirmsAnswers(phase);
-  return { words, label, text, secondsLeft: question ? null : secondsLeft, question, body, answered, notice, confirms };
+  const [confirms, again] = [confirmsAnswers(phase), mayRecalibrate(phase)];
+  const counts = question ? null : secondsLeft;
+  return { words, label, text, secondsLeft: counts, question, body, answered, notice, confirms, again };
 }
 
 /** Which trial of how many; empty outside the trials. */

@@ -2,15 +2,13 @@ import { Quaternion, Vector3 } from "three";
 import type { BareHandsTracked } from "./barehands";
 import type { Connection } from "./connection";
 import type { Panel } from "./panel";
-import { Pointer } from "./pointer";
-import { BACKLOG_LIMIT_BYTES, Numbering, Reader, Throttle, findSource, type Poses } from "./tracking";
+import { Pointers } from "./pointers";
+import { BACKLOG_LIMIT_BYTES, Numbering, Reader, Throttle, type Poses } from "./tracking";
 
-type Hand = "left" | "right";
-
-/** What happens in every frame of VR: poses go out, the panel is placed, the hands point at it. */
+/** What happens in every frame of VR: poses go out, the panel is placed, input sources point at it. */
 export class Immersive {
   readonly numbering = new Numbering();
-  readonly pointers = { left: new Pointer(), right: new Pointer() };
+  readonly pointers = new Pointers();
   /** How many frames have been drawn. */
   frames = 0;
   /** Whether poses come from `track` alone, and not with the frames. */
@@ -37,8 +35,8 @@ export class Immersive {
   frame(frame: XRFrame, space: XRReferenceSpace): void {
     this.frames++;
     if (this.panel.visible) this.placePanel(frame.getViewerPose(space));
-    if (this.panel.buttons.length > 0) this.point(frame, space);
-    else this.stopPointing();
+    if (this.panel.buttons.length > 0) this.panel.hover(this.pointers.point(frame, space, this.panel));
+    else this.pointers.hide();
   }
 
   /** The fingers of bare hands in the latest frame. */
@@ -46,16 +44,9 @@ export class Immersive {
     return this.reader.bareHands;
   }
 
-  stopPointing(): void {
-    this.pointers.left.hide();
-    this.pointers.right.hide();
-  }
-
   /** The value of the button that an input points at, or null. */
   pointedAt(source: XRInputSource, frame: XRFrame, space: XRReferenceSpace): number | null {
-    const pose = frame.getPose(source.targetRaySpace, space);
-    if (!pose || source.handedness === "none") return null;
-    return this.pointers[source.handedness].aim(pose.transform, this.panel);
+    return this.panel.buttons.length > 0 ? this.pointers.pointedAt(source, frame, space, this.panel) : null;
   }
 
   /** Sends poses, unless earlier ones still wait. */
@@ -70,18 +61,5 @@ export class Immersive {
     this.head.set(position.x, position.y, position.z);
     this.turn.set(orientation.x, orientation.y, orientation.z, orientation.w);
     this.panel.place(this.head, this.forward.set(0, 0, -1).applyQuaternion(this.turn), this.around);
-  }
-
-  private point(frame: XRFrame, space: XRReferenceSpace): void {
-    const left = this.pointWith("left", frame, space);
-    const right = this.pointWith("right", frame, space);
-    this.panel.hover(right ?? left);
-  }
-
-  private pointWith(hand: Hand, frame: XRFrame, space: XRReferenceSpace): number | null {
-    const source = findSource(frame.session.inputSources, hand);
-    if (source) return this.pointedAt(source, frame, space);
-    this.pointers[hand].hide();
-    return null;
   }
 }

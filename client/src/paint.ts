@@ -12,11 +12,14 @@ import {
   type Box,
   type Button,
 } from "./questionnaire";
-import type { Words } from "./words";
+import type { Key, Words } from "./words";
 
-/** The values of the buttons that answer nothing: to the question before, and that all answers stay as they are. */
+/** The values of the buttons that answer nothing: to the question before, all answers stay, measure again, go on. */
 export const BACK = -1;
 export const DONE = -2;
+export const AGAIN = -3;
+export const GO_ON = -4;
+const ACTION_WORDS: Readonly<Record<number, Key>> = { [BACK]: "back", [DONE]: "done", [AGAIN]: "again", [GO_ON]: "go_on" };
 
 /** Pixels of the panel's canvas. */
 export const WIDTH = 1536;
@@ -66,8 +69,8 @@ type Asking = PanelContent & { question: Question };
 type Choosing = PanelContent & { body: Body };
 
 export function buttonsOf(content: PanelContent | null): Button[] {
-  if (!content?.question && !content?.confirms) return bodiesOf(content);
-  const buttons = content.question ? questionButtons(content.question) : confirmButtons();
+  if (!content || !(content.question || content.confirms || content.again)) return bodiesOf(content);
+  const buttons = content.question ? questionButtons(content.question) : actionButtons(content.confirms);
   return isRightToLeft(content.words) ? mirrored(buttons, PANEL_BOX) : buttons;
 }
 
@@ -82,11 +85,12 @@ function scaleButtons(question: Question): Button[] {
   return labels.length > 0 ? layoutWords(points, BUTTON_BOX, WORDS_HEIGHT) : layoutButtons(points, BUTTON_BOX);
 }
 
-function confirmButtons(): Button[] {
-  const [back, done] = layoutWords(2, CONFIRM_BOX, CONFIRM_BOX.height);
+/** Two actions side by side: to change answers or keep them, to be measured again or go on. */
+function actionButtons(confirms: boolean): Button[] {
+  const [left, right] = layoutWords(2, CONFIRM_BOX, CONFIRM_BOX.height);
   return [
-    { ...back!, value: BACK },
-    { ...done!, value: DONE },
+    { ...left!, value: confirms ? BACK : AGAIN },
+    { ...right!, value: confirms ? DONE : GO_ON },
   ];
 }
 
@@ -109,7 +113,7 @@ export function paint(
   if (content.text) paintBackground(context);
   context.direction = isRightToLeft(content.words) ? "rtl" : "ltr";
   if (asks(content)) paintQuestion(context, content, buttons, hovered);
-  else if (content.confirms) paintConfirm(context, content, buttons, hovered);
+  else if (content.confirms || content.again) paintChoice(context, content, buttons, hovered);
   else if (letsChoose(content)) paintBodies(context, content, hovered);
   else if (content.text) paintText(context, content);
   if (content.notice) paintNotice(context, content.notice);
@@ -159,8 +163,8 @@ function paintQuestion(context: Context, content: Asking, buttons: Button[], hov
   if (!saysItsEnds(question) || isLine(question)) paintAnchors(context, question, scale, isRightToLeft(words));
 }
 
-function paintConfirm(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
-  paintLabel(context, content.words.say("answers_given"));
+function paintChoice(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
+  paintLabel(context, content.confirms ? content.words.say("answers_given") : content.label);
   paintLines(context, content.text, WORDS_BOX, STATEMENT);
   paintActions(context, content.words, buttons, hovered);
 }
@@ -168,7 +172,7 @@ function paintConfirm(context: Context, content: PanelContent, buttons: Button[]
 /** The buttons that answer nothing. */
 function paintActions(context: Context, words: Words, buttons: Button[], hovered: number | null): void {
   for (const button of buttons.filter(({ value }) => value < 0)) {
-    const label = words.say(button.value === BACK ? "back" : "done");
+    const label = words.say(ACTION_WORDS[button.value]!);
     const size = fittingSize(context, label, inside(button), LABEL, 600);
     paintButton(context, button, label, size, buttonColours(button.value, hovered, null));
   }

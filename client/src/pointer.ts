@@ -3,9 +3,11 @@ import { OVERLAY_ORDER, type Panel, type PanelHit } from "./panel";
 
 const FREE_LENGTH_M = 1.2;
 
-/** A ray from one hand, with a dot where it meets the panel. */
+/** A ray of one input source, with a dot where it meets the panel. */
 export class Pointer {
   readonly group = new Group();
+  /** The button that the ray meets, or null. */
+  value: number | null = null;
   private readonly ray: Mesh;
   private readonly dot: Mesh;
   private readonly direction = new Vector3();
@@ -22,10 +24,11 @@ export class Pointer {
 
   hide(): void {
     this.group.visible = false;
+    this.value = null;
   }
 
-  /** Points along a target ray; returns the button that is met, or null. */
-  aim(pose: XRRigidTransform, panel: Panel): number | null {
+  /** Points along a target ray, which is drawn or only its end. */
+  aim(pose: XRRigidTransform, panel: Panel, drawsRay: boolean): void {
     const { position, orientation } = pose;
     this.group.visible = true;
     this.group.position.set(position.x, position.y, position.z);
@@ -34,8 +37,9 @@ export class Pointer {
     const met = panel.hit(this.group.position, this.direction, this.hit);
     this.dot.visible = met;
     this.dot.position.z = -this.hit.distance;
+    this.ray.visible = drawsRay;
     this.ray.scale.z = met ? this.hit.distance : FREE_LENGTH_M;
-    return met ? this.hit.value : null;
+    this.value = met ? this.hit.value : null;
   }
 }
 

@@ -81,7 +81,7 @@ describe("the bodies to choose", () => {
 
   it("are on the panel only while the participant is measured", () => {
     expect(buttonsOf(panelContent(calibration)).length).toBe(4);
-    expect(buttonsOf(panelContent({ ...calibration, phase: phase("check") }))).toEqual([]);
+    expect(bodiesOf(panelContent({ ...calibration, phase: phase("check") }))).toEqual([]);
     expect(buttonsOf(panelContent({ ...calibration, question: QUESTION })).length).toBe(QUESTION.points + 1);
   });
 

@@ -33,7 +33,7 @@ function notingCanvas(): { context: CanvasRenderingContext2D; written: Map<strin
 function smallestDeg(content: Partial<PanelContent>): number {
   const { context, written } = notingCanvas();
   const nothing = { label: "", text: "", secondsLeft: null, question: null, body: null, answered: null, notice: null };
-  const whole: PanelContent = { ...nothing, words: ENGLISH, confirms: false, ...content };
+  const whole: PanelContent = { ...nothing, words: ENGLISH, confirms: false, again: false, ...content };
   paint(context, whole, buttonsOf(whole), null);
   const pixel_m = (2 * PANEL_HALF_M.x) / WIDTH;
   return (Math.min(...written.values()) * pixel_m * 180) / Math.PI / FARTHEST_M;
@@ -63,6 +63,10 @@ describe("the smallest words on the panel", () => {
       expect(smallest({ text }), key).toBeGreaterThan(23);
       expect(smallest({ text, secondsLeft: 5 }), key).toBeGreaterThan(20);
     }
+  });
+
+  it("are 23 pixels high beside the buttons that measure again and go on", () => {
+    for (const { check } of Object.values(LANGUAGES)) expect(smallest({ text: check!, again: true })).toBeGreaterThan(23);
   });
 
   it("are 17 pixels high in a notice", () => {
