@@ -1,8 +1,10 @@
 import { Matrix4, Quaternion, Vector3 } from "three";
-import { P_SPACE, XRDevice, metaQuest3 } from "iwer";
+import { P_SPACE, XRDevice } from "iwer";
 import type { App } from "./app";
-import { confirmsAnswers } from "./display";
+import { confirmsAnswers, mayRecalibrate } from "./display";
 import type { BodyPose } from "./body";
+import { DEVICES, type EmulatedDevice } from "./emulateddevices";
+import { EmulatedPointer, turnTo } from "./emulatedpointer";
 import type { Phase, Question, XRPose } from "./messages";
 import { poseOf, type Poses } from "./tracking";
 import tickerUrl from "./ticker?worker&url";
@@ -31,8 +33,14 @@ export interface EmulatorControls {
   setTrigger(hand: Hand, pressed: boolean): void;
   /** Holds the menu button of a hand (X or A) down. */
   holdMenu(hand: Hand, pressed: boolean): void;
+  /** Holds the grip of a hand's controller. */
+  setSqueeze(hand: Hand, pressed: boolean): void;
   /** Turns a controller about its target ray's origin until the ray meets a point. */
   aimAt(hand: Hand, point: Triple): void;
+  /** Points with what this headset points with: the right controller or hand, the only button, or the eyes. */
+  pointAt(point: Triple): void;
+  /** Presses what selects where `pointAt` points, or lets go. */
+  select(pressed: boolean): void;
   /** The buttons on the panel, those of a question or of the bodies to choose; empty while none is to be seen. */
   buttons(): EmulatedButton[];
   phase(): Phase | null;
@@ -59,34 +67,53 @@ declare global {
   }
 }
 
-/** Puts an emulated Quest 3 in the place of `navigator.xr`; must come before anything asks for it. */
-export function installEmulator(): XRDevice {
+/** An emulated headset, and what its wearer points with where that is neither a controller nor a hand. */
+export interface Emulator extends EmulatedDevice {
+  device: XRDevice;
+  pointer: EmulatedPointer | null;
+}
+
+/** Puts an emulated headset in the place of `navigator.xr`; must come before anything asks for it. */
+export function installEmulator(name: string): Emulator {
+  const emulated = DEVICES[name];
+  if (!emulated) throw new Error(`no headset ${name} is emulated; choose one of ${Object.keys(DEVICES).join(", ")}`);
   const canvasContainer = document.createElement("div");
-  const device = new XRDevice(metaQuest3, { stereoEnabled: true, visibilityMask: null, canvasContainer });
+  const device = new XRDevice(emulated.config, { stereoEnabled: true, visibilityMask: null, canvasContainer });
   canvasContainer.style.zIndex = "0";
-  for (const hand of ["left", "right"] as const) claimTracked(controllerOf(device, hand).inputSource);
+  for (const controller of Object.values(device.controllers)) claimTracked(controller!.inputSource);
   device.installRuntime({ forceInstall: true });
-  return device;
+  return { ...emulated, device, pointer: pointerOf(device, emulated.input) };
+}
+
+function pointerOf(device: XRDevice, input: EmulatedDevice["input"]): EmulatedPointer | null {
+  if (input !== "controllers") device.primaryInputMode = "hand";
+  if (input === "controllers" || input === "hands") return null;
+  for (const hand of Object.values(device.hands)) hand!.connected = false;
+  return new EmulatedPointer(device, input === "gaze" ? "gaze" : "transient-pointer");
 }
 
 /** The emulator calls every position guessed; those of tracked controllers are not. */
 function claimTracked(source: { gripSpace?: unknown }): void {
-  (source.gripSpace as { [P_SPACE]: { emulated: boolean } })[P_SPACE].emulated = false;
+  if (source.gripSpace) (source.gripSpace as { [P_SPACE]: { emulated: boolean } })[P_SPACE].emulated = false;
 }
 
-export function exposeEmulator(app: App, device: XRDevice): void {
+export function exposeEmulator(app: App, emulator: Emulator): void {
+  const { device } = emulator;
   cacheClearValues(app.view.renderer.getContext() as WebGL2RenderingContext);
   window.avrgymEmulator = {
     device,
     setPoses: ({ head, left, right }) => {
       if (head) move(device, new Vector3(...head.position), new Quaternion(...head.orientation));
-      if (left !== undefined) setGrip(device, "left", left);
-      if (right !== undefined) setGrip(device, "right", right);
+      if (left !== undefined) setGrip(emulator, "left", left);
+      if (right !== undefined) setGrip(emulator, "right", right);
     },
-    setTrigger: (hand, pressed) => controllerOf(device, hand).updateButtonValue("trigger", pressed ? 1 : 0),
+    setTrigger: (hand, pressed) => setTrigger(emulator, hand, pressed),
+    setSqueeze: (hand, pressed) => controllerOf(device, hand).updateButtonValue("squeeze", pressed ? 1 : 0),
     holdMenu: (hand, pressed) =>
       controllerOf(device, hand).updateButtonValue(hand === "left" ? "x-button" : "a-button", pressed ? 1 : 0),
-    aimAt: (hand, point) => aim(controllerOf(device, hand), new Vector3(...point)),
+    aimAt: (hand, point) => turnTo(controllerOf(device, hand), new Vector3(...point)),
+    pointAt: (point) => pointAt(emulator, new Vector3(...point)),
+    select: (pressed) => select(emulator, pressed),
     buttons: () => shownButtons(app),
     phase: () => app.phase,
     question: () => app.questionnaire.question,
@@ -98,7 +125,29 @@ export function exposeEmulator(app: App, device: XRDevice): void {
     trackingSent: () => app.immersive.numbering.count,
     framesDrawn: () => app.immersive.frames,
   };
-  trackByTimer(app, device);
+  trackByTimer(app, emulator);
+}
+
+function pointAt({ device, pointer, input }: Emulator, point: Vector3): void {
+  if (pointer) pointer.lookAt(point);
+  else turnTo(input === "hands" ? device.hands["right"]! : pointingController(device), point);
+}
+
+function select(emulator: Emulator, pressed: boolean): void {
+  const { device, pointer, input } = emulator;
+  if (pointer) pointer.press(pressed);
+  else if (input === "hands") setTrigger(emulator, "right", pressed);
+  else pointingController(device).updateButtonValue("trigger", pressed ? 1 : 0);
+}
+
+function setTrigger({ device, input }: Emulator, hand: Hand, pressed: boolean): void {
+  if (input === "hands") device.hands[hand]!.updatePinchValue(pressed ? 1 : 0);
+  else controllerOf(device, hand).updateButtonValue("trigger", pressed ? 1 : 0);
+}
+
+/** The right one, or the only one. */
+function pointingController({ controllers }: XRDevice): Controller {
+  return controllers["right"] ?? controllers["none"]!;
 }
 
 interface TrustedTypes {
@@ -112,44 +161,61 @@ function ours(url: string): string {
 }
 
 /** A real headset tracks however long a page takes to draw; so does the emulated one. */
-function trackByTimer(app: App, device: XRDevice): void {
+function trackByTimer(app: App, emulator: Emulator): void {
   app.immersive.trackedElsewhere = true;
   const ticker = new Worker(ours(tickerUrl), { type: "module" });
   ticker.onmessage = () => {
-    if (app.presenting) app.immersive.track(posesOf(device), performance.now());
+    if (app.presenting) app.immersive.track(posesOf(emulator), performance.now());
   };
 }
 
-function posesOf(device: XRDevice): Poses {
-  const [left, right] = [gripOf(device, "left"), gripOf(device, "right")];
+function posesOf(emulator: Emulator): Poses {
+  const { device, input } = emulator;
+  const [left, right] = [heldPose(emulator, "left"), heldPose(emulator, "right")];
+  const modality = input === "hands" ? "hand" : "controller";
   return {
     head: poseOf(device.position, device.quaternion),
     left,
     right,
-    left_modality: left ? "controller" : "none",
-    right_modality: right ? "controller" : "none",
+    left_modality: left ? modality : "none",
+    right_modality: right ? modality : "none",
   };
 }
 
-function gripOf(device: XRDevice, hand: Hand): XRPose | null {
-  const { connected, position, quaternion } = controllerOf(device, hand);
-  if (!connected) return null;
+/** Where the grip of a controller or the wrist of a bare hand is. */
+function heldPose(emulator: Emulator, hand: Hand): XRPose | null {
+  const held = heldBy(emulator, hand);
+  if (!held?.connected) return null;
+  const { position, quaternion } = held;
   const ray = new Matrix4().compose(
     new Vector3(position.x, position.y, position.z),
     new Quaternion(quaternion.x, quaternion.y, quaternion.z, quaternion.w),
     new Vector3(1, 1, 1),
   );
-  const [gripPosition, gripQuaternion] = [new Vector3(), new Quaternion()];
-  ray.multiply(rayFromGrip(hand)).decompose(gripPosition, gripQuaternion, new Vector3());
-  return poseOf(gripPosition, gripQuaternion);
+  const [heldPosition, heldQuaternion] = [new Vector3(), new Quaternion()];
+  ray.multiply(fromRay(held)).decompose(heldPosition, heldQuaternion, new Vector3());
+  return poseOf(heldPosition, heldQuaternion);
 }
 
-/** A grip is fixed to the target ray of its controller by the device's own matrix. */
-function rayFromGrip(hand: Hand): Matrix4 {
-  return new Matrix4().fromArray(metaQuest3.controllerConfig!.layout[hand]!.gripOffsetMatrix!);
+/** A controller or a bare hand; null of headsets that track neither. */
+function heldBy({ device, input }: Emulator, hand: Hand): Held | null {
+  if (input === "controllers") return device.controllers[hand] ?? null;
+  return input === "hands" ? device.hands[hand]! : null;
+}
+
+/** A grip is fixed to the target ray of its controller by the device's own matrix, and a wrist to that of its hand. */
+function fromRay({ inputSource: { hand, gripSpace } }: Held): Matrix4 {
+  return offsetOf(hand?.get("wrist" as never) ?? gripSpace!);
+}
+
+function offsetOf(space: { [P_SPACE]: { offsetMatrix: ArrayLike<number> } }): Matrix4 {
+  return new Matrix4().fromArray(Array.from(space[P_SPACE].offsetMatrix));
 }
 
 type Movable = Pick<XRDevice, "position" | "quaternion">;
+
+type Controller = NonNullable<XRDevice["controllers"]["left"]>;
+type Held = Pick<Controller, "connected" | "position" | "quaternion" | "inputSource">;
 
 function controllerOf(device: XRDevice, hand: Hand) {
   return device.controllers[hand]!;
@@ -160,10 +226,11 @@ function move(target: Movable, position: Vector3, orientation: Quaternion): void
   target.quaternion.set(orientation.x, orientation.y, orientation.z, orientation.w);
 }
 
-/** A controller stands where its target ray begins. */
-function setGrip(device: XRDevice, hand: Hand, grip: EmulatedPose | null): void {
-  const controller = controllerOf(device, hand);
-  controller.connected = grip !== null;
+/** A controller stands where its target ray begins; of a bare hand the wrist is placed. */
+function setGrip(emulator: Emulator, hand: Hand, grip: EmulatedPose | null): void {
+  const held = heldBy(emulator, hand);
+  if (!held) return;
+  held.connected = grip !== null;
   if (!grip) return;
   const localFromGrip = new Matrix4().compose(
     new Vector3(...grip.position),
@@ -171,24 +238,23 @@ function setGrip(device: XRDevice, hand: Hand, grip: EmulatedPose | null): void 
     new Vector3(1, 1, 1),
   );
   const [position, orientation] = [new Vector3(), new Quaternion()];
-  localFromGrip.multiply(rayFromGrip(hand).invert()).decompose(position, orientation, new Vector3());
-  move(controller, position, orientation);
-}
-
-function aim(controller: Movable, point: Vector3): void {
-  const { x, y, z } = controller.position;
-  const origin = new Vector3(x, y, z);
-  const turned = new Matrix4().lookAt(origin, point, new Vector3(0, 1, 0));
-  move(controller, origin, new Quaternion().setFromRotationMatrix(turned));
+  localFromGrip.multiply(fromRay(held).invert()).decompose(position, orientation, new Vector3());
+  move(held, position, orientation);
 }
 
 function shownButtons(app: App): EmulatedButton[] {
   if (!app.panel.mesh.visible) return [];
   return app.panel.buttons.map((button) => ({
-    item: app.questionnaire.question?.item ?? (confirmsAnswers(app.phase) ? "confirm" : "body"),
+    item: app.questionnaire.question?.item ?? askedBeside(app.phase),
     value: button.value,
     centre: app.panel.centreOf(button).toArray(),
   }));
+}
+
+/** What buttons are there for without a question. */
+function askedBeside(phase: Phase | null): string {
+  if (confirmsAnswers(phase)) return "confirm";
+  return mayRecalibrate(phase) ? "check" : "body";
 }
 
 function plainState({ lastState }: App): ReturnType<EmulatorControls["lastState"]> {

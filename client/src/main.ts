@@ -10,7 +10,7 @@ const wanted = asked.get("detail") ?? (emulated ? "light" : "full");
 const detail = wanted === "light" ? LIGHT_DETAIL : FULL_DETAIL;
 const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
 const emulator = emulated ? await import("./emulator") : null;
-const device = emulator?.installEmulator();
+const device = emulator?.installEmulator(asked.get("headset") ?? "quest-3");
 
 const watches = location.pathname.endsWith("/spectator");
 

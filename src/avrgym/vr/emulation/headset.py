@@ -58,7 +58,8 @@ class EmulatedHeadset:
             url: the participant's address.
             width: of both eyes' pictures together, pixels.
             height: of the pictures, pixels.
-            query: what else to ask of the page, as ``&detail=full``, to draw all that a real headset draws.
+            query: what else to ask of the page, as ``&detail=full``, to draw all that a real headset draws, or
+                ``&headset=vive``, to have that headset's inputs; the client's ``emulateddevices.ts`` lists them.
             script: runs before the page's own scripts do.
 
         Raises:
@@ -116,6 +117,12 @@ class EmulatedHeadset:
             self.call("setTrigger", hand, pressed)
             self.await_frames(2)
 
+    def select(self) -> None:
+        """Press and release what selects with this headset, each seen by at least two frames."""
+        for pressed in (True, False):
+            self.call("select", pressed)
+            self.await_frames(4)
+
     def press_menu(self, hand: str) -> None:
         """Press and release a menu button."""
         for pressed in (True, False):
@@ -130,11 +137,11 @@ class EmulatedHeadset:
         )
 
     def answer(self, value: int) -> None:
-        """Point the right controller at a button of the question that is shown and press the trigger."""
+        """Point at the button of a value and select it: with the right controller, or what else this headset has."""
         button = next(button for button in self.call("buttons") if button["value"] == value)
-        self.call("aimAt", "right", button["centre"])
+        self.call("pointAt", button["centre"])
         self.await_frames(2)
-        self.pull_trigger("right")
+        self.select()
 
     def screenshot(self, path: Path) -> Path:
         """Save what the participant sees, both eyes."""
@@ -144,8 +151,8 @@ class EmulatedHeadset:
         return path
 
 
-DONE = -2
-"""The value of the button that confirms all answers; see the client's ``paint.ts``."""
+BACK, DONE, AGAIN, GO_ON = -1, -2, -3, -4
+"""The values of the buttons that answer nothing; see the client's ``paint.ts``."""
 PICTURE_AFTER_S = {"trial": 4.0}
 """What a demonstration shows of what the participant sees."""
 

@@ -1,0 +1,104 @@
+"""Every kind of input in a real browser: each headset's inputs enter, calibrate, answer and go on.
+
+The headsets are emulated: their controllers have the buttons, profiles and kinds of rays that the real ones have.
+"""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avrgym.geometry import transforms
+from avrgym.models.human import SKIN_TONES
+from avrgym.recording.files import read_recording
+from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.vr.emulation.headset import AGAIN, BACK, DONE, GO_ON
+from avrgym.vr.protocol.messages import XRPose
+from avrgym.vr.session import events
+from avrgym.vr.session.plan import SessionPlan, TrialPlan
+from journey import Journey, await_that
+from visit import driving
+
+pytestmark = pytest.mark.usefixtures("unhurried")
+
+HEADSETS = (
+    "quest-3",
+    "quest-2",
+    "pico-4",
+    "vive",
+    "mixed-reality",
+    "generic-trigger",
+    "one-button",
+    "hands",
+    "vision-pro",
+    "viewer",
+)
+FIRST_TONE = 3
+"""The panel's button after those of the two bodies."""
+
+
+class Wearer:
+    """Somebody who takes part with the inputs of one headset."""
+
+    def __init__(self, headset: str, folder: Path, opened: ExitStack, *, trial_steps: int = 1) -> None:
+        """Enter VR."""
+        trial = TrialPlan("avrgym/FeedingJaco-v1", "drive", 0, practice=False)
+        plan = SessionPlan(
+            [trial], "woman", 0.3, simulated=True, items=LIKERT_ITEMS[:1], trial_steps=trial_steps, countdown_s=0.3
+        )  # fmt: skip
+        self.journey = Journey(folder, plan, driving(plan), opened, query=f"&headset={headset}")
+        self.headset, self.session = self.journey.headset, self.journey.session
+        frame = self.journey.participant.frame(0.0, moving=False)
+        assert frame.head is not None
+        self._aside = _at_the_right(frame.head)
+        self.headset.set_poses(frame)
+        self.headset.enter_vr()
+        self.headset.page.wait_for_function("() => !document.body.classList.contains('sceneless')")
+        self.journey.await_phase("calibration")
+
+    def choose(self, item: str, value: int) -> None:
+        """Choose a button once the panel has those of a question, of the ``check``, or to ``confirm``."""
+        self.journey.await_buttons(item)
+        self.headset.await_frames(10)
+        self.headset.answer(value)
+
+    def go_on(self, *phases: str) -> None:
+        """Select nothing on the panel until phases are over."""
+        self.headset.call("pointAt", self._aside)
+        while self.headset.call("phase")["name"] in phases:
+            self.headset.await_frames(20)
+            if self.headset.call("phase")["name"] in phases:
+                self.headset.select()
+
+
+def _at_the_right(head: XRPose) -> list[float]:
+    """A place level with the eyes where no panel is."""
+    x, y, z, w = head.orientation
+    right = transforms.rotate(np.array([w, x, y, z]), np.array([5.0, 0.0, 0.0]))
+    return [float(head.position[0] + right[0]), head.position[1], float(head.position[2] + right[2])]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HEADSETS)
+def test_each_headset_calibrates_answers_and_goes_on(name: str, tmp_path: Path) -> None:
+    with ExitStack() as opened:
+        wearer = Wearer(name, tmp_path, opened)
+        session = wearer.session
+        wearer.choose("body", FIRST_TONE)
+        await_that(lambda: session.person.skin_tone == next(iter(SKIN_TONES)))
+        assert session.phase == "calibration"
+        wearer.go_on("calibration", "loading")
+        wearer.choose("check", AGAIN)
+        wearer.journey.await_phase("calibration")
+        wearer.go_on("calibration", "loading")
+        wearer.choose("check", GO_ON)
+        wearer.choose(LIKERT_ITEMS[0].id, 6)
+        wearer.choose("confirm", BACK)
+        wearer.choose(LIKERT_ITEMS[0].id, 2)
+        wearer.choose("confirm", DONE)
+        wearer.journey.await_phase("finished")
+        (ended,) = [each for each in wearer.journey.observed if isinstance(each, events.TrialEnded)]
+    assert ended.result == "completed"
+    answers = read_recording(tmp_path / "trial-01_attempt-1.mcap").topics["/answers"]
+    assert [record.value for _, record in answers] == [6, 2]
