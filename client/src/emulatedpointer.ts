@@ -89,7 +89,7 @@ export class EmulatedPointer {
   }
 }
 
-/** Turns something that stands somewhere to look at a point. */
+/** Turns a pose to look at a point. */
 export function turnTo({ position, quaternion }: Pick<XRDevice, "position" | "quaternion">, point: Vector3): void {
   const from = new Vector3(position.x, position.y, position.z);
   const turned = new Quaternion().setFromRotationMatrix(new Matrix4().lookAt(from, point, new Vector3(0, 1, 0)));

@@ -61,7 +61,7 @@ const HANDS = ["left", "right", "none"] as const;
 const KINDS = MODES.flatMap((mode) => HANDS.map((hand) => [mode, hand] as const));
 
 describe("an input source", () => {
-  it.each(KINDS)("with a ray of kind %s and handedness %s chooses each button, and nothing beside them", (mode, hand) => {
+  it.each(KINDS)("with a ray of kind %s and handedness %s chooses each button, and nothing outside of them", (mode, hand) => {
     const [panel, pointers] = [askingPanel(), new Pointers()];
     for (const { value } of panel.buttons) {
       const pointing = source(mode, hand, towards(panel, value));
