@@ -93,7 +93,7 @@ def rows_of(tmp_path: Path, table: str, **values: str) -> list[Mapping[str, str]
 def test_an_empty_study(words: Callable[[], str], tmp_path: Path) -> None:
     assert "Nobody has taken part yet: there is nothing to analyse." in words()
     for path in (tmp_path / "out" / "tables").glob("*.csv"):
-        rows = list(csv.reader(path.read_text().splitlines()))
+        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
         assert rows[0], path.name
         assert len(rows) == 1 or path.stem in ("people", "biomechanics"), path.name
     assert list((tmp_path / "out" / "figures").iterdir()) == []

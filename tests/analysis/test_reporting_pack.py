@@ -128,7 +128,7 @@ def test_what_is_given_is_no_longer_missing(analysis: Analysis) -> None:
 
 
 def test_the_list_of_fields_shows_in_red_what_is_missing(analysis: Analysis, out: Path) -> None:
-    with open(out / "reporting" / "checklist.csv", encoding="utf-8", newline="") as file:
+    with open(out / "reporting" / "checklist.csv", encoding="utf-8-sig", newline="") as file:
         rows = list(csv.DictReader(file))
     lacking = {row["field"] for row in rows if row["missing"] == "true"}
     assert {

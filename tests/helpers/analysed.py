@@ -141,5 +141,5 @@ def _control(step: int, reward: float) -> Control:
 
 def read_table(folder: Path, name: str) -> list[Mapping[str, str]]:
     """A table's rows as text."""
-    with open(folder / "tables" / f"{name}.csv", encoding="utf-8", newline="") as file:
+    with open(folder / "tables" / f"{name}.csv", encoding="utf-8-sig", newline="") as file:
         return list(csv.DictReader(file))

@@ -232,7 +232,7 @@ def tables_of(store: Store) -> dict[str, list[dict[str, str]]]:
 
 
 def _rows(table: Path) -> list[dict[str, str]]:
-    with open(table, encoding="utf-8", newline="") as file:
+    with open(table, encoding="utf-8-sig", newline="") as file:
         return list(csv.DictReader(file))
 
 

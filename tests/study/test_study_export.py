@@ -170,7 +170,7 @@ def test_torso_heights_are_those_that_were_recorded(store: Store, exports: dict[
 @pytest.mark.parametrize("text", ["=1+1", "+A1", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "\n=1"])
 def test_no_spreadsheet_runs_a_text(tmp_path: Path, text: str) -> None:
     write_csv(tmp_path / "a.csv", [{"text": text, "number": -1.5, "truth": True, "nothing": None}])
-    with open(tmp_path / "a.csv", newline="") as file:
+    with open(tmp_path / "a.csv", encoding="utf-8-sig", newline="") as file:
         (_, row) = csv.reader(file)
     assert row == ["'" + text, "-1.5", "true", ""]
     assert neutral("plain - text") == "plain - text"

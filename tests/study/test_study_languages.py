@@ -122,7 +122,7 @@ def test_a_participant_reads_one_language_throughout(folder: Path, tmp_path: Pat
         assert changes == ["L1 from 2 to 3"]
         assert not [each for each in check_study(store) if each.wrong]
         export_study(store, "csv", tmp_path / "csv")
-    with open(tmp_path / "csv" / "participants.csv", newline="") as file:
+    with open(tmp_path / "csv" / "participants.csv", encoding="utf-8-sig", newline="") as file:
         assert [row["language"] for row in csv.DictReader(file)] == ["de"]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from avrgym.analysis.reading.measures import Measured
 from avrgym.analysis.rows import ParticipantRow
 from avrgym.study.export.tables import neutral
+from avrgym.system.user_text import new_table
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,7 @@ class Table:
 
     def write(self, folder: Path) -> None:
         """Write the table into a folder; text that a spreadsheet would run as a formula gets an apostrophe."""
-        with open(folder / f"{self.name}.csv", "x", encoding="utf-8", newline="") as file:
+        with new_table(folder / f"{self.name}.csv") as file:
             writer = csv.writer(file)
             writer.writerow(self.columns)
             writer.writerows([neutral(row[column]) for column in self.columns] for row in self.rows)

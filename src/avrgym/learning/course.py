@@ -17,6 +17,7 @@ from avrgym.learning.stable_baselines import Normaliser, Trainee
 from avrgym.networks.policy import HumanRole, Policy
 from avrgym.people.distributions import NAMED
 from avrgym.people.kinds import HUMAN_FILE
+from avrgym.system.user_text import read_user_text
 
 POLICY_FILE, CHECKPOINT_FILE = "policy.safetensors", "checkpoint.pt"
 
@@ -96,7 +97,7 @@ class Course:
 
     def _role(self, partner: Policy) -> HumanRole:
         people = stored_people(self.configuration, self._out)
-        text = "" if people in NAMED else Path(people).read_text(encoding="utf-8")
+        text = "" if people in NAMED else read_user_text(Path(people))
         return HumanRole(partner=partner.digest, people_file=text)
 
     def save(self, trainees: Sequence[Trainee[Normaliser]], episodes: list[dict[str, Any]]) -> list[Policy]:

@@ -10,6 +10,7 @@ from typing import Any, get_type_hints
 import msgspec
 
 from avrgym.system.plain_values import is_array
+from avrgym.system.user_text import read_user_text
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.training_settings import TrainingSettings
 
@@ -32,7 +33,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         OSError: when it cannot be read.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(read_user_text(path))
     except ValueError as error:
         raise ValueError(f"{path}: no TOML: {error}") from None
 

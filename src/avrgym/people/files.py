@@ -19,6 +19,7 @@ from tomlkit.exceptions import TOMLKitError
 from avrgym.models.human import JOINTS, TORSO_HEIGHT_RANGE_M
 from avrgym.system.plain_values import is_array, is_table
 from avrgym.system.toml_places import Place, line_of
+from avrgym.system.user_text import read_user_text
 
 Range = tuple[float, float]
 
@@ -69,9 +70,11 @@ def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
         OSError: when it cannot be read.
     """
     try:
-        return parse_people(path.read_text(encoding="utf-8"), str(path), tasks)
+        return parse_people(read_user_text(path), str(path), tasks)
     except UnicodeDecodeError as error:
-        raise PeopleFileError(f"{path}: not text in UTF-8: {error.reason} at byte {error.start}") from None
+        raise PeopleFileError(
+            f"{path}: not text in UTF-8: {error.reason} at byte {error.start}; save it as UTF-8"
+        ) from None
 
 
 def parse_people(text: str, name: str, tasks: Collection[str]) -> PeopleFile:

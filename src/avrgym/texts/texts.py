@@ -15,6 +15,8 @@ from typing import Any
 
 import msgspec
 
+from avrgym.system.user_text import read_user_text
+
 FOLDER = "texts"
 LANGUAGE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
 """A language tag as HTML's ``lang`` has it (BCP 47)."""
@@ -148,7 +150,7 @@ def _read_brought(language: str) -> File:
 
 def _read_own(path: Path) -> File:
     try:
-        return _read(path.read_text("utf-8"), str(path))
+        return _read(read_user_text(path), str(path))
     except (OSError, UnicodeDecodeError) as error:
         raise TextsError(f"{path} cannot be read: {error}") from None
 

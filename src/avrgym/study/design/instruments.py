@@ -18,6 +18,7 @@ from avrgym.recording.questionnaire import Item, Questionnaire
 from avrgym.study.design.wrong import Wrong, check_fields, check_known
 from avrgym.system.plain_values import is_array, is_table
 from avrgym.system.toml_places import Place
+from avrgym.system.user_text import read_user_text
 
 FOLDER = "instruments"
 FIELDS = ("use", "name", "when", "order", "weights")
@@ -92,7 +93,7 @@ def _own_words(place: Place, instrument: Instrument, folder: Path) -> Mapping[st
     name = f"{FOLDER}/{instrument.name}.toml"
     wanted = f"the words of {', '.join(item.id for item in instrument.items)}, from {instrument.texts}"
     try:
-        text = (folder / name).read_text(encoding="utf-8")
+        text = read_user_text(folder / name)
         words = {key: _words(value) for key, value in tomlkit.parse(text).unwrap().items()}
     except FileNotFoundError:
         raise Wrong(

@@ -11,6 +11,7 @@ from tomlkit.exceptions import ParseError, TOMLKitError
 
 from avrgym.study.design.wrong import Wrong
 from avrgym.system.toml_places import Place, line_of
+from avrgym.system.user_text import read_user_text
 
 Kind = TypeVar("Kind", bound=msgspec.Struct)
 Tables = Mapping[tuple[str, ...], type[msgspec.Struct]]
@@ -24,9 +25,11 @@ class DesignError(ValueError):
 def read_text(path: Path) -> str:
     """The text of a file; ``DesignError`` where it is none, ``OSError`` where it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
+        return read_user_text(path)
     except UnicodeDecodeError as error:
-        raise DesignError(f"{path}: not text in UTF-8: {error.reason} at byte {error.start}") from None
+        raise DesignError(
+            f"{path}: not text in UTF-8: {error.reason} at byte {error.start}; save it as UTF-8"
+        ) from None
 
 
 def parse(

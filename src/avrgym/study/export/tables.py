@@ -15,6 +15,7 @@ from avrgym.study.export.scores import scales, scores_of, uses_instruments
 from avrgym.study.export.trials import ExportedAttempt, all_attempts, answers_of
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
+from avrgym.system.user_text import new_table
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 """How text begins that a spreadsheet would take for a formula."""
@@ -43,7 +44,7 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> N
 
 def write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
     """Write rows of equal keys; text that a spreadsheet would run as a formula gets an apostrophe in front."""
-    with open(path, "x", encoding="utf-8", newline="") as file:
+    with new_table(path) as file:
         writer = csv.writer(file)
         for number, row in enumerate(rows):
             if number == 0:

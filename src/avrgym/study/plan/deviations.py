@@ -16,6 +16,7 @@ from avrgym.study.plan.plan import FILE, NOT_PLANNED, Offered
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.store import Store
 from avrgym.system.toml_places import Place
+from avrgym.system.user_text import both_forms
 
 
 def deviations(
@@ -59,10 +60,10 @@ def _changed_file(store: Store, record: Record, name: str, before: str) -> Itera
         yield _deviation(name, "is gone")
         return
     data = path.read_bytes()
-    if sha256(data) == record.sha256[name]:
+    if record.sha256[name] in map(sha256, both_forms(data)):
         return
     try:
-        after = tomlkit.parse(data.decode()).unwrap()
+        after = tomlkit.parse(both_forms(data)[0].decode()).unwrap()
     except ValueError:
         yield _deviation(name, "was changed and can no longer be read")
         return

@@ -14,6 +14,7 @@ from avrgym.study.plan.plan import Offered, Plan, read_plan
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_new
+from avrgym.system.user_text import read_user_text
 
 Fields = Mapping[str, Mapping[str, str]]
 """By section and heading what to fill in."""
@@ -49,7 +50,7 @@ def _write_new(path: Path, text: str) -> Path:
     try:
         write_new(path, text)
     except FileExistsError:
-        if path.read_bytes() != text.encode():
+        if read_user_text(path) != text:
             raise StudyError(
                 f"{path} is there already, with other words; remove it to write it anew"
             ) from None

@@ -1,0 +1,144 @@
+"""Files from Windows editors are read, and tables are read by spreadsheets, Python, pandas and R."""
+
+import codecs
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.study import analyse
+from avrgym.analysis.tables import Table
+from avrgym.cli.main import app
+from avrgym.learning.settings_file import read_toml
+from avrgym.people.files import PeopleFileError, read_people
+from avrgym.study.checking.checks import check_study
+from avrgym.study.design.design import DesignError, read_design
+from avrgym.study.export import export_study
+from avrgym.study.export.tables import write_csv
+from avrgym.study.plan.deviations import deviations
+from avrgym.study.plan.freezing import read_frozen
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
+from avrgym.texts.texts import read_texts
+from studies import make_study, run_participant, small_study, take_in
+
+UMLAUTS = "Ärger über Füße, «naïve» 姓名"
+
+
+@pytest.fixture(autouse=True)
+def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+
+
+def mark(path: Path) -> Path:
+    """Save a file as Windows Notepad does: with a byte-order mark and other ends of lines."""
+    path.write_bytes(codecs.BOM_UTF8 + path.read_bytes().replace(b"\n", b"\r\n"))
+    return path
+
+
+def own(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+READERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
+    "texts": ('[sentences]\n"Feed" = "Füttern"\n', lambda path: read_texts("de", path.parents[1])),
+    "settings": ("learning_rate = 1e-3 # ü\n", read_toml),
+    "people": ('title = "Müde Leute"\n', lambda path: read_outcome(path)),
+}
+
+
+def read_outcome(path: Path) -> str:
+    """What comes of a file of people, in which this one lacks much: not that it is no text or no TOML."""
+    with pytest.raises(PeopleFileError) as refused:
+        read_people(path, ["Feeding"])
+    return str(refused.value)
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_a_byte_order_mark_changes_nothing_of_what_a_file_says(tmp_path: Path, kind: str) -> None:
+    text, read = READERS[kind]
+    path = own(tmp_path, "texts/de.toml", text)
+    before = read(path)
+    assert read(mark(path)) == before
+
+
+def test_a_study_saved_with_windows_notepad_opens_and_is_sound(tmp_path: Path) -> None:
+    folder = small_study(tmp_path / "study")
+    before = read_design(folder / "study.toml")
+    assert read_design(mark(folder / "study.toml")) == before
+    with Store(folder) as store:
+        run_participant(store, take_in(store), trials=1)
+        assert [each.what for each in check_study(store) if each.wrong] == []
+
+
+def test_other_encodings_are_refused_with_what_to_do(tmp_path: Path) -> None:
+    folder = small_study(tmp_path / "study")
+    path = folder / "study.toml"
+    path.write_text(path.read_text(), encoding="utf-16")
+    with pytest.raises(DesignError, match="save it as UTF-8"):
+        read_design(path)
+
+
+def test_a_frozen_plan_is_the_same_with_and_without_a_mark(tmp_path: Path) -> None:
+    folder = small_study(tmp_path / "study")
+    for _ in range(2):  # the first writes a plan to fill in
+        assert CliRunner().invoke(app, ["study", "freeze", str(folder)]).exit_code == 0
+    for name in ("study.toml", "plan.toml"):
+        path = folder / name
+        path.write_bytes(codecs.BOM_UTF8 + path.read_bytes())
+    with Store(folder) as store:
+        frozen = read_frozen(store)
+        assert frozen is not None
+        assert [
+            each for each in deviations(store, frozen, {}) if each.where in ("study.toml", "plan.toml")
+        ] == []
+
+
+# Tables
+
+
+def write_table(folder: Path) -> Path:
+    write_csv(folder / "a.csv", [{"participant": "sub-001", "text": UMLAUTS}])
+    return folder / "a.csv"
+
+
+def write_analysis_table(folder: Path) -> Path:
+    Table("a", ["participant", "text"], [{"participant": "sub-001", "text": UMLAUTS}]).write(folder)
+    return folder / "a.csv"
+
+
+@pytest.mark.parametrize("write", [write_table, write_analysis_table])
+def test_tables_are_read_alike_by_pandas_python_and_whoever_heeds_the_mark(
+    tmp_path: Path, write: Callable[[Path], Path]
+) -> None:
+    path = write(tmp_path)
+    assert path.read_bytes().startswith(codecs.BOM_UTF8), "Excel takes it for another encoding"
+    engines: tuple[Any, ...] = ("c", "python")
+    for engine in engines:
+        frame: Any = pd.read_csv(path, engine=engine)
+        assert list(frame.columns) == ["participant", "text"]
+        assert frame["text"].tolist() == [UMLAUTS]
+    with open(path, encoding="utf-8-sig", newline="") as file:
+        assert list(csv.DictReader(file)) == [{"participant": "sub-001", "text": UMLAUTS}]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("data_format", ["csv", "bids"])
+def test_only_tables_for_people_have_a_mark(tmp_path: Path, data_format: str) -> None:
+    """Of an export or analysis every CSV file has one; TSV, JSON and text files have none."""
+    with Store(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
+        run_participant(store, take_in(store), trials=2)
+        export_study(store, data_format, tmp_path / "out")
+        write_analysis(analyse(store), store.folder, tmp_path / "analysis")
+    files = [path for name in ("out", "analysis") for path in (tmp_path / name).rglob("*") if path.is_file()]
+    assert any(path.suffix == ".csv" for path in files)
+    for path in files:
+        assert path.read_bytes().startswith(codecs.BOM_UTF8) == (path.suffix == ".csv"), path
