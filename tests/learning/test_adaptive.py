@@ -276,12 +276,29 @@ def test_a_folder_without_training_is_refused(tmp_path):
         resume(tmp_path)
 
 
+@pytest.mark.slow
 def test_with_withdrawal_contact_after_success_earns_nothing_and_imitation_shows_waiting():
     place = Place("avrgym/FeedingJaco-v1", Carried.of("revised"), "none", 1, "threads")
     order = Order(place, 0, np.array([3]), by_expert=np.array([True]))
     policy = packaged("avrgym/FeedingJaco-v1", "adaptive")
     goes_on = roll_out(policy, order)
     waits = roll_out(policy, replace(order, place=replace(place, withdraw_after_success=True)))
-    assert goes_on.success.all() and waits.success.all()
-    assert (goes_on.rewards[-20:] != 0.0).all() and np.abs(goes_on.actions[-20:]).max() > 0.0
-    assert (waits.rewards[-20:] == 0.0).all() and (waits.actions[-20:] == 0.0).all()
+    assert goes_on.success.all()
+    assert waits.success.all()
+    assert (goes_on.rewards[-20:] != 0.0).all()
+    assert np.abs(goes_on.actions[-20:]).max() > 0.0
+    assert (waits.rewards[-20:] == 0.0).all()
+    assert (waits.actions[-20:] == 0.0).all()
+
+
+@pytest.mark.slow
+def test_every_other_round_of_imitation_is_of_people_who_sit_still(tmp_path, monkeypatch):
+    met: list[tuple[str, str]] = []
+
+    def rolled_out(policy, order):
+        met.append((order.place.people.name, order.place.impairment))
+        return roll_out(policy, order)
+
+    monkeypatch.setattr(adaptive, "roll_out", rolled_out)
+    train(replace(TINY, steps=800, imitation_share=1.0), tmp_path / "training")
+    assert met == [("zoo/train", "none"), ("revised", "none"), ("zoo/train", "limits"), ("revised", "none")]

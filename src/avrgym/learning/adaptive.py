@@ -5,10 +5,10 @@ sees observations only, and learns by dataset aggregation (Ross, Gordon, Bagnell
 the tool as the expert does (``tool_error``): whatever observations do not say, such as how somebody moves, it has to
 remember (Chen et al., "Learning by cheating", CoRL 2019). Then it goes on by PPO, on the task's reward less a little
 for each newton.
-Its partners are those of ``zoo/train``: in imitation with each impairment in turn, in PPO with all of them at once, and
-there Revised people beside them, who never come to meet a tool. Where the expert's ways are too sudden to be learned, a
-policy may be the teacher in its place. A training may also go on from a policy that remembers: by PPO alone, unless it
-says how much of it imitates.
+Its partners are those of ``zoo/train`` and Revised people, who never come to meet a tool. In imitation every other
+round has Revised people, and the rounds between have each impairment in turn; in PPO every update has all of them.
+Where the expert's ways are too sudden to be learned, a policy may be the teacher in its place. A training may also go
+on from a policy that remembers: by PPO alone, unless it says how much of it imitates.
 Gradients go back through 50 control steps at most (Williams and Peng, Neural Computation 2, 1990: truncated
 backpropagation).
 
@@ -81,7 +81,7 @@ PAID_FORCE_N = 1.5
 OVERLOAD_WEIGHT = 5.0
 """What a step's reward loses in PPO where a region of the body bears its transient limit, see ``rollouts.Order``."""
 STILL = (REVISED, "none")
-"""Partners in PPO beside those of the zoo, people and impairment: they stay as they were found."""
+"""Partners in addition to those of the zoo, people and impairment: they stay as they were found."""
 TEACHER_FILE, INITIAL_FILE = "teacher.safetensors", "initial.safetensors"
 """The policy that is learned from, where it is not the task's expert, and the one that is gone on from, if any."""
 
