@@ -13,8 +13,9 @@ import pytest
 from scipy import stats
 
 from analysed import ITEMS, break_off, latency_of, run_trials, take_part
+from avrgym.analysis.figures.study_figures import draw_study
 from avrgym.analysis.report.output import write_analysis
-from avrgym.analysis.statistics.families import TRIAL, Compared, Question, corrected
+from avrgym.analysis.statistics.families import PARTICIPANT, Compared, Question, corrected
 from avrgym.analysis.statistics.offered import offered_tests
 from avrgym.analysis.statistics.tests import clustered_interval, holm, signed_rank
 from avrgym.analysis.study import Analysis, analyse
@@ -189,6 +190,29 @@ def test_policies_are_compared_as_scipy_compares_the_exported_answers(
     assert row.effect == pytest.approx(expected, abs=1e-12)
 
 
+def test_only_tests_by_participant_have_stars(tables: dict[str, Frame]) -> None:
+    tests = tables["tests"]
+    assert only(tests, unit="trial")["mark"].isna().all()
+    by_participant = only(tests, unit="participant")
+    assert (by_participant["mark"].notna() == (by_participant["p_holm"] < 0.05)).all()
+
+
+def test_figures_show_tests_by_participant_alone(store: Store) -> None:
+    """Fewer than four people took part: their figure shows no test."""
+    analysis = analyse(store)
+    people, simulated = (
+        next(each.inline() for each in draw_study(analysis) if each.name == name)
+        for name in ("likert-people", "likert-simulated")
+    )
+    family = "policies, by participant"
+    rows = [
+        row for row in analysis.tests if row.simulated and row.family == family and row.p_holm is not None
+    ]
+    assert "p = " not in people
+    assert simulated.count("p = ") == len(rows)
+    assert all(f"p = {row.p_holm:.3f}" in simulated for row in rows)
+
+
 def exact_p(used: np.ndarray) -> float:
     """Of all choices of signs, the share with a sum of signed ranks at least as far from zero."""
     ranks = stats.rankdata(np.abs(used))
@@ -235,7 +259,7 @@ def test_a_family_that_is_added_appears_in_the_report(
 ) -> None:
     found = signed_rank([2.0, 3.0])
     hum = Compared("hum_db", ("PR2", [3.0, 4.0]), ("Jaco", [1.0, 1.0]), found)
-    added = corrected(True, Question("noise", table="How loud robots are"), TRIAL, [hum])
+    added = corrected(True, Question("noise", table="How loud robots are"), PARTICIPANT, [hum])
     report = write_analysis(replace(analysis, families=[*analysis.families, added]), store.folder, tmp_path)
     shown = report.read_text()
     assert "How loud robots are (simulated participants)" in shown

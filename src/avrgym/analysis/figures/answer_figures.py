@@ -3,7 +3,7 @@
 # Matplotlib's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from textwrap import wrap
 
 import matplotlib
@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from avrgym.analysis.figures.drawing import GROUP_WIDTH, INK, LINES, RULE, STYLE, WIDTH_IN, Drawing, finished
 from avrgym.analysis.rows import LikertRow, SubjectiveRow, TestedRow
-from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL
+from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS, PARTICIPANT
 from avrgym.analysis.statistics.objective import ALL
 from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, change_question
 from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, middle, policies_question, scale_of
@@ -35,12 +35,12 @@ def trial_answers_figures(
     for questionnaire in asked_at(design, AFTER_TRIAL):
         own = [row for row in likert if (row.questionnaire, row.moment) == (questionnaire.name, AFTER_TRIAL)]
         groups = {policy: [row for row in own if row.policy == policy] for policy in design.policies}
-        family = policies_question(design, questionnaire).by(TRIAL)
-        differ = [row for row in tests if row.family == family]
         if own:
-            yield _likert_figure(
-                simulated, trial_figure_name(design, questionnaire), questionnaire, groups, differ, "trials"
+            name, differ = (
+                trial_figure_name(design, questionnaire),
+                _differences(design, questionnaire, tests),
             )
+            yield _likert_figure(simulated, name, questionnaire, groups, differ, "trials")
 
 
 def mean_answers_figures(
@@ -53,11 +53,20 @@ def mean_answers_figures(
             row for row in rows
             if (row.simulated, row.task, row.robot) == (simulated, ALL, ALL) and row.item in items
         ]  # fmt: skip
-        family = policies_question(design, questionnaire).by(TRIAL)
         if own:
             name = f"{trial_figure_name(design, questionnaire)}-means"
-            differ = [row for row in tests if row.family == family]
+            differ = _differences(design, questionnaire, tests)
             yield finished(simulated, name, *_means_figure(design, questionnaire, own, differ))
+
+
+def _differences(design: Design, questionnaire: Questionnaire, tests: Sequence[TestedRow]) -> list[TestedRow]:
+    """The tests between policies that a figure shows: each value is one participant's mean."""
+    family = policies_question(design, questionnaire).by(PARTICIPANT)
+    return _of_enough(row for row in tests if row.family == family)
+
+
+def _of_enough(tests: Iterable[TestedRow]) -> list[TestedRow]:
+    return [row for row in tests if row.n_a >= LEAST_PARTICIPANTS]
 
 
 def _means_figure(
@@ -81,7 +90,8 @@ def _means_figure(
         axes.set(ylim=(1.0, points + 1.2), yticks=ticks, ylabel="mean answer")
         axes.set_xticks(range(len(ids)), ids)
         figure.legend(loc="outside lower center", ncols=len(design.policies))
-    return f"{questionnaire.name}: mean answers over all trials, as the paper drew them", figure
+    tested = "; p over participants, corrected by Holm" if tests and len(design.policies) == 2 else ""
+    return f"{questionnaire.name}: mean answers over all trials, as the paper drew them{tested}", figure
 
 
 def session_answers_figures(
@@ -95,7 +105,8 @@ def session_answers_figures(
             for moment in SESSION_MOMENTS
             if moment in questionnaire.moments
         }
-        differ = [row for row in tests if row.family == change_question(questionnaire).by(PARTICIPANT)]
+        family = change_question(questionnaire).by(PARTICIPANT)
+        differ = _of_enough(row for row in tests if row.family == family)
         if any(groups.values()):
             name = session_figure_name(questionnaire)
             yield _likert_figure(simulated, name, questionnaire, groups, differ, "participants")
@@ -144,7 +155,7 @@ def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
     scales = dict.fromkeys(scale_of(item) for item in questionnaire.items)
     scale = next(iter(scales)) if len(scales) == 1 else "each item on its own scale"
     tests = (
-        f"; p by Wilcoxon's signed-rank test over {unit}, corrected by Holm; * < 0.05, ** < 0.01, *** < 0.001"
+        "; p by Wilcoxon's signed-rank test over participants, corrected by Holm; * < 0.05, ** < 0.01, *** < 0.001"
         if tested
         else ""
     )

@@ -6,8 +6,8 @@ from math import exp
 from avrgym.analysis.model_rows import ModelRow
 from avrgym.analysis.page import Markup, badge, quantity, table, tag
 from avrgym.analysis.report.results import probability
+from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS
 from avrgym.analysis.statistics.models.effects import EFFECTS, POLICIES
-from avrgym.analysis.statistics.models.fitting import LEAST_PARTICIPANTS
 from avrgym.analysis.study import Analysis
 from avrgym.study.plan.plan import EXPLORATORY
 

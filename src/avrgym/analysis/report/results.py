@@ -7,6 +7,7 @@ from avrgym.analysis.figures.drawing import Drawing
 from avrgym.analysis.page import Markup, brief, figure, listing, quantity, table, tag
 from avrgym.analysis.rows import ObjectiveRow, RangeRow, SessionAnswerRow, SubjectiveRow, TestedRow
 from avrgym.analysis.statistics.biomechanics_tests import HEADS, HEIGHTS
+from avrgym.analysis.statistics.families import TRIAL
 from avrgym.analysis.statistics.objective import ALL
 from avrgym.analysis.statistics.paper_tables import PaperTable, paper_tables
 from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, change_question
@@ -281,6 +282,21 @@ def other_tests(tests: TestTables) -> Markup:
 
 
 def table_of_tests(caption: str, rows: Sequence[TestedRow], simulated: bool) -> Markup:
+    """Tests by participant as a table; those by trial follow in a supplement."""
+    by_trial = [row for row in rows if row.unit == TRIAL]
+    by_participant = [row for row in rows if row.unit != TRIAL]
+    main = _table_of_tests(caption, by_participant, simulated) if by_participant else Markup()
+    supplement = _table_of_tests(f"{caption}, by trial", by_trial, simulated)
+    return Markup(main + _details(BY_TRIAL, supplement)) if by_trial else main
+
+
+BY_TRIAL = (
+    "Supplement: the paper's tests by trial. Trials of one participant are not independent, so p is too small where "
+    "participants differ"
+)
+
+
+def _table_of_tests(caption: str, rows: Sequence[TestedRow], simulated: bool) -> Markup:
     """Tests as a table, with what they are by the study's plan if there is one."""
     heads = ("What", "Groups", "One value", "n", "Medians", "p", "p, Holm", "", "Effect", "Test")
     planned = any(row.planned for row in rows)

@@ -9,7 +9,10 @@ from avrgym.analysis.rows import TestedRow
 from avrgym.analysis.statistics.tests import Comparison, holm, mark
 
 TRIAL, PARTICIPANT = "trial", "participant"
-"""What one value of a test stands for."""
+"""What one value of a test is of. Trials of one participant are not independent: p by trial is for comparison with the
+paper alone, and gets no stars."""
+LEAST_PARTICIPANTS = 4
+"""With fewer participants nothing is modelled, and figures show no test: their differences cannot be estimated."""
 Sample = tuple[str, Sequence[float]]
 """A group's name and its values."""
 
@@ -73,7 +76,7 @@ def _row(simulated: bool, family: str, unit: str, test: Compared, p_holm: float 
         method=found.method,
         p=found.p,
         p_holm=p_holm,
-        mark=mark(p_holm),
+        mark=mark(p_holm) if unit == PARTICIPANT else "",
         effect=found.effect,
         note=found.note,
     )

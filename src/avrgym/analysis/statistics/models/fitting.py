@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS
 from avrgym.analysis.statistics.models.effects import Columns, Effect, Observed, columns
 from avrgym.analysis.statistics.models.fitted import Array, Estimate, Fitted, NoFit
 from avrgym.analysis.statistics.models.mixed import fit_mixed
@@ -11,8 +12,6 @@ from avrgym.analysis.statistics.models.ordinal import fit_ordinal
 from avrgym.study.design.design import Design
 
 ORDINAL, LOGISTIC, MIXED = "ordinal", "logistic", "mixed"
-LEAST_PARTICIPANTS = 4
-"""Of fewer one cannot tell how participants differ."""
 Found = Mapping[Effect, Estimate | NoFit]
 
 
