@@ -7,7 +7,7 @@ import { FlatPlay } from "./flatplay";
 import { Immersive } from "./immersive";
 import type { Outgoing } from "./codec";
 import { LatencyMeter } from "./latency";
-import type { Body, Phase, Problem, Scene, ServerMessage, Welcome } from "./messages";
+import type { Body, Phase, Problem, Scene, ServerMessage, Visibility, Welcome } from "./messages";
 import { Page, isStopKey } from "./page";
 import { AGAIN, BACK, DONE } from "./paint";
 import { Panel } from "./panel";
@@ -55,6 +55,8 @@ export class App {
   private words: Words;
   private problem: Problem | null = null;
   private problemTimer = 0;
+  private contextLost = false;
+  private toldVisibility: Visibility = "visible";
   private phaseEndsMs = Infinity;
   private secondsLeft: number | null = null;
 
@@ -90,6 +92,7 @@ export class App {
       selected: (source, frame) => this.selected(source, frame),
       menuPressed: () => this.send({ type: mayRecalibrate(this.phase) ? "recalibrate" : "stop" }),
       originReset: () => this.originReset(),
+      visibilityChanged: () => this.tellVisibility(),
     });
     this.senses = new Senses(
       (hand, strength, ms) => this.session.pulse(hand, strength, ms),
@@ -136,7 +139,10 @@ export class App {
     this.connection.open();
     this.refresh();
     this.view.renderer.setAnimationLoop((timeMs, frame) => this.frame(timeMs, frame));
-    this.view.renderer.domElement.addEventListener("webglcontextlost", () => this.drawingLost());
+    const { domElement } = this.view.renderer;
+    for (const event of ["webglcontextlost", "webglcontextrestored"])
+      domElement.addEventListener(event, () => this.drawingLost(event === "webglcontextlost"));
+    document.addEventListener("visibilitychange", () => this.tellVisibility());
     window.addEventListener("keydown", (event) => this.key(event));
     setInterval(() => this.playFrame(), PLAY_INTERVAL_MS);
     navigator.xr?.addEventListener("devicechange", () => void this.checkVR());
@@ -180,7 +186,23 @@ export class App {
     this.welcome = welcome;
     this.watching?.welcomed(welcome);
     this.world.forgetStates();
+    this.toldVisibility = "visible";
     if (this.takesPart) this.send({ type: "entered" });
+    this.tellVisibility();
+  }
+
+  private get visibility(): Visibility {
+    if (!this.takesPart) return "visible";
+    if (this.contextLost) return "context-lost";
+    return this.presenting ? this.session.visibility : document.visibilityState;
+  }
+
+  /** The server holds the robot while the participant does not see the scene or cannot act. */
+  private tellVisibility(): void {
+    const { visibility } = this;
+    this.immersive.blocked = visibility !== "visible";
+    if (visibility !== this.toldVisibility && this.send({ type: "visibility_changed", visibility }))
+      this.toldVisibility = visibility;
   }
 
   /** Fills the browser's cache, so that the scene is there when it is wanted. */
@@ -261,6 +283,7 @@ export class App {
     this.world.seeFromInside(playing);
     this.view.seeWith(playing ? this.flat.camera : null);
     this.send({ type: playing ? "entered" : "left" });
+    this.tellVisibility();
     this.refresh();
   }
 
@@ -268,18 +291,20 @@ export class App {
     this.panel.unplace();
     this.showPresenting(true);
     this.send({ type: "entered" });
+    this.tellVisibility();
   }
 
   private left(): void {
     this.immersive.pointers.hide();
     this.showPresenting(false);
     this.send({ type: "left" });
+    this.tellVisibility();
   }
 
-  /** Nobody takes part who sees nothing; VR the browser ends by itself. */
-  private drawingLost(): void {
-    if (this.flat.playing) this.playOrEnd();
-    this.explain("drawing_lost");
+  private drawingLost(lost: boolean): void {
+    this.contextLost = lost;
+    this.tellVisibility();
+    if (lost) this.explain("drawing_lost");
   }
 
   private showPresenting(presenting: boolean): void {

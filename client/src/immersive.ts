@@ -13,6 +13,8 @@ export class Immersive {
   frames = 0;
   /** Whether poses come from `track` alone, and not with the frames. */
   trackedElsewhere = false;
+  /** The participant does not see the scene: poses that come meanwhile are not theirs. */
+  blocked = false;
   private readonly reader = new Reader();
   private readonly throttle = new Throttle();
   private readonly head = new Vector3();
@@ -28,7 +30,7 @@ export class Immersive {
   /** Reads the frame's poses and sends them. */
   read(frame: XRFrame, space: XRReferenceSpace, timeMs: number): Poses {
     const poses = this.reader.read(frame, space);
-    if (!this.trackedElsewhere && frame.session.visibilityState !== "hidden") this.track(poses, timeMs);
+    if (!this.trackedElsewhere) this.track(poses, timeMs);
     return poses;
   }
 
@@ -49,9 +51,9 @@ export class Immersive {
     return this.panel.buttons.length > 0 ? this.pointers.pointedAt(source, frame, space, this.panel) : null;
   }
 
-  /** Sends poses, unless earlier ones still wait. */
+  /** Sends poses, unless earlier ones still wait or the participant does not see the scene. */
   track(poses: Poses, timeMs: number): void {
-    if (!this.connection.connected || this.connection.backlog > BACKLOG_LIMIT_BYTES) return;
+    if (this.blocked || !this.connection.connected || this.connection.backlog > BACKLOG_LIMIT_BYTES) return;
     if (this.throttle.pass(timeMs)) this.connection.send(this.numbering.next(poses, timeMs, performance.now()));
   }
 

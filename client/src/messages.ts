@@ -1,6 +1,6 @@
 // Written by `python -m avrgym.vr.typescript` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 11;
+export const PROTOCOL = 12;
 
 export const STATES_A_RECEIPT = 2;
 
@@ -25,6 +25,8 @@ export type Shares = [number, number, number];
 export type Modality = "controller" | "hand" | "mouse" | "none";
 
 export type Part = "head" | "left" | "right";
+
+export type Visibility = "context-lost" | "hidden" | "visible" | "visible-blurred";
 
 export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 
@@ -128,6 +130,12 @@ export interface Stop {
   type: "stop";
 }
 
+/** From now on the participant sees the scene, or does not; after each welcome they see it until this arrives. */
+export interface VisibilityChanged {
+  type: "visibility_changed";
+  visibility: Visibility;
+}
+
 /** The participant saw that body or seat do not fit, and wants to be measured again. */
 export interface Recalibrate {
   type: "recalibrate";
@@ -183,7 +191,7 @@ export interface HeadsetFrames {
   intervals_ms: number[];
 }
 
-export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | Recalibrate | OriginReset | Answer | Back | ChooseBody | Latency | HeadsetFrames;
+export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | VisibilityChanged | Recalibrate | OriginReset | Answer | Back | ChooseBody | Latency | HeadsetFrames;
 
 /** What the experimenter wants of the session.
  *
@@ -384,9 +392,10 @@ export interface Feedback {
  * those of the latest one. `force_region` is the region of the body that bears most now, by its limit, and
  * `force_share` how much of that; empty and 0 where none bears anything. `draws_back`: the force guard moves the
  * robot. `withdrawing`: after success the robot withdraws its tool, or waits withdrawn. `tracking_age_s` is the
- * time since the newest usable frame. `operated`: in this trial the experimenter drives; `idle`: the robot holds
- * still for want of an action. `held_because`: the answer for which a stop rule paused the session, empty where none
- * did. `latency`: how late pictures were in the last seconds of which the client told, from pose to picture as
+ * time since the newest usable frame. `visibility`: whether the participant sees the scene. `operated`: in this
+ * trial the experimenter drives; `idle`: the robot holds still for want of an action. `held_because`: the answer
+ * for which a stop rule paused the session, empty where none did. `latency`: how late pictures were in the last
+ * seconds of which the client told, from pose to picture as
  * `total_ms` and by stage. `streams`: those of other devices. */
 export interface Status {
   type: "status";
@@ -409,6 +418,7 @@ export interface Status {
   draws_back: boolean;
   withdrawing: boolean;
   tracking_age_s: number | null;
+  visibility: Visibility;
   left_modality: Modality;
   right_modality: Modality;
   operated: boolean;

@@ -13,6 +13,7 @@ export interface SessionEvents {
   selected(source: XRInputSource, frame: XRFrame): void;
   menuPressed(): void;
   originReset(): void;
+  visibilityChanged(): void;
 }
 
 /** Enters and leaves immersive VR and reports what the participant does there. */
@@ -42,6 +43,7 @@ export class ImmersiveSession {
     session.addEventListener("selectstart", ({ inputSource, frame }) =>
       this.events.selected(inputSource, frame),
     );
+    session.addEventListener("visibilitychange", () => this.events.visibilityChanged());
     this.renderer.xr.setFoveation(FOVEATION);
     await this.renderer.xr.setSession(session);
     this.renderer.xr.getReferenceSpace()?.addEventListener("reset", () => this.events.originReset());
@@ -50,6 +52,11 @@ export class ImmersiveSession {
     if (over) return;
     this.session = session;
     this.events.entered();
+  }
+
+  /** Whether the headset shows the scene to the participant, and lets them act. */
+  get visibility(): XRVisibilityState {
+    return this.session?.visibilityState ?? "hidden";
   }
 
   /** What the headset tells of itself and of what the hands hold. */

@@ -1,4 +1,4 @@
-import { STAGE_WORDS, STALE_S, TICK_S, type PhaseName, type Status, type Timing } from "./messages";
+import { STAGE_WORDS, STALE_S, TICK_S, type PhaseName, type Status, type Timing, type Visibility } from "./messages";
 
 /** What happens in a phase, for those who watch. */
 export const PHASE_WORDS: Readonly<Record<PhaseName, string>> = {
@@ -20,6 +20,13 @@ export const PHASE_WORDS: Readonly<Record<PhaseName, string>> = {
   paused: "paused, the robot holds still",
   finished: "the session is over",
   viewing: "an environment is shown",
+};
+
+/** Why the participant does not see the scene. */
+export const UNSEEN_WORDS: Readonly<Record<Exclude<Visibility, "visible">, string>> = {
+  "visible-blurred": "a menu covers the scene",
+  hidden: "headset taken off or page in the background",
+  "context-lost": "the graphics failed",
 };
 
 /** What the experimenter's *skip* leaves out now. */
@@ -58,9 +65,10 @@ function pausedWords({ paused, held_because }: Status): string {
   return paused ? (held_because ? `; on hold: ${held_because}` : "; on hold") : "";
 }
 
-function trackingWords({ tracking_age_s, left_modality, right_modality }: Status): string {
+function trackingWords({ tracking_age_s, visibility, left_modality, right_modality }: Status): string {
+  if (visibility !== "visible") return `the participant does not see the scene: ${UNSEEN_WORDS[visibility]}`;
   if (tracking_age_s === null) return "none yet";
-  if (tracking_age_s > STALE_S) return `lost for ${tracking_age_s.toFixed(1)} s, the person is held`;
+  if (tracking_age_s > STALE_S) return `lost for ${tracking_age_s.toFixed(1)} s, person and robot are held`;
   const hands = left_modality === right_modality ? left_modality : `left ${left_modality}, right ${right_modality}`;
   return `${(1000 * tracking_age_s).toFixed(0)} ms old, ${hands}`;
 }

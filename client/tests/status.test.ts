@@ -23,6 +23,7 @@ const STATUS: Status = {
   draws_back: false,
   withdrawing: false,
   tracking_age_s: 0.011,
+  visibility: "visible",
   left_modality: "hand",
   right_modality: "hand",
   operated: false,
@@ -88,8 +89,11 @@ describe("how a session stands", () => {
   });
 
   it("says in words what is wrong", () => {
+    expect(statusWords({ ...STATUS, visibility: "visible-blurred" })["watch-tracking"]).toBe(
+      "the participant does not see the scene: a menu covers the scene",
+    );
     expect(statusWords({ ...STATUS, tracking_age_s: 1.26 })["watch-tracking"]).toBe(
-      "lost for 1.3 s, the person is held",
+      "lost for 1.3 s, person and robot are held",
     );
     const timing = { type: "timing", tick_ms_median: 12, tick_ms_max: 31.25, missed_ticks: 4 } as const;
     expect(timingWords(timing)).toBe("too slow: 12.0 ms, at most 31.3 ms; 4 missed");

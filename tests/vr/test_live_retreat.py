@@ -89,6 +89,21 @@ def test_a_retreat_can_be_stopped_and_the_trial_counts(
     assert found.identical
 
 
+def test_a_retreat_waits_for_tracking_and_goes_on(tmp_path: Path) -> None:
+    visit = helping(tmp_path)
+    visit.tick(BRAKED_TICKS + 50)
+    visit.tracking = False
+    visit.tick(40)
+    assert speed_m_s(visit) < 0.01
+    assert visit.phase == "retreat"
+    visit.tracking = True
+    visit.until("free_after", limit_s=LONGEST_S + 0.5)
+    assert far_m(visit) > 0.3
+    recording = ended(visit)
+    assert "tracking_found" in [event.name for _, event in recording.topics["/events"]]
+    assert verify(recording).identical
+
+
 def test_nobody_is_left_who_is_not_tracked(tmp_path: Path) -> None:
     """The robot holds still, as during a trial; what it gave is kept."""
     visit = helping(tmp_path)

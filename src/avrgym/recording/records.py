@@ -94,7 +94,8 @@ class Control(Record, frozen=True):
     """One control step of the robot. ``reward_terms`` are not weighted; ``reward`` is their weighted sum.
 
     ``driver``: who drove, a policy by its name or ``operator``; empty where nobody wrote it down. ``idle``: at the end
-    of the step the robot held still, because the operator drove nowhere or the controller failed.
+    of the step the robot held still, because the operator drove nowhere, the controller failed or tracking
+    was stale.
     """
 
     step: int

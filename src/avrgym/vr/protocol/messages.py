@@ -13,7 +13,7 @@ import msgspec
 from avrgym.models.human import Sex
 from avrgym.recording import records
 
-PROTOCOL = 11
+PROTOCOL = 12
 
 STATES_ON_THE_WAY = 8
 """So many states are sent beyond those that the client says it received: on a network that takes longer than 60 ms
@@ -28,6 +28,12 @@ Modality = Literal["controller", "hand", "mouse", "none"]
 """What one hand is tracked with."""
 Part = Literal["head", "left", "right"]
 """What of the body follows a tracked pose: head with trunk, or an arm."""
+Visibility = Literal["visible", "visible-blurred", "hidden", "context-lost"]
+"""Whether the participant sees the scene and can act in it, as WebXR and pages name it; else why they cannot.
+
+``visible-blurred``: a menu of the headset covers the scene, and no input arrives. ``hidden``: the headset shows
+nothing, or the page is in the background. ``context-lost``: the graphics of the participant's device failed.
+"""
 
 
 class XRPose(msgspec.Struct, frozen=True, array_like=True):
@@ -131,6 +137,12 @@ class Stop(Message, frozen=True, tag="stop"):
     """The emergency stop: the participant pressed a menu button or the stop key, and the robot must hold at once."""
 
 
+class VisibilityChanged(Message, frozen=True, tag="visibility_changed"):
+    """From now on the participant sees the scene, or does not; after each welcome they see it until this arrives."""
+
+    visibility: Visibility
+
+
 class Recalibrate(Message, frozen=True, tag="recalibrate"):
     """The participant saw that body or seat do not fit, and wants to be measured again."""
 
@@ -183,6 +195,7 @@ ClientMessage = (
     | Ready
     | SceneLoaded
     | Stop
+    | VisibilityChanged
     | Recalibrate
     | OriginReset
     | Answer
@@ -447,9 +460,10 @@ class Status(Message, frozen=True, tag="status"):
     those of the latest one. ``force_region`` is the region of the body that bears most now, by its limit, and
     ``force_share`` how much of that; empty and 0 where none bears anything. ``draws_back``: the force guard moves the
     robot. ``withdrawing``: after success the robot withdraws its tool, or waits withdrawn. ``tracking_age_s`` is the
-    time since the newest usable frame. ``operated``: in this trial the experimenter drives; ``idle``: the robot holds
-    still for want of an action. ``held_because``: the answer for which a stop rule paused the session, empty where none
-    did. ``latency``: how late pictures were in the last seconds of which the client told, from pose to picture as
+    time since the newest usable frame. ``visibility``: whether the participant sees the scene. ``operated``: in this
+    trial the experimenter drives; ``idle``: the robot holds still for want of an action. ``held_because``: the answer
+    for which a stop rule paused the session, empty where none did. ``latency``: how late pictures were in the last
+    seconds of which the client told, from pose to picture as
     ``total_ms`` and by stage. ``streams``: those of other devices.
     """
 
@@ -472,6 +486,7 @@ class Status(Message, frozen=True, tag="status"):
     draws_back: bool
     withdrawing: bool
     tracking_age_s: float | None
+    visibility: Visibility
     left_modality: Modality
     right_modality: Modality
     operated: bool

@@ -17,7 +17,7 @@ from avrgym.vr.protocol.state_changes import StateEncoder
 from avrgym.vr.server.access import Tokens
 from avrgym.vr.server.broadcast import Broadcast, Farewell, Outbox
 from avrgym.vr.server.gate import Gate
-from avrgym.vr.server.inbox import is_stop
+from avrgym.vr.server.inbox import holds_robot
 from avrgym.vr.server.loop import RealTimeLoop, S
 from avrgym.vr.tracking.world import TICK_S
 
@@ -173,7 +173,7 @@ async def _receive(
             elif message is not None:
                 if isinstance(message, Tracking):
                     passage.arrive(message.sequence)
-                if not is_stop(message):
+                if not holds_robot(message):
                     await _until(lambda: not loop.full)
                 loop.post(message)
 

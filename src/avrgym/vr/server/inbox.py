@@ -1,4 +1,4 @@
-"""What waits for the next tick: in order, but that nothing delays a stop and the newest tracking counts."""
+"""What waits for the next tick: in order, but nothing delays what holds the robot, and the newest tracking counts."""
 
 import threading
 from collections import deque
@@ -40,14 +40,18 @@ class Inbox:
         return len(self._waiting) >= INBOX_MESSAGES
 
     def put(self, message: Received | Greeting) -> None:
-        """Add a message behind all others, a stop before them.
+        """Add a message behind all others, one that holds the robot before them.
 
+        That the participant no longer sees the scene is handled first and again in its turn: what arrived before it may
+        report the opposite.
         Of a participant whose connection is gone while more waits than a tick takes, nothing else counts any more.
         """
         with self._lock:
-            if is_stop(message):
+            if holds_robot(message):
                 self._urgent.append(message)
-            elif isinstance(message, Disconnected) and len(self._waiting) >= MESSAGES_PER_TICK:
+            if is_stop(message):
+                return
+            if isinstance(message, Disconnected) and len(self._waiting) >= MESSAGES_PER_TICK:
                 self._waiting = deque(each for each in self._waiting if not isinstance(each, _PARTICIPANTS))
                 self._frames = 0
                 self._urgent.append(message)
@@ -70,8 +74,15 @@ class Inbox:
             return None
 
 
+def holds_robot(message: object) -> bool:
+    """Whether a message holds the robot immediately: a stop, or that the participant no longer sees the scene."""
+    return is_stop(message) or (
+        isinstance(message, messages.VisibilityChanged) and message.visibility != "visible"
+    )
+
+
 def is_stop(message: object) -> bool:
-    """Whether a message holds the robot at once."""
+    """Whether a message is an emergency stop."""
     return isinstance(message, messages.Stop) or message == _STOP
 
 

@@ -184,6 +184,7 @@ class Viewing:
             draws_back=False,
             withdrawing=False,
             tracking_age_s=None,
+            visibility="visible",
             left_modality="none",
             right_modality="none",
             operated=isinstance(self._driver, Operator),

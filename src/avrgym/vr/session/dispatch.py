@@ -3,6 +3,7 @@
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import CommandName
 from avrgym.vr.protocol.received import Disconnected, Received
+from avrgym.vr.session.interruptions import lost_visibility
 from avrgym.vr.session.phases import Phase
 
 
@@ -23,6 +24,9 @@ def take_message(phase: Phase, message: Received) -> Phase:
             return phase.leave_vr()
         case Disconnected():
             return phase.disconnect()
+        case messages.VisibilityChanged():
+            if phase.state.take_visibility(message.visibility):
+                return phase.interrupt(lost_visibility(phase.state.now_s, message.visibility))
         case messages.OriginReset():
             return phase.reset_origin()
         case messages.Ready():

@@ -13,7 +13,7 @@ from avrgym.models.human import Sex
 from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.recording.records import Answer
-from avrgym.vr.protocol.messages import PhaseName
+from avrgym.vr.protocol.messages import PhaseName, Visibility
 
 Who = Literal["participant", "experimenter"]
 
@@ -164,6 +164,18 @@ class TrackingFound(SessionEvent):
 @dataclass(frozen=True)
 class TrackingTimedOut(SessionEvent):
     """No usable tracking frame has come for so long that the attempt ends."""
+
+
+@dataclass(frozen=True)
+class VisibilityLost(SessionEvent):
+    """The participant does not see the scene any more, and cannot act in it."""
+
+    visibility: Visibility
+
+
+@dataclass(frozen=True)
+class VisibilityFound(SessionEvent):
+    """The participant sees the scene again."""
 
 
 @dataclass(frozen=True)

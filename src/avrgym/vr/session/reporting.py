@@ -68,7 +68,7 @@ class Reporter:
 def status(
     phase: messages.Phase, attempt: Attempt | None, world: LiveWorld, tracking: TrackingState, now_s: float,
     *, steps: int, paused: bool, why: str, driver: Driver, latency: list[messages.StageLatency],
-    streams: list[messages.StreamStatus],
+    streams: list[messages.StreamStatus], visibility: messages.Visibility,
 ) -> messages.Status:  # fmt: skip
     """How a session stands that is in a phase; a trial has so many ``steps``, ``why`` is a stop rule's reason."""
     left, right = tracking.modalities
@@ -94,10 +94,11 @@ def status(
         draws_back=phase.name == "trial" and bool(world.guard.yielding[0]),
         withdrawing=phase.name == "trial" and world.withdrawing,
         tracking_age_s=tracking.age_s(now_s),
+        visibility=visibility,
         left_modality=left,
         right_modality=right,
         operated=isinstance(driver, Operator),
-        idle=driver.idle,
+        idle=driver.idle or tracking.lost,
         latency=latency,
         streams=streams,
     )

@@ -24,6 +24,7 @@ from avrgym.vr.session.attempt_storage import AttemptStorage
 from avrgym.vr.session.dispatch import take_message
 from avrgym.vr.session.driving import Drivers
 from avrgym.vr.session.events import EventSink, Observer
+from avrgym.vr.session.interruptions import lost_time, lost_tracking
 from avrgym.vr.session.phases import Phase, Waiting
 from avrgym.vr.session.plan import Policies, SessionPlan
 from avrgym.vr.session.preparation import AtOnce
@@ -153,6 +154,7 @@ class Session:
         state = self._state
         if role == "participant":
             state.worlds.forget_client()
+            state.visibility = "visible"
             state.sink.tell(events.ConnectionFound(now_s))
         plan = state.plan
         how = {"haptics": plan.haptics, "sounds": plan.sounds}
@@ -180,7 +182,10 @@ class Session:
         self._follow()
         driver = self._phase.driver
         step = self.world.tick(
-            driver, guarded=state.plan.force_guard, withdraws=driver is not None and state.withdraws
+            driver,
+            guarded=state.plan.force_guard,
+            withdraws=driver is not None and state.withdraws,
+            held=state.tracking.lost,
         )
         if storage.attempt is not None:
             storage.attempt.record_physics(self.world, now_s)
@@ -274,9 +279,9 @@ class Session:
     def _check_continuity(self, since_last_tick_s: float) -> None:
         """An attempt counts only if its participant was tracked and no time was lost."""
         if since_last_tick_s > LOST_TIME_S:
-            self._go_to(self._phase.lose_time(since_last_tick_s))
-        elif not self._state.is_tracked:
-            self._go_to(self._phase.lose_tracking())
+            self._go_to(self._phase.interrupt(lost_time(self._state.now_s, since_last_tick_s)))
+        elif self._phase.can_be_stopped and not self._state.is_tracked:
+            self._go_to(self._phase.interrupt(lost_tracking(self._state.now_s)))
 
     def _check_storage(self) -> None:
         """Tell of a disk that pauses; go no further with a trial that recording or observer cannot store."""
@@ -313,6 +318,7 @@ class Session:
                 driver=driver,
                 latency=latency,
                 streams=streams,
+                visibility=state.visibility,
             )
             state.send(how)
 
@@ -325,5 +331,5 @@ def _both(first: Observer, second: Observer) -> Observer:
     return observe
 
 
-_TRACKING_LOST = "tracking_lost", f"no frame for {STALE_S} s: the person holds still"
+_TRACKING_LOST = "tracking_lost", f"no frame for {STALE_S} s: person and robot hold still"
 _TRACKING_FOUND = "tracking_found", ""

@@ -25,15 +25,12 @@ from avrgym.vr.session.attempt import configuration
 from avrgym.vr.session.attempt_storage import AttemptStorage
 from avrgym.vr.session.driving import Drivers
 from avrgym.vr.session.events import EventSink
+from avrgym.vr.session.interruptions import UNTRACKED_S
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.trial_worlds import TrialWorlds
 from avrgym.vr.tracking.driving import Driver, Operator
 from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import LiveWorld
-
-UNTRACKED_S = 1.0
-"""So long without a usable frame, nobody is tracked any more."""
-
 
 LATENCIES_KEPT = 5
 """Of how many seconds those who watch see the latency."""
@@ -46,7 +43,8 @@ class SessionState:
     ``trial`` counts the plan's trials from 0. ``person`` is whose body the participant has; ``height_known``: its
     torso height is theirs, ``calibrated_for``: the posture that they have taken place in. ``on_hold`` is whether the
     experimenter, or a stop rule, lets no trial begin; ``held_because`` is the rule's reason, ``ending``: the rule ends
-    the session. ``ready_for`` is the trial that the participant last said they are ready for. ``headset`` is its latest
+    the session. ``ready_for`` is the trial that the participant last said they are ready for. ``visibility``: whether
+    they see the scene. ``headset`` is its latest
     check; ``headset_checked``: it was found ready, or the check was skipped. ``now_s`` is the time since the session
     began.
     """
@@ -67,6 +65,7 @@ class SessionState:
     held_because: str = ""
     ending: bool = False
     ready_for: int = -1
+    visibility: messages.Visibility = "visible"
     headset: HeadsetCheck | None = None
     headset_checked: bool = False
     now_s: float = 0.0
@@ -220,6 +219,17 @@ class SessionState:
         self.sink.tell(events.BodyChosen(self.now_s, chosen.sex, chosen.skin_tone))
         self.send(self.body_message())
         return True
+
+    def take_visibility(self, visibility: messages.Visibility) -> bool:
+        """Whether the participant has just lost sight of the scene. They begin the next trial themselves."""
+        before, self.visibility = self.visibility, visibility
+        if visibility != "visible":
+            self.ready_for = -1
+            return visibility != before
+        if before != "visible":
+            self.record_event("visibility_found", "")
+            self.sink.tell(events.VisibilityFound(self.now_s))
+        return False
 
     # How late pictures are ---------------------------------------------------------------------------------------
 

@@ -20,7 +20,7 @@ from avrgym.tasks.task import Task
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
-from avrgym.vr.tracking.driving import Driver
+from avrgym.vr.tracking.driving import Driver, still
 
 Array = NDArray[np.float64]
 
@@ -103,9 +103,15 @@ class ControlSteps:
     def _note(self, action: Array) -> None:
         self._action, self.begun = action, action[0]
 
+    @property
+    def moving(self) -> bool:
+        """Whether the latest action moves the robot."""
+        return bool(self._action.any())
+
     def drop(self) -> None:
-        """Forget a control step that had begun."""
+        """Forget a control step that had begun, and its action."""
         self._substep = 0
+        self._action = np.zeros_like(self._action)
         self.begun = self._seen = None
 
 
@@ -206,6 +212,7 @@ class LiveWorld:
 
     def prepare(self, driver: Driver) -> None:
         """Let somebody get ready to drive the robot of the present episode."""
+        self._held = False
         driver.begin(self._episodes, self._generators)
         self.guard.begin()
 
@@ -215,25 +222,28 @@ class LiveWorld:
         return bool(self._withdrawal.driving[0])
 
     def tick(
-        self, driver: Driver | None, *, guarded: bool = False, withdraws: bool = False
+        self, driver: Driver | None, *, guarded: bool = False, withdraws: bool = False, held: bool = False
     ) -> ControlStep | None:
         """Advance by 10 ms. With a driver who is prepared the robot moves; every tenth tick gives a control step.
 
         ``guarded``: what the driver asks for goes through ``guard``, and what that makes of it counts as the action.
         ``withdraws``: after success in a task that ends with it the robot withdraws in place of the driver.
+        ``held``: the robot holds still in place of what the driver asks for, and in its retreat.
         """
         self.ticks += 1
         if self._retreated_ticks is not None:
-            self._tick_retreat(self._retreated_ticks)
+            self._tick_retreat(self._retreated_ticks, held=held)
             return None
         if driver is None:
             return self._steps.tick(None)
         withdrew = self.withdrawing
         act, amend = (self._withdraw, _nothing) if withdrew else (driver.act, driver.amend)
+        act, amend = self._unless_held(act, amend, held=held)
         if guarded:
             step = self._steps.tick(lambda seen: self.guard.act(act(seen)), lambda: self._amended(amend()))
         else:
             step = self._steps.tick(act, amend)
+        self._held = held
         if step is None or not (withdraws and self.task.ends_with_success):
             return step
         self._withdrawal.see(step.outcome.success, step.outcome.events)
@@ -242,11 +252,30 @@ class LiveWorld:
     def _withdraw(self, _seen: Array) -> Array:
         return self._withdrawal.led(np.zeros((1, self._episodes.action_size)))
 
+    def _unless_held(self, act: Act, amend: Amend, *, held: bool) -> tuple[Act, Amend]:
+        """The same, but a robot that is held stands still; who drives it sees all that happens meanwhile."""
+
+        def act_unless_held(seen: Array) -> Array:
+            self._asked = act(seen)
+            return still(self._episodes) if held else self._asked
+
+        def amend_unless_held() -> Array | None:
+            asked = amend()
+            self._asked = self._asked if asked is None else asked
+            if held == self._held:
+                return None if held else asked
+            return still(self._episodes) if held else self._asked
+
+        return act_unless_held, amend_unless_held
+
     def _amended(self, asked: Array | None) -> Array | None:
         return self.guard.given if self.guard.amend(asked)[0] else None
 
-    def _tick_retreat(self, ticks: int) -> None:
+    def _tick_retreat(self, ticks: int, *, held: bool) -> None:
         """Every 0.1 s the robot is told where to go on; when it is told nothing more it has left."""
+        if held:
+            self._steps.move(still(self._episodes) if self._steps.moving else None)
+            return
         due = ticks >= BRAKED_TICKS and (ticks - BRAKED_TICKS) % SUBSTEPS == 0
         action = self._retreat.action() if due else None
         self._retreated_ticks = None if due and action is None else ticks + 1

@@ -6,6 +6,7 @@ from typing import Self
 
 from avrgym.texts.texts import Said
 from avrgym.vr.session import phases
+from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.phases.kinds import Resting
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.state import SessionState
@@ -52,6 +53,10 @@ class Finished(Phase):
 
     def entered(self) -> None:
         self.state.drivers.close()
+
+    def interrupt(self, interruption: Interruption) -> Self:
+        """The participant takes off the headset."""
+        return self
 
     def pause(self) -> Self:
         """Nothing begins any more; whoever asks is told, unless the session is paused already."""

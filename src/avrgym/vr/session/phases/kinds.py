@@ -8,8 +8,8 @@ from avrgym.recording.outcomes import AttemptEnd
 from avrgym.texts.texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
+from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.phases.phase import Phase
-from avrgym.vr.session.state import UNTRACKED_S
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 
@@ -76,6 +76,8 @@ class Ongoing(Phase):
             return phases.Calibration(state)
         if state.on_hold:
             return phases.Paused(state, Said("break" if state.held_because else "paused"))
+        if state.visibility != "visible":
+            return phases.Paused(state, Said("not_visible"))
         if state.ready_for != state.trial:
             return phases.AskReady(state)
         if not state.is_tracked:
@@ -169,20 +171,10 @@ class Stoppable(InPlace):
         self.state.abandon("paused")
         return self._begin_trial()
 
-    def lose_time(self, seconds: float) -> phases.Paused:
-        why = self._record_lost_time(seconds)
-        said = Said("time_lost", {"seconds": f"{seconds:.1f}"})
-        return self._interrupt(events.TimeLost(self.state.now_s, seconds), why, said)
-
-    def lose_tracking(self) -> phases.Paused:
-        why = f"tracking was lost for {UNTRACKED_S:g} s"
-        self.state.record_event("tracking_timed_out", why)
-        said = Said("tracking_timed_out", {"seconds": f"{UNTRACKED_S:g}"})
-        return self._interrupt(events.TrackingTimedOut(self.state.now_s), why, said)
-
-    def _interrupt(self, event: events.SessionEvent, why: str, says: Said) -> phases.Paused:
-        self.state.report(f"{why}: the attempt is interrupted, and the trial is repeated")
-        return self._break_off("interrupted", event, says)
+    def interrupt(self, interruption: Interruption) -> phases.Paused:
+        self.state.record_event(interruption.name, interruption.why)
+        self.state.report(f"{interruption.why}: the attempt is interrupted, and the trial is repeated")
+        return self._break_off("interrupted", interruption.event, interruption.says)
 
     def _break_off(self, result: AttemptEnd, event: events.SessionEvent, says: Said) -> phases.Paused:
         """Hold the robot and end the attempt; the participant's trigger repeats the trial."""

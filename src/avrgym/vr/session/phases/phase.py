@@ -8,6 +8,7 @@ from avrgym.texts.texts import ENGLISH, Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName
 from avrgym.vr.session import events
+from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.driving import Driver
 from avrgym.vr.tracking.world import ControlStep
@@ -146,15 +147,11 @@ class Phase:
         """Somebody elsewhere has ended the session."""
         return self
 
-    def lose_time(self, seconds: float) -> Phase:
-        """The process or its machine stood still. Where the robot has finished, its attempt goes on."""
-        self._record_lost_time(seconds)
-        self.state.sink.tell(events.TimeLost(self.state.now_s, seconds))
-        return self
-
-    def lose_tracking(self) -> Phase:
-        """The participant has not been tracked for ``UNTRACKED_S``."""
-        return self
+    def interrupt(self, interruption: Interruption) -> Phase:
+        """The participant cannot act, or time was lost. Where the robot has finished, its attempt goes on."""
+        self.state.record_event(interruption.name, interruption.why)
+        self.state.sink.tell(interruption.event)
+        return self._report(interruption.why)
 
     @property
     def driver(self) -> Driver | None:
@@ -199,9 +196,3 @@ class Phase:
 
     def _refuse_out_of_place(self) -> Self:
         return self._report("this is possible once the participant is in place, with the scene shown")
-
-    def _record_lost_time(self, seconds: float) -> str:
-        """What happened, in words."""
-        why = f"the computer stood still for {seconds:.1f} s"
-        self.state.record_event("time_lost", why)
-        return why

@@ -8,6 +8,7 @@ from avrgym.simulation.withdrawal import WITHDRAWAL
 from avrgym.texts.texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
+from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.phases.kinds import InPlace, Stoppable
 from avrgym.vr.session.phases.preparing import told_of_trial
 from avrgym.vr.session.questions import Questions
@@ -66,10 +67,9 @@ class Trial(Stoppable):
     def finish_step(self, step: ControlStep) -> Retreat | Self:
         attempt = self.state.storage.attempt
         assert attempt is not None
-        if step.withdrawing:
-            attempt.record_step(step, WITHDRAWAL, False, self.state.now_s)
-        else:
-            attempt.record_step(step, self.state.current.policy, self.driver.idle, self.state.now_s)
+        idle = self.state.tracking.lost or (not step.withdrawing and self.driver.idle)
+        driver = WITHDRAWAL if step.withdrawing else self.state.current.policy
+        attempt.record_step(step, driver, idle, self.state.now_s)
         if attempt.steps < self.state.plan.trial_steps:
             return self
         return Retreat(self.state)
@@ -98,11 +98,8 @@ class Retreat(InPlace):
         super().pause()
         return self._hold()
 
-    def lose_time(self, seconds: float) -> FreeAfter:
-        super().lose_time(seconds)
-        return self._hold()
-
-    def lose_tracking(self) -> FreeAfter:
+    def interrupt(self, interruption: Interruption) -> FreeAfter:
+        super().interrupt(interruption)
         return self._hold()
 
     def _hold(self) -> FreeAfter:

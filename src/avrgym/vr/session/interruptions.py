@@ -1,0 +1,48 @@
+"""Why an attempt no longer counts whose robot is still to help: its participant cannot act, or time was lost."""
+
+from dataclasses import dataclass
+
+from avrgym.texts.texts import Said
+from avrgym.vr.protocol.messages import Visibility
+from avrgym.vr.session import events
+
+UNTRACKED_S = 1.0
+"""So long without a usable frame, nobody is tracked any more."""
+UNSEEN: dict[Visibility, str] = {
+    "visible-blurred": "a menu of the headset covers the scene",
+    "hidden": "the headset was taken off, or the page is in the background",
+    "context-lost": "the graphics of the participant's device failed",
+}
+
+
+@dataclass(frozen=True)
+class Interruption:
+    """``name`` and ``why`` are recorded, ``event`` is stored; who repeats the trial reads ``says``."""
+
+    name: str
+    why: str
+    event: events.SessionEvent
+    says: Said
+
+
+def lost_tracking(now_s: float) -> Interruption:
+    """No usable frame has arrived for ``UNTRACKED_S``."""
+    seconds = f"{UNTRACKED_S:g}"
+    says = Said("tracking_timed_out", {"seconds": seconds})
+    why = f"tracking was lost for {seconds} s"
+    return Interruption("tracking_timed_out", why, events.TrackingTimedOut(now_s), says)
+
+
+def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:
+    """The participant does not see the scene any more."""
+    why = f"the participant does not see the scene: {UNSEEN[visibility]}"
+    return Interruption(
+        "visibility_lost", why, events.VisibilityLost(now_s, visibility), Said("visibility_lost")
+    )
+
+
+def lost_time(now_s: float, seconds: float) -> Interruption:
+    """The process or its machine stood still."""
+    why = f"the computer stood still for {seconds:.1f} s"
+    says = Said("time_lost", {"seconds": f"{seconds:.1f}"})
+    return Interruption("time_lost", why, events.TimeLost(now_s, seconds), says)

@@ -1,0 +1,111 @@
+"""In a browser: a menu over VR, a removed headset, failing graphics and a page in the background hold the robot."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page
+
+from avrgym.vr.session import events as session_events
+from avrgym.vr.session.session import Session
+from journey import SEATING, Journey, await_that
+from visit import driving, plan
+
+pytestmark = pytest.mark.usefixtures("unhurried")
+
+ENDLESS = 100_000
+GRAPHICS = """(name) => {
+    window.graphics ??= document.querySelector("#view canvas").getContext("webgl2").getExtension("WEBGL_lose_context");
+    window.graphics[name]?.();
+}"""
+"""Lets the graphics of the page fail, or come back. The emulator hides the canvas in VR: call it once before."""
+BACKGROUND = """(state) => {
+    Object.defineProperty(document, "visibilityState", { value: state, configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+}"""
+"""Headless browsers keep every page in front: this one is told that it is not."""
+
+
+@pytest.fixture
+def journey(tmp_path: Path) -> Iterator[Journey]:
+    with ExitStack() as opened:
+        session = plan(trial_steps=ENDLESS)
+        yield Journey(tmp_path, session, driving(session), opened)
+
+
+def lost(journey: Journey) -> list[str]:
+    return [each.visibility for each in journey.observed if isinstance(each, session_events.VisibilityLost)]
+
+
+def seen(journey: Journey) -> int:
+    return sum(isinstance(each, session_events.VisibilityFound) for each in journey.observed)
+
+
+def await_trial(session: Session) -> None:
+    await_that(lambda: session.phase == "trial")
+
+
+@pytest.mark.slow
+def test_in_vr(journey: Journey) -> None:
+    headset, session = journey.headset, journey.session
+    headset.page.evaluate(GRAPHICS, "")
+    journey.enter()
+    journey.be_seated()
+    await_trial(session)
+
+    def blur(state: str) -> None:
+        headset.page.evaluate("(state) => window.avrgymEmulator.device.updateVisibilityState(state)", state)
+
+    for number, state in enumerate(("visible-blurred", "hidden"), 1):
+        blur(state)
+        await_that(lambda: session.phase == "paused")
+        assert lost(journey)[-1] == state
+        sent = headset.call("trackingSent")
+        headset.page.wait_for_timeout(300)
+        assert headset.call("trackingSent") == sent
+        blur("visible")
+        await_that(lambda number=number: seen(journey) == number)
+        assert session.phase == "paused"
+        headset.page.get_by_text("You did not see the scene").first.wait_for(state="attached")
+        journey.go_on("paused")
+        await_trial(session)
+    headset.page.evaluate(GRAPHICS, "loseContext")
+    await_that(lambda: session.phase != "trial")
+    assert lost(journey)[-1] == "context-lost"
+    assert journey.results() == ["interrupted"] * 3
+
+
+def play(page: Page, session: Session) -> None:
+    page.get_by_role("button", name="Play without a headset").click()
+    await_that(lambda: session.phase == "calibration")
+    for phase in SEATING:
+        while session.phase == phase:
+            page.keyboard.press("Enter")
+            page.wait_for_timeout(100)
+    await_trial(session)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("script", "lose", "find", "state"),
+    [
+        (BACKGROUND, "hidden", "visible", "hidden"),
+        (GRAPHICS, "loseContext", "restoreContext", "context-lost"),
+    ],
+    ids=["background", "graphics"],
+)
+def test_on_the_page(journey: Journey, script: str, lose: str, find: str, state: str) -> None:
+    page, session = journey.headset.page, journey.session
+    play(page, session)
+    page.evaluate(script, lose)
+    await_that(lambda: session.phase == "paused")
+    assert lost(journey) == [state]
+    page.evaluate(script, find)
+    await_that(lambda: seen(journey) == 1)
+    assert session.phase == "paused"
+    page.get_by_text("Choose Go on to repeat the trial").first.wait_for()
+    page.screenshot(path=journey.folder / "paused.png")
+    page.get_by_role("button", name="Go on").click()
+    await_trial(session)
+    assert journey.results() == ["interrupted"]

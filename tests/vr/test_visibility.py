@@ -1,0 +1,260 @@
+"""The robot holds while its participant does not see the scene or is not tracked, and they go on themselves."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from avrgym.recording.files import Recording
+from avrgym.replay.verification import verify
+from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.vr.protocol.messages import (
+    Command,
+    CommandName,
+    Phase,
+    Ready,
+    Status,
+    Stop,
+    Tracking,
+    Visibility,
+    VisibilityChanged,
+)
+from avrgym.vr.server.inbox import MESSAGES_PER_TICK, Inbox
+from avrgym.vr.session import events as session_events
+from avrgym.vr.tracking.frames import STALE_S
+from avrgym.vr.tracking.world import BRAKED_TICKS, TICK_S
+from visit import ENVIRONMENT, FRAME_EVERY_TICKS, Visit, plan
+
+UNSEEN = [visibility for visibility in get_args(Visibility) if visibility != "visible"]
+VISIBLE = VisibilityChanged("visible")
+
+
+@pytest.fixture
+def visit(tmp_path: Path) -> Iterator[Callable[..., Visit]]:
+    visits: list[Visit] = []
+
+    def make(countdown_s: float = 0.1, **how) -> Visit:
+        visits.append(Visit(tmp_path / f"visit-{len(visits)}", replace(plan(**how), countdown_s=countdown_s)))
+        return visits[-1]
+
+    yield make
+    for each in visits:
+        each.leave()
+
+
+def result(recording: Recording) -> str:
+    assert recording.outcome is not None
+    return recording.outcome["result"]
+
+
+def events(recording: Recording) -> list[str]:
+    return [event.name for _, event in recording.topics["/events"]]
+
+
+def speed_m_s(visit: Visit) -> float:
+    return float(np.linalg.norm(visit.session.world.simulation.state().tool_velocity_w))
+
+
+# Before and while the robot helps ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("visibility", UNSEEN)
+@pytest.mark.parametrize("phase", ["free_before", "countdown", "trial"])
+def test_the_robot_holds_when_its_participant_no_longer_sees_the_scene(
+    visit: Callable[..., Visit], phase: str, visibility: Visibility
+) -> None:
+    blocked = visit(
+        free_movement_s=3.0 if phase == "free_before" else 0.1,
+        countdown_s=3.0 if phase == "countdown" else 0.1,
+        trial_steps=50,
+    )
+    blocked.go_to(phase)
+    blocked.tell(VisibilityChanged(visibility))
+    assert blocked.phase == "paused"
+    blocked.tick(10)
+    assert speed_m_s(blocked) < 0.01
+    (recording,) = blocked.recordings()
+    assert result(recording) == "interrupted"
+    assert events(recording)[-2:] == ["visibility_lost", "robot_holds"]
+    (lost,) = (each for each in blocked.observed if isinstance(each, session_events.VisibilityLost))
+    assert lost.visibility == visibility
+    assert "does not see the scene" in blocked.problems[-1]
+    assert "the trial is repeated" in blocked.problems[-1]
+    blocked.tick(20)
+    assert blocked.said(Status)[-1].visibility == visibility
+
+
+@pytest.mark.parametrize("visibility", UNSEEN)
+def test_who_sees_the_scene_again_repeats_the_trial_with_the_trigger(
+    visit: Callable[..., Visit], visibility: Visibility
+) -> None:
+    blocked = visit(trial_steps=5)
+    blocked.go_to("trial")
+    blocked.tell(VisibilityChanged(visibility), Ready())
+    blocked.tick(50)
+    assert blocked.phase == "paused"
+    blocked.tell(VISIBLE)
+    blocked.tick(200)
+    assert blocked.phase == "paused"
+    assert len(blocked.session.recordings) == 1
+    assert any(isinstance(each, session_events.VisibilityFound) for each in blocked.observed)
+    blocked.tell(Ready())
+    blocked.until("questionnaire")
+    blocked.answer(4, 4, 4, 4)
+    assert [result(each) for each in blocked.recordings()] == ["interrupted", "completed"]
+
+
+@pytest.mark.parametrize("name", ["continue", "repeat", "skip"])
+def test_the_experimenter_begins_no_trial_in_their_place(
+    visit: Callable[..., Visit], name: CommandName
+) -> None:
+    blocked = visit(seeds=(3, 4, 5), trial_steps=50)
+    blocked.go_to("trial")
+    blocked.content = False
+    blocked.tell(VisibilityChanged("hidden"), Command(name=name))
+    blocked.tick(50)
+    assert blocked.phase == "paused"
+    blocked.tell(VISIBLE, Command(name=name))
+    blocked.tick(200)
+    assert blocked.phase in ("paused", "ready")
+    assert len(blocked.session.recordings) == 1
+
+
+@pytest.mark.parametrize("phase", ["check", "ready"])
+@pytest.mark.parametrize("visibility", UNSEEN)
+def test_no_trial_begins_while_they_do_not_see_the_scene(
+    visit: Callable[..., Visit], visibility: Visibility, phase: str
+) -> None:
+    blocked = visit(seeds=(3, 4))
+    blocked.sit_down()
+    blocked.content = False
+    blocked.until("check")
+    if phase == "ready":
+        blocked.tell(Command(name="skip"))
+        blocked.until("ready")
+    blocked.tell(VisibilityChanged(visibility))
+    for _ in range(3):
+        blocked.tell(Ready())
+        blocked.tick(50)
+    assert blocked.phase == "paused"
+    assert "You do not see the scene" in blocked.said(Phase)[-1].text
+    assert blocked.session.recordings == []
+
+
+def test_a_menu_that_opens_while_the_scene_loads_begins_no_trial(visit: Callable[..., Visit]) -> None:
+    blocked = visit(trial_steps=50)
+    blocked.go_to("trial")
+    blocked.tell(Stop())
+    blocked.content = blocked.loads = False
+    blocked.tell(Ready(), VisibilityChanged("visible-blurred"), VISIBLE)
+    blocked.loads = True
+    blocked.tick(300)
+    assert blocked.phase == "ready"
+    assert len(blocked.session.recordings) == 1
+
+
+def test_a_new_connection_sees_the_scene_until_it_reports_otherwise(visit: Callable[..., Visit]) -> None:
+    back = visit()
+    back.tell(VisibilityChanged("hidden"))
+    back.session.greet(back.heard.append, "participant", back.now_s)
+    back.sit_down()
+    back.until("trial")
+
+
+# Once it has finished ----------------------------------------------------------------------------------------
+
+
+def test_a_retreat_is_held_and_what_the_robot_gave_is_kept(visit: Callable[..., Visit]) -> None:
+    finished = visit()
+    finished.go_to("retreat")
+    finished.tick(BRAKED_TICKS)
+    finished.tell(VisibilityChanged("visible-blurred"))
+    assert finished.phase == "free_after"
+    finished.tick(10)
+    assert speed_m_s(finished) < 0.01
+    finished.until("questionnaire")
+    finished.tell(VISIBLE)
+    finished.answer(4, 4, 4, 4)
+    (recording,) = finished.recordings()
+    assert result(recording) == "completed"
+    assert {"visibility_lost", "visibility_found"} <= set(events(recording))
+    assert verify(recording).identical
+
+
+@pytest.mark.parametrize("phase", ["free_after", "questionnaire"])
+def test_afterwards_nothing_is_lost(visit: Callable[..., Visit], phase: str) -> None:
+    finished = visit(free_movement_s=1.0)
+    finished.go_to(phase)
+    finished.tell(VisibilityChanged("hidden"), VISIBLE)
+    assert finished.phase == phase
+    finished.until("questionnaire")
+    finished.answer(4, 4, 4, 4)
+    (recording,) = finished.recordings()
+    assert result(recording) == "completed"
+    assert "visibility_lost" in events(recording)
+
+
+def test_who_takes_off_the_headset_at_the_end_troubles_nobody(visit: Callable[..., Visit]) -> None:
+    over = visit()
+    over.go_to("finished")
+    before = len(over.problems)
+    over.tell(VisibilityChanged("hidden"))
+    assert len(over.problems) == before
+
+
+# While frames are stale --------------------------------------------------------------------------------------
+
+
+FEW = pytest.param(ENVIRONMENT)
+OTHERS = [pytest.param(each, marks=pytest.mark.slow) for each in ENVIRONMENTS if each != ENVIRONMENT]
+
+
+@pytest.mark.parametrize("environment", [FEW, *OTHERS])
+def test_the_robot_holds_within_a_tick_once_tracking_is_stale_and_goes_on_with_it(
+    visit: Callable[..., Visit], environment: str
+) -> None:
+    away = visit(trial_steps=20, environments=(environment,))
+    away.go_to("trial")
+    away.tick(FRAME_EVERY_TICKS - away._ticks % FRAME_EVERY_TICKS + 1)
+    away.tracking = False
+    ticks = 0
+    while away.session.world._steps.moving:
+        away.tick()
+        ticks += 1
+    print(f"\nthe robot holds {ticks * TICK_S:.2f} s after the last frame")
+    assert ticks * TICK_S <= STALE_S + 2 * TICK_S  # the last frame came in the tick before the first of these
+    driven_m_s = speed_m_s(away)
+    away.tick(30)
+    assert speed_m_s(away) < 0.1 * driven_m_s
+    assert away.phase == "trial"
+    away.tracking = True
+    away.tick(15)
+    assert speed_m_s(away) > 0.2 * driven_m_s
+    away.until("questionnaire")
+    away.answer(4, 4, 4, 4)
+    (recording,) = away.recordings()
+    assert result(recording) == "completed"
+    steps = [step for _, step in recording.topics["/control"]]
+    assert [any(step.action) for step in steps] == [not step.idle for step in steps]
+    assert sum(step.idle for step in steps) >= 3
+    assert verify(recording).identical
+
+
+# On its way through the server -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("visibility", UNSEEN)
+def test_nothing_that_waits_delays_it(visibility: Visibility) -> None:
+    inbox, lost = Inbox(), VisibilityChanged(visibility)
+    for number in range(5 * MESSAGES_PER_TICK):
+        inbox.put(Tracking(number, 0.0, None, None, None, "none", "none"))
+    inbox.put(VISIBLE)
+    inbox.put(lost)
+    assert inbox.take() == lost
+    taken = []
+    while (message := inbox.take()) is not None:
+        taken.append(message)
+    assert [each for each in taken if isinstance(each, VisibilityChanged)] == [VISIBLE, lost]
