@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from avrgym.geometry.transforms import to_matrix
+from avrgym.models.colours import linear_from_srgb
 from avrgym.models.human import SKIN_TONES, Person
 from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.scene import build_spec
@@ -218,4 +219,5 @@ def test_the_skin_has_the_persons_tone() -> None:
     nodes = [node for node in glb["nodes"] if node.get("extras", {}).get("skin_of") == "person/right_hand"]
     (primitive,) = (glb["meshes"][node["mesh"]]["primitives"][0] for node in nodes)
     colours = glb.numbers(primitive["attributes"]["COLOR_0"])
-    np.testing.assert_allclose(colours, [np.array(SKIN_TONES["brown"]) ** 2.2] * len(colours), atol=0.003)
+    tone = linear_from_srgb(np.array(SKIN_TONES["brown"]))
+    np.testing.assert_allclose(colours, [tone] * len(colours), atol=0.003)

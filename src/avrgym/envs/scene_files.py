@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from avrgym.models import yielding
+from avrgym.models.colours import skin_colours, texture_mean
 from avrgym.models.contacts import VISUAL_GROUP
 from avrgym.models.scene import build_spec
 from avrgym.simulation.worlds import MAX_LEAD_RAD
@@ -137,8 +138,10 @@ def _freeze_skins(spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjDat
     mujoco.mjv_updateScene(
         model, data, _visible(), None, mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL, scene
     )
+    colours = skin_colours(model)
     for skin in spec.skins:
         number = model.skin(skin.name).id
+        shade = np.append(texture_mean(model, int(model.skin_matid[number])), 1.0)
         first, count = model.skin_vertadr[number], model.skin_vertnum[number]
         vertices = scene.skinvert.reshape(-1, 3)[first : first + count]
         first, count = model.skin_faceadr[number], model.skin_facenum[number]
@@ -153,27 +156,13 @@ def _freeze_skins(spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjDat
             type=mujoco.mjtGeom.mjGEOM_MESH,
             meshname=skin.name,
             name=skin.name,
-            rgba=_colour(model, number),
+            rgba=colours[number] * shade,
             group=VISUAL_GROUP,
             contype=0,
             conaffinity=0,
         )
     for skin in list(spec.skins):
         spec.delete(skin)
-
-
-def _colour(model: mujoco.MjModel, skin: int) -> NDArray[np.float32]:
-    """A skin's own colour, or where a texture has it, the texture's mean."""
-    material = model.skin_matid[skin]
-    if material < 0:
-        return model.skin_rgba[skin]
-    texture = model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]
-    if texture < 0:
-        return model.mat_rgba[material]
-    first, channels = model.tex_adr[texture], model.tex_nchannel[texture]
-    count = model.tex_height[texture] * model.tex_width[texture] * channels
-    mean = model.tex_data[first : first + count].reshape(-1, channels)[:, :3].mean(axis=0) / 255
-    return np.array([*mean, 1.0], np.float32)
 
 
 def _visible() -> mujoco.MjvOption:

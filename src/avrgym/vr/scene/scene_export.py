@@ -8,8 +8,8 @@ Its nodes stand in the world's frame, z up, and say in ``extras`` what moves the
 - ``bodies``: the mesh is drawn once at each of these bodies, which look alike.
 - ``skin_of``: a skinned mesh, and the body that most of it follows.
 
-Colours are those of the vertices, so that all of one finish on one node is one mesh: a headset draws few large things
-faster than many small ones.
+Colours are those of the vertices, as MuJoCo resolves them from a geom and its material, so that all of one finish on
+one node is one mesh: a headset draws few large things faster than many small ones.
 """
 
 # trimesh's functions: their types are known only in part.
@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from avrgym.models import human
+from avrgym.models.colours import geom_colours, linear_from_srgb, texture_of, texture_pixels
 from avrgym.models.contacts import VISUAL_GROUP
 from avrgym.vr.scene.glb import Glb
 from avrgym.vr.scene.meshes import geom_mesh, pose_matrix
@@ -35,12 +36,12 @@ from avrgym.vr.scene.skins import Bone, Skin, closed, joined, skins_of
 
 Array = NDArray[np.float64]
 
-Piece = tuple[trimesh.Trimesh, int]
-"""A mesh and the number of its material."""
+Piece = tuple[trimesh.Trimesh, Array]
+"""A mesh and its colour (4,)."""
 
 HEAD = human.PREFIX + "head"
-GAMMA = 2.2
-"""Between colours as they are chosen and light as it is computed."""
+PLAIN_ROUGHNESS = 0.75
+"""That of what has no material, or one that does not define it: as dull as MuJoCo draws it."""
 FEWEST_ALIKE = 3
 """So many bodies must look alike to be drawn as copies of one."""
 _SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
@@ -52,15 +53,20 @@ class Finish:
 
     metallic: float
     roughness: float
-    texture: int
+    alpha: float
+    texture: int = -1
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, material: int) -> "Finish":
-        """That of a material, near enough to have few of them: in steps of a half and a quarter."""
+    def of(cls, model: mujoco.MjModel, material: int, alpha: float, texture: int = -1) -> "Finish":
+        """That of a material, or of none, near enough to have few of them: in steps of a half and a quarter."""
+        metallic, roughness = (
+            (model.mat_metallic[material], model.mat_roughness[material]) if material >= 0 else (-1.0, -1.0)
+        )
         return cls(
-            metallic=round(2.0 * float(model.mat_metallic[material])) / 2.0,
-            roughness=round(4.0 * float(model.mat_roughness[material])) / 4.0,
-            texture=int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]),
+            metallic=round(2.0 * float(metallic)) / 2.0 if metallic >= 0.0 else 0.0,
+            roughness=round(4.0 * float(roughness)) / 4.0 if roughness >= 0.0 else PLAIN_ROUGHNESS,
+            alpha=round(float(alpha), 2),
+            texture=texture,
         )
 
 
@@ -72,6 +78,7 @@ def export_glb(model: mujoco.MjModel) -> bytes:
 class _Export:
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model, self._glb = model, Glb()
+        self._colours = geom_colours(model)
         self._data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self._data)
         self._roots: list[int] = []
@@ -80,7 +87,7 @@ class _Export:
 
     def run(self) -> bytes:
         carried = geoms_by_carrier(self._model)
-        for bodies in _alike(self._model, carried):
+        for bodies in _alike(self._model, self._colours, carried):
             self._add_copies(bodies, carried.pop(bodies[0]))
             for body in bodies[1:]:
                 del carried[body]
@@ -121,32 +128,33 @@ class _Export:
         pieces: dict[Finish, list[Piece]] = {}
         from_world = np.linalg.inv(pose_matrix(self._data.xpos[carrier], self._data.xquat[carrier]))
         for geom in geoms:
-            body, material = self._model.geom_bodyid[geom], int(self._model.geom_matid[geom])
+            body, colour = self._model.geom_bodyid[geom], self._colours[geom]
             mesh = geom_mesh(self._model, geom)
             mesh.apply_transform(from_world @ pose_matrix(self._data.xpos[body], self._data.xquat[body]))
-            pieces.setdefault(Finish.of(self._model, material), []).append((mesh, material))
+            finish = Finish.of(self._model, int(self._model.geom_matid[geom]), colour[3])
+            pieces.setdefault(finish, []).append((mesh, colour))
         return pieces
 
     def _add_mesh(self, pieces: list[Piece], finish: Finish, *, quantised: bool = True) -> tuple[int, float]:
         """A mesh of all pieces, and the scale of its numbers."""
         mesh = trimesh.util.concatenate([piece for piece, _ in pieces])
         assert isinstance(mesh, trimesh.Trimesh)
-        materials = np.concatenate([np.full(len(piece.vertices), material) for piece, material in pieces])
+        rgba = np.concatenate([np.tile(colour, (len(piece.vertices), 1)) for piece, colour in pieces])
         scale = float(np.abs(mesh.vertices).max()) if quantised else 1.0
-        surface = self._surface(mesh.vertices, mesh.vertex_normals, materials, scale, quantised=quantised)
+        surface = self._surface(mesh.vertices, mesh.vertex_normals, rgba, scale, quantised=quantised)
         return self._add_primitive(surface, mesh.faces, finish), scale
 
     def _surface(
         self,
         vertices: Array,
         normals: Array,
-        materials: NDArray[np.int64],
+        rgba: Array,
         scale: float,
         *,
         quantised: bool = True,
     ) -> dict[str, int]:
         places = np.round(vertices / scale * _SHORT).astype(np.int16) if quantised else vertices.astype("<f4")
-        linear = self._model.mat_rgba[materials, :3] ** GAMMA
+        linear = linear_from_srgb(rgba[:, :3])
         return {
             "POSITION": self._glb.add_vertices(places, normalized=quantised),
             "NORMAL": self._glb.add_vertices(np.round(normals * _BYTE).astype(np.int8), normalized=True),
@@ -174,13 +182,14 @@ class _Export:
             of_head = skin.main_body == HEAD
             if not of_head:
                 skin = reduce(closed, head, skin)
-            finish = Finish.of(self._model, int(skin.materials[0]))
+            texture = texture_of(self._model, skin.material)
+            finish = Finish.of(self._model, skin.material, float(skin.rgba[0, 3]), texture)
             groups.setdefault((of_head, finish), []).append(skin)
         return groups
 
     def _add_skin(self, skin: Skin, finish: Finish) -> None:
         scale = float(np.abs(skin.vertices).max())
-        attributes = self._surface(skin.vertices, skin.normals, skin.materials, scale) | {
+        attributes = self._surface(skin.vertices, skin.normals, skin.rgba, scale) | {
             "TEXCOORD_0": self._glb.add_vertices(_full_range(skin.uv, np.uint16), normalized=True),
             "JOINTS_0": self._glb.add_vertices(skin.bone_of.astype(np.uint8)),
             "WEIGHTS_0": self._glb.add_vertices(_weights(skin.weight_of), normalized=True),
@@ -217,25 +226,30 @@ class _Export:
                 "roughnessFactor": finish.roughness,
                 **self._texture(finish.texture),
             }
-            self._finishes[finish] = self._glb.add("materials", pbrMetallicRoughness=surface)
+            blend: dict[str, object] = {}
+            if finish.alpha < 1.0:
+                surface["baseColorFactor"] = [1.0, 1.0, 1.0, finish.alpha]
+                blend["alphaMode"] = "BLEND"
+            self._finishes[finish] = self._glb.add("materials", pbrMetallicRoughness=surface, **blend)
         return self._finishes[finish]
 
     def _texture(self, texture: int) -> dict[str, object]:
         if texture < 0:
             return {}
-        model, start = self._model, self._model.tex_adr[texture]
-        shape = model.tex_height[texture], model.tex_width[texture], model.tex_nchannel[texture]
-        pixels = model.tex_data[start : start + np.prod(shape)].reshape(shape)
         encoded = io.BytesIO()
-        Image.fromarray(pixels).save(encoded, "JPEG", quality=88)
+        Image.fromarray(texture_pixels(self._model, texture)).save(encoded, "JPEG", quality=88)
         return {"baseColorTexture": {"index": self._glb.add_texture(encoded.getvalue(), "image/jpeg")}}
 
 
 def geoms_by_carrier(model: mujoco.MjModel) -> dict[int, list[int]]:
-    """Visual geoms by the body that carries them: the outermost one that they cannot move against."""
+    """Visual geoms by the body that carries them: the outermost one that they cannot move against.
+
+    Geoms that are wholly transparent are left out.
+    """
     found: dict[int, list[int]] = {}
+    visible = (model.geom_group == VISUAL_GROUP) & (geom_colours(model)[:, 3] > 0.0)
     for geom in range(model.ngeom):
-        if model.geom_group[geom] == VISUAL_GROUP:
+        if visible[geom]:
             found.setdefault(_carrier(model, int(model.geom_bodyid[geom])), []).append(geom)
     return found
 
@@ -247,14 +261,15 @@ def _carrier(model: mujoco.MjModel, body: int) -> int:
     return body
 
 
-def _alike(model: mujoco.MjModel, carried: dict[int, list[int]]) -> list[list[int]]:
+def _alike(model: mujoco.MjModel, colours: Array, carried: dict[int, list[int]]) -> list[list[int]]:
     """Bodies of one geom each that look the same, in groups."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for body, geoms in carried.items():
         if len(geoms) == 1 and model.geom_type[geoms[0]] != mujoco.mjtGeom.mjGEOM_MESH:
             (geom,) = geoms
-            place = [*model.geom_pos[geom], *model.geom_quat[geom], *model.geom_size[geom]]
-            groups.setdefault((model.geom_type[geom], model.geom_matid[geom], *place), []).append(body)
+            looks = model.geom_type[geom], model.geom_matid[geom], *colours[geom], *model.geom_size[geom]
+            place = *model.geom_pos[geom], *model.geom_quat[geom]
+            groups.setdefault((*looks, *place), []).append(body)
     return [bodies for bodies in groups.values() if len(bodies) >= FEWEST_ALIKE]
 
 

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.models.colours import skin_colours
 from avrgym.vr.scene.meshes import pose_matrix
 
 Array = NDArray[np.float64]
@@ -36,11 +37,12 @@ class Bone:
 
 @dataclass(frozen=True)
 class Skin:
-    """A skin at rest: ``vertices`` and ``normals`` (V, 3), ``uv`` (V, 2), ``faces`` (F, 3); at each vertex four of
-    its ``bones`` and their weights, (V, 4). ``materials`` (V,) are the model's numbers of them."""
+    """A skin at rest: ``vertices`` and ``normals`` (V, 3), ``rgba`` (V, 4), ``uv`` (V, 2), ``faces`` (F, 3); at each
+    vertex four of its ``bones`` and their weights, (V, 4). ``material`` is the model's number of it, or −1."""
 
     name: str
-    materials: NDArray[np.int64]
+    material: int
+    rgba: Array
     vertices: Array
     normals: Array
     uv: Array
@@ -58,7 +60,7 @@ class Skin:
 
 def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
     """All skins of a model; where two of one material meet, their normals agree."""
-    normals = _normals(model)
+    normals, colours = _normals(model), skin_colours(model)
     for skin in range(model.nskin):
         count: int = model.skin_vertnum[skin]
         bones, weights = _bones(model, skin)
@@ -68,7 +70,8 @@ def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
         bone_of = np.where(weight_of > 0.0, bone_of, 0)
         yield Skin(
             name=model.skin(skin).name,
-            materials=np.full(count, model.skin_matid[skin], int),
+            material=int(model.skin_matid[skin]),
+            rgba=np.tile(colours[skin], (count, 1)),
             vertices=_rows(model.skin_vert, model.skin_vertadr, model.skin_vertnum, skin),
             normals=normals[skin],
             uv=_uv(model, skin),
@@ -80,14 +83,15 @@ def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
 
 
 def joined(skins: Sequence[Skin]) -> Skin:
-    """Several skins as one, with the name of the first."""
+    """Several skins as one, with name and material of the first."""
     bones = list({(bone.body, bone.swing): bone for skin in skins for bone in skin.bones}.values())
     numbers = {(bone.body, bone.swing): number for number, bone in enumerate(bones)}
     bone_of = [np.array([numbers[b.body, b.swing] for b in skin.bones])[skin.bone_of] for skin in skins]
     starts = np.cumsum([0, *(len(skin.vertices) for skin in skins)])
     return Skin(
         name=skins[0].name,
-        materials=np.concatenate([skin.materials for skin in skins]),
+        material=skins[0].material,
+        rgba=np.concatenate([skin.rgba for skin in skins]),
         vertices=np.concatenate([skin.vertices for skin in skins]),
         normals=np.concatenate([skin.normals for skin in skins]),
         uv=np.concatenate([skin.uv for skin in skins]),
@@ -113,7 +117,7 @@ def closed(skin: Skin, other: Skin) -> Skin:
     grown = np.append(first, first[0])
     return replace(
         skin,
-        materials=np.concatenate([skin.materials, skin.materials[grown]]),
+        rgba=np.concatenate([skin.rgba, skin.rgba[grown]]),
         vertices=vertices,
         normals=np.concatenate([skin.normals, np.tile(normal / np.linalg.norm(normal), (len(grown), 1))]),
         uv=np.concatenate([skin.uv, skin.uv[grown]]),

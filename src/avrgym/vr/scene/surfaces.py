@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.models.colours import geom_colours, texture_of, texture_pixels
 from avrgym.vr.scene.meshes import geom_mesh, pose_matrix
 from avrgym.vr.scene.scene_export import geoms_by_carrier
 from avrgym.vr.scene.skins import Skin, skins_of
@@ -30,10 +31,13 @@ def body_surfaces(model: mujoco.MjModel) -> dict[str, list[Surface]]:
     """The surfaces of every body of a model that was built with its appearance, by the body's name."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
+    colours = geom_colours(model)
     found: dict[str, list[Surface]] = {}
     for carrier, geoms in geoms_by_carrier(model).items():
         from_world = np.linalg.inv(pose_matrix(data.xpos[carrier], data.xquat[carrier])).astype(float)
-        found[model.body(carrier).name] = [_of_geom(model, data, geom, from_world) for geom in geoms]
+        found[model.body(carrier).name] = [
+            _of_geom(model, data, geom, from_world, colours[geom]) for geom in geoms
+        ]
     for skin in skins_of(model):
         colours = _skin_colours(model, skin)
         for body, surface in _cut(skin, colours):
@@ -41,26 +45,24 @@ def body_surfaces(model: mujoco.MjModel) -> dict[str, list[Surface]]:
     return found
 
 
-def _of_geom(model: mujoco.MjModel, data: mujoco.MjData, geom: int, from_world: Array) -> Surface:
+def _of_geom(
+    model: mujoco.MjModel, data: mujoco.MjData, geom: int, from_world: Array, rgba: Array
+) -> Surface:
     body = model.geom_bodyid[geom]
     mesh = geom_mesh(model, geom)
     to_carrier = from_world @ pose_matrix(data.xpos[body], data.xquat[body])
     mesh.apply_transform(to_carrier)  # pyright: ignore[reportUnknownMemberType]
-    rgba = model.mat_rgba[model.geom_matid[geom]].astype(float)
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.tile(rgba, (len(mesh.vertices), 1)))
 
 
 def _skin_colours(model: mujoco.MjModel, skin: Skin) -> Array:
     """The colour (V, 4) of each vertex: its material's, times that of the texture there."""
-    colours = model.mat_rgba[skin.materials].astype(float)
-    texture = int(model.mat_texid[skin.materials[0], mujoco.mjtTextureRole.mjTEXROLE_RGB])
+    colours, texture = skin.rgba.copy(), texture_of(model, skin.material)
     if texture >= 0:
-        start, channels = model.tex_adr[texture], model.tex_nchannel[texture]
-        height, width = model.tex_height[texture], model.tex_width[texture]
-        pixels = model.tex_data[start : start + height * width * channels].reshape(height, width, channels)
+        pixels = texture_pixels(model, texture)
         row, column = (
             np.clip(skin.uv[:, axis] * size, 0, size - 1).astype(int)
-            for axis, size in ((1, height), (0, width))
+            for axis, size in ((1, pixels.shape[0]), (0, pixels.shape[1]))
         )
         colours[:, :3] *= pixels[row, column, :3] / 255.0
     return colours

@@ -1,0 +1,60 @@
+"""Robots that the product draws: ours, those of the example package, and the public Panda's meshes."""
+
+import sys
+from collections.abc import Iterator
+from functools import cache
+
+import mujoco
+
+from avrgym.models.human import Person
+from avrgym.models.robot import Robot, UnsuitableError, robot_spec
+from avrgym.models.scene import build_spec
+from avrgym.models.urdf import add_mesh, colour_of, read_mesh
+from avrgym.robots.public import public_folder
+from avrgym.robots.registry import ROBOTS
+from avrgym.tasks.registry import TASKS
+from places import ROOT
+
+sys.path.append(str(ROOT / "examples" / "extension" / "src"))
+
+from avrgym_example.gen3 import GEN3
+from avrgym_example.ur5 import UR5
+
+EVERY: dict[str, Robot] = {robot.name: robot for robot in (*ROBOTS.values(), GEN3, UR5)}
+PANDA_LINKS = ("link0", "link1", "link2", "link3", "link4", "link5", "link6", "link7", "hand", "finger")
+PERSON = Person("woman", 0.55)
+
+
+def panda() -> mujoco.MjModel:
+    """The meshes of Franka's Panda (.dae) beside each other: each of their triangles has vertices of its own."""
+    spec = mujoco.MjSpec()
+    for number, link in enumerate(PANDA_LINKS):
+        row, column = divmod(number, 4)
+        body = spec.worldbody.add_body(name=link, pos=[0.3 * column, 0.0, 0.4 * row])
+        parts = read_mesh(public_folder("franka_description/meshes/visual") / f"{link}.dae")
+        for index, part in enumerate(parts):
+            add_mesh(spec, body, f"{link}_{index}", part, rgb=colour_of(part))
+    return spec.compile()
+
+
+@cache
+def robot_model(name: str) -> mujoco.MjModel:
+    """A robot alone, with its appearance."""
+    if name == "Panda":
+        return panda()
+    robot = EVERY[name]
+    return robot_spec(robot, next(iter(robot.arms.values())), appearance=True).compile()
+
+
+def scene_of(name: str, task: str) -> mujoco.MjModel | None:
+    """The scene of a task with a robot and a person; nothing where the robot does not suit it."""
+    try:
+        scene = TASKS[task].scene(EVERY[name])
+    except UnsuitableError:
+        return None
+    return build_spec(scene, PERSON, moving=True, appearance=True).compile()
+
+
+def scenes_of(name: str) -> Iterator[mujoco.MjModel]:
+    """The scenes of all tasks that a robot suits."""
+    return (scene for scene in (scene_of(name, task) for task in TASKS) if scene is not None)

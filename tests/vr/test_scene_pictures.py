@@ -1,0 +1,63 @@
+"""The browser shows what ``rgb_array`` shows: one picture of each scene by three.js and by MuJoCo."""
+
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, sync_playwright
+
+from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.scene.scene_export import export_glb
+from example_robots import EVERY, robot_model, scenes_of
+from glb import GlbFile
+from glb_pictures import by_mujoco, by_three, camera_at, open_page
+
+LEAST_OVERLAP = 0.99
+"""Of the two silhouettes: what both cover, of what one covers."""
+MOST_OFF, OTHERWISE = 24, 0.02
+"""Levels of 255 by which colours may differ, and the share of pixels, at edges, where they may differ more."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        yield browser
+        browser.close()
+
+
+def assert_looks_alike(browser: Browser, model: mujoco.MjModel, camera: mujoco.MjvCamera) -> None:
+    data = export_glb(model)
+    copies = [
+        node["extras"]["bodies"] for node in GlbFile(data)["nodes"] if "bodies" in node.get("extras", {})
+    ]
+    left_out = {model.body(body).id for bodies in copies for body in bodies}
+    page = open_page(browser.new_page())
+    drawn, wanted = by_three(page, data, model, camera), by_mujoco(model, camera, left_out)
+    page.close()
+    both = drawn.covered & wanted.covered
+    assert both.sum() > LEAST_OVERLAP * (drawn.covered | wanted.covered).sum() > 0
+    off = np.abs(drawn.colours - wanted.colours)[both].max(axis=1)
+    assert (off > MOST_OFF).mean() < OTHERWISE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EVERY)
+def test_a_scene_looks_as_mujoco_draws_it(name: str, browser: Browser) -> None:
+    """With robot, tool, furniture and person, of every task, from the front left and from behind on the right."""
+    for model in scenes_of(name):
+        for azimuth in (115.0, 300.0):
+            assert_looks_alike(browser, model, camera_at(np.array([-0.2, -0.2, 0.7]), 2.4, azimuth, -15.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*EVERY, "Panda"])
+def test_a_robot_looks_as_mujoco_draws_it(name: str, browser: Browser) -> None:
+    """From near."""
+    model = robot_model(name)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    low, high = data.geom_xpos.min(axis=0), data.geom_xpos.max(axis=0)
+    distance = float(np.linalg.norm(high - low)) + 0.3
+    assert_looks_alike(browser, model, camera_at(0.5 * (low + high), distance, 130.0, -20.0))
