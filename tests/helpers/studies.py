@@ -8,8 +8,10 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
+import msgspec
 import psycopg
 import sqlalchemy as sa
 from msgspec.structs import asdict
@@ -33,6 +35,7 @@ from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
+from avrgym.tasks.registry import plugins_of
 from processes import die_with_parent
 
 STEPS = 3
@@ -85,6 +88,11 @@ def take_in(store: Store, simulated: bool = True, name: str = "", contact: str =
     return pseudonym
 
 
+def plugins_in(trial: Trial) -> dict[str, Any]:
+    """What recordings store of plug-ins; those of earlier versions store nothing."""
+    return {"plugins": msgspec.to_builtins(plugins_of(trial.environment))}
+
+
 def record(store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool = True) -> None:
     """Write the complete recording of an attempt: a few steps and frames, and the answers."""
     metadata = {
@@ -97,6 +105,7 @@ def record(store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool
         "simulated": simulated,
         "joints": ["waist_x", "waist_y"],
         "person": {"sex": "woman", "torso_height_m": TORSO_HEIGHT_M},
+        **plugins_in(trial),
     }
     writer = RecordingWriter(store.path(attempt.recording), metadata)
     for step in range(1, STEPS + 1):

@@ -30,6 +30,7 @@ from avrgym.cli.terminal import (
     print_table,
     say,
     say_left_out,
+    warn,
     write_json,
 )
 from avrgym.people.names import NAMES
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
 
 STEPS = 1_000_000
 """Of a training, unless another number is asked for."""
+NOT_SHOWN = ("force_regions", "plugin_differences")
+"""What `evaluate` prints elsewhere than in its table."""
 ADAPTIVE, PAPER, PAIR = RECIPES = ("adaptive", "paper", "pair")
 """For policies that remember; what the paper did; and for a robot and a human who learn together."""
 SETTLED: dict[str | None, tuple[str, ...]] = {
@@ -428,10 +431,13 @@ def evaluate(
         if cross_play:
             print_table(matrix(metrics))
         else:
-            print_table([{name: row[name] for name in row if name != "force_regions"} for row in rows])
+            print_table([{name: row[name] for name in row if name not in NOT_SHOWN} for row in rows])
         if regions:
             print_regions({_whose(row): row["force_regions"] for row in rows})
         write_json(json_file, rows)
+        for row in rows:
+            for difference in row["plugin_differences"]:
+                warn(f"{_whose(row)}: not as the policy was trained: {difference}")
 
 
 def _whose(row: dict[str, Any]) -> str:

@@ -170,6 +170,10 @@ def _tell_differences(found: "Verification") -> None:
             "The C library rounds otherwise here than where it was recorded."
         )
         return
+    for difference in found.plugin_differences:
+        say(f"A plug-in is not what it was: {difference}.")
+    if found.plugins_stored and found.plugin_differences:
+        return
     if found.same_versions:
         raise ReplayError(
             f"it differs although it was recorded with the versions that run here, {with_versions}"

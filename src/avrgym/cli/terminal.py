@@ -115,6 +115,11 @@ def say_left_out(what: str, error: Exception) -> None:
     typer.echo(printable(line, sys.stderr.encoding), err=True)
 
 
+def warn(text: str) -> None:
+    """Print a line about something that may be wrong, apart from all output."""
+    typer.echo(printable(f"avrgym: warning: {text}", sys.stderr.encoding), err=True)
+
+
 def console(width: int | None = None) -> "Console":
     """What text is drawn on; in a file it has no control characters, whatever variables ask for colour."""
     from rich.console import Console

@@ -50,7 +50,7 @@ from avrgym.system.carried import Carried
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 from avrgym.tasks.known import EPISODE_STEPS
-from avrgym.tasks.registry import find_environment, sizes, task_and_scene
+from avrgym.tasks.registry import find_environment, plugins_of, sizes, task_and_scene
 
 SHOWN_FOLDER = "shown"
 MEASURED_EPISODES = 100
@@ -455,6 +455,7 @@ class _Learner:
             git_commit=git_commit(),
             seconds=round(seconds + self._seconds, 1),
             curve=thinned([*curve, *since]),
+            plugins=plugins_of(configuration.environment),
         )
         return self._network.policy(self._normaliser, metadata, deviation)
 

@@ -54,7 +54,8 @@ class Evaluation:
     ``stream`` is what its episodes were drawn from: figures of ``showing`` are of episodes that no choice has seen.
     ``force_regions`` are the forces by region of the body, ``episodes_over_limit`` counts the episodes in which any
     region bore more than its limits allow, see ``RegionLoads``. ``guard_interventions`` is how often a force guard
-    acted, per episode; ``None`` without one. ``engine`` and ``device`` say where physics ran.
+    acted, per episode; ``None`` without one. ``engine`` and ``device`` say where physics ran. ``plugin_differences``:
+    the plug-ins that are not what the policy was trained with.
     """
 
     env: str
@@ -73,6 +74,7 @@ class Evaluation:
     engine: str
     device: str
     force_regions: dict[str, RegionFigures]
+    plugin_differences: list[str]
 
 
 @dataclass(frozen=True)
@@ -155,9 +157,11 @@ def evaluate_all(
     """
     if episodes < 1:
         raise ValueError(f"{episodes} episodes; at least 1 is needed")
+    changed: list[list[str]] = []
     for environment_id in environment_ids:
         find_environment(environment_id)
-        registry.find(policy, environment_id, allow_other_environment=allow_other_environment)
+        found = registry.find(policy, environment_id, allow_other_environment=allow_other_environment)
+        changed.append(registry.changed_since_training(found, environment_id))
     check_engine(engine)
     every = len(environment_ids) * episodes
     there = cores() if cluster is None else cluster.count
@@ -186,7 +190,10 @@ def evaluate_all(
     ]
     results = _run_batches(batches, jobs, cluster, progress)
     firsts = range(0, len(batches), len(split))
-    return [_sum_up(batches[first], results[first : first + len(split)]) for first in firsts]
+    return [
+        _sum_up(batches[first], results[first : first + len(split)], differing)
+        for first, differing in zip(firsts, changed, strict=True)
+    ]
 
 
 def _split(episodes: int, size: int) -> list[range]:
@@ -230,7 +237,7 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
     return _run(world, batch, generators, progress)
 
 
-def _sum_up(batch: _Batch, results: list[Results]) -> Evaluation:
+def _sum_up(batch: _Batch, results: list[Results], changed: list[str]) -> Evaluation:
     """The figures of one environment from those of its batches."""
     reward, success, force, interventions = (
         np.concatenate([getattr(part, name) for part in results])
@@ -254,6 +261,7 @@ def _sum_up(batch: _Batch, results: list[Results]) -> Evaluation:
         engine=batch.engine.partition(":")[0],
         device=results[0].device,
         force_regions=summed_up(loads),
+        plugin_differences=changed,
     )
 
 

@@ -16,6 +16,7 @@ from avrgym.learning.configuration import TrainingConfiguration
 from avrgym.learning.stable_baselines import Normaliser
 from avrgym.networks.policy import HumanRole, Policy, PolicyMetadata
 from avrgym.people.kinds import people_name
+from avrgym.tasks.registry import plugins_of
 
 CURVE_POINTS = 100
 
@@ -57,6 +58,7 @@ def export_policy(
             seconds=round(seconds, 1),
             curve=thinned(curve),
             human=role,
+            plugins=plugins_of(configuration.environment),
         ),
     )
 

@@ -20,6 +20,7 @@ import safetensors.numpy
 from avrgym.geometry import elementary
 from avrgym.networks.layers import Memory, frozen, product
 from avrgym.system.files import write_whole
+from avrgym.system.used_plugins import UsedPlugin
 
 FORMAT_VERSION, WITH_MEMORY = 2, 3
 """Of files of policies without and with a memory."""
@@ -58,7 +59,9 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     ``steps`` counts environment steps, ``seconds`` the time that training took. ``measured`` holds plain figures
     such as ``success_rate``. ``curve`` is how training went: steps so far, and mean reward and share of successes
-    of the latest episodes. ``human`` is there where the network is a human's, and not a robot's.
+    of the latest episodes. ``human`` is there where the network is a human's, and not a robot's. ``plugins`` are the
+    task and the robot as they were at the end of training, where other packages register them; files of earlier
+    versions do not store them.
     """
 
     environment: str
@@ -71,6 +74,7 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     measured: dict[str, bool | int | float | str] = {}
     curve: list[tuple[int, float, float]] = []
     human: HumanRole | None = None
+    plugins: tuple[UsedPlugin, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,8 +192,9 @@ class Policy:
             raise PolicyError(f"{path}: exists already; choose another name, or pass overwrite=True")
         version = FORMAT_VERSION if self.memory is None else WITH_MEMORY
         header = {"format_version": version, **msgspec.to_builtins(self.metadata)}
-        if self.metadata.human is None:
-            del header["human"]  # files of robots are as they were before there were humans
+        for name in ("human", "plugins"):
+            if not header[name]:
+                del header[name]  # files without them are as they were before there were any
         numbers = {name: _narrowed(array) for name, array in _tensors(self).items()}
         data = safetensors.numpy.save(numbers, {_HEADER: msgspec.json.encode(header).decode()})
         write_whole(path, data)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from avrgym.policies.trained import PolicyError
 from avrgym.system import plugins
+from avrgym.system.used_plugins import UsedPlugin, used_entry, used_python
 
 Array = NDArray[np.float64]
 
@@ -44,10 +45,14 @@ class ControllerError(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class Foreign:
-    """A controller of somebody else's, by its name; ``make`` makes one more that shares nothing with the others."""
+    """A controller of somebody else's, by its name; ``make`` makes one more that shares nothing with the others.
+
+    ``plugin`` is what it is now, where it is code.
+    """
 
     name: str
     make: Callable[[], Controller]
+    plugin: UsedPlugin | None = None
 
 
 def reset(controller: Controller, seed: int, environment: str) -> None:
@@ -103,7 +108,7 @@ def find_python(name: str) -> Foreign:
             found = getattr(found, part)
     except (Exception, SystemExit) as error:  # a module may raise anything
         raise PolicyError(f"{name}: cannot be imported ({_words(error)})") from error
-    return _foreign(name, found)
+    return _foreign(name, found, used_python(name))
 
 
 def python_file(name: str) -> Path | None:
@@ -135,7 +140,14 @@ def find_registered(name: str) -> Foreign:
         found = entry.load()
     except (Exception, SystemExit) as error:  # a package may raise anything
         raise PolicyError(f"{plugins.described(entry)}: cannot be imported ({_words(error)})") from error
-    return _foreign(name, found)
+    return _foreign(name, found, used_entry("controller", name, entry))
+
+
+def plugin_named(name: str) -> UsedPlugin | None:
+    """The registered controller or the ``module:attribute`` of a name as it is now; ``None`` for another name."""
+    if name in registered():
+        return used_entry("controller", name, registered()[name])
+    return used_python(name) if ":" in name else None
 
 
 def broken() -> list[str]:
@@ -149,7 +161,7 @@ def broken() -> list[str]:
     return reasons
 
 
-def _foreign(name: str, found: Any) -> Foreign:
+def _foreign(name: str, found: Any, plugin: UsedPlugin) -> Foreign:
     """Make one at once: what cannot be made is refused before anybody waits for it."""
     ready_made = not isinstance(found, type) and hasattr(found, "act")
 
@@ -167,7 +179,7 @@ def _foreign(name: str, found: Any) -> Foreign:
         return controller
 
     close(make())
-    return Foreign(name, make)
+    return Foreign(name, make, plugin)
 
 
 def as_failure(error: BaseException) -> ControllerError:

@@ -14,8 +14,9 @@ from avrgym.policies.controllers import Foreign
 from avrgym.policies.names import FORMS, OPERATOR, SCRIPTS
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
+from avrgym.system.used_plugins import UsedPlugin, differences
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import sizes
+from avrgym.tasks.registry import plugins_of, sizes
 
 Array = NDArray[np.float64]
 Act = Callable[[Array], NDArray[np.floating]]
@@ -82,6 +83,26 @@ def find(name: str, environment_id: str, *, allow_other_environment: bool = Fals
 def find_for_session(name: str, environment_id: str) -> AnyPolicy:
     """The same where an experimenter can also drive: ``operator`` is allowed too."""
     return Operated() if name == OPERATOR else find(name, environment_id)
+
+
+def plugins_used(environment_id: str, policy: AnyPolicy) -> tuple[UsedPlugin, ...]:
+    """The plug-ins that run when a policy drives in an environment, as they are now."""
+    controller = policy.plugin if isinstance(policy, Foreign) else None
+    return plugins_of(environment_id) + (() if controller is None else (controller,))
+
+
+def changed_since_training(policy: Autonomous, environment_id: str) -> list[str]:
+    """Which plug-ins of an environment are not what a policy was trained with, in words.
+
+    In another environment than that of its training only those count that both have.
+    """
+    if not isinstance(policy, Policy):
+        return []
+    before, now = policy.metadata.plugins, plugins_of(environment_id)
+    if policy.metadata.environment != environment_id:
+        both = {each.called for each in before} & {each.called for each in now}
+        before, now = (tuple(each for each in plugins if each.called in both) for plugins in (before, now))
+    return differences(before, now)
 
 
 @contextmanager

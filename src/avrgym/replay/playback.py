@@ -14,7 +14,9 @@ from avrgym.recording.files import Recording
 from avrgym.recording.records import Control, Event, Physics
 from avrgym.replay.trial import ReplayError
 from avrgym.simulation.world_version import WORLD_VERSIONS
+from avrgym.system.used_plugins import differences, stored
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.vr.session.attempt import control_record
 from avrgym.vr.tracking.world import ControlStep, ControlSteps
 
@@ -64,9 +66,12 @@ class Playback:
             raise ReplayError("it breaks off before its first state")
         self.recording = recording
         self._version = recording.metadata.get("world_version", WORLD_VERSIONS[0])
-        with _functions_of(self._version):
-            self.episodes = _episodes(recording.metadata, self._version, by_region)
-        _check_names(recording.metadata, self.episodes)
+        try:
+            with _functions_of(self._version):
+                self.episodes = _episodes(recording.metadata, self._version, by_region)
+            _check_names(recording.metadata, self.episodes)
+        except ReplayError as error:
+            raise ReplayError("; ".join([str(error), *changed_plugins(recording)])) from error
         self._control = ControlSteps(self.episodes)
         self._action: Array | None = None
         self._told = False
@@ -157,10 +162,18 @@ class Playback:
 
 
 def made_with(recording: Recording) -> str:
-    """Which versions wrote a recording."""
+    """Which versions wrote a recording, and which of its plug-ins have changed since."""
     versions = recording.metadata.get("versions", {})
     named = ", ".join(f"{name} {version}" for name, version in versions.items())
-    return f"it was recorded with {named or 'versions that it does not name'}"
+    words = f"it was recorded with {named or 'versions that it does not name'}"
+    return "; ".join([words, *changed_plugins(recording)])
+
+
+def changed_plugins(recording: Recording) -> list[str]:
+    """Task and robot of a recording that are not what they were then, in words; its commands need no controller."""
+    environment = recording.metadata.get("environment")
+    before = [each for each in stored(recording.metadata.get("plugins")) or () if each.kind != "controller"]
+    return differences(before, plugins_of(environment) if environment in ENVIRONMENTS else ())
 
 
 def _functions_of(world_version: int) -> AbstractContextManager[None]:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from avrgym.geometry.elementary import fingerprint_of_c_library
 from avrgym.recording.files import Recording
 from avrgym.recording.records import Control
-from avrgym.replay.playback import Playback, StateAgain, StepAgain
+from avrgym.replay.playback import Playback, StateAgain, StepAgain, changed_plugins
+from avrgym.system.used_plugins import stored
 from avrgym.vr.session.attempt import versions
 
 Array = NDArray[np.float64]
@@ -55,7 +56,8 @@ class Verification:
     of the last state. ``tick_error`` is the largest share by which a number differs where each tick begins with the
     recorded state. ``complete``: the recording holds its whole trial. ``same_versions``: it was made with the versions
     of AVR Gym and MuJoCo that run now, so that nothing but rounding may differ; ``same_rounding``: nor that, because
-    the C library rounded as it does here.
+    the C library rounded as it does here. ``plugin_differences``: which plug-ins are not what they were then; with
+    ``plugins_stored`` false the recording stores none.
     """
 
     states: int
@@ -68,6 +70,8 @@ class Verification:
     recorded_with: dict[str, str]
     same_versions: bool
     same_rounding: bool
+    plugins_stored: bool
+    plugin_differences: list[str]
     differences: list[Difference]
 
     @property
@@ -114,6 +118,8 @@ def verify(recording: Recording, progress: Callable[[], None] = lambda: None) ->
         recorded_with=recorded_with,
         same_versions=recorded_with == versions(),
         same_rounding=recording.metadata.get("c_library") == fingerprint_of_c_library(),
+        plugins_stored=stored(recording.metadata.get("plugins")) is not None,
+        plugin_differences=changed_plugins(recording),
         differences=list(ledger.differences.values()),
     )
 

@@ -10,12 +10,24 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
-T = TypeVar("T")
+from avrgym.system.used_plugins import Kind, UsedPlugin, used_entry
+
+
+class Named(Protocol):
+    """What plug-ins give: something that has a name."""
+
+    @property
+    def name(self) -> str: ...
+
+
+T = TypeVar("T", bound=Named)
 TASKS, ROBOTS, CONTROLLERS = "avrgym.tasks", "avrgym.robots", "avrgym.controllers"
 """The groups of entry points."""
 _LOG = logging.getLogger("avrgym.plugins")
+_loaded: dict[tuple[str, str], EntryPoint] = {}
+"""By group and name of what was loaded, the entry point that registers it."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +47,18 @@ def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[Broken]:
     broken: list[Broken] = []
     for entry in entries(group):
         try:
-            add(_object(entry, kind))
+            found = _object(entry, kind)
+            add(found)
+            _loaded[group, found.name] = entry
         except (Exception, SystemExit) as error:  # other people's code may raise anything
             broken.append(skip(described(entry), error))
     return broken
+
+
+def used(group: str, kind: Kind, name: str) -> tuple[UsedPlugin, ...]:
+    """What is loaded under a name, where another package registers it; else nothing."""
+    entry = _loaded.get((group, name))
+    return () if entry is None else (used_entry(kind, name, entry),)
 
 
 @cache

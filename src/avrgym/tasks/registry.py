@@ -10,6 +10,7 @@ from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.simulation.world_version import WORLD_VERSIONS
 from avrgym.system import plugins
+from avrgym.system.used_plugins import UsedPlugin
 from avrgym.tasks import of_world_1
 from avrgym.tasks.bed_bathing.task import BED_BATHING
 from avrgym.tasks.drinking.task import DRINKING
@@ -85,6 +86,16 @@ def find_environment(environment_id: str) -> tuple[str, str]:
             f"unknown environment {environment_id!r}; the environments are {', '.join(ENVIRONMENTS)}"
         )
     return ENVIRONMENTS[environment_id]
+
+
+def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
+    """Task and robot of an environment, where other packages register them, as they are installed now.
+
+    Raises:
+        ValueError: for an unknown environment, naming the ids there are.
+    """
+    task, robot = find_environment(environment_id)
+    return plugins.used(plugins.TASKS, "task", task) + plugins.used(plugins.ROBOTS, "robot", robot)
 
 
 def task_and_scene(environment_id: str) -> tuple[Task, SceneConfig]:

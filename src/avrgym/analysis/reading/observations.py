@@ -20,6 +20,7 @@ from avrgym.recording.records import Latency
 from avrgym.recording.streams import stream_figures
 from avrgym.robots.registry import find_robot
 from avrgym.study.checking.held import held_share, too_much_held
+from avrgym.study.checking.recorded_plugins import RecordedPlugin, plugin_findings, recorded_plugins
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.storage.attempts import CHANGED
 from avrgym.study.storage.rows import Participant, Trial
@@ -49,6 +50,7 @@ class Observations:
     problems: list[ProblemRow] = field(default_factory=list[ProblemRow])
     series: dict[TrialKey, Measured] = field(default_factory=dict[TrialKey, Measured])
     latencies: dict[TrialKey, list[Latency]] = field(default_factory=dict[TrialKey, list[Latency]])
+    plugins: list[RecordedPlugin] = field(default_factory=list[RecordedPlugin])
 
 
 def observe(
@@ -81,6 +83,7 @@ def observe(
                 row = _observe_recording(completed[trial.id], row, found, changed=trial.id in changed)
                 progress(sum(each.recording is not None for each in found.trials) + 1, len(completed))
             found.trials.append(row)
+    found.problems.extend(_plugin_problems(found.plugins))
     found.attempts.extend(_attempt(each) for each in attempts)
     counted = {(row.participant, row.position) for row in found.trials if row.counted}
     for participant in store.participants():
@@ -99,6 +102,18 @@ def _site_problems(store: Store) -> Iterator[ProblemRow]:
         if event.name == DIFFERS:
             what = f"were merged though {event.detail}"
             yield ProblemRow(simulated=None, where="sites", what=what, consequence="they are taken together")
+
+
+def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
+    """Which plug-ins were not the same in all trials, are no longer, or were not stored."""
+    for simulated in (False, True):
+        for found in plugin_findings(each for each in plugins if each.simulated is simulated):
+            yield ProblemRow(
+                simulated=simulated,
+                where=found.where,
+                what=found.what,
+                consequence="trials are used as they were recorded",
+            )
 
 
 def _refusal(changed: Sequence[ExportedAttempt]) -> str:
@@ -164,6 +179,9 @@ def _observe_recording(
     if recording.metadata.get("simulated") is not row.simulated:
         tell("and the study differ in whether the participant was simulated", "the trial is not counted")
         return replace(row, recorded="contradictory", counted=False)
+    found.plugins.extend(
+        recorded_plugins(recording.metadata, row.participant, row.position, simulated=row.simulated)
+    )
     row = replace(row, held_share=held_share(recording))
     left_out = too_much_held(row.held_share, exported.store.design) if row.counted else None
     if left_out is not None:

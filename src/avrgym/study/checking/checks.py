@@ -14,6 +14,7 @@ from avrgym.study.checking.database_checks import check_database, check_private
 from avrgym.study.checking.finding import Finding, left_out
 from avrgym.study.checking.held import held_share, too_much_held
 from avrgym.study.checking.preflight import policy_faults
+from avrgym.study.checking.recorded_plugins import check_plugins
 from avrgym.study.storage.answers import answered_in_visit
 from avrgym.study.storage.attempts import CHANGED, sha256_of
 from avrgym.study.storage.rows import (
@@ -246,5 +247,6 @@ CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_policies,
     check_private,
     check_participants,
+    check_plugins,
     check_strays,
 )

@@ -1,12 +1,15 @@
 """Whether a study can run: every policy that it names is loaded as a session loads it."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import product
 
-from avrgym.policies.registry import AnyPolicy, find_for_session
+from avrgym.policies.registry import AnyPolicy, find_for_session, plugins_used
 from avrgym.policies.trained import PolicyError
 from avrgym.study.storage.store import Store
+from avrgym.system.used_plugins import UsedPlugin
 from avrgym.tasks.known import environment_id
+from avrgym.tasks.registry import plugins_of
 
 
 def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
@@ -26,6 +29,16 @@ def policies_needed(store: Store) -> list[tuple[str, str]]:
         (environment_id(task, robot), name)
         for task, robot, name in product(design.tasks, design.robots, names)
     ]
+
+
+def plugins_needed(store: Store) -> tuple[UsedPlugin, ...]:
+    """The plug-ins that the design's trials and practice use, as they are now; of policies that can be loaded."""
+    found: set[UsedPlugin] = set()
+    for environment, name in policies_needed(store):
+        found |= {*plugins_of(environment)}
+        with suppress(PolicyError):
+            found |= {*plugins_used(environment, load_study_policy(store, environment, name))}
+    return tuple(sorted(found, key=lambda plugin: plugin.called))
 
 
 def policy_faults(store: Store) -> Iterator[tuple[str, str]]:

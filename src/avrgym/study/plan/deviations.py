@@ -7,6 +7,7 @@ from typing import Any
 import tomlkit
 
 from avrgym.study.checking.finding import Finding, LeftOut
+from avrgym.study.checking.preflight import plugins_needed
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import LOCAL
 from avrgym.study.design.differences import NOTHING, differences, named, shown
@@ -17,6 +18,7 @@ from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.store import Store
 from avrgym.system.toml_places import Place
 from avrgym.system.user_text import both_forms
+from avrgym.system.used_plugins import differences as plugin_differences
 
 
 def deviations(
@@ -45,6 +47,7 @@ def deviations(
         *_words(store, frozen.record),
         *_software(frozen.record),
         *_policies(store, frozen.record),
+        *_plugins(store, frozen.record),
         *_people(store, frozen.record),
         *left_out,
         *_tests(frozen.record, offered, besides),
@@ -104,6 +107,12 @@ def _software(record: Record) -> Iterator[Finding]:
     for name, before in record.versions.items():
         if present.get(name) != before:
             yield _deviation("software", f"{name} was {before}, is {present.get(name, 'no longer used')}")
+
+
+def _plugins(store: Store, record: Record) -> Iterator[Finding]:
+    """Plug-ins that are not what they were, or that a record of an earlier version does not store."""
+    for difference in plugin_differences(record.plugins or (), plugins_needed(store)):
+        yield _deviation("plug-ins", difference)
 
 
 def _policies(store: Store, record: Record) -> Iterator[Finding]:

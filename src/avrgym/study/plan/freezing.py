@@ -14,7 +14,7 @@ import sqlalchemy as sa
 
 from avrgym.policies import controllers
 from avrgym.policies.trained import PolicyError, packaged_policies
-from avrgym.study.checking.preflight import policies_needed, policy_faults
+from avrgym.study.checking.preflight import plugins_needed, policies_needed, policy_faults
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.toml import read_text
 from avrgym.study.design.word_files import word_files
@@ -25,6 +25,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, record_event
 from avrgym.system import plugins
 from avrgym.system.files import PRIVATE_FILE, write_whole
+from avrgym.system.used_plugins import UsedPlugin
 from avrgym.vr.session.attempt import versions
 
 FROZEN = "plan-frozen.json"
@@ -46,7 +47,7 @@ class Record(msgspec.Struct, frozen=True):
     """What a study was when its plan was frozen.
 
     ``plan`` and ``design`` are the texts of the files, ``words`` those of the files in which the study has words of its
-    own; a record of an earlier version has no ``words``.
+    own, ``plugins`` those that its trials use; a record of an earlier version has neither.
     """
 
     format: str
@@ -57,6 +58,7 @@ class Record(msgspec.Struct, frozen=True):
     plan: str
     design: str
     words: dict[str, str] | None = None
+    plugins: tuple[UsedPlugin, ...] | None = None
 
     def parsed(self) -> Plan:
         """The plan as it was frozen."""
@@ -132,6 +134,7 @@ def _record(store: Store, plan: str) -> Record:
         plan=plan,
         design=read_text(store.folder / DESIGN),
         words={name: read_text(store.folder / name) for name in words},
+        plugins=plugins_needed(store),
     )
 
 

@@ -6,8 +6,11 @@ from concurrent.futures import Executor, Future
 from dataclasses import asdict
 from typing import Self
 
+import msgspec
+
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Person
+from avrgym.policies.registry import plugins_used
 from avrgym.recording.outcomes import Metrics
 from avrgym.recording.questionnaire import Item, translate
 from avrgym.recording.records import Answer
@@ -72,6 +75,7 @@ class StudyVisit:
         self.trials = trials_in_order(store, pseudonym)
         self.storing = Storing(storing or AtOnce())
         self._watch = Watch(store, self.stored.id)
+        self._store_plugins()
 
     @property
     def identifier(self) -> str:
@@ -124,6 +128,12 @@ class StudyVisit:
             streams=streams,
             state_every_ticks=state_every_ticks,
         )
+
+    def _store_plugins(self) -> None:
+        """Store which plug-ins the remaining trials use, and what these are now."""
+        used = {each for key, policy in self.policies.items() for each in plugins_used(key[0], policy)}
+        for each in sorted(used, key=lambda plugin: plugin.called):
+            tell(self.store, self.stored.id, "plug-in used", msgspec.json.encode(each).decode())
 
     def _observer(self) -> Observer:
         keeper = Keeper(self.store, self.stored, self.trials, self._watch)

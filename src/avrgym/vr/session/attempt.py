@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from avrgym.recording.files import RecordingError, RecordingWriter
 from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.simulation.world_version import WORLD_VERSION
 from avrgym.system.files import make_private_folder
+from avrgym.system.used_plugins import UsedPlugin, own_version
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.tracking.frames import Frame
@@ -206,7 +206,7 @@ def control_record(number: int, step: ControlStep, driver: str, idle: bool) -> r
 
 def versions() -> dict[str, str]:
     """What a recording depends on to be stepped again bit by bit."""
-    return {"avrgym": version("avrgym"), "mujoco": mujoco.__version__}
+    return {"avrgym": own_version(), "mujoco": mujoco.__version__}
 
 
 def configuration(
@@ -216,6 +216,7 @@ def configuration(
     world: LiveWorld,
     xr_from_world: XRPose,
     session: str,
+    plugins: Sequence[UsedPlugin],
     headset: HeadsetCheck | None = None,
 ) -> dict[str, Any]:
     """All that an attempt at the plan's trial ``index`` is run with, in plain values.
@@ -255,6 +256,7 @@ def configuration(
         "reward_weights": dict(world.task.weights),
         "items": [msgspec.to_builtins(item) for item in plan.items_after(trial)],
         "versions": versions(),
+        "plugins": msgspec.to_builtins(plugins),
         "world_version": WORLD_VERSION,
         "c_library": fingerprint_of_c_library(),
     }

@@ -1,5 +1,7 @@
 """Who drives the robots of a session's trials."""
 
+from avrgym.policies.registry import plugins_used
+from avrgym.system.used_plugins import UsedPlugin
 from avrgym.vr.session.plan import Policies, TrialPlan
 from avrgym.vr.tracking.driving import Driver, driver_of
 
@@ -12,10 +14,15 @@ class Drivers:
         self.failure = ""
         self.kinds_told: set[str] = set()
         self._drivers = {key: driver_of(policy, beside=beside) for key, policy in policies.items()}
+        self._plugins = {key: plugins_used(key[0], policy) for key, policy in policies.items()}
 
     def of(self, trial: TrialPlan) -> Driver:
         """Who drives in a trial."""
         return self._drivers[trial.environment, trial.policy]
+
+    def plugins_in(self, trial: TrialPlan) -> tuple[UsedPlugin, ...]:
+        """The plug-ins that a trial uses, as they were when the session began."""
+        return self._plugins[trial.environment, trial.policy]
 
     def begin(self) -> None:
         """Forget what went wrong in an earlier attempt."""

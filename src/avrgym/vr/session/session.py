@@ -19,7 +19,7 @@ from avrgym.vr.protocol.messages import PhaseName, Send
 from avrgym.vr.protocol.received import Received
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session import events
-from avrgym.vr.session.attempt import Attempt, Experience
+from avrgym.vr.session.attempt import Attempt, Experience, versions
 from avrgym.vr.session.attempt_storage import AttemptStorage
 from avrgym.vr.session.dispatch import take_message
 from avrgym.vr.session.driving import Drivers
@@ -82,6 +82,7 @@ class Session:
         sink = EventSink(observe if streams is None else _both(streams.tell, observe), kept)
         storage = AttemptStorage(folder, sink)
         drivers = Drivers(policies, beside=workers is not None)
+        versions()  # reads files the first time, for which no tick may wait
         self._state = SessionState(plan, drivers, identifier, send, sink, storage, worlds, trial, person)
         self._called_off = called_off
         self._streams = None if streams is None else StreamRecording(streams, self._state)

@@ -255,9 +255,12 @@ class SessionState:
         assert self.tracking.registration is not None
         plan, trial, world, identifier = self.plan, self.trial, self.world, self.identifier
         place = self.tracking.registration.xr_from_world()
+        plugins = self.drivers.plugins_in(self.current)
         attempt = self.storage.begin(
             trial + 1,
-            lambda number: configuration(plan, trial, number, world, place, identifier, self.headset),
+            lambda number: configuration(
+                plan, trial, number, world, place, identifier, plugins, self.headset
+            ),
             self.current.earlier_attempts + 1,
             self.now_s,
         )

@@ -133,9 +133,22 @@ def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
             else ""
         )
     )
+    yield from _plugins(analysis, flow)
     yield _latency(analysis)
     if checked:
         yield checked
+
+
+def _plugins(analysis: Analysis, flow: Flow) -> Iterator[str]:
+    """What others than AVR Gym provided, as the recordings store it."""
+    used = Counter(
+        f"{each.called}: {each.then}"
+        for each in analysis.observed.plugins
+        if each.simulated is flow.simulated
+    )
+    if used:
+        said = "; ".join(f"{what}, {count(number, 'trial')}" for what, number in sorted(used.items()))
+        yield f"Plug-ins, with the hash of their files: {said}."
 
 
 def _latency(analysis: Analysis) -> str:

@@ -1,0 +1,178 @@
+"""Which plug-ins something used, and what they were then: their package, its version and a hash of their files.
+
+The robots and tasks of AVR Gym itself are no plug-ins: its version identifies them, see ``own_version``.
+"""
+
+import ast
+import hashlib
+import importlib.metadata
+import importlib.util
+import json
+from collections.abc import Iterable, Iterator
+from functools import cache
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+Kind = Literal["task", "robot", "controller"]
+SHOWN_DIGITS = 12
+"""How many digits of a hash are printed."""
+
+
+class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A plug-in as it was when something used it.
+
+    ``name`` is that of the task, the robot or the controller. ``entry_point`` is ``NAME = MODULE:ATTRIBUTE``, or
+    ``MODULE:ATTRIBUTE`` where no package registers it; then ``package`` and ``version`` are empty. ``sha256`` is that
+    of its files, see ``content_sha256``.
+    """
+
+    kind: Kind
+    name: str
+    entry_point: str
+    package: str = ""
+    version: str = ""
+    sha256: str = ""
+
+    @property
+    def called(self) -> str:
+        """What it is, such as ``robot Gen3``."""
+        return f"{self.kind} {self.name}"
+
+    def __str__(self) -> str:
+        package = f"{self.package} {self.version}".strip()
+        content = f"content {self.sha256[:SHOWN_DIGITS] or 'unknown'}"
+        return f"{package} ({content})" if package else content
+
+
+@cache
+def own_version() -> str:
+    """The version of AVR Gym; of an editable installation, whose files may change, with the hash of these."""
+    about = importlib.metadata.distribution("avrgym")
+    origin = json.loads(about.read_text("direct_url.json") or "{}")
+    if not origin.get("dir_info", {}).get("editable"):
+        return about.version
+    return f"{about.version}+{content_sha256('avrgym')[:SHOWN_DIGITS]}"
+
+
+def used_entry(kind: Kind, name: str, entry: EntryPoint) -> UsedPlugin:
+    """The plug-in of an entry point, as it is installed now."""
+    about = {} if entry.dist is None else {"package": entry.dist.name, "version": entry.dist.version}
+    return UsedPlugin(
+        kind, name, f"{entry.name} = {entry.value}", **about, sha256=content_sha256(entry.module)
+    )
+
+
+def used_python(name: str) -> UsedPlugin:
+    """The controller that ``module:attribute`` names, as it is now."""
+    return UsedPlugin("controller", name, name, sha256=content_sha256(name.partition(":")[0]))
+
+
+def differences(before: Iterable[UsedPlugin], now: Iterable[UsedPlugin]) -> list[str]:
+    """Which plug-ins differ, in words; one that ``before`` lacks was not stored."""
+    old, new = ({each.called: each for each in plugins} for plugins in (before, now))
+    return [
+        f"{called} was {old.get(called, 'not stored')}, is {new.get(called, 'not a plug-in here')}"
+        for called in old | new
+        if _content(old.get(called)) != _content(new.get(called))
+    ]
+
+
+def _content(plugin: UsedPlugin | None) -> tuple[str, ...]:
+    return () if plugin is None else (plugin.package, plugin.version, plugin.sha256)
+
+
+def stored(values: object) -> tuple[UsedPlugin, ...] | None:
+    """The plug-ins that a file stores; ``None`` where it stores none of that, or nothing that can be read."""
+    try:
+        return msgspec.convert(values, tuple[UsedPlugin, ...])
+    except msgspec.ValidationError:
+        return None
+
+
+@cache
+def content_sha256(module: str) -> str:
+    """The SHA-256 of the files that decide what a module does; empty where they cannot be read.
+
+    These are all files of its top-level package, or the file of a module that is in none. Modules and packages that
+    these import from the same folder count too, unless packages are installed there.
+    """
+    found = hashlib.sha256()
+    try:
+        root = _root(module)
+        if root is None:
+            return ""
+        for name, path in sorted(_files(root)):
+            data = path.read_bytes()
+            found.update(f"{name}\0{len(data)}\0".encode() + data)
+    except OSError:
+        return ""
+    return found.hexdigest()
+
+
+def _root(module: str) -> Path | None:
+    """The folder of the first package on the way to a module, or the module's file; a namespace is no package."""
+    parts = module.split(".")
+    for count in range(1, len(parts) + 1):
+        try:
+            spec = importlib.util.find_spec(".".join(parts[:count]))
+        except (ImportError, ValueError):
+            return None
+        if spec is not None and spec.has_location and spec.origin:
+            origin = Path(spec.origin)
+            return origin if spec.submodule_search_locations is None else origin.parent
+    return None
+
+
+def _files(root: Path) -> list[tuple[str, Path]]:
+    """The files of a module or package and of its neighbours that it imports, with their names."""
+    found = dict[str, Path]()
+    places, others = [root], _neighbours(root)
+    while places:
+        own = list(_files_in(places.pop()))
+        found |= {path.relative_to(root.parent).as_posix(): path for path in own}
+        names = {name for path in own for name in _imported_names(path)} if others else set[str]()
+        places += [others.pop(name) for name in names & others.keys()]
+    return list(found.items())
+
+
+def _files_in(root: Path) -> Iterator[Path]:
+    """All files but hidden ones and what Python compiles."""
+    for path in [root] if root.is_file() else root.rglob("*"):
+        names = path.relative_to(root.parent).parts
+        hidden = any(name == "__pycache__" or name.startswith(".") for name in names)
+        if path.is_file() and path.suffix != ".pyc" and not hidden:
+            yield path
+
+
+def _neighbours(root: Path) -> dict[str, Path]:
+    """Other modules and packages in the folder of a module, by name; none where packages are installed."""
+    if any(root.parent.glob("*.dist-info")):
+        return {}
+    found = {path.stem: path for path in root.parent.glob("*.py")}
+    found |= {path.parent.name: path.parent for path in root.parent.glob("*/__init__.py")}
+    return {name: path for name, path in found.items() if path != root}
+
+
+def _imported_names(path: Path) -> set[str]:
+    """The top-level names that a file of Python imports."""
+    if path.suffix != ".py":
+        return set()
+    try:
+        tree = ast.parse(path.read_bytes())
+    except (SyntaxError, ValueError):
+        return set()
+    names = [
+        name
+        for node in ast.walk(tree)
+        for name in (
+            [alias.name for alias in node.names]
+            if isinstance(node, ast.Import)
+            else [node.module]
+            if isinstance(node, ast.ImportFrom) and node.module and not node.level
+            else []
+        )
+    ]
+    return {name.partition(".")[0] for name in names}

@@ -1,0 +1,36 @@
+"""A built-in robot or task, as if the package ``lab-robots`` registered it from a folder of a test."""
+
+import sys
+from importlib.metadata import Distribution, EntryPoint
+from pathlib import Path
+
+import pytest
+
+from avrgym.system import plugins
+from avrgym.system.used_plugins import content_sha256
+
+MODULE = "lab_robots"
+
+
+def register(patch: pytest.MonkeyPatch, folder: Path, group: str, name: str) -> Path:
+    """Have a robot or task come from a package in the folder; gives its module, a file to change."""
+    package = folder / "src" / MODULE
+    about = folder / "site" / f"{MODULE}-1.0.dist-info"
+    package.mkdir(parents=True)
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: lab-robots\nVersion: 1.0\n")
+    (package / "__init__.py").write_text("")
+    (package / "robot.py").write_text("SPEED = 1.0\n")
+    patch.syspath_prepend(str(folder / "src"))
+    patch.delitem(sys.modules, MODULE, raising=False)
+    entry = EntryPoint(name.lower(), f"{MODULE}.robot:ROBOT", group)
+    vars(entry)["dist"] = Distribution.at(about)
+    patch.setitem(plugins._loaded, (group, name), entry)
+    content_sha256.cache_clear()
+    return package / "robot.py"
+
+
+def change(module: Path) -> None:
+    """Change one line that decides what the plug-in does, as seen by the next process."""
+    module.write_text("SPEED = 2.0\n")
+    content_sha256.cache_clear()

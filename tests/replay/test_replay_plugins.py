@@ -1,0 +1,89 @@
+"""A recording stores its plug-ins, and a verification that finds differences names the plug-in that changed."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from avrgym.cli import replay as command
+from avrgym.recording.files import Recording, read_recording
+from avrgym.replay.playback import Playback
+from avrgym.replay.trial import ReplayError
+from avrgym.replay.verification import verify
+from avrgym.system import plugins
+from avrgym.system.used_plugins import stored
+from avrgym.tasks.registry import plugins_of
+from fake_plugins import change, register
+from visit import ENVIRONMENT, Visit, plan
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A recording with a robot of a package, whose module is there to be changed."""
+    folder = tmp_path_factory.mktemp("plugins")
+    with pytest.MonkeyPatch.context() as patch:
+        module = register(patch, folder / "lab", plugins.ROBOTS, "Jaco")
+        visit = Visit(folder / "visit", plan(environments=[ENVIRONMENT], trial_steps=2))
+        visit.sit_down()
+        visit.until("trial")
+        visit.tick(15)
+        visit.leave()
+        yield read_recording(visit.session.recordings[-1]), module
+
+
+@pytest.fixture
+def recording(made: tuple[Recording, Path]) -> Recording:
+    return made[0]
+
+
+def with_other_states(recording: Recording) -> Recording:
+    """As if the robot had been quicker then."""
+    messages = list(recording.messages)
+    place = max(number for number, (topic, _, _) in enumerate(messages) if topic == "/physics")
+    topic, time_ns, physics = messages[place]
+    state = (np.array(physics.state) + 1e-3).tolist()
+    messages[place] = (topic, time_ns, type(physics)(physics.step, physics.simulation_time_s, state))
+    return replace(recording, messages=messages)
+
+
+def without_plugins(recording: Recording) -> Recording:
+    kept = {name: value for name, value in recording.metadata.items() if name != "plugins"}
+    return replace(recording, metadata=kept)
+
+
+def test_a_recording_stores_its_plug_ins_and_verifies(recording: Recording) -> None:
+    assert stored(recording.metadata["plugins"]) == plugins_of(ENVIRONMENT)
+    found = verify(recording)
+    assert (found.identical, found.plugins_stored, found.plugin_differences) == (True, True, [])
+
+
+def test_a_difference_without_a_reason_stays_an_error(recording: Recording) -> None:
+    found = verify(with_other_states(recording))
+    with pytest.raises(ReplayError, match="although it was recorded with the versions that run here"):
+        command._tell_differences(found)
+
+
+def test_without_stored_plug_ins_it_is_an_error_that_says_so(
+    recording: Recording, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = verify(without_plugins(with_other_states(recording)))
+    with pytest.raises(ReplayError, match="although"):
+        command._tell_differences(found)
+    assert "robot Jaco was not stored, is lab-robots 1.0" in capsys.readouterr().out
+
+
+def test_the_changed_plug_in_is_the_reason(
+    made: tuple[Recording, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording, module = made
+    before = plugins_of(ENVIRONMENT)[0]
+    change(module)
+    found = verify(with_other_states(recording))
+    assert found.plugin_differences == [f"robot Jaco was {before}, is {plugins_of(ENVIRONMENT)[0]}"]
+    command._tell_differences(found)
+    assert f"A plug-in is not what it was: {found.plugin_differences[0]}." in capsys.readouterr().out
+    other_scene = replace(recording, metadata={**recording.metadata, "bodies": ["world"]})
+    with pytest.raises(ReplayError, match=r"are not those of today: .*; robot Jaco was lab-robots 1\.0"):
+        Playback(other_scene)

@@ -1,0 +1,151 @@
+"""A study stores which plug-ins it used, and names whatever was not the same in all of its trials."""
+
+from pathlib import Path
+from types import SimpleNamespace as Namespace
+
+import msgspec
+import pytest
+from typer.testing import CliRunner
+
+import studies
+from avrgym.analysis.reading.observations import observe
+from avrgym.analysis.report.pack.methods import _plugins
+from avrgym.cli.main import app
+from avrgym.study.checking.finding import Finding
+from avrgym.study.checking.recorded_plugins import check_plugins
+from avrgym.study.plan.deviations import deviations
+from avrgym.study.plan.freezing import FROZEN, freeze, read_frozen
+from avrgym.study.plan.template import write_template
+from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.storage.store import Store
+from avrgym.system import plugins
+from avrgym.system.used_plugins import UsedPlugin
+from avrgym.tasks.registry import plugins_of
+from fake_plugins import change, register
+from studies import make_study, run_participant, take_in
+
+ENVIRONMENT = "avrgym/FeedingJaco-v1"
+
+
+@pytest.fixture
+def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    return register(monkeypatch, tmp_path / "lab", plugins.ROBOTS, "Jaco")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]')
+
+
+def findings(store: Store) -> list[Finding]:
+    return list(check_plugins(store))
+
+
+def checked(folder: Path) -> tuple[int, str]:
+    ran = CliRunner().invoke(app, ["study", "check", str(folder)])
+    return ran.exit_code, ran.output
+
+
+def test_a_robot_that_changes_within_a_study_is_named_with_everybody_who_met_it(
+    robot: Path, folder: Path
+) -> None:
+    with Store(folder) as store:
+        first, second = take_in(store), take_in(store)
+        run_participant(store, first, 2)
+        assert findings(store) == []
+        before = plugins_of(ENVIRONMENT)[0]
+        change(robot)
+        (note,) = findings(store)
+        assert (note.where, note.wrong) == ("robot Jaco", False)
+        assert note.what == f"is {plugins_of(ENVIRONMENT)[0]} now, as in no trial; it was {before}"
+        run_participant(store, first, 1)
+        run_participant(store, second, 1)
+        (wrong,) = findings(store)
+        assert wrong.wrong
+        assert wrong.what == (
+            f"was not the same in all trials: {before} in sub-001 trials 1 2; "
+            f"{plugins_of(ENVIRONMENT)[0]} in sub-001 trial 3, sub-002 trial 1"
+        )
+        (problem,) = (each for each in observe(store).problems if each.where == "robot Jaco")
+        assert (problem.what, problem.simulated) == (wrong.what, True)
+    code, said = checked(folder)
+    assert code == 1
+    assert "wrong robot Jaco: was not the same in all trials" in " ".join(said.split())
+
+
+def test_a_dry_run_before_a_change_says_nothing_about_people(robot: Path, folder: Path) -> None:
+    with Store(folder) as store:
+        run_participant(store, take_in(store), 1)
+        change(robot)
+        run_participant(store, take_in(store, simulated=False), 1, simulated=False)
+        assert [each for each in findings(store) if each.wrong] == []
+
+
+def test_what_earlier_versions_did_not_store_is_said_so(
+    robot: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(studies, "plugins_in", lambda trial: {})
+    with Store(folder) as store:
+        run_participant(store, take_in(store), 1)
+        (note,) = findings(store)
+        assert note == Finding("robot Jaco", "what it was is not stored in sub-001 trial 1", wrong=False)
+        monkeypatch.undo()
+
+
+def test_a_study_without_plug_ins_has_nothing_to_say(folder: Path) -> None:
+    with Store(folder) as store:
+        run_participant(store, take_in(store), 1)
+        assert findings(store) == []
+        assert [each for each in store.events() if each.name == "plug-in used"] == []
+
+
+def test_each_session_stores_what_it_uses(robot: Path, folder: Path) -> None:
+    with Store(folder) as store:
+        with StudyVisit(store, take_in(store)):
+            pass
+        (event,) = (each for each in store.events() if each.name == "plug-in used")
+        assert event.session is not None
+        assert (msgspec.json.decode(event.detail, type=UsedPlugin),) == plugins_of(ENVIRONMENT)
+
+
+def freeze_plan(store: Store) -> None:
+    from avrgym.analysis.statistics.offered import nameable, suggested_hypotheses
+
+    offered = nameable(store.design)
+    write_template(store.folder, store.design, offered, suggested_hypotheses(store.design))
+    freeze(store, offered)
+
+
+def deviating(store: Store) -> list[str]:
+    frozen = read_frozen(store)
+    assert frozen is not None
+    return [each.what for each in deviations(store, frozen, {}) if each.where == "plug-ins"]
+
+
+def test_a_plan_stores_them_and_a_change_is_a_deviation(robot: Path, folder: Path) -> None:
+    with Store(folder) as store:
+        freeze_plan(store)
+        assert deviating(store) == []
+        before = plugins_of(ENVIRONMENT)[0]
+        change(robot)
+        assert deviating(store) == [f"robot Jaco was {before}, is {plugins_of(ENVIRONMENT)[0]}"]
+
+
+def test_a_plan_of_an_earlier_version_opens_and_says_that_it_stores_none(
+    robot: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Store(folder) as store:
+        freeze_plan(store)
+        record = msgspec.json.decode((folder / FROZEN).read_bytes())
+        del record["plugins"]
+        (folder / FROZEN).write_bytes(msgspec.json.encode(record))
+        monkeypatch.setattr("avrgym.study.plan.freezing.find_all", lambda *key, **other: [])
+        assert deviating(store) == [f"robot Jaco was not stored, is {plugins_of(ENVIRONMENT)[0]}"]
+
+
+def test_the_methods_of_a_publication_name_them(robot: Path, folder: Path) -> None:
+    with Store(folder) as store:
+        run_participant(store, take_in(store), 2)
+        said = list(_plugins(Namespace(observed=observe(store)), Namespace(simulated=True)))
+    then = plugins_of(ENVIRONMENT)[0]
+    assert said == [f"Plug-ins, with the hash of their files: robot Jaco: {then}, 2 trials."]

@@ -1,0 +1,234 @@
+"""What a plug-in was when something used it: every byte that decides its behaviour counts, and nothing else."""
+
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli.main import app
+from avrgym.learning.evaluation import evaluate
+from avrgym.policies import controllers, registry
+from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.system import plugins, used_plugins
+from avrgym.system.used_plugins import UsedPlugin, content_sha256, differences, own_version, stored
+from avrgym.tasks.registry import plugins_of
+from fake_plugins import change, register
+from networks import network, saved
+from visit import ENVIRONMENT
+
+FILES = {
+    "arm/__init__.py": "",
+    "arm/robot.py": "import numpy\nfrom arm import joints\nimport shared\nimport tools.grips\n",
+    "arm/joints.py": "COUNT = 7\n",
+    "arm/model/arm.xml": "<mujoco/>",
+    "arm/model/hand.stl": "solid",
+    "shared.py": "SPEED = 1.0\n",
+    "tools/__init__.py": "",
+    "tools/grips.py": "WIDTH = 0.1\n",
+}
+OTHERS = ("other.py", "arm/__pycache__/robot.cpython-311.pyc", "arm/old.pyc", "arm/.DS_Store", "notes.txt")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name, text in FILES.items():
+        write(tmp_path / name, text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for name in [
+        name for name in sys.modules if name.partition(".")[0] in ("arm", "shared", "tools", "mine")
+    ]:
+        del sys.modules[name]
+    return tmp_path
+
+
+def write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+def content(module: str = "arm.robot") -> str:
+    """The hash, as a new process finds it."""
+    content_sha256.cache_clear()
+    return content_sha256(module)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_each_file_of_a_package_and_of_what_it_imports_from_beside_it_counts(folder: Path, name: str) -> None:
+    before = content()
+    (folder / name).write_text(FILES[name] + "\n")
+    assert content() != before
+    (folder / name).write_text(FILES[name])
+    assert content() == before
+    (folder / name).rename(folder / f"{name}.moved")
+    assert content() != before
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_nothing_else_counts(folder: Path, name: str) -> None:
+    before = content()
+    write(folder / name, "anything")
+    assert content() == before
+
+
+def test_a_module_without_a_package_is_its_file_and_what_it_imports(folder: Path) -> None:
+    write(folder / "mine.py", "import shared\n")
+    before = content("mine")
+    write(folder / "arm" / "joints.py", "COUNT = 6\n")
+    assert content("mine") == before
+    write(folder / "shared.py", "SPEED = 2.0\n")
+    assert content("mine") != before
+
+
+def test_the_place_of_the_files_does_not_count_and_neighbours_among_installed_packages_do_not(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = content()
+    moved = folder.rename(folder.with_name("elsewhere"))
+    monkeypatch.syspath_prepend(str(moved))
+    assert content() == before
+    (moved / "numpy-2.0.dist-info").mkdir()
+    alone = content()
+    write(moved / "shared.py", "SPEED = 3.0\n")
+    assert content() == alone
+
+
+def test_what_cannot_be_read_has_no_hash() -> None:
+    assert content("sys") == content("none_such.robot") == ""
+
+
+A, B = (
+    UsedPlugin("robot", "Arm", "arm = arm:ARM", "arm", "1.0", "a" * 64),
+    UsedPlugin("task", "Lift", "l = l:L"),
+)
+
+
+def test_differences_name_what_changed_and_what_was_not_stored() -> None:
+    changed = msgspec.structs.replace(A, sha256="b" * 64)
+    assert differences([A, B], [B, A]) == []
+    assert differences([A], [changed]) == [
+        "robot Arm was arm 1.0 (content aaaaaaaaaaaa), is arm 1.0 (content bbbbbbbbbbbb)"
+    ]
+    assert differences([], [A]) == ["robot Arm was not stored, is arm 1.0 (content aaaaaaaaaaaa)"]
+    assert differences([A], []) == ["robot Arm was arm 1.0 (content aaaaaaaaaaaa), is not a plug-in here"]
+
+
+def test_it_is_read_as_it_was_stored() -> None:
+    assert stored(msgspec.to_builtins([A, B])) == (A, B)
+    assert stored(None) is None
+    assert stored([{"kind": "sofa"}]) is None
+
+
+@pytest.mark.parametrize(
+    ("origin", "expected"),
+    [
+        (None, "1.2"),
+        ('{"url": "https://a/b.whl", "archive_info": {}}', "1.2"),
+        ('{"url": "file:///a", "dir_info": {"editable": true}}', "1.2+012345678901"),
+    ],
+)
+def test_an_installed_avr_gym_is_told_by_its_version_and_an_editable_one_by_its_files_too(
+    origin: str | None, expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    about = SimpleNamespace(version="1.2", read_text=lambda name: origin)
+    monkeypatch.setattr("importlib.metadata.distribution", lambda name: about)
+    monkeypatch.setattr(used_plugins, "content_sha256", lambda module: "0123456789" * 6)
+    own_version.cache_clear()
+    assert own_version() == expected
+    own_version.cache_clear()
+
+
+# Policies
+
+
+@pytest.fixture
+def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    return register(monkeypatch, tmp_path / "lab", plugins.ROBOTS, "Jaco")
+
+
+def policy(used: tuple[UsedPlugin, ...]) -> Policy:
+    found = network(ENVIRONMENT, of_human=False)
+    metadata = msgspec.structs.replace(found.metadata, plugins=used)
+    return Policy(**{**vars(found), "metadata": metadata})
+
+
+def test_a_policy_s_file_stores_the_plug_ins_of_its_environment(robot: Path, tmp_path: Path) -> None:
+    (used,) = plugins_of(ENVIRONMENT)
+    assert (used.called, used.package, used.version) == ("robot Jaco", "lab-robots", "1.0")
+    assert used.entry_point == "jaco = lab_robots.robot:ROBOT"
+    read = Policy.load(saved(tmp_path / "a.safetensors", policy((used,))))
+    assert read.metadata.plugins == (used,)
+    assert registry.changed_since_training(read, ENVIRONMENT) == []
+    change(robot)
+    (difference,) = registry.changed_since_training(read, ENVIRONMENT)
+    assert difference.startswith("robot Jaco was lab-robots 1.0 (content ")
+
+
+def test_files_of_built_in_robots_are_as_they_were(tmp_path: Path) -> None:
+    path = saved(tmp_path / "a.safetensors", policy(()))
+    assert b"plugins" not in Path(path).read_bytes()
+    assert Policy.load(path).metadata.plugins == ()
+    assert registry.changed_since_training(Policy.load(path), ENVIRONMENT) == []
+
+
+def test_evaluation_names_what_differs_and_what_was_not_stored(
+    robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("avrgym.learning.evaluation.EPISODE_STEPS", 1)
+    same, old = policy(plugins_of(ENVIRONMENT)), policy(())
+    files = [saved(tmp_path / f"{name}.safetensors", each) for name, each in (("same", same), ("old", old))]
+    rows = [evaluate(ENVIRONMENT, file, "original", 1, 0) for file in files]
+    assert rows[0].plugin_differences == []
+    assert rows[1].plugin_differences[0].startswith("robot Jaco was not stored, is lab-robots 1.0 (content ")
+    change(robot)
+    asked = [
+        "evaluate",
+        ENVIRONMENT,
+        "--policy",
+        files[0],
+        "--people",
+        "original",
+        "--episodes",
+        "1",
+        "--jobs",
+        "1",
+    ]
+    ran = CliRunner().invoke(app, [*asked, "--json", str(tmp_path / "rows.json")])
+    assert ran.exit_code == 0
+    (row,) = json.loads((tmp_path / "rows.json").read_text())
+    (difference,) = row["plugin_differences"]
+    assert difference.startswith("robot Jaco was lab-robots 1.0 (content ")
+    assert f"with original: not as the policy was trained: {difference}\n" in ran.stderr
+
+
+# Controllers
+
+
+def test_a_controller_s_code_is_stored_and_a_network_s_file_is_none(folder: Path) -> None:
+    write(folder / "still.py", "class Still:\n    def reset(self, *a): ...\n    def act(self, o): ...\n")
+    found = controllers.find_python("still:Still")
+    assert found.plugin is not None
+    assert (found.plugin.called, found.plugin.sha256) == ("controller still:Still", content("still"))
+    assert registry.plugins_used(ENVIRONMENT, found) == (found.plugin,)
+    assert registry.plugins_used(ENVIRONMENT, registry.Script("oracle")) == ()
+
+
+@pytest.mark.slow
+def test_training_stores_the_plug_ins(robot: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from avrgym.learning import adaptive
+
+    metadata: list[PolicyMetadata] = []
+    learner = SimpleNamespace(
+        _configuration=adaptive.AdaptiveTraining(environment=ENVIRONMENT, seed=0),
+        _initial=None,
+        _curve=[],
+        _steps=0,
+        _seconds=0.0,
+        _normaliser=None,
+        _network=SimpleNamespace(policy=lambda normaliser, about, deviation: metadata.append(about)),
+    )
+    next(kind for kind in vars(adaptive).values() if hasattr(kind, "_policy"))._policy(learner)
+    assert metadata[0].plugins == plugins_of(ENVIRONMENT)
