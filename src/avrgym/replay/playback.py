@@ -171,7 +171,7 @@ def made_with(recording: Recording) -> str:
 
 def changed_plugins(recording: Recording) -> list[str]:
     """Task and robot of a recording that are not what they were then, in words; its commands need no controller."""
-    environment = recording.metadata.get("environment")
+    environment: str = recording.metadata.get("environment", "")
     before = [each for each in stored(recording.metadata.get("plugins")) or () if each.kind != "controller"]
     return differences(before, plugins_of(environment) if environment in ENVIRONMENTS else ())
 

@@ -81,9 +81,9 @@ def recorded_plugins(
 
 def _present(configuration: Mapping[str, Any]) -> dict[str, UsedPlugin]:
     """The plug-ins that a trial would be run with now, by what they are called."""
-    environment, policy = configuration.get("environment"), configuration.get("policy", "")
+    environment: str = configuration.get("environment", "")
     found = list(plugins_of(environment)) if environment in ENVIRONMENTS else []
-    controller = controllers.plugin_named(policy)
+    controller = controllers.plugin_named(configuration.get("policy", ""))
     return {each.called: each for each in [*found, *([controller] if controller else [])]}
 
 
