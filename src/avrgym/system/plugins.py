@@ -12,8 +12,6 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol, TypeVar
 
-from avrgym.system.used_plugins import Kind, UsedPlugin, used_entry
-
 
 class Named(Protocol):
     """What plug-ins give: something that has a name."""
@@ -55,10 +53,9 @@ def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[Broken]:
     return broken
 
 
-def used(group: str, kind: Kind, name: str) -> tuple[UsedPlugin, ...]:
-    """What is loaded under a name, where another package registers it; else nothing."""
-    entry = _loaded.get((group, name))
-    return () if entry is None else (used_entry(kind, name, entry),)
+def entry_of(group: str, name: str) -> EntryPoint | None:
+    """The entry point that registers what was loaded under a name; ``None`` where no other package does."""
+    return _loaded.get((group, name))
 
 
 @cache

@@ -10,7 +10,7 @@ from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.simulation.world_version import WORLD_VERSIONS
 from avrgym.system import plugins
-from avrgym.system.used_plugins import UsedPlugin
+from avrgym.system.used_plugins import UsedPlugin, used_entry
 from avrgym.tasks import of_world_1
 from avrgym.tasks.bed_bathing.task import BED_BATHING
 from avrgym.tasks.drinking.task import DRINKING
@@ -95,7 +95,9 @@ def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
         ValueError: for an unknown environment, naming the ids there are.
     """
     task, robot = find_environment(environment_id)
-    return plugins.used(plugins.TASKS, "task", task) + plugins.used(plugins.ROBOTS, "robot", robot)
+    of_task, of_robot = plugins.entry_of(plugins.TASKS, task), plugins.entry_of(plugins.ROBOTS, robot)
+    found = () if of_task is None else (used_entry("task", task, of_task),)
+    return found if of_robot is None else (*found, used_entry("robot", robot, of_robot))
 
 
 def task_and_scene(environment_id: str) -> tuple[Task, SceneConfig]:
