@@ -17,8 +17,8 @@ from avrgym.study.plan.plan import FILE, NOT_PLANNED, Offered
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.store import Store
 from avrgym.system.toml_places import Place
-from avrgym.system.user_text import both_forms
 from avrgym.system.used_plugins import differences as plugin_differences
+from avrgym.system.user_text import both_forms
 
 
 def deviations(
