@@ -53,7 +53,7 @@ export function statusWords(status: Status): Record<string, string> {
 }
 
 function successWords({ success, withdrawing }: Status): string {
-  return success ? `, success${withdrawing ? ": withdraws the tool and waits" : ""}` : "";
+  return success ? `, success${withdrawing ? ", withdrawn" : ""}` : "";
 }
 
 function limitWords({ force_region, force_share, draws_back }: Status): string {

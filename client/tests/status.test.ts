@@ -77,9 +77,7 @@ describe("how a session stands", () => {
   });
 
   it("says when the robot has withdrawn after success", () => {
-    expect(statusWords({ ...STATUS, withdrawing: true })["watch-reward"]).toBe(
-      "41.3, success: withdraws the tool and waits",
-    );
+    expect(statusWords({ ...STATUS, withdrawing: true })["watch-reward"]).toBe("41.3, success, withdrawn");
   });
 
   it("says for which answer a stop rule paused the session, until it goes on", () => {
