@@ -16,7 +16,7 @@ from pettingzoo import ParallelEnv
 from avrgym.envs.rendering import Drawn
 from avrgym.envs.single import METADATA, check_render_mode, info_of, spaces_of
 from avrgym.envs.vector_conventions import plain_seed
-from avrgym.models.human import Person
+from avrgym.models.human import Person, as_person
 from avrgym.tasks.episodes import Episodes, Step, checked_actions
 from avrgym.tasks.known import EPISODE_STEPS
 
@@ -40,12 +40,13 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, Array, Action]):
         environment_id: str,
         *,
         people: str = "original",
-        person: Person | None = None,
+        person: Person | Mapping[str, Any] | None = None,
         impairment: str = "none",
         shared_reward: bool = True,
         render_mode: str | None = None,
     ) -> None:
         """See ``Episodes`` for people, person and impairment; people's own movements give way to the human's actions.
+        A person may be given as the mapping of their fields.
 
         Without a shared reward each agent pays for its own effort: the human's reward has the human's squared action
         in the place of the robot's.
@@ -60,7 +61,7 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, Array, Action]):
             environment_id,
             1,
             distribution=people,
-            person=person,
+            person=as_person(person),
             impairment=impairment,
             steered=True,
             num_threads=1,

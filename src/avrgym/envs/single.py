@@ -1,5 +1,8 @@
 """The Gymnasium environment of one world."""
 
+from collections.abc import Mapping
+from inspect import currentframe
+from types import FrameType
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -8,8 +11,9 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from avrgym.envs.rendering import Drawn
-from avrgym.envs.vector_conventions import plain_seed
-from avrgym.models.human import Person
+from avrgym.envs.specs import PlainSpec
+from avrgym.envs.vector_conventions import NO_END, check_length, plain_seed
+from avrgym.models.human import Person, as_person
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.tasks.episodes import Episodes, Step, checked_actions
 from avrgym.tasks.known import EPISODE_STEPS
@@ -26,7 +30,9 @@ def spaces_of(episodes: Episodes) -> tuple[gym.Space[Array], gym.Space[NDArray[n
     return observation, gym.spaces.Box(-1.0, 1.0, (episodes.action_size,), np.float32)
 
 
-class AssistiveEnv(Drawn, gym.Env[Array, NDArray[np.float32]]):
+class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
+    PlainSpec, Drawn, gym.Env[Array, NDArray[np.float32]]
+):
     """One world. ``info``: ``success`` (so far), ``reward_terms`` (unweighted), ``force_on_person`` (N)."""
 
     metadata = METADATA
@@ -36,23 +42,28 @@ class AssistiveEnv(Drawn, gym.Env[Array, NDArray[np.float32]]):
         environment_id: str,
         *,
         people: str = "original",
-        person: Person | None = None,
+        person: Person | Mapping[str, Any] | None = None,
         impairment: str = "none",
         render_mode: str | None = None,
+        max_episode_steps: int = EPISODE_STEPS,
         withdraw_after_success: bool = False,
     ) -> None:
         """See ``Episodes`` for people, person, impairment and withdrawal.
 
+        A person may be given as the mapping of their fields. Episodes of ``max_episode_steps`` -1 never end.
+
         Raises:
-            ValueError: for an unknown name, naming what is allowed.
+            ValueError: for an unknown name or a number out of range, naming what is allowed.
         """
         check_render_mode(render_mode, environment_id)
+        check_length(max_episode_steps)
         self.render_mode = render_mode
+        self.max_episode_steps = max_episode_steps
         self.episodes = Episodes(
             environment_id,
             1,
             distribution=people,
-            person=person,
+            person=as_person(person),
             impairment=impairment,
             num_threads=1,
             withdraw_after_success=withdraw_after_success,
@@ -65,21 +76,21 @@ class AssistiveEnv(Drawn, gym.Env[Array, NDArray[np.float32]]):
     ) -> tuple[Array, dict[str, Any]]:
         """Begin an episode; without a seed the random stream goes on. The info is that of the start."""
         super().reset(seed=plain_seed(seed))
-        self._steps_left = EPISODE_STEPS
+        self._steps_left = self.max_episode_steps
         self.episodes.begin(np.array([0]), [self.np_random])
         self.close()
         start = self.episodes.assess()
         return start.observation[0], info_of(start)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """One control step of 0.1 s; the episode is truncated after 200 and never ends before.
+        """One control step of 0.1 s; the episode is truncated after ``max_episode_steps`` and never ends before.
 
         Raises:
             ValueError: for an action of another shape than (J,), or with numbers that are not finite.
             gymnasium.error.ResetNeeded: before the first reset, and after an episode's end. Nothing has moved then.
         """
         if not self._steps_left:
-            raise ResetNeeded(f"no episode is running: reset() begins one, of {EPISODE_STEPS} steps")
+            raise ResetNeeded(f"no episode is running: reset() begins one, of {self.max_episode_steps} steps")
         step = self.episodes.step(checked_actions(action, (self.episodes.action_size,))[None])
         self._steps_left -= 1
         return step.observation[0], float(step.reward[0]), False, self._steps_left == 0, info_of(step)
@@ -95,7 +106,18 @@ class _SingleEntry:
     metadata: ClassVar[dict[str, Any]] = {**METADATA, "render_modes": [*METADATA["render_modes"], "human"]}
 
     def __call__(self, **kwargs: Any) -> AssistiveEnv:
-        return AssistiveEnv(**kwargs)
+        return AssistiveEnv(**kwargs, max_episode_steps=_length_asked_for(currentframe()))
+
+
+def _length_asked_for(entry: FrameType | None) -> int:
+    """The length of episodes in the call of ``gym.make`` that called the entry point.
+
+    Gymnasium puts a time limit around the environment and does not pass it on. The environment needs it to refuse steps
+    after an episode's end.
+    """
+    make = None if entry is None or entry.f_back is None else entry.f_back.f_locals
+    asked, spec = (None if make is None else make.get(name) for name in ("max_episode_steps", "env_spec"))
+    return asked or getattr(spec, "max_episode_steps", None) or NO_END
 
 
 single_entry = _SingleEntry()

@@ -1,6 +1,6 @@
 """The native vector environment: many worlds stepped together."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -12,17 +12,20 @@ from numpy.typing import NDArray
 
 from avrgym.envs.rendering import Camera
 from avrgym.envs.single import METADATA, check_render_mode, spaces_of
+from avrgym.envs.specs import PlainSpec
 from avrgym.envs.vector_conventions import (
     Bools,
     RandomStreams,
     Seeds,
     World,
+    check_count,
+    check_length,
     chosen,
     final_infos,
     infos,
     reset_mask,
 )
-from avrgym.models.human import Person
+from avrgym.models.human import Person, as_person
 from avrgym.system.engines import THREADS
 from avrgym.system.plain_values import is_array
 from avrgym.tasks.episodes import Episodes, Step, checked_actions
@@ -31,7 +34,9 @@ from avrgym.tasks.known import EPISODE_STEPS
 Array = NDArray[np.float64]
 
 
-class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
+class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
+    PlainSpec, VectorEnv[Array, NDArray[np.float32], NDArray[Any]]
+):
     """N worlds stepped together; they behave as ``gymnasium.vector.SyncVectorEnv`` of N single environments does.
 
     ``autoreset_mode`` says when a world whose episode has ended begins the next one: within the same step, which is
@@ -49,7 +54,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
         num_envs: int = 1,
         *,
         people: str = "original",
-        person: Person | None = None,
+        person: Person | Mapping[str, Any] | None = None,
         impairment: str = "none",
         render_mode: str | None = None,
         num_threads: int = 0,
@@ -60,14 +65,16 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
     ) -> None:
         """See ``Episodes`` for people, person, impairment, threads, engine and withdrawal.
 
+        A person may be given as the mapping of their fields. Episodes of ``max_episode_steps`` -1 never end.
+
         Raises:
             ValueError: for an unknown name or a number out of range, naming what is allowed.
             RuntimeError: where what the engine needs is not installed.
         """
         self._cameras: dict[int, Camera] = {}
         check_render_mode(render_mode, environment_id)
-        _check_count("num_envs", num_envs)
-        _check_count("max_episode_steps", max_episode_steps, EPISODE_STEPS)
+        check_count("num_envs", num_envs)
+        check_length(max_episode_steps)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         self.render_mode = render_mode
@@ -77,7 +84,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
             environment_id,
             num_envs,
             distribution=people,
-            person=person,
+            person=as_person(person),
             impairment=impairment,
             num_threads=num_threads,
             engine=engine,
@@ -142,7 +149,7 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
         step = self.episodes.step(checked_actions(actions, self.action_space.shape, ignored=ended))
         self._now = step
         self._steps += 1
-        truncated = (self._steps >= self.max_episode_steps) & ~ended
+        truncated = (self._steps == self.max_episode_steps) & ~ended
         final = final_infos(step, truncated) if same_step and truncated.any() else {}
         self._ended = np.zeros_like(truncated) if same_step else truncated
         now = self._begin(truncated if same_step else ended)
@@ -233,12 +240,6 @@ class AssistiveVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]]):
 
 def _state(generator: np.random.Generator) -> dict[str, Any]:
     return dict(generator.bit_generator.state)
-
-
-def _check_count(name: str, count: object, most: float = np.inf) -> None:
-    if not isinstance(count, int | np.integer) or not 1 <= count <= most:
-        allowed = "1 or more" if most == np.inf else f"1 to {most}"
-        raise ValueError(f"{name} is {count!r}; allowed: {allowed}")
 
 
 def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -50,6 +50,22 @@ class RandomStreams:
         return [int(seed) + i for i in range(count)]
 
 
+NO_END = -1
+"""The length of episodes that nothing truncates, as ``gym.make`` has it."""
+
+
+def check_count(name: str, count: object) -> None:
+    """Raise ``ValueError`` for anything but a whole number of 1 or more."""
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+        raise ValueError(f"{name} is {count!r}; allowed: 1 or more")
+
+
+def check_length(steps: object) -> None:
+    """Raise ``ValueError`` for a number of steps that no episode can have."""
+    if steps != NO_END:
+        check_count("max_episode_steps", steps)
+
+
 def plain_seed(seed: int | np.integer | None) -> int | None:
     """A seed as Gymnasium wants it, which knows no integers of NumPy."""
     return int(seed) if isinstance(seed, np.integer) else seed

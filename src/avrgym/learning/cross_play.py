@@ -1,4 +1,4 @@
-"""Every policy with every group of people: who gets on with whom."""
+"""Every policy with every group of people."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -55,15 +55,15 @@ def cross_play(
     for environment_id in environment_ids:
         find_environment(environment_id)
     find_policy = partial(registry.find, allow_other_environment=allow_other_environment)
-    met_in = {whom: _known_in(environment_ids, whom, find_company, leave_out) for whom in people}
+    met_in = {group: _known_in(environment_ids, group, find_company, leave_out) for group in people}
     driven_in = {policy: _known_in(environment_ids, policy, find_policy, leave_out) for policy in policies}
     rows: list[Evaluation] = []
-    for whom in people:
+    for group in people:
         for policy in policies:
             run = partial(
                 evaluate_all,
                 policy=policy,
-                people=whom,
+                people=group,
                 episodes=episodes,
                 seed=seed,
                 progress=progress,
@@ -76,11 +76,11 @@ def cross_play(
                 withdraw_after_success=withdraw_after_success,
                 engine=engine,
             )
-            chosen = [each for each in environment_ids if each in met_in[whom] and each in driven_in[policy]]
+            chosen = [each for each in environment_ids if each in met_in[group] and each in driven_in[policy]]
             if leave_out is None:
                 rows += run(chosen)
             else:
-                found = _rows_of_those_that_run(run, chosen, f"{policy} and {whom}", leave_out)
+                found = _rows_of_those_that_run(run, chosen, f"{policy} and {group}", leave_out)
                 rows += sorted(found, key=lambda row: chosen.index(row.env))
     if not rows:
         raise ValueError("nothing was evaluated: every environment was left out")

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from avrgym.envs.vector import AssistiveVectorEnv
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.envs.vector_conventions import NO_END
 
 Array = NDArray[Any]
 
@@ -54,6 +55,16 @@ class SB3VectorEnv(VecEnv):
     """
 
     def __init__(self, env: AssistiveVectorEnv) -> None:
+        """Raise ``ValueError`` for episodes that begin in another step than the last one's end, or never end."""
+        if env.autoreset_mode is not AutoresetMode.SAME_STEP:
+            raise ValueError(
+                f"Stable-Baselines3 would learn from jumps in autoreset mode {env.autoreset_mode.name}; allowed: "
+                "gym.make_vec(..., autoreset_mode=AutoresetMode.SAME_STEP)"
+            )
+        if env.max_episode_steps == NO_END:
+            raise ValueError(
+                "Stable-Baselines3 needs episodes that end; allowed: max_episode_steps of 1 or more"
+            )
         self.env = env  # the base class asks it for its render mode
         self.force_weight_per_n = self.detour_weight_per_m = 0.0
         self._returns: Array = np.zeros(env.num_envs)
@@ -87,7 +98,7 @@ class SB3VectorEnv(VecEnv):
             final_n: Array = info["final_info"]["force_on_person"]
             force_n = np.where(truncated, final_n, force_n)
         self._returns += reward
-        self._forces_n += force_n / EPISODE_STEPS
+        self._forces_n += force_n / self.env.max_episode_steps
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.nonzero(truncated)[0]:
             infos[i] = {

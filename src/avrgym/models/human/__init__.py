@@ -37,7 +37,7 @@ from avrgym.models.human.joints import (
 )
 from avrgym.models.human.measures import MAN, PROPORTIONS, TORSO_HEIGHT_RANGE_M, WOMAN
 from avrgym.models.human.model import PREFIX, add_person, let_targets_glide, person_model
-from avrgym.models.human.person import SKIN_TONES, People, Person
+from avrgym.models.human.person import SKIN_TONES, People, Person, as_person
 from avrgym.models.sexes import SEXES, Sex
 
 __all__ = [
@@ -71,6 +71,7 @@ __all__ = [
     "Y",
     "Z",
     "add_person",
+    "as_person",
     "bind_frames",
     "body_frames",
     "body_rotation",

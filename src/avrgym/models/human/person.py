@@ -1,7 +1,8 @@
 """Whom a robot meets: one person, or many as arrays."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,24 @@ class Person:
             raise ValueError(
                 f"joint angles must have shape ({len(JOINTS)},), not {np.shape(self.joint_angles_rad)}"
             )
+
+
+def as_person(person: "Person | Mapping[str, Any] | None") -> "Person | None":
+    """A person, or one by the plain values of their fields, as JSON has them.
+
+    Raises:
+        ValueError: for a field that there is not, or a value outside what the model allows.
+    """
+    if person is None or isinstance(person, Person):
+        return person
+    names = [each.name for each in fields(Person)]
+    unknown = ", ".join(str(name) for name in person if name not in names)
+    if unknown:
+        raise ValueError(f"a person has no {unknown}; allowed: {', '.join(names)}")
+    values = dict(person)
+    if "joint_angles_rad" in values:
+        values["joint_angles_rad"] = np.array(values["joint_angles_rad"], float)
+    return Person(**values)
 
 
 def check_arm_scale(arm_scale: float) -> None:

@@ -5,6 +5,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from avrgym.simulation.engines.batch import ForkSafeBatch
 from avrgym.simulation.engines.engine import Arrays, check_host_memory
 from avrgym.system.engines import THREADS
 
@@ -19,7 +20,7 @@ class Threads:
     def __init__(self, model: mujoco.MjModel, num_worlds: int, num_threads: int) -> None:
         """Make the worlds; 0 threads are one per core."""
         check_host_memory(num_worlds, model)
-        self.batch = Batch(model, num_worlds, num_threads, persistent=True)
+        self.batch: Batch = ForkSafeBatch(model, num_worlds, num_threads, persistent=True)
         self.now = Arrays.of(self.batch)
 
     def take_over(self, ids: Ids) -> None:

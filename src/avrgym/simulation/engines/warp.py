@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from avrgym.geometry.arrays import on_host
 from avrgym.models.contacts import PARTICLE
+from avrgym.simulation.engines.batch import ForkSafeBatch
 from avrgym.simulation.engines.engine import NAMES, WRITTEN, Arrays, check_host_memory, check_memory
 from avrgym.system.engines import WARP
 from avrgym.system.memory import available_bytes
@@ -77,7 +78,7 @@ class Warp:
         self._capacity = Capacity.of(model)
         check_host_memory(num_worlds, model)
         check_memory(num_worlds, self._bytes_per_world(model), self._free_bytes(), self.device)
-        self.batch = Batch(model, num_worlds, num_threads)
+        self.batch: Batch = ForkSafeBatch(model, num_worlds, num_threads)
         self._host, self._warm_start = Arrays.of(self.batch), self.batch.bind("qacc_warmstart")
         self._data = self._made(model, num_worlds)
         host = self._host

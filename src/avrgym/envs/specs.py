@@ -1,0 +1,50 @@
+"""What the specs of environments hold: plain data, from which Gymnasium makes the same environment again."""
+
+import copy
+from dataclasses import asdict
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+
+from avrgym.models.human import Person
+from avrgym.system.plain_values import is_array, is_table
+
+
+class PlainSpec:
+    """An environment whose ``spec`` has keyword arguments of plain data, so that ``spec.to_json()`` works."""
+
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> Any:
+        """How Gymnasium made it."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = spec
+        if spec is not None:
+            kwargs: dict[str, Any] = plain(spec.kwargs)
+            steps: int | None = kwargs.pop("max_episode_steps", spec.max_episode_steps)
+            self._spec = copy.copy(spec)
+            self._spec.kwargs, self._spec.max_episode_steps = kwargs, steps
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: a person as the table of their fields."""
+    if isinstance(value, Person):
+        return plain(asdict(value))
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()  # pyright: ignore[reportUnknownVariableType]
+    if isinstance(value, Path):
+        return str(value)
+    if is_table(value):
+        return {name: plain(each) for name, each in value.items()}
+    if is_array(value):
+        return [plain(each) for each in value]
+    return value
