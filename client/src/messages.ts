@@ -16,6 +16,8 @@ export const STAGE_WORDS = {"sample_ms": "pose", "up_ms": "up", "simulate_ms": "
 
 export type Sex = "man" | "woman";
 
+export type Part = "head" | "left" | "right";
+
 export type Vector3 = [number, number, number];
 
 export type Quaternion = [number, number, number, number];
@@ -23,8 +25,6 @@ export type Quaternion = [number, number, number, number];
 export type Shares = [number, number, number];
 
 export type Modality = "controller" | "hand" | "mouse" | "none";
-
-export type Part = "head" | "left" | "right";
 
 export type Visibility = "context-lost" | "hidden" | "visible" | "visible-blurred";
 
@@ -392,11 +392,12 @@ export interface Feedback {
  * those of the latest one. `force_region` is the region of the body that bears most now, by its limit, and
  * `force_share` how much of that; empty and 0 where none bears anything. `draws_back`: the force guard moves the
  * robot. `withdrawing`: after success the robot withdraws its tool, or waits withdrawn. `tracking_age_s` is the
- * time since the newest usable frame. `visibility`: whether the participant sees the scene. `operated`: in this
- * trial the experimenter drives; `idle`: the robot holds still for want of an action. `held_because`: the answer
- * for which a stop rule paused the session, empty where none did. `latency`: how late pictures were in the last
- * seconds of which the client told, from pose to picture as
- * `total_ms` and by stage. `streams`: those of other devices. */
+ * time since the newest usable frame. `untracked_parts` have stale poses; those of them that are in
+ * `needed_parts`, which the task needs, hold the robot, and end an attempt after a second. `visibility`: whether
+ * the participant sees the scene. `operated`: in this trial the experimenter drives; `idle`: the robot holds
+ * still for want of an action. `held_because`: the answer for which a stop rule paused the session, empty where
+ * none did. `latency`: how late pictures were in the last seconds of which the client told, from pose to picture
+ * as `total_ms` and by stage. `streams`: those of other devices. */
 export interface Status {
   type: "status";
   phase: PhaseName;
@@ -421,6 +422,8 @@ export interface Status {
   visibility: Visibility;
   left_modality: Modality;
   right_modality: Modality;
+  needed_parts: Part[];
+  untracked_parts: Part[];
   operated: boolean;
   idle: boolean;
   latency: StageLatency[];

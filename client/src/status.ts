@@ -1,4 +1,4 @@
-import { STAGE_WORDS, STALE_S, TICK_S, type PhaseName, type Status, type Timing, type Visibility } from "./messages";
+import { STAGE_WORDS, STALE_S, TICK_S, type Part, type PhaseName, type Status, type Timing, type Visibility } from "./messages";
 
 /** What happens in a phase, for those who watch. */
 export const PHASE_WORDS: Readonly<Record<PhaseName, string>> = {
@@ -65,12 +65,21 @@ function pausedWords({ paused, held_because }: Status): string {
   return paused ? (held_because ? `; on hold: ${held_because}` : "; on hold") : "";
 }
 
-function trackingWords({ tracking_age_s, visibility, left_modality, right_modality }: Status): string {
+function trackingWords(status: Status): string {
+  const { tracking_age_s, visibility, left_modality, right_modality } = status;
   if (visibility !== "visible") return `the participant does not see the scene: ${UNSEEN_WORDS[visibility]}`;
   if (tracking_age_s === null) return "none yet";
   if (tracking_age_s > STALE_S) return `lost for ${tracking_age_s.toFixed(1)} s, person and robot are held`;
   const hands = left_modality === right_modality ? left_modality : `left ${left_modality}, right ${right_modality}`;
-  return `${(1000 * tracking_age_s).toFixed(0)} ms old, ${hands}`;
+  return `${(1000 * tracking_age_s).toFixed(0)} ms old, ${hands}${untrackedWords(status)}`;
+}
+
+const PART_WORDS: Readonly<Record<Part, string>> = { head: "head", left: "left hand", right: "right hand" };
+
+function untrackedWords({ untracked_parts, needed_parts }: Status): string {
+  const words = (part: Part) =>
+    `; ${PART_WORDS[part]} not tracked${needed_parts.includes(part) ? ": the task needs it" : ""}`;
+  return untracked_parts.map(words).join("");
 }
 
 /** From pose to picture, the half and all but one in twenty; then the halves of its stages. */

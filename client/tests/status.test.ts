@@ -26,6 +26,8 @@ const STATUS: Status = {
   visibility: "visible",
   left_modality: "hand",
   right_modality: "hand",
+  needed_parts: ["head", "right"],
+  untracked_parts: [],
   operated: false,
   idle: false,
   latency: [],
@@ -92,6 +94,9 @@ describe("how a session stands", () => {
     );
     expect(statusWords({ ...STATUS, tracking_age_s: 1.26 })["watch-tracking"]).toBe(
       "lost for 1.3 s, person and robot are held",
+    );
+    expect(statusWords({ ...STATUS, untracked_parts: ["left", "right"] })["watch-tracking"]).toBe(
+      "11 ms old, hand; left hand not tracked; right hand not tracked: the task needs it",
     );
     const timing = { type: "timing", tick_ms_median: 12, tick_ms_max: 31.25, missed_ticks: 4 } as const;
     expect(timingWords(timing)).toBe("too slow: 12.0 ms, at most 31.3 ms; 4 missed");

@@ -190,7 +190,9 @@ def test_bids_runs_have_a_column_for_each_channel(exports: dict[str, Path]) -> N
         motion: Any = pd.read_csv(run, sep="\t", header=None, na_values="n/a")
         assert motion.shape == (STEPS, len(channels))
         assert motion[0].tolist() == pytest.approx([0.0, 0.1, 0.2])
-        left = channels.index[channels["tracked_point"] == "left_hand"]
+        followed = channels["type"] == "MISC"
+        assert motion[channels.index[followed]].isin([0.0, 1.0]).all(axis=None)
+        left = channels.index[(channels["tracked_point"] == "left_hand") & ~followed]
         assert motion[left].isna().all(axis=1).tolist() == [False, True, False]
         sidecar = json.loads(Path(f"{stem}_motion.json").read_text())
         assert sidecar["TaskName"] == "Feeding"

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
 from avrgym.people.files import PeopleFile, Range, Source, TorsoHeights, people_text
 from avrgym.recording.files import Recording
-from avrgym.study.checking.held import held_share, too_much_held
+from avrgym.study.checking.held import too_much_held
 from avrgym.study.export.trials import ExportedAttempt, completed_attempts
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -135,7 +135,7 @@ def _see_all(
 def _see(attempt: ExportedAttempt) -> SeenTrial:
     """What a recording shows; ``StudyError``, beginning with its name, for one that is not used."""
     recording = attempt.read_whole()
-    held = too_much_held(held_share(recording), attempt.store.design)
+    held = too_much_held(recording, attempt.store.design)
     if held is not None:
         raise StudyError(f"{attempt.attempt.recording}: {held}")
     try:

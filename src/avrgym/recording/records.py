@@ -43,7 +43,8 @@ class TrackingFrame(Record, frozen=True):
 
     ``applied``: the frame moved the person; one that a newer frame overtook did not.
     ``held``: the frame was stale or invalid, and the person kept the last pose.
-    ``held_parts``: which of ``head``, ``left`` and ``right`` it did not move, because their poses had jumped.
+    ``held_parts``: which of ``head``, ``left`` and ``right`` it did not move, because their poses had jumped, or were
+    stale though the task needs the part. ``untracked_parts``: which had stale poses, missing or the same for 0.2 s.
     ``left_modality``, ``right_modality``: what a hand was tracked with: a ``controller``, the bare ``hand``, whose
     pose is the wrist's, a ``mouse`` in place of a headset, or ``none``.
     """
@@ -59,6 +60,7 @@ class TrackingFrame(Record, frozen=True):
     left_modality: str = "none"
     right_modality: str = "none"
     held_parts: list[str] = []
+    untracked_parts: list[str] = []
 
 
 class BodyTargets(Record, frozen=True):

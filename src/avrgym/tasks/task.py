@@ -12,6 +12,7 @@ from avrgym.geometry.arrays import brought, namespace
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
+from avrgym.models.tracked import PARTS, Part
 from avrgym.people.behaviour import Offered
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Simulation, Start, State
@@ -138,6 +139,8 @@ class Task:
         marks: what is drawn on the person.
         ends_with_success: whether going on after success helps nobody. The robot then withdraws its tool where an
             episode or a session has ``withdraw_after_success``.
+        tracked: the parts of a participant's body that must be tracked in VR, their head and the arms that the robot
+            works on. An attempt ends when one of them is not.
 
     Raises:
         TypeError: for a part that is missing or of another kind, naming it.
@@ -164,6 +167,7 @@ class Task:
     detour_m: Callable[[State, TaskState], Array] | None = None
     marks: Marks | None = None
     ends_with_success: bool = False
+    tracked: tuple[Part, ...] = ("head",)
 
     def __post_init__(self) -> None:
         for part, kind in _KINDS.items():
@@ -183,6 +187,11 @@ class Task:
         if self.strength_share is not None and not 0.0 < self.strength_share <= 1.0:
             raise ValueError(
                 f"strength_share of task {self.name} is {self.strength_share!r}; allowed: above 0 to 1, or None"
+            )
+        if "head" not in self.tracked or not set(self.tracked) <= set(PARTS):
+            raise ValueError(
+                f"tracked of task {self.name} is {self.tracked!r}; allowed: 'head', and 'left' or 'right' for the arms "
+                f"that the robot works on"
             )
         if not self.weights:
             raise ValueError(

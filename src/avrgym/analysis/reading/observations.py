@@ -183,7 +183,7 @@ def _observe_recording(
         recorded_plugins(recording.metadata, row.participant, row.position, simulated=row.simulated)
     )
     row = replace(row, held_share=held_share(recording))
-    left_out = too_much_held(row.held_share, exported.store.design) if row.counted else None
+    left_out = too_much_held(recording, exported.store.design) if row.counted else None
     if left_out is not None:
         tell(f"is left out: {left_out}", "the trial is not counted")
         row = replace(row, counted=False, left_out=left_out)

@@ -12,7 +12,7 @@ from avrgym.recording.stream_clocks import SampleTimes
 from avrgym.recording.streams import described_streams, times_of
 from avrgym.study.checking.database_checks import check_database, check_private
 from avrgym.study.checking.finding import Finding, left_out
-from avrgym.study.checking.held import held_share, too_much_held
+from avrgym.study.checking.held import too_much_held
 from avrgym.study.checking.preflight import policy_faults
 from avrgym.study.checking.recorded_plugins import check_plugins
 from avrgym.study.storage.answers import answered_in_visit
@@ -181,7 +181,7 @@ def _check_recording(
     if attempt.state == "completed" and _gave(recording.metrics) != _gave(attempt.metrics):
         yield Finding(attempt.recording, "tells of other metrics than the database")
     if attempt.state == "completed" and not trial.practice and participant.state in TAKES_PART:
-        held = too_much_held(held_share(recording), store.design)
+        held = too_much_held(recording, store.design)
         if held is not None:
             yield left_out(participant.pseudonym, trial.position, held)
     for name, times in _clocks(recording):

@@ -1,15 +1,17 @@
 """How much of a trial its person was held, because tracking was lost, late, or not to be believed."""
 
+from avrgym.models.tracked import PART_WORDS, PARTS, Part
 from avrgym.recording.files import Recording
+from avrgym.recording.records import TrackingFrame
 from avrgym.study.design.design import Design
 from avrgym.vr.tracking.frames import STALE_S
 
 
-def held_share(recording: Recording) -> float | None:
+def held_share(recording: Recording, part: Part | None = None) -> float | None:
     """The share, 0 to 1, of the time in which the robot helped that the person was held; ``None`` where it never did.
 
     Each frame stands for the time until the next one: it was followed, until it was stale, unless it was held as a
-    whole or in part.
+    whole or in any part, or in this ``part``.
     """
     span = _driven_span_s(recording)
     if span is None:
@@ -19,19 +21,27 @@ def held_share(recording: Recording) -> float | None:
     followed_s = sum(
         _overlap_s(span, time_s, min(end_s, time_s + STALE_S))
         for (time_s, frame), end_s in zip(frames, ends_s, strict=False)
-        if not (frame.held or frame.held_parts)
+        if not _is_held(frame, part)
     )
     return min(max(1.0 - followed_s / (span[1] - span[0]), 0.0), 1.0)
 
 
-def too_much_held(share: float | None, design: Design) -> str | None:
-    """Why a trial whose person was held for such a share does not count; ``None`` if it does."""
+def too_much_held(recording: Recording, design: Design) -> str | None:
+    """Why a trial whose person was held for a large share does not count, by parts; ``None`` if it does."""
+    share = held_share(recording)
     if share is None or share <= design.max_held_share:
         return None
+    parts = {PART_WORDS[part]: held_share(recording, part) or 0.0 for part in PARTS}
+    by_part = ", ".join(f"{words} {100 * part:.1f} %" for words, part in parts.items())
     return (
-        f"its person was held for {100 * share:.1f} % of the time in which the robot helped; "
+        f"its person was held for {100 * share:.1f} % of the time in which the robot helped ({by_part}); "
         f"max_held_share allows {100 * design.max_held_share:g} %"
     )
+
+
+def _is_held(frame: TrackingFrame, part: Part | None) -> bool:
+    in_part = bool(frame.held_parts) if part is None else part in frame.held_parts
+    return frame.held or in_part
 
 
 def _driven_span_s(recording: Recording) -> tuple[float, float] | None:

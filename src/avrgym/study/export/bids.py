@@ -171,6 +171,7 @@ def _channels() -> Iterator[dict[str, Any]]:
             yield _channel(f"{point}_{axis}", axis, "POS", point, "m", FRAME)
         for component in QUATERNION:
             yield _channel(f"{point}_{component}", component, "ORNT", point, "n/a", FRAME)
+        yield _channel(f"{point}_followed", "n/a", "MISC", point, "n/a", "n/a")
 
 
 def _channel(
@@ -211,6 +212,7 @@ def _sidecar(exported: ExportedAttempt, frames: Sequence[TrackingFrame], channel
         "POSChannelCount": points * len(AXES),
         "ORNTChannelCount": points * len(QUATERNION),
         "LATENCYChannelCount": 1,
+        "MISCChannelCount": points,
         "MissingValues": "n/a",
         "Simulated": exported.participant.simulated,
     }
@@ -221,7 +223,13 @@ def _row(frame: TrackingFrame, first: TrackingFrame) -> list[float | None]:
     for field in TRACKED:
         pose: Pose | None = getattr(frame, field)
         row += [*pose.position, *pose.orientation] if pose else [None] * (len(AXES) + len(QUATERNION))
+        row.append(float(_is_followed(frame, field)))
     return row
+
+
+def _is_followed(frame: TrackingFrame, field: str) -> bool:
+    """Whether the simulated person could follow a part's pose: it was neither lost nor repeated nor jumped."""
+    return not (frame.held or field in frame.held_parts or field in frame.untracked_parts)
 
 
 def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Path) -> None:

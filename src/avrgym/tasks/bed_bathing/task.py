@@ -104,4 +104,5 @@ BED_BATHING = Task(
     ),
     training=TRAINING,
     marks=Marks(count=2 * MARKERS, radius_m=0.006, rgb=(0.85, 0.25, 0.30), places=marks_w),
+    tracked=("head", "right"),
 )

@@ -116,4 +116,5 @@ SCRATCH_ITCH = Task(
     patient_expert=patient_expert,
     detour_m=around_arm_m,
     marks=MARKS,
+    tracked=("head", "right"),
 )

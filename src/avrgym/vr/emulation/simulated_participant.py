@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 
 
 PARTICIPANTS = DISTRIBUTIONS["participants"]
+SENSOR_NOISE_M = 1e-9
+"""By so much a pose differs at least from the one before: no tracker measures the same to the last bit."""
 TREMOR_HZ = 5.0
 """As simulated people tremble elsewhere, whose joints' targets alternate every 0.1 s."""
 LOOKING_AT_ARM_RAD = human.joint_angles(head_x=35.0, head_z=-40.0) - human.joint_angles(
@@ -153,6 +155,7 @@ class SimulatedParticipant:
         self._chance = np.random.default_rng([seed, 2]).random((1, 4))
         self._chance_of_actions = np.random.default_rng([seed, 3])
         self._sequence = -1
+        self._measured: dict[str, XRPose] = {}
         self._turned = self._turned_s = 0.0
         self._bodies: list[str] = []
         self._environment = ""
@@ -274,9 +277,9 @@ class SimulatedParticipant:
         return Tracking(
             sequence=self._sequence,
             client_time_ms=1000.0 * time_s,
-            head=headset_from_head(self._room, self._pose("head_centre", "head")),
-            left=self._grip("left"),
-            right=self._grip("right"),
+            head=self._measure("head", headset_from_head(self._room, self._pose("head_centre", "head"))),
+            left=self._measure("left", self._grip("left")),
+            right=self._measure("right", self._grip("right")),
             left_modality="controller",
             right_modality="controller",
         )
@@ -321,6 +324,14 @@ class SimulatedParticipant:
             left_shoulder_x=-10.0 + traits.arm_deg - wave[1],
         )
         return swaying - SEATED_RAD
+
+    def _measure(self, part: str, pose: XRPose) -> XRPose:
+        """The pose as a tracker gives it, a little off where it would be the same as before."""
+        if pose == self._measured.get(part):
+            x, y, z = pose.position
+            pose = XRPose((x + SENSOR_NOISE_M, y, z), pose.orientation)
+        self._measured[part] = pose
+        return pose
 
     def _grip(self, side: str) -> XRPose:
         return grip_from_hand(self._room, self._pose(f"{side}_hand_centre", f"{side}_hand"))

@@ -11,6 +11,7 @@ from typing import Annotated, Literal, TypeVar
 import msgspec
 
 from avrgym.models.human import Sex
+from avrgym.models.tracked import Part
 from avrgym.recording import records
 
 PROTOCOL = 12
@@ -26,8 +27,6 @@ Share = Annotated[float, msgspec.Meta(ge=-1, le=1)]
 Shares = tuple[Share, Share, Share]
 Modality = Literal["controller", "hand", "mouse", "none"]
 """What one hand is tracked with."""
-Part = Literal["head", "left", "right"]
-"""What of the body follows a tracked pose: head with trunk, or an arm."""
 Visibility = Literal["visible", "visible-blurred", "hidden", "context-lost"]
 """Whether the participant sees the scene and can act in it, as WebXR and pages name it; else why they cannot.
 
@@ -460,11 +459,12 @@ class Status(Message, frozen=True, tag="status"):
     those of the latest one. ``force_region`` is the region of the body that bears most now, by its limit, and
     ``force_share`` how much of that; empty and 0 where none bears anything. ``draws_back``: the force guard moves the
     robot. ``withdrawing``: after success the robot withdraws its tool, or waits withdrawn. ``tracking_age_s`` is the
-    time since the newest usable frame. ``visibility``: whether the participant sees the scene. ``operated``: in this
-    trial the experimenter drives; ``idle``: the robot holds still for want of an action. ``held_because``: the answer
-    for which a stop rule paused the session, empty where none did. ``latency``: how late pictures were in the last
-    seconds of which the client told, from pose to picture as
-    ``total_ms`` and by stage. ``streams``: those of other devices.
+    time since the newest usable frame. ``untracked_parts`` have stale poses; those of them that are in
+    ``needed_parts``, which the task needs, hold the robot, and end an attempt after a second. ``visibility``: whether
+    the participant sees the scene. ``operated``: in this trial the experimenter drives; ``idle``: the robot holds
+    still for want of an action. ``held_because``: the answer for which a stop rule paused the session, empty where
+    none did. ``latency``: how late pictures were in the last seconds of which the client told, from pose to picture
+    as ``total_ms`` and by stage. ``streams``: those of other devices.
     """
 
     phase: PhaseName
@@ -489,6 +489,8 @@ class Status(Message, frozen=True, tag="status"):
     visibility: Visibility
     left_modality: Modality
     right_modality: Modality
+    needed_parts: list[Part]
+    untracked_parts: list[Part]
     operated: bool
     idle: bool
     latency: list[StageLatency]

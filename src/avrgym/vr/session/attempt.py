@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from avrgym.geometry.elementary import fingerprint_of_c_library
 from avrgym.models import human
+from avrgym.models.tracked import PARTS
 from avrgym.recording import records
 from avrgym.recording.files import RecordingError, RecordingWriter
 from avrgym.recording.headset_check import HeadsetCheck
@@ -20,7 +21,7 @@ from avrgym.system.files import make_private_folder
 from avrgym.system.used_plugins import UsedPlugin, own_version
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session.plan import SessionPlan
-from avrgym.vr.tracking.frames import Frame
+from avrgym.vr.tracking.tracking_state import Followed
 from avrgym.vr.tracking.world import ControlStep, LiveWorld
 
 Array = NDArray[np.float64]
@@ -149,19 +150,19 @@ class Attempt:
         self.experience = self.experience.after(step, self.steps)
         self.record("/control", control_record(self.steps, step, driver, idle), now_s)
 
-    def record_frames(
-        self, frames: Sequence[Frame], followed: Frame | None, *, stale: bool, held: Sequence[str] = ()
-    ) -> None:
-        """Record tracking frames in the order they came; the person moves to ``followed`` but for what is ``held``."""
-        for frame in frames:
-            tracking = frame.tracking
+    def record_frames(self, followed: Followed) -> None:
+        """Record tracking frames in the order they came; the person moved to the newest, but for what is held."""
+        held = [part for part in PARTS if part in followed.held or part in followed.lost]
+        for frame in followed.arrived:
+            tracking, applied = frame.tracking, frame is followed.newest
             record = records.TrackingFrame(
                 sequence=tracking.sequence,
                 client_time_ms=tracking.client_time_ms,
                 received_time_s=frame.received_s - self.began_s,
-                applied=frame is followed,
-                held=stale or not frame.usable,
-                held_parts=list(held) if frame is followed else [],
+                applied=applied,
+                held=followed.silent or not frame.usable,
+                held_parts=held if applied else [],
+                untracked_parts=list(followed.untracked) if applied else [],
                 left_modality=tracking.left_modality,
                 right_modality=tracking.right_modality,
                 head=_recorded(tracking.head),
@@ -233,6 +234,7 @@ def configuration(
         "seed": trial.seed,
         "practice": trial.practice,
         "goal": plan.goal_of(trial),
+        "tracked": list(world.task.tracked),
         "trial": index + 1,
         "attempt": attempt,
         "steps": plan.trial_steps,

@@ -10,6 +10,7 @@ from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, Configuration, Experience
 from avrgym.vr.session.events import EventSink
 from avrgym.vr.tracking.frames import Frame
+from avrgym.vr.tracking.tracking_state import Followed
 
 
 class AttemptStorage:
@@ -57,7 +58,7 @@ class AttemptStorage:
         attempt, self.attempt = self.attempt, None
         if attempt is None:
             return None
-        attempt.record_frames(arrived, None, stale=False)
+        attempt.record_frames(Followed(arrived))
         failure = attempt.close(result, now_s)
         sums = attempt.steps, attempt.reward, attempt.success
         whose = attempt.trial, attempt.number, attempt.path

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from avrgym.models.human import Sex
+from avrgym.models.tracked import Part
 from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.recording.records import Answer
@@ -153,17 +154,23 @@ class Continued(SessionEvent):
 
 @dataclass(frozen=True)
 class TrackingLost(SessionEvent):
-    """No usable tracking frame has come for a while: the person holds their last pose."""
+    """A part of the body that the task needs has not been tracked for a while: it holds its last pose."""
+
+    part: Part
 
 
 @dataclass(frozen=True)
 class TrackingFound(SessionEvent):
-    """Usable tracking frames come again."""
+    """A part of the body that the task needs is tracked again, or is no longer needed."""
+
+    part: Part
 
 
 @dataclass(frozen=True)
 class TrackingTimedOut(SessionEvent):
-    """No usable tracking frame has come for so long that the attempt ends."""
+    """A part of the body that the task needs has not been tracked for so long that the attempt ends."""
+
+    part: Part
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,31 @@
 """Why an attempt no longer counts whose robot is still to help: its participant cannot act, or time was lost."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from avrgym.models.tracked import PART_WORDS, Part
 from avrgym.texts.texts import Said
 from avrgym.vr.protocol.messages import Visibility
 from avrgym.vr.session import events
 
 UNTRACKED_S = 1.0
-"""So long without a usable frame, nobody is tracked any more."""
+"""So long without a measured pose, a part of the body is not tracked any more."""
 UNSEEN: dict[Visibility, str] = {
     "visible-blurred": "a menu of the headset covers the scene",
     "hidden": "the headset was taken off, or the page is in the background",
     "context-lost": "the graphics of the participant's device failed",
 }
+UNTRACKED: Mapping[Part, str] = {
+    "head": "untracked",
+    "left": "left_untracked",
+    "right": "right_untracked",
+}
+TIMED_OUT: Mapping[Part, str] = {
+    "head": "tracking_timed_out",
+    "left": "left_timed_out",
+    "right": "right_timed_out",
+}
+"""What is said where a part of the body is not tracked: when a trial shall begin, and when it ends an attempt."""
 
 
 @dataclass(frozen=True)
@@ -25,12 +38,12 @@ class Interruption:
     says: Said
 
 
-def lost_tracking(now_s: float) -> Interruption:
-    """No usable frame has arrived for ``UNTRACKED_S``."""
+def lost_tracking(now_s: float, part: Part) -> Interruption:
+    """A part of the body that the task needs has not been measured for ``UNTRACKED_S``."""
     seconds = f"{UNTRACKED_S:g}"
-    says = Said("tracking_timed_out", {"seconds": seconds})
-    why = f"tracking was lost for {seconds} s"
-    return Interruption("tracking_timed_out", why, events.TrackingTimedOut(now_s), says)
+    says = Said(TIMED_OUT[part], {"seconds": seconds})
+    why = f"tracking was lost for {seconds} s: {PART_WORDS[part]}"
+    return Interruption("tracking_timed_out", why, events.TrackingTimedOut(now_s, part), says)
 
 
 def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:

@@ -1,13 +1,13 @@
 """What a session tells all the time: the world's state, touches and successes, and how things stand."""
 
 from avrgym.models.scene import SUBSTEPS
+from avrgym.models.tracked import PARTS
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.session.attempt import Attempt
 from avrgym.vr.session.feedback import ArmTouch
 from avrgym.vr.tracking.driving import Driver, Operator
 from avrgym.vr.tracking.held_back import HeldBack
-from avrgym.vr.tracking.jumps import PARTS
 from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import TICK_S, ControlStep, LiveWorld, most_pressed
 
@@ -97,8 +97,10 @@ def status(
         visibility=visibility,
         left_modality=left,
         right_modality=right,
+        needed_parts=list(world.task.tracked),
+        untracked_parts=list(tracking.untracked),
         operated=isinstance(driver, Operator),
-        idle=driver.idle or tracking.lost,
+        idle=driver.idle or bool(tracking.lost),
         latency=latency,
         streams=streams,
     )

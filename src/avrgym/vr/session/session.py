@@ -13,6 +13,7 @@ from pathlib import Path
 
 from avrgym.models import human
 from avrgym.models.human import Person
+from avrgym.models.tracked import PARTS, Part
 from avrgym.recording.stop_rules import Verdict
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName, Send
@@ -32,8 +33,6 @@ from avrgym.vr.session.reporting import Reporter, status
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.session.streams import StreamRecording, Streams
 from avrgym.vr.session.trial_worlds import TrialWorlds
-from avrgym.vr.tracking.frames import STALE_S
-from avrgym.vr.tracking.jumps import PARTS
 from avrgym.vr.tracking.world import ControlStep, LiveWorld
 
 LOST_TIME_S = 0.5
@@ -186,7 +185,7 @@ class Session:
             driver,
             guarded=state.plan.force_guard,
             withdraws=driver is not None and state.withdraws,
-            held=state.tracking.lost,
+            held=bool(state.tracking.lost),
         )
         if storage.attempt is not None:
             storage.attempt.record_physics(self.world, now_s)
@@ -264,25 +263,29 @@ class Session:
         followed = state.tracking.follow(self.world, state.now_s)
         if self._phase.in_place:
             state.follow_seat()
-        if followed.turned:
-            name, detail = _TRACKING_LOST if followed.lost else _TRACKING_FOUND
-            state.record_event(name, detail)
-            kind = events.TrackingLost if followed.lost else events.TrackingFound
-            state.sink.tell(kind(state.now_s))
-        if attempt is None:
-            return
         for part in PARTS:
+            if (part in followed.lost) != (part in followed.lost_before):
+                self._tell_tracking(part, lost=part in followed.lost)
             if (part in followed.held) != (part in followed.held_before):
                 state.record_event("pose_held" if part in followed.held else "pose_followed", part)
-        attempt.record_frames(followed.arrived, followed.newest, stale=followed.lost, held=followed.held)
+        if attempt is None:
+            return
+        attempt.record_frames(followed)
         attempt.record_targets(self.world.joint_targets_rad, state.now_s)
+
+    def _tell_tracking(self, part: Part, *, lost: bool) -> None:
+        """Say that a part that the task needs is no longer tracked, or is again."""
+        state = self._state
+        state.record_event("tracking_lost" if lost else "tracking_found", part)
+        kind = events.TrackingLost if lost else events.TrackingFound
+        state.sink.tell(kind(state.now_s, part))
 
     def _check_continuity(self, since_last_tick_s: float) -> None:
         """An attempt counts only if its participant was tracked and no time was lost."""
         if since_last_tick_s > LOST_TIME_S:
             self._go_to(self._phase.interrupt(lost_time(self._state.now_s, since_last_tick_s)))
-        elif self._phase.can_be_stopped and not self._state.is_tracked:
-            self._go_to(self._phase.interrupt(lost_tracking(self._state.now_s)))
+        elif self._phase.can_be_stopped and self._state.untracked is not None:
+            self._go_to(self._phase.interrupt(lost_tracking(self._state.now_s, self._state.untracked)))
 
     def _check_storage(self) -> None:
         """Tell of a disk that pauses; go no further with a trial that recording or observer cannot store."""
@@ -330,7 +333,3 @@ def _both(first: Observer, second: Observer) -> Observer:
         second(event)
 
     return observe
-
-
-_TRACKING_LOST = "tracking_lost", f"no frame for {STALE_S} s: person and robot hold still"
-_TRACKING_FOUND = "tracking_found", ""

@@ -8,6 +8,7 @@ import numpy as np
 
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
+from avrgym.models.tracked import Part
 from avrgym.policies.force_guard import ACTS, RESTS
 from avrgym.recording import records
 from avrgym.recording.files import RecordingError
@@ -92,10 +93,10 @@ class SessionState:
         return self.worlds.world
 
     @property
-    def is_tracked(self) -> bool:
-        """Whether the participant has been tracked within the last second."""
-        age_s = self.tracking.age_s(self.now_s)
-        return age_s is not None and age_s <= UNTRACKED_S
+    def untracked(self) -> Part | None:
+        """The first part that the world's task needs and that was not tracked within the last second."""
+        needed = self.world.task.tracked
+        return next((p for p in needed if self.tracking.part_age_s(p, self.now_s) > UNTRACKED_S), None)
 
     # What goes out -----------------------------------------------------------------------------------------------
 

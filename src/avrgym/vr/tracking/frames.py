@@ -11,9 +11,8 @@ from avrgym.texts.texts import Said, SaidError
 from avrgym.vr.protocol.messages import Modality, Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, hand_pose, hand_pose_from_wrist, head_pose, is_valid
 from avrgym.vr.tracking.body import BodyPose
+from avrgym.vr.tracking.freshness import STALE_S, Freshness
 
-STALE_S = 0.2
-"""A frame older than this no longer moves the person."""
 CALIBRATION_S = 0.5
 CALIBRATION_FRAMES = 3
 """As many as have a median: a page that draws in software, as where no headset is at hand, sends few."""
@@ -75,10 +74,11 @@ class Frame:
 
 
 class TrackingFeed:
-    """The frames of one stay in VR. ``newest`` is the last usable one."""
+    """The frames of one stay in VR. ``newest`` is the last usable one; ``freshness`` is that of each part's poses."""
 
     def __init__(self) -> None:
         self.newest: Frame | None = None
+        self.freshness = Freshness()
         self._numbering = Numbering()
         self._arrived: list[Frame] = []
         self._recent: deque[Frame] = deque()
@@ -89,6 +89,7 @@ class TrackingFeed:
         self._arrived.append(frame)
         if frame.usable:
             self.newest = frame
+            self.freshness.see(tracking, now_s)
             self._recent.append(frame)
             self._forget(now_s - CALIBRATION_S)
         return frame
@@ -99,7 +100,7 @@ class TrackingFeed:
         return arrived
 
     def is_stale(self, now_s: float) -> bool:
-        """Whether frames came, but none for 200 ms."""
+        """Whether usable frames came, but none for ``STALE_S``."""
         return self.newest is not None and now_s - self.newest.received_s > STALE_S
 
     def steady_head(self, now_s: float) -> XRPose:

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from avrgym.models import human
 from avrgym.models.human import JOINTS
+from avrgym.models.tracked import PARTS, Part
 from avrgym.simulation.worlds import Simulation
-from avrgym.vr.protocol.messages import Part, Skeleton
+from avrgym.vr.protocol.messages import Skeleton
 from avrgym.vr.tracking.body import ARMS, HEAD, WAIST
-from avrgym.vr.tracking.jumps import PARTS
 
 Array = NDArray[np.float64]
 

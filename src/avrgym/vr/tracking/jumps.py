@@ -1,15 +1,16 @@
 """Poses that jump. Where tracking says that a head or a hand moved as nobody can, the body does not follow.
 
 It holds where it was until the pose has been tracked without a jump for a while, and then moves there at leisure. So
-does a limb that was not tracked and is found elsewhere.
+does a limb that was not tracked, or whose pose was repeated, and is found elsewhere.
 """
 
 from math import acos, dist, hypot
-from typing import get_args
 
 import msgspec
 
-from avrgym.vr.protocol.messages import Part, Tracking, XRPose
+from avrgym.models.tracked import PARTS, Part
+from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.tracking.freshness import moves_by_mouse
 from avrgym.vr.tracking.world import TICK_S
 
 FASTEST_M_S, FASTEST_RAD_S = 10.0, 30.0
@@ -20,8 +21,6 @@ ABSENT_S = 0.2
 """Who was not tracked for so long may be anywhere."""
 RETURN_SHARE = 0.025
 """The share of the fastest speeds at which the body returns to a pose that it did not follow: 0.25 m/s, 0.75 rad/s."""
-
-PARTS: tuple[Part, ...] = get_args(Part)
 
 
 def least_s(one: XRPose, other: XRPose) -> float:
@@ -51,16 +50,22 @@ class Limb:
         self.held = False
         self._tracked: XRPose | None = None
         self._followed: XRPose | None = None
-        self._captured_s = self._believed_s = 0.0
+        self._captured_s = self._measured_s = self._believed_s = 0.0
 
-    def see(self, tracked: XRPose, captured_s: float, now_s: float) -> None:
-        """Take the pose of a new frame, captured at a time that never runs ahead of the present."""
+    def see(self, tracked: XRPose, captured_s: float, now_s: float, *, may_repeat: bool = False) -> None:
+        """Take the pose of a new frame, captured at a time that never runs ahead of the present.
+
+        A pose that is the same to the last bit is no new measurement, unless it ``may_repeat``.
+        """
+        measured = may_repeat or tracked != self._tracked
         if self._tracked is not None:
             passed_s = captured_s - self._captured_s
             jumped = least_s(self._tracked, tracked) > passed_s + ROUNDING_S
+            absent = measured and captured_s - self._measured_s > ABSENT_S
             self._believed_s = now_s + SETTLED_S if jumped else self._believed_s
-            self.held = self.held or jumped or passed_s > ABSENT_S
+            self.held = self.held or jumped or absent
         self._tracked, self._captured_s = tracked, captured_s
+        self._measured_s = captured_s if measured else self._measured_s
 
     def follow(self, now_s: float) -> XRPose:
         """The pose that the body shall have at this tick; there must have been one."""
@@ -88,7 +93,8 @@ class Limbs:
     def see(self, tracking: Tracking, captured_s: float, now_s: float) -> None:
         """Take a new frame; see ``Limb.see``."""
         for part, pose in _tracked(tracking).items():
-            self._limbs[part].see(pose, captured_s, now_s)
+            may_repeat = moves_by_mouse(tracking, part)
+            self._limbs[part].see(pose, captured_s, now_s, may_repeat=may_repeat)
 
     def follow(self, tracking: Tracking, now_s: float) -> Tracking:
         """The newest frame with the poses that the body shall have at this tick."""

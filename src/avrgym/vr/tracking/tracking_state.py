@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
 from avrgym.models.human import SEATED, Person, Posture
+from avrgym.models.tracked import PARTS, Part
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Part, XRPose
+from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.protocol.webxr import Registration, head_pose, register
 from avrgym.vr.tracking.body import BodyPose, resting_head_centre
 from avrgym.vr.tracking.frames import Frame, TrackingFeed, body_pose
-from avrgym.vr.tracking.jumps import PARTS, Limbs
+from avrgym.vr.tracking.jumps import Limbs
 from avrgym.vr.tracking.sliding import LOOK_EVERY_TICKS, Glide, Sliding
 from avrgym.vr.tracking.world import TICK_S, LiveWorld
 
@@ -24,29 +25,34 @@ Array = NDArray[np.float64]
 class Followed:
     """One tick of following: the frames that came, the one that counts, and what changed.
 
-    ``newest`` is ``None`` while the tracking is lost; ``turned``: the tracking was lost or found just now. ``held`` are
-    the parts of the body that jumped and are not where they are tracked, ``held_before`` those of the tick before.
+    ``newest`` is ``None`` while no usable frame comes, and ``silent`` is true then. ``held`` are the parts of the body
+    that jumped and are not where they are tracked. ``untracked`` are all parts whose poses are stale, ``lost`` those of
+    them that the task needs. Those of the tick before are in ``held_before`` and ``lost_before``.
     """
 
     arrived: Sequence[Frame]
-    newest: Frame | None
-    lost: bool
-    turned: bool
-    held: tuple[Part, ...]
-    held_before: tuple[Part, ...]
+    newest: Frame | None = None
+    silent: bool = False
+    held: tuple[Part, ...] = ()
+    held_before: tuple[Part, ...] = ()
+    untracked: tuple[Part, ...] = ()
+    lost: tuple[Part, ...] = ()
+    lost_before: tuple[Part, ...] = ()
 
 
 class TrackingState:
     """``registration`` is where the participant's floor lies in the world, once that is known.
 
-    ``lost`` is whether no usable frame has come for a while.
+    At the latest tick, ``untracked`` were the parts of the body whose poses were stale, ``lost`` those of them that the
+    world's task needs.
     """
 
     def __init__(self) -> None:
         self.registration: Registration | None = None
         self._followed: Frame | None = None
         self._limbs = Limbs()
-        self.lost = False
+        self.untracked: tuple[Part, ...] = ()
+        self.lost: tuple[Part, ...] = ()
         self._feed = TrackingFeed()
         self._pose: BodyPose | None = None
         self._resting: XRPose | None = None
@@ -68,6 +74,10 @@ class TrackingState:
         newest = self._feed.newest
         return None if newest is None else now_s - newest.received_s
 
+    def part_age_s(self, part: Part, now_s: float) -> float:
+        """The time since a part of the body was measured; infinite where it never was."""
+        return self._feed.freshness.age_s(part, now_s)
+
     @property
     def followed(self) -> int:
         """The number of the newest tracking frame that moved the body, -1 before the first."""
@@ -76,8 +86,9 @@ class TrackingState:
     @property
     def held(self) -> tuple[Part, ...]:
         """The parts of the body that do not follow what is tracked."""
-        follows = self._followed is not None and self.registration is not None and not self.lost
-        return self._limbs.held if follows else PARTS
+        if self._followed is None or self.registration is None:
+            return PARTS
+        return tuple(part for part in PARTS if part in self._limbs.held or part in self.untracked)
 
     @property
     def modalities(self) -> tuple[messages.Modality, messages.Modality]:
@@ -111,12 +122,22 @@ class TrackingState:
 
     def follow(self, world: LiveWorld, now_s: float) -> Followed:
         """Move the world's person to the newest frame, or hold them when it is stale."""
-        newest, stale = self._feed.newest, self._feed.is_stale(now_s)
-        turned, self.lost = stale != self.lost, stale
-        arrived, held_before = self._feed.take_arrived(), self._limbs.held
-        if newest is not None and not stale and self.registration is not None:
+        newest, silent = self._feed.newest, self._feed.is_stale(now_s)
+        arrived, held_before, lost_before = self._feed.take_arrived(), self._limbs.held, self.lost
+        self.untracked = self._feed.freshness.stale(now_s)
+        self.lost = tuple(part for part in self.untracked if part in world.task.tracked)
+        if newest is not None and not silent and self.registration is not None:
             self._move(world, self.registration, newest, now_s)
-        return Followed(arrived, None if stale else newest, stale, turned, self._limbs.held, held_before)
+        return Followed(
+            arrived,
+            None if silent else newest,
+            silent,
+            self._limbs.held,
+            held_before,
+            self.untracked,
+            self.lost,
+            lost_before,
+        )
 
     # Who slides on the seat ----------------------------------------------------------------------------------------
 
@@ -144,7 +165,7 @@ class TrackingState:
             or self._resting is None
         ):
             return None
-        if self.lost or "head" in self._limbs.held:
+        if "head" in self.held:
             self._sliding.forget()
             return None
         assert self.registration is not None

@@ -107,4 +107,5 @@ ARM_MANIPULATION = Task(
         mounted=View((-0.30, -0.15, 0.75), 1.75, 62.0, -20.0),
         on_floor=View((-0.35, -0.20, 0.80), 2.1, 100.0, -20.0),
     ),
+    tracked=("head", "right"),
 )

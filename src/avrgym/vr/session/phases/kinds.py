@@ -8,7 +8,7 @@ from avrgym.recording.outcomes import AttemptEnd
 from avrgym.texts.texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.interruptions import Interruption
+from avrgym.vr.session.interruptions import UNTRACKED, Interruption
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.tracking.tracking_state import TrackingState
 
@@ -80,8 +80,8 @@ class Ongoing(Phase):
             return phases.Paused(state, Said("not_visible"))
         if state.ready_for != state.trial:
             return phases.AskReady(state)
-        if not state.is_tracked:
-            return phases.Paused(state, Said("untracked"))
+        if state.untracked is not None:
+            return phases.Paused(state, Said(UNTRACKED[state.untracked]))
         try:
             state.begin_attempt()
         except OSError as error:

@@ -67,7 +67,7 @@ class Trial(Stoppable):
     def finish_step(self, step: ControlStep) -> Retreat | Self:
         attempt = self.state.storage.attempt
         assert attempt is not None
-        idle = self.state.tracking.lost or (not step.withdrawing and self.driver.idle)
+        idle = bool(self.state.tracking.lost) or (not step.withdrawing and self.driver.idle)
         driver = WITHDRAWAL if step.withdrawing else self.state.current.policy
         attempt.record_step(step, driver, idle, self.state.now_s)
         if attempt.steps < self.state.plan.trial_steps:

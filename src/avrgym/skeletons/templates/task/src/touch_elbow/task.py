@@ -133,4 +133,5 @@ TASK = Task(
     ),
     training=TrainingSettings(worlds=2, minibatch=100, epochs=1, imitation_rounds=1),
     marks=Marks(count=1, radius_m=0.01, rgb=(0.85, 0.10, 0.12), places=lambda arm, _: elbow_w(arm)[:, None]),
+    tracked=("head", "right"),
 )
