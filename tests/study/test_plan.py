@@ -14,7 +14,8 @@ from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.design.differences import differences
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.plan.deviations import changed, deviations
-from avrgym.study.plan.freezing import FROZEN, Frozen, read_frozen
+from avrgym.study.plan.freezing import FROZEN
+from avrgym.study.plan.origin import Frozen, read_frozen
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
 from avrgym.study.plan.template import template
 from avrgym.study.storage import database
@@ -181,16 +182,18 @@ def test_the_record_is_vouched_for_by_the_database(tmp_path: Path) -> None:
 
 
 def test_a_record_outlives_the_database(tmp_path: Path) -> None:
-    """A database that was rebuilt does not know of the plan, which is noted and goes on to count."""
+    """A new database does not know the plan: that is wrong, and differences from it are still listed."""
     folder = _frozen(small_study(tmp_path / "study"))
     for lost in ("study.db", "study.db.sha256", "study.head"):
         (folder / lost).unlink()
     with open(folder / "study.toml", "a") as file:
         file.write("# later\n")
     shown = study("check", folder)
-    assert (shown.exit_code, f"note   {FROZEN}: deviates" in shown.stdout) == (0, True)
+    assert (shown.exit_code, f"wrong  {FROZEN}: deviates" in shown.stdout) == (1, True)
     assert "study.toml: was changed" in study("status", folder).stdout
+    assert "adopted" in study("freeze", folder).stdout
     assert "is frozen already" in study("freeze", folder).stderr
+    assert study("check", folder).exit_code == 0
 
 
 @pytest.mark.parametrize("form", ["osf", "aspredicted"])

@@ -14,7 +14,8 @@ from avrgym.study.people import deletion
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.freezing import freeze, read_frozen
+from avrgym.study.plan.freezing import adopt, freeze
+from avrgym.study.plan.origin import read_frozen
 from avrgym.study.plan.template import write_template
 from avrgym.study.storage import database
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
@@ -448,11 +449,14 @@ def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
         merge_studies([a, b], out)
     for name in ("plan.toml", "plan-frozen.json"):
         shutil.copy(a / name, b)
+    with Store(b) as store:
+        adopt(store)
     merge_studies([b, a], out)
     with Store(out) as store:
         frozen = read_frozen(store)
         assert frozen is not None
-        assert frozen.fault == ""
+        assert frozen.faults == ()
+        assert frozen.confirms
         assert frozen.record is not None
         assert frozen.record.design != (out / "study.toml").read_text()
         found = deviations(store, frozen, offered_tests(store.design))

@@ -38,7 +38,7 @@ from avrgym.study.checking.finding import Finding, left_out
 from avrgym.study.design.design import Design
 from avrgym.study.export.scores import uses_instruments
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.freezing import read_frozen
+from avrgym.study.plan.origin import read_frozen
 from avrgym.study.plan.plan import FILE as PLAN_FILE
 from avrgym.study.plan.plan import Plan
 from avrgym.study.storage.manifest import FORMAT_NAME
@@ -52,12 +52,24 @@ FORMAT = f"{FORMAT_NAME} 1"
 
 @dataclass(frozen=True, eq=False)
 class FrozenPlan:
-    """A study's frozen plan, if it can still be told, and in what the study deviates from it."""
+    """A study's frozen plan, if it can still be told, and in what the study deviates from it.
+
+    ``words`` are what is known of its date. ``confirms``: it is known to be from before the first participant.
+    ``sha256`` is the checksum of the plan, ``record_sha256`` that of its frozen record.
+    """
 
     at: str
     plan: Plan | None
     sha256: str | None
     deviations: list[Finding]
+    words: str
+    confirms: bool
+    record_sha256: str
+
+    @property
+    def confirmed(self) -> Plan | None:
+        """The plan that makes tests confirmatory, if there is one."""
+        return self.plan if self.confirms else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +95,7 @@ class Analysis:
     site_outcomes: list[SiteOutcomeRow]
     site_effects: list[SiteEffectRow]
     latency: list[LatencyRow]
+    rebuilt_at: str | None
 
     @property
     def tests(self) -> list[rows.TestedRow]:
@@ -136,6 +149,7 @@ class Analysis:
                 "exact_rank_sum": EXACT_RANK_SUM,
             },
             **({"plan": _plan_results(self.plan)} if self.plan else {}),
+            **({"database_rebuilt_at": self.rebuilt_at} if self.rebuilt_at else {}),
             **{table.name: list(table.rows) for table in self.tables() if table.name not in IN_TABLES_ONLY},
         }
 
@@ -152,6 +166,7 @@ def analyse(
     groups = measured_groups(observed.trials)
     given = store.design, observed.answers
     plan = _frozen_plan(store, observed)
+    confirmed = plan.confirmed if plan else None
     families = [
         *answer_families(*given),
         *session_families(*given),
@@ -170,14 +185,15 @@ def analyse(
         subjective=subjective_rows(*given),
         session_answers=session_answer_rows(*given),
         likert=likert_rows(*given) + session_likert_rows(*given),
-        families=_labelled(families, plan.plan) if plan and plan.plan else families,
-        models=model_rows(store.design, observed, plan.plan if plan else None),
+        families=_labelled(families, confirmed) if confirmed else families,
+        models=model_rows(store.design, observed, confirmed),
         score_summaries=score_summary_rows(store.design, observed.scores),
         biomechanics=biomechanics_rows(groups, people),
         ranges=range_rows(groups),
         site_outcomes=site_outcome_rows(store.design, observed.trials),
         site_effects=site_effect_rows(store.design, observed.trials, observed.answers, observed.scores),
         latency=latency_rows(observed.trials, observed.latencies),
+        rebuilt_at=store.rebuilt_at(),
     )
 
 
@@ -190,9 +206,16 @@ def _frozen_plan(store: Store, observed: Observations) -> FrozenPlan | None:
     ]
     design = store.design
     found = deviations(store, frozen, offered_tests(design), exclusions, offered_models(design))
-    if frozen.record is None:
-        return FrozenPlan(frozen.at, None, None, found)
-    return FrozenPlan(frozen.at, frozen.record.parsed(), frozen.record.sha256[PLAN_FILE], found)
+    record = frozen.record
+    return FrozenPlan(
+        at=frozen.at,
+        plan=record.parsed() if record else None,
+        sha256=record.sha256[PLAN_FILE] if record else None,
+        deviations=found,
+        words=frozen.words,
+        confirms=frozen.confirms,
+        record_sha256=frozen.sha256,
+    )
 
 
 def _labelled(families: list[Family], plan: Plan) -> list[Family]:
@@ -210,6 +233,9 @@ def _plan_results(plan: FrozenPlan) -> dict[str, Any]:
     return {
         "frozen_at": plan.at,
         "sha256": plan.sha256,
+        "record_sha256": plan.record_sha256,
+        "origin": plan.words,
+        "confirms": plan.confirms,
         "plan": None if plan.plan is None else msgspec.to_builtins(plan.plan),
         "deviations": [{"where": each.where, "what": each.what} for each in plan.deviations],
     }

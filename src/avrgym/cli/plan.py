@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,13 +37,29 @@ def freeze(
         str | None,
         typer.Option("--export", help="Write the plan as the fields of a registry: osf or aspredicted."),
     ] = None,
+    timestamp: Annotated[
+        Path | None,
+        typer.Option(
+            "--timestamp",
+            help="Store a time stamp (RFC 3161) of the frozen plan.",
+            metavar="FILE.tsr",
+        ),
+    ] = None,
+    registered: Annotated[
+        str | None,
+        typer.Option("--registered", help="Store where you registered the frozen plan.", metavar="URL"),
+    ] = None,
+    registered_on: Annotated[
+        datetime | None,
+        typer.Option("--registered-on", help="On which day; without it today.", formats=["%Y-%m-%d"]),
+    ] = None,
 ) -> None:
     """Freeze the study's plan, before the first participant.
 
-    Without a plan, write one to fill in.
+    Without a plan, write one to fill in. A plan that another station froze is adopted.
     """
     from avrgym.analysis.statistics.offered import nameable
-    from avrgym.study.plan.freezing import FROZEN
+    from avrgym.study.plan.freezing import FROZEN, adopt, may_adopt
     from avrgym.study.plan.freezing import freeze as freeze_plan
     from avrgym.study.plan.plan import FILE
     from avrgym.study.plan.preregistration import write_preregistration
@@ -51,11 +68,51 @@ def freeze(
     with plain_errors(), Store(folder) as store:
         if form is not None:
             say(f"fields    {write_preregistration(store, nameable(store.design), form)}")
+        elif timestamp is not None or registered is not None:
+            _store_evidence(store, timestamp, registered, registered_on)
+        elif may_adopt(store) and not template:
+            say(f"adopted   {store.folder / FROZEN}, frozen at {adopt(store).frozen_at} elsewhere")
         elif template or not (store.folder / FILE).exists():
             say(f"plan      {_write_template(store)}: change what you like, then freeze it")
         else:
             record = freeze_plan(store, nameable(store.design))
             say(f"frozen    {store.folder / FROZEN} at {record.frozen_at}")
+            _say_deposit(store.folder / FROZEN)
+
+
+def _say_deposit(record: Path) -> None:
+    """How others can see later that the plan is not newer than it claims."""
+    from avrgym.study.plan.freezing import sha256
+
+    say(f"SHA-256   {sha256(record.read_bytes())}")
+    say(
+        "deposit   put this SHA-256 into a registration (osf.io, aspredicted.org), or have it time-stamped: "
+        f"openssl ts -query -data {record} -sha256 -cert -out plan.tsq, send plan.tsq to an authority (RFC 3161); then "
+        f"avrgym study freeze {record.parent} --registered URL, or --timestamp FILE.tsr"
+    )
+
+
+def _store_evidence(
+    store: "Store", timestamp: Path | None, registered: str | None, registered_on: datetime | None
+) -> None:
+    from avrgym.study.plan.evidence import store_registration, store_time_stamp
+    from avrgym.study.plan.freezing import FROZEN
+    from avrgym.study.storage.states import StudyError
+
+    record = store.folder / FROZEN
+    if not record.exists():
+        raise StudyError(
+            f"{store.folder} has no frozen plan; `avrgym study freeze {store.folder}` freezes one"
+        )
+    if timestamp is not None:
+        stamp = store_time_stamp(store.folder, timestamp.read_bytes(), record.read_bytes())
+        known = "knows" if stamp.is_trusted else "does not know"
+        say(
+            f"stamped   at {stamp.at.isoformat()} by {stamp.authority}; this computer {known} its root certificate"
+        )
+    if registered is not None:
+        store_registration(store.folder, registered, (registered_on or datetime.now()).date())
+        say(f"claimed   registration at {registered}; the report names it as your claim")
 
 
 def _write_template(store: "Store") -> Path:
@@ -125,7 +182,7 @@ def power(
 
 def plan_of(store: "Store", left_out: "Sequence[LeftOut]" = ()) -> "tuple[str | None, list[Finding]]":
     """When a study's plan was frozen, if it was, and in what the study deviates from it."""
-    from avrgym.study.plan.freezing import read_frozen
+    from avrgym.study.plan.origin import read_frozen
 
     frozen = read_frozen(store)
     if frozen is None:

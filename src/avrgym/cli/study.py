@@ -254,6 +254,9 @@ def rebuild(folder: Folder) -> None:
         rebuilt = rebuild_study(folder)
     say(f"{rebuilt.participants} participants, {rebuilt.attempts} attempts, {rebuilt.answers} answers")
     say(f"lost      {LOST}")
+    say(
+        "marked    check and the report say from now on that the database was rebuilt; no plan is confirmatory by it"
+    )
     for each in rebuilt.left_out:
         say(f"left out  {each}")
 

@@ -283,6 +283,22 @@ def read_configuration(path: str | os.PathLike[str]) -> dict[str, Any]:
     raise RecordingError(f"{path}: not a recording")
 
 
+def read_beginning(path: str | os.PathLike[str]) -> datetime | None:
+    """When a trial began by its recording, which is read no further; ``RecordingError`` for a damaged beginning."""
+    with open(path, "rb") as file:
+        try:
+            for record in StreamReader(file, emit_chunks=True).records:
+                if isinstance(record, mcap_records.Metadata) and record.name == _ORIGIN:
+                    return _began_at(_from_text(record.metadata))
+                if isinstance(record, mcap_records.Chunk):
+                    return None
+        except OSError:
+            raise
+        except Exception as error:  # the reader raises whatever damaged bytes lead to
+            raise RecordingError(f"{path}: damaged: {error}") from error
+    return None
+
+
 def torso_height_m(configuration: Mapping[str, Any]) -> float | None:
     """The torso height of the person's body in a trial, if its configuration tells it."""
     person: Mapping[str, Any] = configuration.get("person") or {}

@@ -23,13 +23,12 @@ def plan_section(analysis: Analysis) -> Markup:
 
 def _frozen(frozen: FrozenPlan) -> Markup:
     if frozen.plan is None:
-        return tag(
-            "p", "A plan was frozen before the first participant, but nothing tells any more what it said."
-        )
+        return tag("p", "The record of a frozen plan is missing or damaged: nothing is confirmatory.")
     plan = frozen.plan
+    tests = "Tests of its hypotheses are confirmatory, all others are exploratory." if frozen.confirms else ""
     words = (
-        f"The plan was frozen at {frozen.at} (UTC), before the first participant; its SHA-256 is {frozen.sha256}. "
-        "Tests of its hypotheses are confirmatory, all others are exploratory."
+        f"{frozen.words} The SHA-256 of plan.toml is {frozen.sha256}, that of plan-frozen.json {frozen.record_sha256}. "
+        f"{tests}"
     )
     said = {
         "Participants planned": str(plan.participants),
@@ -51,7 +50,7 @@ def _deviations(frozen: FrozenPlan) -> Markup:
 
 def confirmatory(analysis: Analysis, simulated: bool) -> Markup:
     """The tests of the plan's hypotheses for a group of participants; nothing where no plan was frozen."""
-    plan = analysis.plan.plan if analysis.plan else None
+    plan = analysis.plan.confirmed if analysis.plan else None
     if plan is None:
         return Markup()
     shown = [_hypothesis(analysis, plan, each, simulated) for each in plan.hypotheses]

@@ -81,9 +81,21 @@ def _notices(analysis: Analysis) -> Markup:
             "about people. They are analysed apart and never taken together with people."
         )
         notices.append(notice("SIMULATED PARTICIPANTS.", words))
+    if analysis.rebuilt_at:
+        notices.append(notice("Rebuilt database.", rebuilt_words(analysis.rebuilt_at)))
+    if analysis.plan is not None and not analysis.plan.confirms:
+        notices.append(notice("Exploratory.", "No plan is known to be from before the first participant."))
     if analysis.design.blind_experimenter:
         notices.append(notice("Unblinded.", "This study is run blind; the page names the policies."))
     return join(notices)
+
+
+def rebuilt_words(at: str) -> str:
+    """What a rebuilt database means for the results."""
+    return (
+        f"The study's database was lost and rebuilt from the recordings at {at} (UTC). Withdrawals, deletions, notes "
+        "and the origin of a plan are unknown since then. Results are exploratory unless a time stamp proves a plan."
+    )
 
 
 def _navigation(analysis: Analysis, groups: Sequence[bool]) -> Markup:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from avrgym.study.checking.finding import Finding
 from avrgym.study.people.doubles import possible_doubles
 from avrgym.study.storage import keyfile
-from avrgym.study.storage.database import BACKUPS, LEDGER_BEGUN
+from avrgym.study.storage.database import BACKUPS, LEDGER_BEGUN, REBUILT
 from avrgym.study.storage.database import FILE as DATABASE
 from avrgym.study.storage.manifest import FOLDER as ANALYSIS
 from avrgym.study.storage.manifest import unfinished_analyses
@@ -28,6 +28,10 @@ def check_database(store: Store) -> Iterator[Finding]:
     for event in store.events():
         if event.name == LEDGER_BEGUN:
             yield Finding("ledger", f"vouches for earlier rows only from {event.at} on", wrong=False)
+        elif event.name == REBUILT:
+            yield Finding(
+                "database", f"was rebuilt from the recordings at {event.at}; {event.detail}", wrong=False
+            )
         elif event.name == DIFFERS:
             yield Finding("sites", f"were merged though {event.detail}", wrong=False)
 

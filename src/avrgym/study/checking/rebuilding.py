@@ -16,7 +16,7 @@ from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import read_design
 from avrgym.study.storage import ledger, schema
 from avrgym.study.storage.attempts import BROKEN_OFF, sha256_of
-from avrgym.study.storage.database import FILE, database_url
+from avrgym.study.storage.database import FILE, REBUILT, database_url
 from avrgym.study.storage.remains import known_numbers
 from avrgym.study.storage.rows import RECORDINGS, pseudonym_of
 from avrgym.study.storage.schema import now
@@ -69,7 +69,7 @@ def rebuild_study(folder: Path) -> Rebuilt:
     with Store(folder, anew=True) as store:
         rebuilding = _Rebuilding(store)
         with store.database.write() as connection:
-            record_event(connection, "database rebuilt", f"lost: {LOST}", {})
+            record_event(connection, REBUILT, f"lost: {LOST}", {})
             for number in sorted(known_numbers(store.folder)):
                 rebuilding.rebuild(connection, number)
         return rebuilding.done()

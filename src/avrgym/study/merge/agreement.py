@@ -10,7 +10,8 @@ from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import LOCAL
 from avrgym.study.design.differences import differences, named, shown
 from avrgym.study.design.toml import read_text
-from avrgym.study.plan.freezing import FROZEN, policy_files, read_frozen
+from avrgym.study.plan.freezing import FROZEN, policy_files
+from avrgym.study.plan.origin import read_frozen
 from avrgym.study.plan.plan import FILE as PLAN
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -94,4 +95,6 @@ def _plan(store: Store) -> str:
     frozen = read_frozen(store)
     if frozen is None:
         return "none"
-    return f"unknown, as it {frozen.fault}" if frozen.record is None else frozen.record.sha256[PLAN]
+    return (
+        f"unknown, as it {'; '.join(frozen.faults)}" if frozen.record is None else frozen.record.sha256[PLAN]
+    )

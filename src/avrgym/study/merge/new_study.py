@@ -12,6 +12,7 @@ from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import LOCAL
 from avrgym.study.design.toml import read_text
 from avrgym.study.design.word_files import word_files
+from avrgym.study.plan.evidence import REGISTRATION, STAMP
 from avrgym.study.plan.freezing import FROZEN
 from avrgym.study.plan.plan import FILE as PLAN
 from avrgym.study.storage import ledger, schema
@@ -46,7 +47,10 @@ def _without_local(design: str) -> str:
 
 def _own_files(store: Store) -> Iterator[Path]:
     """The files of a study, relative to its folder, that its design and plan need."""
-    own = [store.folder / name for name in (PLAN, FROZEN, *word_files(store.design, store.folder))]
+    own = [
+        store.folder / name
+        for name in (PLAN, FROZEN, STAMP, REGISTRATION, *word_files(store.design, store.folder))
+    ]
     own += [Path(store.policy_source(*needed)) for needed in policies_needed(store)]
     for path in dict.fromkeys(own):
         if path.is_relative_to(store.folder) and path.is_file():

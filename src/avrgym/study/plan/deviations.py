@@ -12,7 +12,8 @@ from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import LOCAL
 from avrgym.study.design.differences import NOTHING, differences, named, shown
 from avrgym.study.design.word_files import word_files
-from avrgym.study.plan.freezing import FROZEN, Frozen, PolicyFile, Record, policy_files, sha256, software
+from avrgym.study.plan.freezing import FROZEN, PolicyFile, Record, policy_files, sha256, software
+from avrgym.study.plan.origin import Frozen
 from avrgym.study.plan.plan import FILE, NOT_PLANNED, Offered
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.store import Store
@@ -37,7 +38,7 @@ def deviations(
         left_out: the trials that the exclusion rule keeps out of it, as far as they are known.
         besides: what a plan may name too, and what is exploratory where it does not.
     """
-    found = [Finding(FROZEN, frozen.fault, wrong=frozen.record is None)] if frozen.fault else []
+    found = [Finding(FROZEN, fault) for fault in frozen.faults]
     if frozen.record is None:
         return found
     return [

@@ -5,7 +5,6 @@ is an event in the database, for which the ledger vouches.
 """
 
 import hashlib
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.toml import read_text
 from avrgym.study.design.word_files import word_files
 from avrgym.study.plan.plan import FILE, Offered, Plan, parse_frozen_plan, read_plan
+from avrgym.study.storage.database import REBUILT
 from avrgym.study.storage.rows import StudyEvent, StudySession, Tombstone, pseudonym_of
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
@@ -30,7 +30,8 @@ from avrgym.vr.session.attempt import versions
 
 FROZEN = "plan-frozen.json"
 EVENT = "plan frozen"
-"""Its detail is the SHA-256 of the record."""
+ADOPTED = "plan adopted"
+"""Their detail is the SHA-256 of the record; a plan is adopted that another station froze."""
 FORMAT = "avrgym frozen plan 1"
 
 
@@ -65,19 +66,6 @@ class Record(msgspec.Struct, frozen=True):
         return parse_frozen_plan(self.plan, FROZEN)
 
 
-@dataclass(frozen=True)
-class Frozen:
-    """A plan that was frozen. Without a ``record`` nothing tells what was planned; ``fault`` says what is wrong."""
-
-    record: Record | None
-    fault: str = ""
-
-    @property
-    def at(self) -> str:
-        """When it was frozen, as far as that is known."""
-        return "an unknown time" if self.record is None else self.record.frozen_at
-
-
 def freeze(store: Store, offered: Offered) -> Record:
     """Freeze the plan in a study's folder.
 
@@ -103,6 +91,33 @@ def freeze(store: Store, offered: Offered) -> Record:
     return record
 
 
+def may_adopt(store: Store) -> bool:
+    """Whether there is a frozen plan, copied from another station, that the database does not know."""
+    return (store.folder / FROZEN).exists() and not _noted(store)
+
+
+def adopt(store: Store) -> Record:
+    """Store the checksum of a frozen plan that was copied from another station.
+
+    Raises:
+        StudyError: when it is no frozen plan, somebody has taken part, or the database was rebuilt.
+    """
+    data = (store.folder / FROZEN).read_bytes()
+    try:
+        record = msgspec.json.decode(data, type=Record)
+    except ValueError as error:
+        raise StudyError(f"{store.folder / FROZEN} is damaged: {error}; put a copy back") from None
+    with store.write() as connection:
+        _check_nobody_took_part(connection)
+        record_event(connection, ADOPTED, sha256(data), {})
+    return record
+
+
+def _noted(store: Store) -> bool:
+    with store.database.read() as connection:
+        return any(find_all(connection, StudyEvent, name=name) for name in (EVENT, ADOPTED))
+
+
 def check_untouched(store: Store) -> None:
     """Raise ``StudyError`` unless a plan can still be frozen: none is, and nobody has taken part."""
     with store.database.read() as connection:
@@ -113,6 +128,15 @@ def _check_untouched(store: Store, connection: sa.Connection) -> None:
     if (store.folder / FROZEN).exists() or find_all(connection, StudyEvent, name=EVENT):
         raise StudyError(
             f"the plan of {store.folder} is frozen already; `avrgym study status` lists deviations"
+        )
+    _check_nobody_took_part(connection)
+
+
+def _check_nobody_took_part(connection: sa.Connection) -> None:
+    for event in find_all(connection, StudyEvent, name=REBUILT):
+        raise StudyError(
+            f"the database was rebuilt at {event.at}: whether somebody had taken part before is unknown, and a plan "
+            "would confirm nothing; put back a copy of the database, or begin a study in a folder of its own"
         )
     taken = [each.participant for each in find_all(connection, StudySession)]
     taken += [each.number for each in find_all(connection, Tombstone)]
@@ -172,20 +196,3 @@ def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | No
     if Path(source).is_file():
         return Path(source).relative_to(store.folder).as_posix(), Path(source)
     return source, controllers.python_file(source) if ":" in source else None
-
-
-def read_frozen(store: Store) -> Frozen | None:
-    """The study's frozen plan; ``None`` where none was frozen."""
-    path = store.folder / FROZEN
-    with store.database.read() as connection:
-        noted = [event.detail for event in find_all(connection, StudyEvent, name=EVENT)]
-    if not path.exists():
-        return Frozen(None, "is missing: nothing tells what was planned; put a copy back") if noted else None
-    data = path.read_bytes()
-    if noted and sha256(data) not in noted:
-        return Frozen(None, "was changed: it does not tell any more what was planned; put a copy back")
-    try:
-        record = msgspec.json.decode(data, type=Record)
-    except ValueError as error:
-        return Frozen(None, f"is damaged: {error}")
-    return Frozen(record, "" if noted else "is not known to the database, which may have been rebuilt")

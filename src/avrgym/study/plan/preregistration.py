@@ -9,7 +9,8 @@ from pathlib import Path
 
 from avrgym.study.design.design import Design
 from avrgym.study.design.words import blinding, conditions, description, randomization
-from avrgym.study.plan.freezing import FROZEN, check_untouched, read_frozen
+from avrgym.study.plan.freezing import FROZEN, check_untouched
+from avrgym.study.plan.origin import read_frozen
 from avrgym.study.plan.plan import Offered, Plan, read_plan
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -28,7 +29,7 @@ def write_preregistration(store: Store, offered: Offered, form: str) -> Path:
     Raises:
         DesignError: when the plan says what cannot be.
         StudyError: for an unknown form, where somebody took part without a plan, and where the file is there
-            already with other words.
+            already with other words, and where the frozen plan is damaged or of unknown origin.
         OSError: when something cannot be read or written.
     """
     if form not in FORMS:
@@ -38,8 +39,8 @@ def write_preregistration(store: Store, offered: Offered, form: str) -> Path:
     if frozen is None:
         check_untouched(store)
         plan, state = read_plan(store.folder, store.design, offered)[0], "Not frozen yet."
-    elif frozen.record is None:
-        raise StudyError(f"{FROZEN} {frozen.fault}")
+    elif frozen.record is None or not frozen.confirms:
+        raise StudyError(f"{FROZEN} {'; '.join(frozen.faults)}")
     else:
         plan, state = frozen.record.parsed(), f"Frozen with AVR Gym at {frozen.at} (UTC)."
     text = _markdown(f"{store.design.title}: {title}", state, fields(store.design, plan, offered))

@@ -32,6 +32,8 @@ URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 MIGRATIONS = Path(__file__).parent / "migrations"
 LEDGER_BEGUN = "ledger begun"
 """The event after which changes of earlier rows are noticed."""
+REBUILT = "database rebuilt"
+"""The event of a database that was made from the recordings after a loss; it stays for good."""
 _LOCK = 0x41565247
 
 

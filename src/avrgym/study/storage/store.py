@@ -17,7 +17,7 @@ from avrgym.policies.trained import FILE_SUFFIX, PolicyError
 from avrgym.study.design.design import FILE, Design, default_text, read_design
 from avrgym.study.storage import keyfile, ledger, schema
 from avrgym.study.storage.database import FILE as DATABASE_FILE
-from avrgym.study.storage.database import Database, database_url
+from avrgym.study.storage.database import REBUILT, Database, database_url
 from avrgym.study.storage.rows import (
     RECORDINGS,
     GivenAnswer,
@@ -181,6 +181,10 @@ class Store:
     def events(self) -> list[StudyEvent]:
         """All that happened in the study."""
         return self._rows(StudyEvent)
+
+    def rebuilt_at(self) -> str | None:
+        """When the database was first rebuilt from the recordings, if it was."""
+        return next((event.at for event in self.events() if event.name == REBUILT), None)
 
     def notes(self, pseudonym: str) -> list[Note]:
         """The experimenter's notes on a participant."""

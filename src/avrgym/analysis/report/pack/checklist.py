@@ -88,7 +88,7 @@ def _about_the_analysis(analysis: Analysis, flow: Flow) -> list[Asked]:
     deviations = len(analysis.plan.deviations) if analysis.plan else 0
     own = [row for row in analysis.observed.participants if row.simulated is flow.simulated]
     missing = sum(row.trials_missing for row in own)
-    frozen = f"frozen at {analysis.plan.at} (UTC)" if analysis.plan and plan else ""
+    frozen = f"frozen at {analysis.plan.at} (UTC)" if analysis.plan and analysis.plan.confirms else ""
     return [
         Asked("Sample size and why", rationale, "sample_size_rationale in plan.toml, before it is frozen"),
         Asked("Preregistration", frozen, "`avrgym study freeze`, before the first participant"),

@@ -135,7 +135,7 @@ COLUMNS: Mapping[str, Column] = {
     "mark": _text("Stars for p after correction: * < 0.05, ** < 0.01, *** < 0.001.", "0.05 or more"),
     "effect": _number("Rank-biserial correlation, or for energy distances the share between groups.", "1", _NOT_TESTED),
     "note": _text("Why nothing was tested or estimated, or what was left out.", "nothing"),
-    "planned": _text("What it is by the study's frozen plan.", "no plan was frozen"),
+    "planned": _text("What it is by the study's frozen plan.", "no plan is known to be older than the study"),
     "problems.simulated": Column(SIMULATED.meaning, TRUTH, "", _TRUTH, "it is about the whole study"),
     "likert.policy": Column(POLICY.meaning, TEXT, "", POLICY.allowed, _SESSION),
     "streams.stream": _text("What the study calls the stream."),

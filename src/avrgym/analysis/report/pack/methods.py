@@ -210,11 +210,11 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
     if plan is None:
         yield "Nothing was preregistered: all tests are exploratory."
     elif plan.plan is None:
-        yield f"A plan was frozen, but its record is damaged: {missing('the frozen plan')}"
+        yield f"The record of a frozen plan is missing or damaged: {missing('the frozen plan')}"
     else:
         rationale = plan.plan.sample_size_rationale or missing("why so many participants")
         yield (
-            f"A plan was frozen at {plan.at} (UTC), before the first participant (SHA-256 {plan.sha256}). "
+            f"{plan.words} The SHA-256 of the frozen record is {plan.record_sha256}. "
             f"{plan.plan.participants} participants were planned: {rationale}"
         )
         yield " ".join(f"{each.id}: {each.text}" for each in plan.plan.hypotheses)

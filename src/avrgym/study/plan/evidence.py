@@ -1,0 +1,136 @@
+"""Evidence from outside for the date of a frozen plan: a time stamp (RFC 3161), or a registration as a claim.
+
+A time stamp contains the SHA-256 of ``plan-frozen.json`` and a time, signed by an authority. It is verified without a
+network. Whether the authority can be trusted depends on the root certificates of this computer.
+"""
+
+import ssl
+import warnings
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+from cryptography import x509
+from cryptography.utils import CryptographyDeprecationWarning
+
+from avrgym.study.plan.certificate_order import sort_certificates
+from avrgym.study.storage.states import StudyError
+from avrgym.system.files import PRIVATE_FILE, write_whole
+
+if TYPE_CHECKING:
+    from rfc3161_client import TimeStampResponse
+
+STAMP = "plan-frozen.tsr"
+REGISTRATION = "plan-registration.json"
+
+
+class Registration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where and on which day the researchers state that they registered the plan."""
+
+    url: str
+    on: date
+
+
+@dataclass(frozen=True)
+class TimeStamp:
+    """A verified time stamp. ``is_trusted``: this computer knows the root certificate of the authority."""
+
+    at: datetime
+    authority: str
+    is_trusted: bool
+
+
+def store_time_stamp(folder: Path, data: bytes, record: bytes) -> TimeStamp:
+    """Store a time stamp of a frozen plan next to it.
+
+    Args:
+        folder: the study's folder.
+        data: the authority's response.
+        record: the bytes of ``plan-frozen.json``.
+
+    Raises:
+        StudyError: when it is no valid time stamp of this record, or another is stored. Nothing is stored then.
+    """
+    stamp = verified(data, record)
+    _refuse_other(folder / STAMP, data)
+    write_whole(folder / STAMP, data, PRIVATE_FILE)
+    return stamp
+
+
+def store_registration(folder: Path, url: str, on: date) -> None:
+    """Store a registration as a claim; ``StudyError`` for what is no address, or where another is stored."""
+    if not url.startswith(("https://", "http://")) or not url.isprintable() or len(url) > 500:
+        raise StudyError(f"{url[:100]!r} is no address of a registration; allowed: https://…")
+    data = msgspec.json.format(msgspec.json.encode(Registration(url, on))) + b"\n"
+    _refuse_other(folder / REGISTRATION, data)
+    write_whole(folder / REGISTRATION, data, PRIVATE_FILE)
+
+
+def _refuse_other(path: Path, data: bytes) -> None:
+    if path.exists() and path.read_bytes() != data:
+        raise StudyError(f"{path} is there already and stays as it is; remove it to store another")
+
+
+def read_time_stamp(folder: Path, record: bytes) -> TimeStamp | None:
+    """The stored time stamp, if there is one; ``StudyError`` where it is not one of this record."""
+    path = folder / STAMP
+    return verified(path.read_bytes(), record) if path.exists() else None
+
+
+def read_registration(folder: Path) -> Registration | None:
+    """The stored registration, if there is one; ``StudyError`` for a damaged file."""
+    path = folder / REGISTRATION
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Registration) if path.exists() else None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise StudyError(f"{REGISTRATION} is damaged: {error}") from None
+
+
+def verified(data: bytes, record: bytes) -> TimeStamp:
+    """The time stamp in an authority's response; ``StudyError`` unless it is a valid one of this record."""
+    from rfc3161_client import VerificationError, VerifierBuilder, decode_timestamp_response
+
+    try:
+        response = decode_timestamp_response(sort_certificates(data))
+        embedded = [x509.load_der_x509_certificate(each) for each in response.signed_data.certificates]
+    except (ValueError, IndexError) as error:
+        raise StudyError(f"not a time stamp (RFC 3161, a .tsr file): {error}") from None
+    known = [each for each in _system_roots() if _may_sign(each, embedded)]
+    own = [each for each in embedded if each.issuer == each.subject]
+    fault = "its certificates end at no root, neither in the file nor on this computer"
+    for roots, is_trusted in ((known, True), (own, False)):
+        if roots:
+            try:
+                VerifierBuilder(roots=roots).build().verify_message(response, record)
+            except VerificationError as error:
+                fault = str(error)
+            else:
+                return TimeStamp(
+                    response.tst_info.gen_time.astimezone(UTC), _signer(response, embedded), is_trusted
+                )
+    raise StudyError(f"not a valid time stamp of this plan: {fault}")
+
+
+def _may_sign(root: x509.Certificate, certificates: Sequence[x509.Certificate]) -> bool:
+    return any(root.subject in (each.issuer, each.subject) for each in certificates)
+
+
+def _signer(response: "TimeStampResponse", certificates: Sequence[x509.Certificate]) -> str:
+    (signer,) = response.signed_data.signer_infos
+    leaf = next(each for each in certificates if each.serial_number == signer.serial_number)
+    return leaf.subject.rfc4514_string()
+
+
+def _system_roots() -> list[x509.Certificate]:
+    """The root certificates that this computer trusts, without any that are not as the standard requires."""
+    found: list[x509.Certificate] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", CryptographyDeprecationWarning)
+        for data in ssl.create_default_context().get_ca_certs(binary_form=True):
+            with suppress(ValueError, CryptographyDeprecationWarning):
+                found.append(x509.load_der_x509_certificate(data))
+    return found

@@ -1,0 +1,266 @@
+"""A plan confirms results only if it is known to be from before the first participant."""
+
+import json
+import shutil
+from datetime import UTC, date, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from typer.testing import CliRunner, Result
+
+from analysed import run_trials, take_part
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.study import Analysis, analyse
+from avrgym.cli.main import app
+from avrgym.study.checking.rebuilding import rebuild_study
+from avrgym.study.plan import evidence
+from avrgym.study.plan.evidence import REGISTRATION, STAMP, verified
+from avrgym.study.plan.freezing import FROZEN, sha256
+from avrgym.study.plan.origin import Frozen, read_frozen
+from avrgym.study.storage import database
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from html_page import Page
+from studies import make_study, run_participant, take_in
+from time_stamps import Authority
+
+DATABASE_FILES = ("study.db", "study.db.sha256", "study.head")
+needs_openssl = pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")
+
+
+@pytest.fixture(autouse=True)
+def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+
+
+@pytest.fixture(scope="module")
+def authority(tmp_path_factory: pytest.TempPathFactory) -> Authority:
+    return Authority(tmp_path_factory.mktemp("authority") / "own")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A study whose plan is frozen."""
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', participants="2")
+    for _ in range(2):
+        assert study("freeze", folder).exit_code == 0
+    return folder
+
+
+def study(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, ["study", *(str(argument) for argument in arguments)])
+
+
+def take_all_in(folder: Path) -> None:
+    with Store(folder) as store:
+        for sex in ("man", "woman"):
+            run_trials(store, take_part(store, sex, simulated=False))
+
+
+def forge(folder: Path) -> None:
+    """Rewrite the frozen plan with other hypotheses, another date and a fitting checksum, and lose the database."""
+    record = json.loads((folder / FROZEN).read_text())
+    record["plan"] = record["plan"].replace("higher with revised", "lower with revised")
+    record["sha256"]["plan.toml"] = sha256(record["plan"].encode())
+    record["frozen_at"] = "2025-01-01T00:00:00.000000+00:00"
+    (folder / "plan.toml").write_text(record["plan"])
+    (folder / FROZEN).write_text(json.dumps(record))
+    lose_database(folder)
+
+
+def lose_database(folder: Path) -> None:
+    for name in DATABASE_FILES:
+        (folder / name).unlink()
+    rebuild_study(folder)
+
+
+def frozen_plan(folder: Path) -> Frozen:
+    with Store(folder) as store:
+        frozen = read_frozen(store)
+    assert frozen is not None
+    return frozen
+
+
+def analysed(folder: Path, out: Path) -> tuple[Analysis, str]:
+    with Store(folder) as store:
+        analysis = analyse(store)
+        return analysis, " ".join(Page(write_analysis(analysis, folder, out)).text.split())
+
+
+def trust(authority: Authority, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = x509.load_pem_x509_certificate(authority.root)
+    monkeypatch.setattr(evidence, "_system_roots", lambda: [root])
+
+
+# Unknown origin
+
+
+@pytest.mark.slow
+def test_a_forged_plan_and_a_rebuilt_database_confirm_nothing(folder: Path, tmp_path: Path) -> None:
+    take_all_in(folder)
+    _, honest = analysed(folder, tmp_path / "honest")
+    assert "before the first participant" in honest
+    assert "Confirmatory results" in honest
+    forge(folder)
+    checked = study("check", folder)
+    assert checked.exit_code == 1
+    assert "is of unknown origin and confirms nothing" in checked.stdout
+    assert "database: was rebuilt from the recordings" in checked.stdout
+    assert "2025" not in study("status", folder).stdout
+    analysis, page = analysed(folder, tmp_path / "forged")
+    assert "2025" not in page
+    assert "Confirmatory results" not in page
+    assert "When the plan was made is unknown" in page
+    assert "Rebuilt database." in page
+    assert "confirmatory" not in {row.planned for row in [*analysis.tests, *analysis.models]}
+    methods = (tmp_path / "forged" / "reporting" / "methods.md").read_text()
+    assert "2025" not in methods
+    assert "all results are exploratory" in methods
+    assert json.loads((tmp_path / "forged" / "results.json").read_text())["plan"]["confirms"] is False
+
+
+def test_the_rebuilding_stays_on_record_and_an_honest_plan_is_unknown_too(folder: Path) -> None:
+    with Store(folder) as store:
+        run_participant(store, take_in(store), trials=1)
+    assert frozen_plan(folder).confirms
+    lose_database(folder)
+    frozen = frozen_plan(folder)
+    assert (frozen.confirms, frozen.at) == (False, "an unknown time")
+    assert "was rebuilt at" in frozen.words
+    for command in ("freeze", "check"):
+        assert "was rebuilt" in study(command, folder).output.replace("\n", " ")
+    assert study("freeze", folder, "--export", "osf").exit_code == 1
+    assert not frozen_plan(folder).confirms
+
+
+def test_a_plan_from_another_station_is_adopted_only_before_the_first_participant(
+    folder: Path, tmp_path: Path
+) -> None:
+    early, late = (make_study(tmp_path / name, tasks='["Feeding"]', participants="2") for name in ("b", "c"))
+    for other in (early, late):
+        shutil.copy(folder / "plan.toml", other)
+        shutil.copy(folder / FROZEN, other)
+    adopted = study("freeze", early)
+    assert adopted.exit_code == 0
+    assert "adopted" in adopted.stdout
+    frozen = frozen_plan(early)
+    assert frozen.confirms
+    assert frozen.record is not None
+    assert frozen.at > frozen.record.frozen_at
+    assert "was stored in the database" in frozen.words
+    with Store(late) as store:
+        run_participant(store, take_in(store), trials=1)
+    assert "has taken part already" in study("freeze", late).output
+    assert not frozen_plan(late).confirms
+
+
+# Evidence from outside
+
+
+def test_freezing_prints_the_checksum_and_where_to_deposit_it(tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]')
+    study("freeze", folder)
+    shown = study("freeze", folder).stdout
+    assert sha256((folder / FROZEN).read_bytes()) in shown
+    for word in ("osf.io", "aspredicted.org", "openssl ts -query", "--timestamp"):
+        assert word in shown
+
+
+def test_a_registration_is_a_claim_and_proves_nothing(folder: Path) -> None:
+    with Store(folder) as store:
+        run_participant(store, take_in(store), trials=1)
+    address = "https://osf.io/abcde"
+    assert study("freeze", folder, "--registered", address, "--registered-on", "2026-01-02").exit_code == 0
+    frozen = frozen_plan(folder)
+    assert frozen.registration == evidence.Registration(address, date(2026, 1, 2))
+    assert (
+        f"The researchers claim a registration of 2026-01-02 at {address}; this is not verified."
+        in frozen.words
+    )
+    before = (folder / REGISTRATION).read_bytes()
+    assert study("freeze", folder, "--registered", "https://osf.io/other").exit_code == 1
+    assert study("freeze", folder, "--registered", "osf").exit_code == 1
+    assert (folder / REGISTRATION).read_bytes() == before
+    lose_database(folder)
+    assert not frozen_plan(folder).confirms
+
+
+@needs_openssl
+@pytest.mark.parametrize("digest", ["sha256", "sha512"])
+def test_a_time_stamp_is_verified_without_a_network(authority: Authority, digest: str) -> None:
+    stamp = verified(authority.stamp(b"record", digest), b"record")
+    assert abs(stamp.at - datetime.now(UTC)) < timedelta(minutes=5)
+    assert (stamp.authority, stamp.is_trusted) == ("CN=Test Authority", False)
+
+
+@needs_openssl
+def test_a_time_stamp_of_a_known_root_is_trusted(
+    authority: Authority, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alone = authority.stamp(b"record", with_root=False)
+    with pytest.raises(StudyError, match="end at no root"):
+        verified(alone, b"record")
+    trust(authority, monkeypatch)
+    for stamp in (alone, authority.stamp(b"record")):
+        assert verified(stamp, b"record").is_trusted
+
+
+@needs_openssl
+def test_what_is_no_time_stamp_of_this_plan_is_refused_and_not_stored(
+    authority: Authority, folder: Path, tmp_path: Path
+) -> None:
+    record = (folder / FROZEN).read_bytes()
+    sound = authority.stamp(record)
+    altered = bytearray(sound)
+    altered[-10] ^= 1
+    for number, data in enumerate(
+        (b"", b"no stamp", sound[:200], bytes(altered), authority.stamp(b"another"))
+    ):
+        file = tmp_path / f"{number}.tsr"
+        file.write_bytes(data)
+        refused = study("freeze", folder, "--timestamp", file)
+        assert refused.exit_code == 1, number
+        assert "time stamp" in refused.output
+        assert not (folder / STAMP).exists()
+
+
+@needs_openssl
+def test_a_trusted_time_stamp_from_before_the_first_recording_proves_a_plan(
+    authority: Authority, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the database was lost; one of an unknown authority, or from after it, does not."""
+    file = tmp_path / "early.tsr"
+    file.write_bytes(authority.stamp((folder / FROZEN).read_bytes()))
+    stored = study("freeze", folder, "--timestamp", file)
+    assert stored.exit_code == 0, stored.output
+    with Store(folder) as store:
+        monkeypatch.setattr("avrgym.recording.files.datetime", Later)
+        run_participant(store, take_in(store), trials=1)
+        monkeypatch.setattr("avrgym.recording.files.datetime", datetime)
+    lose_database(folder)
+    frozen = frozen_plan(folder)
+    assert not frozen.confirms
+    assert "the time stamp alone proves nothing" in frozen.words
+    trust(authority, monkeypatch)
+    frozen = frozen_plan(folder)
+    assert frozen.confirms
+    assert frozen.faults == ()
+    assert "existed at" in frozen.words
+    assert "unknown origin" not in study("check", folder).stdout
+    forged = (folder / FROZEN).read_bytes().replace(b"higher", b"lower")
+    (folder / FROZEN).write_bytes(forged)
+    assert "proves nothing" in " ".join(frozen_plan(folder).faults)
+    (folder / STAMP).write_bytes(authority.stamp(forged))
+    monkeypatch.setattr(
+        "avrgym.study.plan.origin.read_beginning", lambda path: datetime(2026, 1, 1, tzinfo=UTC)
+    )
+    assert not frozen_plan(folder).confirms
+
+
+class Later(datetime):
+    """A clock that is ahead, because a time stamp has whole seconds."""
+
+    @classmethod
+    def now(cls, tz: object = None) -> datetime:
+        return datetime.now(UTC) + timedelta(seconds=5)
