@@ -283,6 +283,68 @@ def test_onnx_files_that_cannot_drive_are_refused(tmp_path: Path) -> None:
         find(str(path), ENVIRONMENT)
 
 
+OBJECTS = """
+import functools
+import numpy as np
+
+class Plain:
+    def __init__(self, scale=0.5):
+        self.scale = scale
+    def reset(self, seed, environment):
+        pass
+    def act(self, observation):
+        return np.full(7, self.scale * np.tanh(observation[0]))
+
+class Group:
+    Inner = Plain
+
+INSTANCE = Plain()
+PARTIAL = functools.partial(Plain, 0.5)
+COMPUTE = lambda observation: Plain().act(observation)
+
+def make():
+    return Plain()
+
+def compute(observation, scale=0.5):
+    return Plain(scale).act(observation)
+
+class Callable:
+    def __call__(self, observation):
+        return compute(observation)
+
+CALLABLE = Callable()
+
+def two(observation, other):
+    return compute(observation)
+"""
+
+
+def test_a_class_an_instance_a_factory_and_a_function_drive_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "kinds_of_objects.py").write_text(OBJECTS)
+    monkeypatch.syspath_prepend(tmp_path)
+    observation = np.linspace(0.3, 1.0, 25)
+    expected = np.full(7, 0.5 * np.tanh(0.3))
+    for attribute in (
+        "Plain",
+        "Group.Inner",
+        "INSTANCE",
+        "PARTIAL",
+        "make",
+        "compute",
+        "COMPUTE",
+        "CALLABLE",
+    ):
+        found = find(f"kinds_of_objects:{attribute}", ENVIRONMENT)
+        assert isinstance(found, Foreign)
+        controller = found.make()
+        controllers.reset(controller, 1, ENVIRONMENT)
+        np.testing.assert_array_equal(controllers.answer(controller, observation, 7), expected)
+    with pytest.raises(PolicyError, match=r"kinds_of_objects:two: cannot be made \(TypeError"):
+        find("kinds_of_objects:two", ENVIRONMENT)
+
+
 def test_the_documented_controller_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the folder where the program runs."""
     page = (ROOT / "docs" / "add_a_controller.md").read_text()

@@ -1,5 +1,6 @@
 """What a robot is, as plain data, and how its model is built from that; the records are in ``avrgym.robots``."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -180,11 +181,56 @@ def _delete_unused_meshes(spec: mujoco.MjSpec) -> None:
 
 
 def hold_joints(spec: mujoco.MjSpec, moving: Sequence[str], held: Mapping[str, float]) -> None:
-    """Weld all joints but the moving ones: hinges at radians, slides at metres, 0 where ``held`` names none."""
+    """Weld all joints but the moving ones: hinges at radians, slides at metres, 0 where ``held`` names none.
+
+    A joint that mimics another one, in MuJoCo by an equality, is where that one puts it.
+
+    Raises:
+        ValueError: for a moving joint that mimics another one, or is mimicked.
+    """
+    held = _with_mimics(spec, moving, held)
     for joint in [joint for joint in spec.joints if joint.name not in moving]:
         if value := held.get(joint.name, 0.0):
             _displace(joint.parent, joint, value)
         spec.delete(joint)
+
+
+def _with_mimics(
+    spec: mujoco.MjSpec, moving: Sequence[str], held: Mapping[str, float]
+) -> Mapping[str, float]:
+    """The positions of held joints, those that mimic others included; their equalities are deleted."""
+    mimics = [each for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_JOINT]
+    positions = dict(held)
+    for each in mimics:
+        if {each.name1, each.name2} & {*moving}:
+            raise ValueError(
+                f"the joint {each.name1!r} mimics {each.name2!r}; allowed: joints of a hand, not of the moving arm"
+            )
+    for _ in mimics:  # a joint may mimic one that mimics
+        for each in mimics:
+            if each.name1 not in held:
+                leads = positions.get(each.name2, 0.0)
+                positions[each.name1] = sum(float(each.data[power]) * leads**power for power in range(5))
+    for each in mimics:
+        spec.delete(each)
+    return positions
+
+
+def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """The model of a robot.
+
+    Raises:
+        ValueError: naming a moving body without mass, and for whatever else MuJoCo refuses.
+    """
+    try:
+        return spec.compile()
+    except ValueError as error:
+        massless = re.search("mass and inertia of moving bodies.*name '([^']*)'", str(error), re.DOTALL)
+        if massless is None:
+            raise
+        raise ValueError(
+            f"the link {massless[1]!r} moves and has no mass; allowed: an <inertial> with mass and inertia above 0"
+        ) from error
 
 
 def _displace(body: mujoco.MjsBody, joint: mujoco.MjsJoint, value: float) -> None:
@@ -251,7 +297,7 @@ def tuned_arm(
         )
     )
     hold_joints(spec, joints, {})
-    model = spec.compile()
+    model = compiled(spec)
     data = mujoco.MjData(model)
     places = [model.joint(name).qposadr[0] for name in joints]
     data.qpos[places] = seed

@@ -3,6 +3,7 @@
 # trimesh's functions: their types are known only in part.
 # pyright: reportUnknownMemberType=false
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -28,6 +29,7 @@ ARMATURE_KG_M2 = 0.05
 """What a motor adds to what its joint turns, which URDF says nothing of; the Jaco's wrist has as much."""
 GREY = (0.75, 0.75, 0.77)
 ROOT = "world"
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Urdf:
         Raises:
             ValueError: for a joint without such limits.
         """
-        found = {e.attrib["name"]: e.find("limit") for e in ElementTree.fromstring(self.text).iter("joint")}
+        found = {e.attrib["name"]: e.find("limit") for e in _read(self.text).iter("joint")}
         return tuple(
             np.array([_limit(name, found.get(name), key) for name in joints])
             for key in ("velocity", "effort")
@@ -58,8 +60,11 @@ class Urdf:
 
         Weightless in gravity's field, as robots hold themselves. For each collision shape there is a capsule about it;
         visual shapes are there with ``appearance``. Joints that turn freely have a range of two turns either way.
+
+        Raises:
+            ValueError: for xacro, for what is no URDF, and for joints that are neither fixed, turn nor slide.
         """
-        robot = ElementTree.fromstring(self.text)
+        robot = _read(self.text)
         shapes = {link.attrib["name"]: _shapes(link) for link in robot.findall("link")}
         _make_importable(robot)
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot, encoding="unicode"))
@@ -183,6 +188,33 @@ def _add_capsule(body: mujoco.MjsBody, points: Array, shape: _Shape, name: str) 
         mass=0.0,
         group=contacts.COLLISION_GROUP,
     )
+
+
+def _read(text: str) -> Element:
+    """The description's root.
+
+    Raises:
+        ValueError: for what is no URDF, with the command that makes one of xacro.
+    """
+    if re.search(r"xmlns:xacro|<xacro:|\$\(find ", text):
+        raise ValueError(
+            "the description is xacro, not URDF; expand it: `pip install xacrodoc`, then "
+            "`xacrodoc FILE.xacro -d FOLDER_OF_PACKAGES -o FILE.urdf` (in ROS: `xacro FILE.xacro > FILE.urdf`)"
+        )
+    try:
+        robot = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise ValueError(
+            f"the description is not XML: {error}; allowed: the text of a URDF, not its path"
+        ) from error
+    if robot.tag != "robot":
+        raise ValueError(f"the description is a <{robot.tag}>; allowed: <robot>, as URDF has it")
+    for joint in robot.findall("joint"):
+        if joint.get("type") not in JOINT_TYPES:
+            raise ValueError(
+                f"the joint {joint.get('name')!r} is {joint.get('type')}; allowed: {', '.join(JOINT_TYPES)}"
+            )
+    return robot
 
 
 def _make_importable(robot: Element) -> None:

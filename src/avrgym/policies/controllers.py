@@ -3,6 +3,7 @@
 import copy
 import importlib
 import importlib.util
+import inspect
 import os
 import sys
 from collections.abc import Callable
@@ -93,7 +94,9 @@ def close(controller: Controller) -> None:
 
 
 def find_python(name: str) -> Foreign:
-    """The controller that ``module:attribute`` names: a class, a function that makes one, or one that is copied.
+    """The controller that ``module:attribute`` names.
+
+    A class, a function that makes one, one that is copied, or a function from an observation to an action.
 
     Modules are found as Python finds them, and in the folder where the program runs.
 
@@ -161,8 +164,39 @@ def broken() -> list[str]:
     return reasons
 
 
+@dataclass(frozen=True)
+class _Function:
+    """A controller without memory: a function from an observation to an action."""
+
+    act: Callable[[Array], ArrayLike]
+
+    def reset(self, seed: int, environment: str) -> None:
+        """Nothing: it remembers nothing."""
+
+
+def _takes_observation(found: Any) -> bool:
+    """Whether a function cannot be called without an argument, and can with one: the observation."""
+    if isinstance(found, type) or not callable(found) or hasattr(found, "act"):
+        return False
+    try:
+        signature = inspect.signature(found)
+    except ValueError:  # compiled functions may have none
+        return False
+    return not _can_bind(signature, 0) and _can_bind(signature, 1)
+
+
+def _can_bind(signature: inspect.Signature, count: int) -> bool:
+    try:
+        signature.bind(*range(count))
+    except TypeError:
+        return False
+    return True
+
+
 def _foreign(name: str, found: Any, plugin: UsedPlugin) -> Foreign:
     """Make one at once: what cannot be made is refused before anybody waits for it."""
+    if _takes_observation(found):
+        found = _Function(found)
     ready_made = not isinstance(found, type) and hasattr(found, "act")
 
     def make() -> Controller:

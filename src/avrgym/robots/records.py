@@ -95,9 +95,19 @@ def _unknown(field: str, names: Iterable[str], known: set[str]) -> Iterator[str]
 
 
 def _compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
-    model = models.robot_spec(robot, arm, appearance=False).compile()
-    if [model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] != mujoco.mjtJoint.mjJNT_HINGE]:
-        yield f"joints of its {side} arm must be hinges"
+    try:
+        model = models.compiled(models.robot_spec(robot, arm, appearance=False))
+    except ValueError as error:
+        yield f"its {side} arm: {error}"
+        return
+    others = [
+        model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] != mujoco.mjtJoint.mjJNT_HINGE
+    ]
+    if others:
+        yield (
+            f"{', '.join(others)} of its {side} arm is no hinge; allowed: revolute and continuous joints. "
+            "Prismatic ones can be held, by `holding` or `fingers`; arms have them in a later version"
+        )
         return
     try:
         way = kinematics.chain_of(model, arm.joints, robot.base, arm.end_effector)

@@ -1,0 +1,150 @@
+"""What URDF may have: mimicking joints and links without mass are held, and all else is refused with its cure."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from avrgym.models.robot import Arm, Robot, compiled, hold_joints, robot_spec, tuned_arm
+from avrgym.models.urdf import Urdf
+from avrgym.robots.records import check_robot
+from avrgym.robots.registry import ROBOTS
+
+INERTIAL = (
+    '<inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+LIMIT = '<limit lower="-1" upper="1" effort="5" velocity="1"/>'
+BOX = '<box size="0.04 0.04 0.1"/>'
+JOINTS = tuple(f"joint_{number}" for number in range(1, 7))
+
+
+def link(name: str, inertial: str = INERTIAL) -> str:
+    return f'<link name="{name}">{inertial}<collision><geometry>{BOX}</geometry></collision></link>'
+
+
+def joint(name: str, kind: str, parent: str, child: str, axis: str, more: str = "") -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><origin xyz="0 0 0.15"/><parent link="{parent}"/><child link="{child}"/>'
+        f'<axis xyz="{axis}"/>{LIMIT}{more}</joint>'
+    )
+
+
+def description(*, bare: str = "", third: str = "revolute", mimics: str = "joint_9") -> str:
+    """An arm of six joints with three fingers that mimic each other; ``bare`` has no inertial."""
+    links = ["base", *(f"link_{number}" for number in range(1, 7)), "thumb", "finger", "tip"]
+    parts = [link(name, "" if name == bare else INERTIAL) for name in links]
+    for number, name in enumerate(JOINTS):
+        kind, axis = (third if number == 2 else "revolute"), ("0 0 1", "0 1 0", "1 0 0")[number % 3]
+        parts.append(joint(name, kind, links[number], links[number + 1], axis))
+    follows = '<mimic joint="joint_7" multiplier="-2" offset="0.01"/>'
+    parts += [
+        joint("joint_7", "prismatic", "link_6", "thumb", "1 0 0"),
+        joint(
+            "joint_8", "prismatic", "link_6", "finger", "1 0 0", f'<mimic joint="{mimics}" multiplier="3"/>'
+        ),
+        joint("joint_9", "revolute", "finger", "tip", "0 1 0", follows),
+    ]
+    return f"<robot name='r'>{''.join(parts)}</robot>"
+
+
+def build(text: str) -> mujoco.MjSpec:
+    return Urdf(text, Path).spec(appearance=False)
+
+
+def arm_of(text: str) -> Arm:
+    return tuned_arm(
+        lambda _: build(text), JOINTS, "link_6", np.zeros(6), speed_limit_rad_s=1.0, torque_limit_n_m=5.0
+    )
+
+
+def robot_of(text: str, arm: Arm) -> Robot:
+    jaco = ROBOTS["Jaco"]
+    grips = {name: replace(grip, fingers={"joint_7": 0.02}) for name, grip in jaco.grips.items()}
+    return replace(
+        jaco, name="Made", build=lambda _: build(text), base="base", torso="base", holding={},
+        arms={"right": arm, "left": arm}, grips=grips,
+    )  # fmt: skip
+
+
+def test_a_joint_that_mimics_is_where_the_other_one_puts_it() -> None:
+    text = description()
+    free, held = build(text), build(text)
+    model = free.compile()
+    data = mujoco.MjData(model)
+    ninth = 0.01 - 2 * 0.02
+    for name, position in {"joint_7": 0.02, "joint_8": 3 * ninth, "joint_9": ninth}.items():
+        data.joint(name).qpos[:] = position
+    mujoco.mj_kinematics(model, data)
+    hold_joints(held, JOINTS, {"joint_7": 0.02})
+    welded = held.compile()
+    assert (welded.njnt, welded.neq) == (6, 0)
+    there = mujoco.MjData(welded)
+    mujoco.mj_kinematics(welded, there)
+    for body in ("thumb", "finger", "tip"):
+        np.testing.assert_allclose(there.body(body).xpos, data.body(body).xpos, atol=1e-9)
+        np.testing.assert_allclose(there.body(body).xmat, data.body(body).xmat, atol=1e-9)
+
+
+def test_a_robot_whose_gripper_mimics_can_be_used() -> None:
+    text = description()
+    robot = robot_of(text, arm_of(text))
+    check_robot(robot)
+    for grip in robot.grips.values():
+        assert compiled(robot_spec(robot, robot.arms["right"], grip, appearance=True)).njnt == 6
+
+
+def test_a_moving_joint_that_mimics_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"the joint 'joint_8' mimics 'joint_2'; allowed: joints of a hand"):
+        arm_of(description(mimics="joint_2"))
+
+
+@pytest.mark.parametrize("bare", ["base", "thumb", "finger", "tip"])
+def test_links_that_are_held_need_no_mass(bare: str) -> None:
+    text = description(bare=bare)
+    check_robot(robot_of(text, arm_of(text)))
+
+
+def test_a_moving_link_without_mass_is_named() -> None:
+    text = description()
+    for name in ("link_6", "thumb", "finger", "tip"):
+        text = text.replace(link(name), link(name, ""))
+    message = "the link 'link_6' moves and has no mass; allowed: an <inertial>"
+    with pytest.raises(ValueError, match=message):
+        arm_of(text)
+    with pytest.raises(ValueError, match=message):
+        check_robot(robot_of(text, arm_of(description())))
+
+
+def test_a_prismatic_joint_of_an_arm_is_refused_in_words() -> None:
+    text = description(third="prismatic")
+    with pytest.raises(
+        ValueError, match=r"joint_3 of its right arm is no hinge; allowed: revolute and continuous"
+    ):
+        check_robot(robot_of(text, arm_of(text)))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r"/>',
+            "is xacro, not URDF; .*`xacrodoc FILE.xacro",
+        ),
+        ('<robot><link name="$(find arm)/a"/></robot>', "is xacro, not URDF"),
+        ("/home/me/arm.urdf", "not XML: .*; allowed: the text of a URDF, not its path"),
+        ("<mujoco/>", "is a <mujoco>; allowed: <robot>"),
+        (
+            description(third="floating"),
+            "the joint 'joint_3' is floating; allowed: revolute, continuous, prismatic",
+        ),
+        (description(third="planar"), "the joint 'joint_3' is planar; allowed: revolute"),
+    ],
+    ids=["xacro", "find", "path", "mjcf", "floating", "planar"],
+)
+def test_what_is_no_urdf_is_refused_with_its_cure(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        build(text)
+    with pytest.raises(ValueError, match=message):
+        Urdf(text, Path).limits(["joint_1"])
