@@ -33,6 +33,15 @@ export const DEVICES = {
   hand_from_wrist_q: {"left": [0.7071067811865476, 0.0, 0.0, 0.7071067811865475], "right": [0.7071067811865476, -0.0, -0.0, -0.7071067811865475]},
 } as const;
 
+export const SWITCHES = {
+  same_m: 0.15,
+  same_rad: 1.3089969389957472,
+  gap_s: 2.0,
+  still_m: 0.02,
+  fades: 0.1,
+  metres_per_radian: 0.15,
+} as const;
+
 export const PERSON = {
   prefix: "person/",
   joints: {"waist": [0, 1, 2], "head": [3, 4, 5], "right": [6, 7, 8, 9, 10, 11, 12], "left": [13, 14, 15, 16, 17, 18, 19]},

@@ -246,6 +246,7 @@ export class App {
     this.phaseEndsMs = phase.seconds === null ? Infinity : performance.now() + phase.seconds * 1000;
     this.secondsLeft = secondsUntil(this.phaseEndsMs, performance.now());
     if (phase.name !== "questionnaire") this.questionnaire.clear();
+    if (phase.name === "headset" || phase.name === "calibration") this.world.forgetHands();
   }
 
   /** The participant's page speaks their language; what those who watch read of it is marked as theirs. */

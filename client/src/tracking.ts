@@ -95,14 +95,14 @@ export class Numbering {
   }
 }
 
-/** The controller in a hand, or else the hand itself. */
+/** The controller in a hand, or else the hand itself; a transient pointer, as while fingers pinch, where there is neither. */
 export function findSource(sources: XRInputSourceArray, handedness: XRHandedness): XRInputSource | null {
   let found: XRInputSource | null = null;
   for (let i = 0; i < sources.length; i++) {
     const source = sources[i]!;
     if (source.handedness !== handedness || !(source.gripSpace || source.hand)) continue;
-    if (!source.hand) return source;
-    found = source;
+    if (!source.hand && source.targetRayMode !== "transient-pointer") return source;
+    if (source.hand || !found) found = source;
   }
   return found;
 }

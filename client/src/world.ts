@@ -8,6 +8,7 @@ import { PERSON } from "./anatomy";
 import type { BodyPose, Pose, Side } from "./body";
 import type { Placed, Scene, XRPose } from "./messages";
 import { OwnBody } from "./ownbody";
+import { Hands } from "./switches";
 import type { State } from "./states";
 import { poseOf, type Poses } from "./tracking";
 
@@ -27,6 +28,7 @@ export class World {
   /** Carries the transform from the simulation's z-up world to WebXR's `local-floor`. */
   readonly root = uprightRoot();
   readonly hands = new BareHands();
+  private followed = new Hands();
   private content: Content | null = null;
   private states: StateBuffer | null = null;
   private own: OwnBody | null = null;
@@ -82,13 +84,21 @@ export class World {
    */
   update(nowMs: number, poses: Poses | null, lagMs: number, bareHands: BareHandsTracked = NO_BARE_HANDS): void {
     this.goOn(nowMs);
+    const followed = poses && this.followed.follow(poses, nowMs);
+    if (!poses) this.forgetHands();
     if (this.shown !== this.newest || !this.states?.draw(nowMs / 1000, this.simulated)) return;
     this.drawn.set(this.simulated);
-    this.tracked = poses && bodyPose(poses, this.standing);
+    this.tracked = followed && bodyPose(followed, this.standing);
     if (this.tracked) this.own?.draw(this.drawn, this.tracked, nowMs, lagMs);
     else this.own?.rest();
     this.content?.place(this.drawn);
-    for (const side of SIDES) this.drawHand(side, bareHands);
+    const seen = poses && bodyPose(poses, this.standing);
+    for (const side of SIDES) this.drawHand(side, bareHands, seen?.[side]);
+  }
+
+  /** Whoever is measured is followed as their devices see them. */
+  forgetHands(): void {
+    this.followed = new Hands();
   }
 
   /** Draws these poses at once. */
@@ -113,19 +123,19 @@ export class World {
     return this.content?.surfaces.around(eyes) ?? new Float32Array();
   }
 
-  private drawHand(side: Side, bareHands: BareHandsTracked): void {
+  /** The fingers of a hand that is `seen` at a pose go along with it to where it is drawn. */
+  private drawHand(side: Side, bareHands: BareHandsTracked, seen: Pose | null | undefined): void {
     const body = `${PERSON.prefix}${side}_hand`;
     const joints = bareHands[side];
-    const tracked = this.tracked?.[side];
     const at = this.shown!.bodies.indexOf(body) * POSE;
-    this.content?.fold(body, !!(joints && tracked));
-    if (!joints || !tracked) return this.hands.hide(side);
+    this.content?.fold(body, !!(joints && seen));
+    if (!joints || !seen) return this.hands.hide(side);
     const [x, y, z, ...q] = this.drawn.subarray(at, at + POSE);
     const [w, qx, qy, qz] = q;
     const turn = new Quaternion(qx, qy, qz, w);
     const centre = new Vector3(0, 0, -this.shown!.skeleton.hand_m).applyQuaternion(turn).add({ x: x!, y: y!, z: z! });
     const drawn: Pose = { position: centre.toArray(), q: [w!, qx!, qy!, qz!] };
-    this.hands.draw(side, joints, this.root.matrix, tracked, drawn);
+    this.hands.draw(side, joints, this.root.matrix, seen, drawn);
   }
 
   private goOn(nowMs: number): void {

@@ -1,12 +1,15 @@
 import { Quaternion, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
-import { ARM, PERSON } from "../src/anatomy";
+import { ARM, DEVICES, PERSON } from "../src/anatomy";
 import { BodySolver, type BodyPose, type JointAngles, type Pose } from "../src/body";
 import { chainsOf, drawChain } from "../src/chain";
 import { POSE } from "../src/interpolation";
-import type { Part, Scene } from "../src/messages";
+import { bodyPose } from "../src/devices";
+import type { Modality, Part, Scene, XRPose } from "../src/messages";
 import { CROSSING_MS, OwnBody } from "../src/ownbody";
 import type { State } from "../src/states";
+import { Hands } from "../src/switches";
+import { poseOf as xrPoseOf, type Poses } from "../src/tracking";
 import examples from "./bodies.json";
 
 const { skeleton } = examples[0] as unknown as Scene;
@@ -170,6 +173,52 @@ describe("the participant's own arms", () => {
     const all = [...free.slice(-1), ...over, ...back];
     for (let n = 1; n < all.length; n++)
       expect(apart(handOf(all[n]!, "right"), handOf(all[n - 1]!, "right")).m).toBeLessThan((2 * gap * FRAME_MS) / CROSSING_MS);
+  });
+
+  const HERE: XRPose = [[0, 0, 0], [0, 0, 0, 1]]; // prettier-ignore
+  const quaternion = ([w, x, y, z]: readonly [number, number, number, number]) => new Quaternion(x, y, z, w);
+
+  /** What a device tells of a part of the body, misjudged by some centimetres and degrees. */
+  function measured({ position, q }: Pose, turn: Quaternion, offset: readonly number[], cm = 0, deg = 0): XRPose {
+    const device = quaternion(q).multiply(turn.clone().conjugate());
+    device.multiply(new Quaternion().setFromAxisAngle(new Vector3(0, 0.6, 0.8), (deg * Math.PI) / 180));
+    const [x, y, z] = offset;
+    const away = new Vector3(x, y, z! + cm / 100).applyQuaternion(device);
+    return xrPoseOf(new Vector3(...position).sub(away), device);
+  }
+
+  const WAYS = [["controller", "hand"], ["hand", "controller"]] as const; // prettier-ignore
+  const SWITCHES = (["left", "right"] as const).flatMap((side) =>
+    WAYS.flatMap((way) => [0, 100, 300, 1000].map((gapMs) => ({ side, way, gapMs }))),
+  );
+
+  it.each(SWITCHES)("stay where they are while a hand rests whose device changes: $side, $way, $gapMs ms", (change) => {
+    const { side, way, gapMs } = change;
+    const pose = poseOf(waving(20));
+    const bodyAxes = quaternion(DEVICES.body_from_device_q);
+    const seen = (modality: Modality): Poses => {
+      const bare = modality === "hand";
+      const turn = bare ? quaternion(DEVICES.hand_from_wrist_q[side]) : bodyAxes;
+      const hand = measured(pose[side]!, turn, bare ? DEVICES.hand_centre_from_wrist : [0, 0, 0], bare ? 6 : 0, bare ? 30 : 0);
+      const head = measured(pose.head, bodyAxes, DEVICES.head_centre_from_headset);
+      const none = { left: null, right: null, left_modality: "none", right_modality: "none" } as const;
+      if (modality === "none") return { head, ...none };
+      return { head, ...none, [side]: hand, [`${side}_modality`]: modality };
+    };
+    const [client, hands, server] = [new Client(), new Hands(), new BodySolver(skeleton)];
+    let targets: JointAngles = waving(20);
+    const drawn: Pose[] = [];
+    for (let frame = 0, nowMs = 0; nowMs < 2500 + gapMs; nowMs = FRAME_MS * ++frame) {
+      const modality = nowMs < 1000 ? way[0] : nowMs < 1000 + gapMs ? "none" : way[1];
+      const tracked = bodyPose(hands.follow(seen(modality), nowMs), HERE)!;
+      targets = server.solve(tracked, targets, ARM.most_turn_rad);
+      drawn.push(handOf(client.draw(tracked, targets), side));
+    }
+    const rest = drawn[Math.floor(990 / FRAME_MS)]!;
+    for (const each of drawn.slice(Math.floor(990 / FRAME_MS))) {
+      expect(apart(each, rest).m).toBeLessThan(0.02);
+      expect(apart(each, rest).deg).toBeLessThan(5);
+    }
   });
 
   it("begin where they are simulated", () => {

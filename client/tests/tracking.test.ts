@@ -96,6 +96,24 @@ describe("the reader", () => {
     expect(read).toMatchObject({ left_modality: "hand", right_modality: "controller" });
   });
 
+  it("stays with a tracked hand while its fingers pinch, whatever the order of the sources", () => {
+    const hand = source("right", "hand", { x: 2 });
+    const pinch = { ...source("right", "controller", { x: 2.1 }), targetRayMode: "transient-pointer" } as XRInputSource;
+    for (const sources of [[hand, pinch], [pinch, hand]]) { // prettier-ignore
+      const read = new Reader().read(frame({ x: 0 }, ...sources), SPACE);
+      expect(read.right?.[0][0]).toBe(2);
+      expect(read.right_modality).toBe("hand");
+    }
+    const alone = new Reader().read(frame({ x: 0 }, pinch), SPACE);
+    expect(alone.right?.[0][0]).toBe(2.1);
+  });
+
+  it("prefers a controller to the hand that holds it, whatever the order of the sources", () => {
+    const [hand, held] = [source("left", "hand", { x: 1 }), source("left", "controller", { x: 1.1 })];
+    for (const sources of [[hand, held], [held, hand]]) // prettier-ignore
+      expect(new Reader().read(frame({ x: 0 }, ...sources), SPACE).left_modality).toBe("controller");
+  });
+
   it("notices a controller that is lost, and its return", () => {
     const reader = new Reader();
     const held = source("right", "controller", { x: 2 });

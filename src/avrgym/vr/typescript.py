@@ -23,7 +23,7 @@ from avrgym.recording.latency import STAGE_WORDS
 from avrgym.texts.texts import read_texts, shipped
 from avrgym.vr.protocol import messages, state_changes, webxr
 from avrgym.vr.session.phases import where
-from avrgym.vr.tracking import arm, body
+from avrgym.vr.tracking import arm, body, switches
 from avrgym.vr.tracking.frames import STALE_S
 from avrgym.vr.tracking.world import TICK_S
 
@@ -177,6 +177,14 @@ ANATOMY: dict[str, dict[str, object]] = {
         "head_centre_from_headset": webxr.HEAD_CENTRE_FROM_HEADSET,
         "hand_centre_from_wrist": webxr.HAND_CENTRE_FROM_WRIST,
         "hand_from_wrist_q": webxr.HAND_FROM_WRIST_AXES,
+    },
+    "SWITCHES": {
+        "same_m": switches.SAME_M,
+        "same_rad": switches.SAME_RAD,
+        "gap_s": switches.GAP_S,
+        "still_m": switches.STILL_M,
+        "fades": switches.FADES,
+        "metres_per_radian": switches.METRES_PER_RADIAN,
     },
     "PERSON": {
         "prefix": human.PREFIX,

@@ -114,6 +114,15 @@ HAND_FROM_WRIST_AXES = {
 }
 
 
+def grip_from_wrist(wrist: XRPose, side: Literal["left", "right"]) -> XRPose:
+    """The grip pose of which ``hand_pose`` makes the hand that ``hand_pose_from_wrist`` makes of a wrist."""
+    x, y, z, w = wrist.orientation
+    seen = Pose(np.array(wrist.position), np.array([w, x, y, z]))
+    grip = _compose(seen, HAND_CENTRE_FROM_WRIST, GRIP_FROM_WRIST_AXES[side])
+    w, x, y, z = grip.q_w.tolist()
+    return XRPose(tuple(grip.pos_w.tolist()), (x, y, z, w))
+
+
 def headset_from_head(registration: Registration, head: Pose) -> XRPose:
     """The inverse of ``head_pose``."""
     return registration.from_world(_compose(head, _HEADSET_FROM_HEAD_CENTRE, _DEVICE_FROM_BODY_AXES))
@@ -128,6 +137,9 @@ def grip_from_hand(registration: Registration, hand: Pose) -> XRPose:
 
 
 _DEVICE_FROM_BODY_AXES = transforms.conjugate(BODY_FROM_DEVICE_AXES)
+GRIP_FROM_WRIST_AXES = {
+    side: transforms.multiply(turn, _DEVICE_FROM_BODY_AXES) for side, turn in HAND_FROM_WRIST_AXES.items()
+}
 
 
 def _compose(outer: Pose, pos: Array, q: Array) -> Pose:

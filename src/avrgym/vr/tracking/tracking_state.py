@@ -16,6 +16,7 @@ from avrgym.vr.tracking.body import BodyPose, resting_head_centre
 from avrgym.vr.tracking.frames import Frame, TrackingFeed, body_pose
 from avrgym.vr.tracking.jumps import Limbs
 from avrgym.vr.tracking.sliding import LOOK_EVERY_TICKS, Glide, Sliding
+from avrgym.vr.tracking.switches import Hands
 from avrgym.vr.tracking.world import TICK_S, LiveWorld
 
 Array = NDArray[np.float64]
@@ -50,7 +51,8 @@ class TrackingState:
     def __init__(self) -> None:
         self.registration: Registration | None = None
         self._followed: Frame | None = None
-        self._limbs = Limbs()
+        self._tracked: messages.Tracking | None = None
+        self._hands, self._limbs = Hands(), Limbs()
         self.untracked: tuple[Part, ...] = ()
         self.lost: tuple[Part, ...] = ()
         self._feed = TrackingFeed()
@@ -192,8 +194,10 @@ class TrackingState:
         """Give the body its targets; arms go on towards theirs while no new frame comes."""
         if newest is not self._followed:
             self._followed = newest
-            self._limbs.see(newest.tracking, newest.captured_s, now_s)
+            self._tracked = self._hands.follow(newest.tracking, newest.captured_s)
+            self._limbs.see(self._tracked, newest.captured_s, now_s)
             self._pose = None
         if self._pose is None or self._limbs.held:
-            self._pose = body_pose(registration, self._limbs.follow(newest.tracking, now_s))
+            assert self._tracked is not None
+            self._pose = body_pose(registration, self._limbs.follow(self._tracked, now_s))
         world.follow(self._pose)

@@ -1,0 +1,149 @@
+"""Hands whose device changes: a controller is put down, a bare hand is seen, or the other way round.
+
+Two devices estimate the same hand some centimetres and tens of degrees apart. A resting hand must not move for that. So
+every hand is followed as a grip pose, and at a switch the new device's poses are corrected by what lies between the
+two estimates. The correction fades while the hand moves, by so little of the way that nobody feels it.
+
+``client/src/switches.ts`` has the same law, since the client draws the participant's arms from its own poses.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import msgspec
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.vr.protocol.messages import Modality, Tracking, XRPose
+from avrgym.vr.protocol.webxr import grip_from_wrist
+
+Array = NDArray[np.float64]
+Side = Literal["left", "right"]
+
+SAME_M, SAME_RAD = 0.15, float(np.radians(75.0))
+"""Two devices that differ by more have not seen the same resting hand."""
+GAP_S = 2.0
+"""So long after the old device's last pose, the hand may still rest where it was."""
+STILL_M = 0.02
+"""A hand that strays by less rests."""
+FADES = 0.1
+"""A hand that moves by 1 m loses so many metres of its correction."""
+METRES_PER_RADIAN = 0.15
+"""What a turn counts as, beside a way."""
+
+
+@dataclass(frozen=True)
+class Correction:
+    """From a grip as the present device has it to the grip that is followed: position (3,), rotation vector (3,)."""
+
+    pos: Array
+    turn_rad: Array
+
+    @property
+    def size_m(self) -> float:
+        """How much it moves or turns a hand."""
+        return max(float(np.linalg.norm(self.pos)), METRES_PER_RADIAN * self.angle_rad)
+
+    @property
+    def angle_rad(self) -> float:
+        """By how much it turns a hand."""
+        return float(np.linalg.norm(self.turn_rad))
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether two devices can be so far apart that see the same hand."""
+        return float(np.linalg.norm(self.pos)) <= SAME_M and self.angle_rad <= SAME_RAD
+
+    def after(self, way_m: float) -> "Correction | None":
+        """What is left of it when the hand has moved so far."""
+        left = 1.0 - FADES * way_m / self.size_m if self.size_m > 0.0 else 0.0
+        return Correction(left * self.pos, left * self.turn_rad) if left > 0.0 else None
+
+    def of(self, grip: XRPose) -> XRPose:
+        """The grip that is followed."""
+        pos, q, turn = np.empty(3), np.empty(4), np.empty(4)
+        angle_rad = self.angle_rad
+        axis = self.turn_rad / angle_rad if angle_rad > 0.0 else np.array([1.0, 0.0, 0.0])
+        mujoco.mju_axisAngle2Quat(turn, axis, angle_rad)
+        mujoco.mju_mulPose(pos, q, *_arrays(grip), self.pos, turn)
+        return _pose(pos, q)
+
+
+def between(grip: XRPose, followed: XRPose) -> Correction:
+    """The correction of a grip that gives the one that was followed."""
+    there, there_q = transforms.invert(*_arrays(grip))
+    pos, q, turn_rad = np.empty(3), np.empty(4), np.empty(3)
+    mujoco.mju_mulPose(pos, q, there, there_q, *_arrays(followed))
+    mujoco.mju_quat2Vel(turn_rad, q, 1.0)
+    return Correction(pos, turn_rad)
+
+
+class Hand:
+    """One hand, from pose to pose."""
+
+    def __init__(self, side: Side) -> None:
+        self._side: Side = side
+        self._modality: Modality = "none"
+        self._followed: XRPose | None = None
+        self._seen_s = 0.0
+        self._correction: Correction | None = None
+        self._rested = np.zeros(3)
+
+    def grip(self, pose: XRPose, modality: Modality, captured_s: float) -> XRPose:
+        """The grip to follow for a new pose; as long as nothing switches, that of a controller is its pose."""
+        grip = grip_from_wrist(pose, self._side) if modality == "hand" else pose
+        if modality != self._modality and self._followed is not None:
+            self._switch(grip, self._followed, captured_s - self._seen_s)
+        elif self._correction is not None:
+            self._fade(grip, self._correction)
+        self._modality, self._seen_s = modality, captured_s
+        self._followed = grip if self._correction is None else self._correction.of(grip)
+        return self._followed
+
+    def _switch(self, grip: XRPose, followed: XRPose, gap_s: float) -> None:
+        found = between(grip, followed)
+        self._correction = found if found.is_plausible and gap_s <= GAP_S else None
+        self._rested = np.array(grip.position)
+
+    def _fade(self, grip: XRPose, correction: Correction) -> None:
+        way_m = float(np.linalg.norm(np.array(grip.position) - self._rested))
+        if way_m > STILL_M:
+            self._correction, self._rested = correction.after(way_m), np.array(grip.position)
+
+
+class Hands:
+    """Both hands of one stay in VR."""
+
+    def __init__(self) -> None:
+        self._left, self._right = Hand("left"), Hand("right")
+
+    def follow(self, tracking: Tracking, captured_s: float) -> Tracking:
+        """The frame with the grips to follow in the place of its hands' poses."""
+        return msgspec.structs.replace(
+            tracking,
+            left=_grip(self._left, tracking.left, tracking.left_modality, captured_s),
+            right=_grip(self._right, tracking.right, tracking.right_modality, captured_s),
+            left_modality=_held(tracking.left_modality),
+            right_modality=_held(tracking.right_modality),
+        )
+
+
+def _grip(hand: Hand, pose: XRPose | None, modality: Modality, captured_s: float) -> XRPose | None:
+    return None if pose is None else hand.grip(pose, modality, captured_s)
+
+
+def _held(modality: Modality) -> Modality:
+    """What a hand that is followed as a grip is tracked with."""
+    return "controller" if modality == "hand" else modality
+
+
+def _arrays(pose: XRPose) -> tuple[Array, Array]:
+    x, y, z, w = pose.orientation
+    return np.array(pose.position), transforms.normalize([w, x, y, z])
+
+
+def _pose(pos: Array, q: Array) -> XRPose:
+    (px, py, pz), (w, x, y, z) = pos.tolist(), q.tolist()
+    return XRPose((px, py, pz), (x, y, z, w))

@@ -1,0 +1,95 @@
+"""Hands whose device changes, and the grips that are followed: what the client's law is held to.
+
+``python tests/helpers/switch_examples.py`` writes the examples that the client's own tests read.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.vr.protocol.messages import Modality, XRPose
+from avrgym.vr.protocol.webxr import GRIP_FROM_WRIST_AXES, HAND_CENTRE_FROM_WRIST
+from avrgym.vr.tracking.switches import Hand
+
+Array = NDArray[np.float64]
+Side = Literal["left", "right"]
+Error = tuple[Array, Array]
+"""How a device misjudges a hand, in the axes of its pose: position (3,), quaternion (4,)."""
+
+FILE = Path(__file__).parents[2] / "client/tests/switches.json"
+COUNT, FRAMES, SEED = 16, 40, 11
+FRAME_S = 1.0 / 72.0
+SIDES: tuple[Side, ...] = ("left", "right")
+EXACT: Error = (np.zeros(3), transforms.IDENTITY_QUATERNION)
+
+
+def moved(pose: XRPose, pos: Array, q: Array) -> XRPose:
+    """A pose given in another."""
+    x, y, z, w = pose.orientation
+    there, there_q = np.empty(3), np.empty(4)
+    mujoco.mju_mulPose(there, there_q, np.array(pose.position), np.array([w, x, y, z]), pos, q)
+    (px, py, pz), (w, x, y, z) = there.tolist(), there_q.tolist()
+    return XRPose((px, py, pz), (x, y, z, w))
+
+
+def measured(grip: XRPose, side: Side, modality: Modality, error: Error = EXACT) -> XRPose:
+    """The pose that a device gives of a hand whose grip is this."""
+    if modality != "hand":
+        return moved(grip, *error)
+    wrist = transforms.invert(HAND_CENTRE_FROM_WRIST, GRIP_FROM_WRIST_AXES[side])
+    return moved(moved(grip, *wrist), *error)
+
+
+def misjudged(rng: np.random.Generator, way_m: float, angle_deg: float) -> Error:
+    """An error of this size, in any direction."""
+    turn = transforms.from_axis_angle(
+        transforms.normalize(rng.normal(size=3)), np.asarray(np.radians(angle_deg))
+    )
+    return way_m * transforms.normalize(rng.normal(size=3)), turn
+
+
+def somewhere(rng: np.random.Generator) -> XRPose:
+    """A grip within a person's reach."""
+    x, y, z = rng.uniform((-0.5, 0.5, -0.6), (0.5, 1.3, 0.0)).tolist()
+    qx, qy, qz, qw = transforms.normalize(rng.normal(size=4)).tolist()
+    return XRPose((x, y, z), (qx, qy, qz, qw))
+
+
+def examples() -> Iterator[dict[str, Any]]:
+    """Hands that rest, tremble and move, whose devices change at any time, some after long gaps or far apart."""
+    rng = np.random.default_rng(SEED)
+    return (_example(rng, SIDES[number % 2], 0.03 * (number % 4)) for number in range(COUNT))
+
+
+def _example(rng: np.random.Generator, side: Side, step_m: float) -> dict[str, Any]:
+    hand, grip, time_s = Hand(side), somewhere(rng), 0.0
+    errors = {"hand": misjudged(rng, rng.uniform(0.0, 0.2), rng.uniform(0.0, 90.0)), "controller": EXACT}
+    modality: Modality = "controller"
+    frames: list[dict[str, Any]] = []
+    for _ in range(FRAMES):
+        switches = rng.uniform() < 0.08
+        time_s += FRAME_S + (rng.uniform(0.0, 3.0) if switches else 0.0)
+        if switches:
+            modality = "hand" if modality == "controller" else "controller"
+        grip = moved(grip, rng.normal(scale=step_m + 1e-4, size=3), transforms.IDENTITY_QUATERNION)
+        pose = measured(grip, side, modality, errors[modality])
+        followed = hand.grip(pose, modality, time_s)
+        frames.append({"ms": 1000.0 * time_s, "pose": pose, "modality": modality, "grip": followed})
+    return {"side": side, "frames": msgspec.to_builtins(frames)}
+
+
+def write(path: Path) -> None:
+    """Write examples as JSON, a line each."""
+    lines = [json.dumps(each) for each in examples()]
+    path.write_text("[\n" + ",\n".join(lines) + "\n]\n", "utf-8")
+
+
+if __name__ == "__main__":
+    write(FILE)
