@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 STEPS = 1_000_000
 """Of a training, unless another number is asked for."""
-NOT_SHOWN = ("force_regions", "plugin_differences")
+NOT_SHOWN = ("force_regions", "plugin_differences", "start_draws_mean", "start_draws_max", "starts_refused")
 """What `evaluate` prints elsewhere than in its table."""
 ADAPTIVE, PAPER, PAIR = RECIPES = ("adaptive", "paper", "pair")
 """For policies that remember; what the paper did; and for a robot and a human who learn together."""
@@ -399,6 +399,7 @@ def evaluate(
     from avrgym.learning.cross_play import matrix
     from avrgym.learning.seed_streams import stream_of
     from avrgym.tasks.known import EPISODE_STEPS
+    from avrgym.tasks.starts import above_limit
 
     with plain_errors():
         check_json(json_file)
@@ -438,6 +439,9 @@ def evaluate(
         for row in rows:
             for difference in row["plugin_differences"]:
                 warn(f"{_whose(row)}: not as the policy was trained: {difference}")
+            crowded = above_limit(row["start_draws_mean"], row["start_draws_max"])
+            if crowded:
+                warn(f"{_whose(row)}: {crowded}; {row['starts_refused']} people were left out")
 
 
 def _whose(row: dict[str, Any]) -> str:

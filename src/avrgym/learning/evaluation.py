@@ -37,13 +37,14 @@ QUANTILE = NormalDist().inv_cdf(0.975)
 
 
 class Results(NamedTuple):
-    """Of n episodes: summed reward, success, mean force, what regions bore, how often a guard acted; (n,)."""
+    """Of n episodes: summed reward, success, mean force, what regions bore, interventions, draws of the start; (n,)."""
 
     reward: Array
     success: NDArray[np.bool_]
     force_n: Array
     loads: RegionLoads
     interventions: NDArray[np.intp]
+    draws: NDArray[np.intp]
     device: str
 
 
@@ -55,7 +56,8 @@ class Evaluation:
     ``force_regions`` are the forces by region of the body, ``episodes_over_limit`` counts the episodes in which any
     region bore more than its limits allow, see ``RegionLoads``. ``guard_interventions`` is how often a force guard
     acted, per episode; ``None`` without one. ``engine`` and ``device`` say where physics ran. ``plugin_differences``:
-    the plug-ins that are not what the policy was trained with.
+    the plug-ins that are not what the policy was trained with. ``start_draws_mean`` and ``start_draws_max``: how often
+    a start was drawn until all had room. ``starts_refused``: how many draws had none; as many people were left out.
     """
 
     env: str
@@ -75,6 +77,9 @@ class Evaluation:
     device: str
     force_regions: dict[str, RegionFigures]
     plugin_differences: list[str]
+    start_draws_mean: float
+    start_draws_max: int
+    starts_refused: int
 
 
 @dataclass(frozen=True)
@@ -239,9 +244,9 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
 
 def _sum_up(batch: _Batch, results: list[Results], changed: list[str]) -> Evaluation:
     """The figures of one environment from those of its batches."""
-    reward, success, force, interventions = (
+    reward, success, force, interventions, draws = (
         np.concatenate([getattr(part, name) for part in results])
-        for name in ("reward", "success", "force_n", "interventions")
+        for name in ("reward", "success", "force_n", "interventions", "draws")
     )
     loads = RegionLoads.joined([part.loads for part in results])
     return Evaluation(
@@ -262,6 +267,9 @@ def _sum_up(batch: _Batch, results: list[Results], changed: list[str]) -> Evalua
         device=results[0].device,
         force_regions=summed_up(loads),
         plugin_differences=changed,
+        start_draws_mean=float(draws.mean()),
+        start_draws_max=int(draws.max()),
+        starts_refused=int((draws - 1).sum()),
     )
 
 
@@ -285,6 +293,7 @@ def _run(
     allowed = batch.allow_other_environment
     found = registry.find(batch.policy.here(), world.environment_id, allow_other_environment=allowed)
     observation = world.begin(np.arange(count), generators)
+    draws = world.draws.astype(np.intp)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
     watch, guard = RegionWatch(count), ForceGuard(world.simulation) if batch.force_guard else None
     with registry.acting(found, world, generators) as act:
@@ -295,7 +304,8 @@ def _run(
             force += step.force_on_person_n / EPISODE_STEPS
             progress(count)
     interventions = np.zeros(count, dtype=np.intp) if guard is None else guard.interventions
-    return Results(reward, success, force, watch.loads(), interventions, world.simulation.engine.device)
+    device = world.simulation.engine.device
+    return Results(reward, success, force, watch.loads(), interventions, draws, device)
 
 
 def watched_step(world: Episodes, asked: Array, watch: RegionWatch, guard: ForceGuard | None = None) -> Step:

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+from avrgym.tasks.starts import check_starts
 from avrgym.tasks.task import Expert
 
 Array = NDArray[np.float64]
@@ -14,6 +15,8 @@ WORLDS, STEPS = 3, 5
 def check_task(name: str) -> None:
     """Begin episodes of a task with every robot that can do it, and make a few steps with each of its experts.
 
+    Starts are drawn as ``tasks.starts.check_starts`` does.
+
     Raises:
         ValueError: for an unknown task, naming those there are, and for what is not as the record says, naming it.
     """
@@ -21,6 +24,7 @@ def check_task(name: str) -> None:
         raise ValueError(f"unknown task {name!r}; the tasks are {', '.join(TASKS)}")
     for environment_id, (task, _) in ENVIRONMENTS.items():
         if task == name:
+            check_starts(environment_id)
             episodes = Episodes(environment_id, WORLDS, num_threads=1)
             for part in ("expert", "reactive_expert", "patient_expert"):
                 expert: Expert | None = getattr(TASKS[name], part)

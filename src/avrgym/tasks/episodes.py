@@ -277,7 +277,11 @@ class Episodes:
             conflicts = self._conflicts(crowded)
             crowded = np.array(sorted(conflicts), dtype=np.intp)
             for world in crowded[self.draws[crowded] == MOST_DRAWS].tolist():
-                raise NoRoomError(f"none of {MOST_DRAWS} starts has room: in the last one {conflicts[world]}")
+                person = self.people.person(world)
+                raise NoRoomError(
+                    f"{self.environment_id}: none of {MOST_DRAWS} starts has room beside a {person.sex} with a torso "
+                    f"of {person.torso_height_m:.2f} m: in the last one {conflicts[world]}"
+                )
         return self.observe()[ids]
 
     def start(self, world: int) -> dict[str, Any]:

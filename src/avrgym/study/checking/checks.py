@@ -15,6 +15,7 @@ from avrgym.study.checking.finding import Finding, left_out
 from avrgym.study.checking.held import too_much_held
 from avrgym.study.checking.preflight import policy_faults
 from avrgym.study.checking.recorded_plugins import check_plugins
+from avrgym.study.checking.start_checks import check_starts
 from avrgym.study.storage.answers import answered_in_visit
 from avrgym.study.storage.attempts import CHANGED, sha256_of
 from avrgym.study.storage.rows import (
@@ -245,6 +246,7 @@ def _files(store: Store) -> list[str]:
 CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_database,
     check_policies,
+    check_starts,
     check_private,
     check_participants,
     check_plugins,

@@ -14,6 +14,7 @@ from avrgym.policies.registry import plugins_used
 from avrgym.recording.outcomes import Metrics
 from avrgym.recording.questionnaire import Item, translate
 from avrgym.recording.records import Answer
+from avrgym.simulation.room import NoRoomError
 from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.participants import texts_of, withdraw
 from avrgym.study.sessions.storing import Storing
@@ -113,21 +114,29 @@ class StudyVisit:
         """A session in VR that runs the visit's plan or the first trials of it, and is stored as it happens.
 
         The arguments are those of ``Session``.
+
+        Raises:
+            StudyError: where the robot of the first trial has no room to begin.
         """
-        return Session(
-            plan,
-            self.policies,
-            self.store.path(self.stored.folder),
-            send,
-            self.identifier,
-            observe=self._observer(),
-            kept=self.storing.done,
-            called_off=lambda: self.called_off,
-            workers=workers,
-            scenes=scenes,
-            streams=streams,
-            state_every_ticks=state_every_ticks,
-        )
+        try:
+            return Session(
+                plan,
+                self.policies,
+                self.store.path(self.stored.folder),
+                send,
+                self.identifier,
+                observe=self._observer(),
+                kept=self.storing.done,
+                called_off=lambda: self.called_off,
+                workers=workers,
+                scenes=scenes,
+                streams=streams,
+                state_every_ticks=state_every_ticks,
+            )
+        except NoRoomError as error:
+            raise StudyError(
+                f"{self.identifier} cannot begin: {error}; `avrgym study check` lists who has no start"
+            ) from error
 
     def _store_plugins(self) -> None:
         """Store which plug-ins the remaining trials use, and what these are now."""

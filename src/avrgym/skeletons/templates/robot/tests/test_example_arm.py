@@ -6,10 +6,15 @@ from avrgym.robots.records import check_robot
 from avrgym.robots.registry import find_robot
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.tasks.starts import check_placement
 
 
 def test_its_record_is_whole() -> None:
     check_robot(find_robot("ExampleArm"))
+
+
+def test_it_leaves_everybody_room() -> None:
+    check_placement("ExampleArm")
 
 
 def test_its_environments_begin() -> None:

@@ -1,0 +1,25 @@
+"""Checking a study: whether its robots leave everybody room where trials begin."""
+
+from collections.abc import Iterator
+from itertools import product
+
+from avrgym.study.checking.finding import Finding
+from avrgym.study.storage.store import Store
+from avrgym.tasks.known import environment_id
+from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.tasks.starts import draws_by_body
+
+
+def check_starts(store: Store) -> Iterator[Finding]:
+    """Who has no start in an environment of the design, and whose starts are drawn too often.
+
+    A few starts are drawn for each body, as short and as tall as anybody is measured.
+    """
+    for task, robot in product(store.design.tasks, store.design.robots):
+        environment = environment_id(task, robot)
+        for person, drawn in draws_by_body(environment) if environment in ENVIRONMENTS else ():
+            if drawn.refused:
+                yield Finding(environment, drawn.refused.removeprefix(f"{environment}: "))
+            elif drawn.fault:
+                whom = f"a {person.sex} with a torso of {person.torso_height_m:.2f} m"
+                yield Finding(environment, f"beside {whom} {drawn.fault}", wrong=False)

@@ -1,0 +1,139 @@
+"""Whether a robot leaves room where episodes begin: how often starts are drawn, and who is refused."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.geometry import transforms
+from avrgym.models import robot as models
+from avrgym.models.human import SEXES, TORSO_HEIGHT_RANGE_M, Person
+from avrgym.models.robot import Robot
+from avrgym.people import distributions
+from avrgym.simulation.room import NoRoomError, Room
+from avrgym.simulation.worlds import Simulation
+from avrgym.tasks import places
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+
+Array = NDArray[np.float64]
+
+DRAWS_LIMIT = 2.0
+"""How often a start may be drawn on average: then half of all draws are refused."""
+PEOPLE, STARTS = "revised", 32
+"""Whom a check of a robot draws starts for, and how many."""
+BODY_STARTS = 4
+"""How many starts are drawn for each body."""
+ARMS_AT_ONCE = 50
+
+
+@dataclass(frozen=True)
+class StartDraws:
+    """How often starts were drawn until each had room: on average and at most. ``refused``: why one never had."""
+
+    mean: float
+    most: int
+    refused: str = ""
+
+    @property
+    def fault(self) -> str:
+        """What is wrong in words, if anything is."""
+        return self.refused or above_limit(self.mean, self.most)
+
+
+def above_limit(mean: float, most: int) -> str:
+    """That starts are drawn too often, in words; empty where they are not."""
+    if mean <= DRAWS_LIMIT:
+        return ""
+    return (
+        f"a start is drawn {mean:.1f} times on average and {most} times at most until it has room; "
+        f"allowed: {DRAWS_LIMIT:g} on average: move the robot's mount or choose another seed pose"
+    )
+
+
+def draw_starts(episodes: Episodes) -> StartDraws:
+    """Begin an episode in each world, seeded by its number."""
+    worlds = np.arange(episodes.simulation.num_worlds)
+    try:
+        episodes.begin(worlds, [np.random.default_rng(world) for world in worlds])
+    except NoRoomError as error:
+        return StartDraws(float(episodes.draws.mean()), int(episodes.draws.max()), str(error))
+    return StartDraws(float(episodes.draws.mean()), int(episodes.draws.max()))
+
+
+@cache
+def draws_by_body(environment_id: str) -> tuple[tuple[Person, StartDraws], ...]:
+    """Starts beside people who rest as in a session: both bodies, as short and as tall as anybody is measured."""
+    episodes = Episodes(environment_id, BODY_STARTS, person=Person(), moving=True, num_threads=1)
+    return tuple(_of_bodies(episodes))
+
+
+def _of_bodies(episodes: Episodes) -> Iterator[tuple[Person, StartDraws]]:
+    for sex, height_m in product(SEXES, TORSO_HEIGHT_RANGE_M):
+        episodes.person = Person(sex, height_m, episodes.task.pose.rest_rad)
+        yield episodes.person, draw_starts(episodes)
+
+
+def check_starts(environment_id: str) -> StartDraws:
+    """Draw starts beside random people and beside each body.
+
+    Returns:
+        How often they were drawn beside random people.
+
+    Raises:
+        ValueError: where that is more often than ``DRAWS_LIMIT``, or somebody has no start.
+    """
+    drawn = draw_starts(Episodes(environment_id, STARTS, distribution=PEOPLE, num_threads=1))
+    faults = [
+        each.fault for each in (drawn, *(own for _, own in draws_by_body(environment_id))) if each.fault
+    ]
+    if faults:
+        raise ValueError(f"{environment_id}: {faults[0]}")
+    return drawn
+
+
+def check_placement(robot: str) -> dict[str, StartDraws]:
+    """Whether a robot stands well in each of its environments: ``check_starts``, by environment.
+
+    Raises:
+        ValueError: naming the first environment in which it does not.
+    """
+    own = [environment for environment, (_, name) in ENVIRONMENTS.items() if name == robot]
+    return {environment: check_starts(environment) for environment in own}
+
+
+def has_room(task: str, robot: Robot, angles_rad: Array) -> NDArray[np.bool_]:
+    """Which poses (n, J) of a robot's arm keep clear of person and furniture, with its base where its mount puts it.
+
+    The person rests as the task has it, in either body of middle height.
+    """
+    parts = np.array_split(np.asarray(angles_rad, float), max(1, -(-len(angles_rad) // ARMS_AT_ONCE)))
+    clear = [np.all([_clear(task, robot, part, sex) for sex in SEXES], axis=0) for part in parts]
+    return np.concatenate(clear)
+
+
+def _clear(task: str, robot: Robot, angles_rad: Array, sex: str) -> NDArray[np.bool_]:
+    count, record = len(angles_rad), TASKS[task]
+    scene = record.scene(robot)
+    person = Person("woman" if sex == "woman" else "man", joint_angles_rad=record.pose.rest_rad)
+    start = record.start(scene, distributions.repeat(person, 1), np.full((1, record.uniforms), 0.5))
+    mount = scene.mount
+    simulation = Simulation(scene, count, moving=False, num_threads=1)
+    placed = {name: np.tile(pos, (count, 1)) for name, pos in start.placed_pos_w.items()}
+    simulation.reset(
+        np.arange(count),
+        replace(
+            start,
+            people=distributions.repeat(person, count),
+            robot_pos_w=np.tile(mount.pos_w, (count, 1)),
+            robot_q_w=np.tile(transforms.from_axis_angle(places.Z, np.asarray(mount.yaw_rad)), (count, 1)),
+            arm_angles_rad=angles_rad,
+            placed_pos_w=placed,
+        ),
+    )
+    base = None if mount.on_floor else models.PREFIX + robot.base
+    room = Room(simulation.model, base=base, arms=False, offered=False)
+    return np.array([each is None for each in room.conflicts(simulation.geoms(np.arange(count)))], bool)

@@ -1,0 +1,174 @@
+"""A robot that stands badly is noticed by every check, and every robot of ours stands well."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli.main import app
+from avrgym.learning.evaluation import evaluate
+from avrgym.models.robot import Robot
+from avrgym.robots.jaco.robot import JACO
+from avrgym.study.checking.start_checks import check_starts as check_study_starts
+from avrgym.study.people.participants import enrol
+from avrgym.study.sessions.simulation import cast_of, simulate_participant, simulated_participant
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.tasks import checking, episodes, starts
+from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.tasks.starts import DRAWS_LIMIT, check_starts, draws_by_body, has_room
+from placements import place
+from places import ROOT
+from studies import make_study
+
+ENVIRONMENT = "avrgym/FeedingJaco-v1"
+CROWDED_M, REFUSED_M = (0.1, 0.0, 0.0), (0.15, 0.0, 0.0)
+"""How far Jaco's mount is moved: its elbow is often in the table, and always."""
+FEW_DRAWS = 5
+
+
+@pytest.fixture(autouse=True)
+def afresh():
+    """Starts are drawn in each test."""
+    draws_by_body.cache_clear()
+    yield
+    draws_by_body.cache_clear()
+
+
+@pytest.fixture
+def crowded(monkeypatch: pytest.MonkeyPatch) -> None:
+    place(monkeypatch, *CROWDED_M)
+
+
+@pytest.fixture
+def refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    place(monkeypatch, *REFUSED_M)
+    monkeypatch.setattr(episodes, "MOST_DRAWS", FEW_DRAWS)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]')
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_every_robot_of_ours_leaves_everybody_room(environment: str) -> None:
+    drawn = check_starts(environment)
+    print(f"{environment}: {drawn.mean:.2f} draws a start with random people, {drawn.most} at most")
+    assert drawn.mean <= 1.25
+    assert all(each.most == 1 for _, each in draws_by_body(environment))
+
+
+def test_a_robot_in_the_table_fails_its_check_and_that_of_the_task(
+    crowded: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = rf"FeedingJaco-v1: a start is drawn \d\.\d times .* allowed: {DRAWS_LIMIT:g}"
+    with pytest.raises(ValueError, match=words):
+        starts.check_placement("Jaco")
+    monkeypatch.setattr(checking, "ENVIRONMENTS", {ENVIRONMENT: ("Feeding", "Jaco")})
+    with pytest.raises(ValueError, match=words):
+        checking.check_task("Feeding")
+
+
+def test_who_has_no_start_is_named(refused: None) -> None:
+    with pytest.raises(
+        ValueError, match=rf"none of {FEW_DRAWS} starts .* the robot's link \d .* inside the table"
+    ):
+        check_starts(ENVIRONMENT)
+
+
+def test_evaluation_reports_draws_and_warns_above_the_limit(
+    crowded: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("avrgym.learning.evaluation.EPISODE_STEPS", 1)
+    asked = ["evaluate", ENVIRONMENT, "--policy", "zero", "--episodes", "8", "--jobs", "1"]
+    ran = CliRunner().invoke(app, [*asked, "--json", str(tmp_path / "rows.json")])
+    (row,) = json.loads((tmp_path / "rows.json").read_text())
+    assert DRAWS_LIMIT < row["start_draws_mean"] <= row["start_draws_max"]
+    assert row["starts_refused"] == round(8 * (row["start_draws_mean"] - 1.0))
+    assert f"a start is drawn {row['start_draws_mean']:.1f} times on average" in ran.stderr
+    assert f"{row['starts_refused']} people were left out" in ran.stderr
+
+
+def test_evaluation_of_a_robot_that_stands_well_warns_of_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("avrgym.learning.evaluation.EPISODE_STEPS", 1)
+    row = evaluate("avrgym/FeedingPR2-v1", "zero", "revised", 4, 0)
+    assert (row.start_draws_mean, row.start_draws_max, row.starts_refused) == (1.0, 1, 0)
+
+
+def test_a_study_is_checked_for_each_body_before_anybody_takes_part(refused: None, folder: Path) -> None:
+    with Store(folder) as store:
+        found = list(check_study_starts(store))
+    assert [(each.where, each.wrong) for each in found] == [(ENVIRONMENT, True)] * 4
+    bodies = [
+        f"beside a {sex} with a torso of {height}" for sex in ("man", "woman") for height in ("0.40", "0.75")
+    ]
+    assert all(sum(body in each.what for each in found) == 1 for body in bodies)
+    ran = CliRunner().invoke(app, ["study", "check", str(folder)])
+    assert ran.exit_code == 1
+    assert "inside the table" in ran.output
+
+
+def test_a_study_s_check_notes_who_is_often_refused(crowded: None, folder: Path) -> None:
+    with Store(folder) as store:
+        found = list(check_study_starts(store))
+    assert found
+    assert not any(each.wrong for each in found)
+    assert "a start is drawn" in found[0].what
+
+
+def test_a_study_of_ours_has_room(folder: Path) -> None:
+    with Store(folder) as store:
+        assert list(check_study_starts(store)) == []
+
+
+def test_a_dry_run_without_room_names_environment_body_and_what_is_in_the_way(
+    refused: None, folder: Path
+) -> None:
+    cast = cast_of(0, "participants", "none")
+    with Store(folder) as store:
+        pseudonym = simulated_participant(store, 0, cast)
+        assert enrol(store, "woman") != pseudonym
+    words = (
+        rf"{pseudonym} ses-01 cannot begin: {ENVIRONMENT}: none of .* inside the table; `avrgym study check`"
+    )
+    with pytest.raises(StudyError, match=words):
+        simulate_participant(folder, pseudonym, cast)
+
+
+def test_poses_in_furniture_or_person_are_told_from_those_with_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    seed = JACO.arms["right"].seed_pose_rad
+    random = np.random.default_rng(0).uniform(-np.pi, np.pi, (20, len(seed)))
+    clear = has_room("Feeding", JACO, np.array([seed, *random]))
+    assert clear[0]
+    assert 0 < clear[1:].sum() < 20
+    assert has_room("Feeding", JACO, random[:3]).tolist() == clear[1:4].tolist()
+
+
+def test_the_page_s_search_for_a_seed_pose_ends_with_one_that_has_room(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With Jaco where many poses are in the table, greatest isotropy alone chooses one of them."""
+    page = (ROOT / "docs" / "add_a_robot.md").read_text()
+    (search,) = (
+        block for block in re.findall(r"^```python\n(.*?)^```", page, re.M | re.S) if "isotropy" in block
+    )
+    monkeypatch.setattr(np, "degrees", np.asarray)
+    mount = JACO.mounts["wheelchair"]
+    moved = replace(mount, pos_w=(mount.pos_w[0] + 0.1, *mount.pos_w[1:]))
+    robot = replace(JACO, mounts={**JACO.mounts, "wheelchair": moved})
+    assert has_room("Feeding", robot, best(search, robot)).all()
+    without = search.replace("angles = angles[has_room", "# ")
+    assert not has_room("Feeding", robot, best(without, robot)).any()
+
+
+def best(search: str, robot: Robot) -> np.ndarray:
+    """The pose (1, J) that the page's code prints, radians."""
+    names = dict[str, Any](ROBOT=robot)
+    exec(search.replace("print(", "best = (").replace(".round()", ""), names)
+    return names["best"][None]
