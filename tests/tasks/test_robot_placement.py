@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,18 +14,27 @@ from typer.testing import CliRunner
 from avrgym.cli.main import app
 from avrgym.learning.evaluation import evaluate
 from avrgym.models.robot import Robot
+from avrgym.robots import registry as robots
 from avrgym.robots.jaco.robot import JACO
 from avrgym.study.checking.start_checks import check_starts as check_study_starts
 from avrgym.study.people.participants import enrol
 from avrgym.study.sessions.simulation import cast_of, simulate_participant, simulated_participant
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.tasks import checking, episodes, starts
+from avrgym.tasks import checking, episodes, registry, starts
+from avrgym.tasks.known import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.starts import DRAWS_LIMIT, check_starts, draws_by_body, has_room
 from placements import place
 from places import ROOT
 from studies import make_study
+
+sys.path.append(str(ROOT / "examples" / "extension" / "src"))
+sys.path.append(str(ROOT / "src" / "avrgym" / "skeletons" / "templates" / "robot" / "src"))
+
+from avrgym_example.gen3 import GEN3
+from avrgym_example.ur5 import UR5
+from example_arm.robot import ROBOT as SKELETON
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 CROWDED_M, REFUSED_M = (0.1, 0.0, 0.0), (0.15, 0.0, 0.0)
@@ -62,6 +72,20 @@ def test_every_robot_of_ours_leaves_everybody_room(environment: str) -> None:
     print(f"{environment}: {drawn.mean:.2f} draws a start with random people, {drawn.most} at most")
     assert drawn.mean <= 1.25
     assert all(each.most == 1 for _, each in draws_by_body(environment))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", [GEN3, UR5, SKELETON], ids=lambda robot: robot.name)
+def test_the_robots_of_our_examples_leave_everybody_room_too(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(robots._robots, robot.name, robot)
+    for task in ("Feeding", "Drinking", "ScratchItch", "BedBathing"):
+        environment = environment_id(task, robot.name)
+        monkeypatch.setitem(registry._REGISTRY.environments, environment, (task, robot.name))
+    drawn = starts.check_placement(robot.name)
+    assert len(drawn) == 4
+    print({environment: (each.mean, each.most) for environment, each in drawn.items()})
 
 
 def test_a_robot_in_the_table_fails_its_check_and_that_of_the_task(
@@ -120,6 +144,16 @@ def test_a_study_s_check_notes_who_is_often_refused(crowded: None, folder: Path)
     assert found
     assert not any(each.wrong for each in found)
     assert "a start is drawn" in found[0].what
+
+
+def test_a_task_whose_starts_cannot_be_drawn_is_wrong(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(environment: str) -> None:
+        raise KeyError("elbow")
+
+    monkeypatch.setattr("avrgym.study.checking.start_checks.draws_by_body", broken)
+    with Store(folder) as store:
+        (found,) = check_study_starts(store)
+    assert (found.wrong, found.what) == (True, "no start can be drawn: KeyError: 'elbow'")
 
 
 def test_a_study_of_ours_has_room(folder: Path) -> None:

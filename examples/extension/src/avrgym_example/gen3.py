@@ -77,7 +77,7 @@ UPRIGHT = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 
 """For a cup that the PR2 would hold so, seen from a hand whose x points out of it."""
 ACROSS = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Its z across the fingers instead."""
-ON_WHEELCHAIR_M = (-0.40, -0.44, 0.48)
+ON_WHEELCHAIR_M = (-0.43, -0.44, 0.48)
 
 GEN3 = Robot(
     name="Gen3",

@@ -17,9 +17,19 @@ def check_starts(store: Store) -> Iterator[Finding]:
     """
     for task, robot in product(store.design.tasks, store.design.robots):
         environment = environment_id(task, robot)
-        for person, drawn in draws_by_body(environment) if environment in ENVIRONMENTS else ():
-            if drawn.refused:
-                yield Finding(environment, drawn.refused.removeprefix(f"{environment}: "))
-            elif drawn.fault:
-                whom = f"a {person.sex} with a torso of {person.torso_height_m:.2f} m"
-                yield Finding(environment, f"beside {whom} {drawn.fault}", wrong=False)
+        if environment in ENVIRONMENTS:
+            yield from _check_environment(environment)
+
+
+def _check_environment(environment: str) -> Iterator[Finding]:
+    try:
+        drawn_starts = draws_by_body(environment)
+    except Exception as error:  # other people's code may raise anything
+        yield Finding(environment, f"no start can be drawn: {type(error).__name__}: {error}")
+        return
+    for person, drawn in drawn_starts:
+        if drawn.refused:
+            yield Finding(environment, drawn.refused.removeprefix(f"{environment}: "))
+        elif drawn.fault:
+            whom = f"a {person.sex} with a torso of {person.torso_height_m:.2f} m"
+            yield Finding(environment, f"beside {whom} {drawn.fault}", wrong=False)
