@@ -1,4 +1,4 @@
-"""Robots that stand badly, in the place of Jaco."""
+"""Jaco on a mount that leaves too little room."""
 
 from dataclasses import replace
 

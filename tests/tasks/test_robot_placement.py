@@ -1,4 +1,4 @@
-"""A robot that stands badly is noticed by every check, and every robot of ours stands well."""
+"""A robot that is placed badly fails every check, and every robot of ours passes them."""
 
 import json
 import re
@@ -119,7 +119,7 @@ def test_evaluation_reports_draws_and_warns_above_the_limit(
     assert f"{row['starts_refused']} people were left out" in ran.stderr
 
 
-def test_evaluation_of_a_robot_that_stands_well_warns_of_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_evaluation_of_a_robot_with_room_counts_one_draw_a_start(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("avrgym.learning.evaluation.EPISODE_STEPS", 1)
     row = evaluate("avrgym/FeedingPR2-v1", "zero", "revised", 4, 0)
     assert (row.start_draws_mean, row.start_draws_max, row.starts_refused) == (1.0, 1, 0)

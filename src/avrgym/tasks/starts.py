@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 DRAWS_LIMIT = 2.0
 """How often a start may be drawn on average: then half of all draws are refused."""
 PEOPLE, STARTS = "revised", 32
-"""Whom a check of a robot draws starts for, and how many."""
+"""The people of a check of a robot, and how many starts it draws."""
 BODY_STARTS = 4
 """How many starts are drawn for each body."""
 ARMS_AT_ONCE = 50
@@ -96,10 +96,10 @@ def check_starts(environment_id: str) -> StartDraws:
 
 
 def check_placement(robot: str) -> dict[str, StartDraws]:
-    """Whether a robot stands well in each of its environments: ``check_starts``, by environment.
+    """Check the placement of a robot in each of its environments: ``check_starts``, by environment.
 
     Raises:
-        ValueError: naming the first environment in which it does not.
+        ValueError: naming the first environment that fails.
     """
     own = [environment for environment, (_, name) in ENVIRONMENTS.items() if name == robot]
     return {environment: check_starts(environment) for environment in own}

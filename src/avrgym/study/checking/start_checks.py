@@ -31,5 +31,5 @@ def _check_environment(environment: str) -> Iterator[Finding]:
         if drawn.refused:
             yield Finding(environment, drawn.refused.removeprefix(f"{environment}: "))
         elif drawn.fault:
-            whom = f"a {person.sex} with a torso of {person.torso_height_m:.2f} m"
-            yield Finding(environment, f"beside {whom} {drawn.fault}", wrong=False)
+            body = f"a {person.sex} with a torso of {person.torso_height_m:.2f} m"
+            yield Finding(environment, f"beside {body} {drawn.fault}", wrong=False)
