@@ -182,6 +182,7 @@ def test_poses_in_furniture_or_person_are_told_from_those_with_room(monkeypatch:
     assert clear[0]
     assert 0 < clear[1:].sum() < 20
     assert has_room("Feeding", JACO, random[:3]).tolist() == clear[1:4].tolist()
+    assert has_room("Feeding", JACO, random[:0]).shape == (0,)
 
 
 def test_the_page_s_search_for_a_seed_pose_ends_with_one_that_has_room(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
 from avrgym.models import robot as models
-from avrgym.models.human import SEXES, TORSO_HEIGHT_RANGE_M, Person
+from avrgym.models.human import SEXES, TORSO_HEIGHT_RANGE_M, Person, Sex
 from avrgym.models.robot import Robot
 from avrgym.people import distributions
 from avrgym.simulation.room import NoRoomError, Room
@@ -110,15 +110,17 @@ def has_room(task: str, robot: Robot, angles_rad: Array) -> NDArray[np.bool_]:
 
     The person rests as the task has it, in either body of middle height.
     """
-    parts = np.array_split(np.asarray(angles_rad, float), max(1, -(-len(angles_rad) // ARMS_AT_ONCE)))
+    if not len(angles_rad):
+        return np.zeros(0, bool)
+    parts = np.array_split(np.asarray(angles_rad, float), -(-len(angles_rad) // ARMS_AT_ONCE))
     clear = [np.all([_clear(task, robot, part, sex) for sex in SEXES], axis=0) for part in parts]
     return np.concatenate(clear)
 
 
-def _clear(task: str, robot: Robot, angles_rad: Array, sex: str) -> NDArray[np.bool_]:
+def _clear(task: str, robot: Robot, angles_rad: Array, sex: Sex) -> NDArray[np.bool_]:
     count, record = len(angles_rad), TASKS[task]
     scene = record.scene(robot)
-    person = Person("woman" if sex == "woman" else "man", joint_angles_rad=record.pose.rest_rad)
+    person = Person(sex, joint_angles_rad=record.pose.rest_rad)
     start = record.start(scene, distributions.repeat(person, 1), np.full((1, record.uniforms), 0.5))
     mount = scene.mount
     simulation = Simulation(scene, count, moving=False, num_threads=1)
