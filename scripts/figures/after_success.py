@@ -40,7 +40,8 @@ def main() -> None:
         trials = list(session(environment, policy, withdraws=withdraws))
         forces_n = [force_n for trial in trials for force_n in trial.forces_after_n]
         touching = sum(force_n > 0.0 for force_n in forces_n) / len(forces_n)
-        before, after = (sum(trial[index] for trial in trials) for index in (0, 1))
+        before = sum(trial.interventions_before for trial in trials)
+        after = sum(trial.interventions_after for trial in trials)
         how = "yes" if withdraws else "no"
         print(
             f"| {environment} | {policy} | {how} | {before} | {after} | {100.0 * touching:.0f} % | {max(forces_n):.0f} N |"
