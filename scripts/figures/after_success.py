@@ -43,9 +43,8 @@ def main() -> None:
         before = sum(trial.interventions_before for trial in trials)
         after = sum(trial.interventions_after for trial in trials)
         how = "yes" if withdraws else "no"
-        print(
-            f"| {environment} | {policy} | {how} | {before} | {after} | {100.0 * touching:.0f} % | {max(forces_n):.0f} N |"
-        )
+        figures = f"{before} | {after} | {100.0 * touching:.0f} % | {max(forces_n):.0f} N"
+        print(f"| {environment} | {policy} | {how} | {figures} |", flush=True)
 
 
 def session(environment: str, policy: str, *, withdraws: bool) -> Iterator[Trial]:
