@@ -1,13 +1,13 @@
 import type { BareHandsTracked } from "./barehands";
 import { Connection, type Link } from "./connection";
-import { awaitsReady, confirmsAnswers, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
+import { awaitsReady, canBeStopped, confirmsAnswers, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
 import { DrawnFrames } from "./drawnframes";
 import { fetchBytes } from "./fetching";
 import { FlatPlay } from "./flatplay";
 import { Immersive } from "./immersive";
 import type { Outgoing } from "./codec";
 import { LatencyMeter } from "./latency";
-import type { Body, Phase, Problem, Scene, ServerMessage, Visibility, Welcome } from "./messages";
+import type { Body, Phase, Problem, Scene, ServerMessage, StopWay, Visibility, Welcome } from "./messages";
 import { Page, isStopKey } from "./page";
 import { AGAIN, BACK, DONE } from "./paint";
 import { Panel } from "./panel";
@@ -15,6 +15,7 @@ import { Questionnaire } from "./questionnaire";
 import { createRoom } from "./room";
 import { Senses } from "./senses";
 import { ImmersiveSession, reasonAgainstVR } from "./session";
+import { StopControl } from "./stopcontrol";
 import { StateDecoder, type State } from "./states";
 import type { Poses } from "./tracking";
 import { View, type Detail } from "./view";
@@ -33,6 +34,7 @@ export class App {
   readonly view: View;
   readonly panel: Panel;
   readonly immersive: Immersive;
+  readonly stopControl = new StopControl();
   readonly questionnaire = new Questionnaire();
   phase: Phase | null = null;
   lastState: State | null = null;
@@ -72,7 +74,7 @@ export class App {
       playOrEnd: () => this.playOrEnd(),
       ready: () => this.send({ type: "ready" }),
       recalibrate: () => this.send({ type: "recalibrate" }),
-      stop: () => this.send({ type: "stop" }),
+      stop: () => this.stop("page"),
       back: () => this.send({ type: "back" }),
       answer: (value) => this.answer(value),
       chooseBody: (choice) => this.send(choice),
@@ -87,10 +89,11 @@ export class App {
     this.immersive = new Immersive(this.panel, this.connection, (eyes) => this.world.around(eyes));
     this.latency = new LatencyMeter((sequence) => this.immersive.numbering.timesOf(sequence));
     this.session = new ImmersiveSession(this.view.renderer, {
+      begins: (session) => this.stopControl.listen(session),
       entered: () => this.entered(),
       left: () => this.left(),
       selected: (source, frame) => this.selected(source, frame),
-      menuPressed: () => this.send({ type: mayRecalibrate(this.phase) ? "recalibrate" : "stop" }),
+      menuPressed: () => (mayRecalibrate(this.phase) ? this.send({ type: "recalibrate" }) : this.stop("button")),
       originReset: () => this.originReset(),
       visibilityChanged: () => this.tellVisibility(),
     });
@@ -153,7 +156,7 @@ export class App {
     const { root } = this.world;
     root.add(createRoom(detail));
     if (detail.lighting) this.view.reflect(root);
-    this.view.scene.add(root, this.panel.mesh, this.immersive.pointers.group);
+    this.view.scene.add(root, this.panel.mesh, this.stopControl.sign.mesh, this.immersive.pointers.group);
     this.view.standBefore(root);
   }
 
@@ -297,6 +300,7 @@ export class App {
 
   private left(): void {
     this.immersive.pointers.hide();
+    this.stopControl.sign.hide();
     this.showPresenting(false);
     this.send({ type: "left" });
     this.tellVisibility();
@@ -339,7 +343,7 @@ export class App {
       this.send({ type: "ready" });
     if (!isStopKey(event) || !(this.takesPart || isRunning(this.phase))) return;
     event.preventDefault();
-    if (!this.watches) this.send({ type: "stop" });
+    if (!this.watches) this.stop("key");
     else if (this.welcome?.role === "experimenter") this.send({ type: "command", name: "stop" });
   }
 
@@ -353,6 +357,17 @@ export class App {
     this.page.answersByKeyboard();
     this.answer(value);
     return true;
+  }
+
+  private stop(way: StopWay): void {
+    this.send({ type: "stop", way });
+  }
+
+  /** Holds the robot once a participant in VR has held what stops it. */
+  private watchStop(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
+    const { phase, words, immersive, stopControl } = this;
+    const way = stopControl.watch(frame, space, timeMs, immersive.bareHands, canBeStopped(phase), words);
+    if (way) this.stop(way);
   }
 
   private originReset(): void {
@@ -408,6 +423,7 @@ export class App {
       this.updateWorld(timeMs, this.immersive.read(frame, space, timeMs), this.immersive.bareHands);
       this.session.watchButtons(frame.session.inputSources);
       this.immersive.frame(frame, space);
+      this.watchStop(frame, space, timeMs);
     } else this.updateWorld(timeMs, this.flat.playing ? this.flat.poses : null);
     if (this.watching?.fromInside && !this.presenting) this.watching.follow(this.lastState, this.world.root);
     this.view.render();

@@ -26,17 +26,19 @@ export type Shares = [number, number, number];
 
 export type Modality = "controller" | "hand" | "mouse" | "none";
 
+export type StopWay = "button" | "gaze" | "key" | "page" | "palm" | "select" | "squeeze" | "triggers";
+
 export type Visibility = "context-lost" | "hidden" | "visible" | "visible-blurred";
 
 export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 
-export type PhaseName = "calibration" | "check" | "confirm" | "countdown" | "finished" | "free_after" | "free_before" | "headset" | "headset_check" | "loading" | "paused" | "questionnaire" | "reach" | "ready" | "retreat" | "trial" | "viewing" | "waiting";
+export type PhaseName = "calibration" | "check" | "confirm" | "countdown" | "finished" | "free_after" | "free_before" | "headset" | "headset_check" | "headset_stop" | "loading" | "paused" | "questionnaire" | "reach" | "ready" | "retreat" | "trial" | "viewing" | "waiting";
 
 export type Role = "experimenter" | "participant" | "spectator";
 
 export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | "can_choose_body", readonly PhaseName[]> = {
-  moves: ["headset_check", "free_before", "countdown", "trial", "retreat", "free_after"],
-  can_be_stopped: ["free_before", "countdown", "trial", "retreat"],
+  moves: ["headset_check", "headset_stop", "free_before", "countdown", "trial", "retreat", "free_after"],
+  can_be_stopped: ["headset_stop", "free_before", "countdown", "trial", "retreat"],
   awaits_ready: ["headset", "calibration", "reach", "check", "ready", "confirm", "paused"],
   can_choose_body: ["waiting", "calibration", "check", "ready", "paused"],
 };
@@ -125,9 +127,10 @@ export interface SceneLoaded {
   url: string;
 }
 
-/** The emergency stop: the participant pressed a menu button or the stop key, and the robot must hold at once. */
+/** The emergency stop: the robot must hold immediately. `way` is how the participant made it. */
 export interface Stop {
   type: "stop";
+  way: StopWay | null;
 }
 
 /** From now on the participant sees the scene, or does not; after each welcome they see it until this arrives. */

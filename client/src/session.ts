@@ -1,12 +1,13 @@
 import type { WebGLRenderer } from "three";
+import { menuIsDown } from "./stopping";
 import type { Key } from "./words";
 
-/** A, B, X and Y of common controllers in the WebXR gamepad mapping. */
-const MENU_BUTTONS = [4, 5];
 const FOVEATION = 0.3;
 const WANTED_RATE_HZ = 90;
 
 export interface SessionEvents {
+  /** VR begins, and inputs can be listened to. */
+  begins(session: XRSession): void;
   entered(): void;
   left(): void;
   /** A trigger went down, or two fingers were pinched. */
@@ -44,6 +45,7 @@ export class ImmersiveSession {
       this.events.selected(inputSource, frame),
     );
     session.addEventListener("visibilitychange", () => this.events.visibilityChanged());
+    this.events.begins(session);
     this.renderer.xr.setFoveation(FOVEATION);
     await this.renderer.xr.setSession(session);
     this.renderer.xr.getReferenceSpace()?.addEventListener("reset", () => this.events.originReset());
@@ -115,12 +117,4 @@ interface Motor {
 /** WebXR's gamepads have the motors of the Gamepad Extensions, which the browsers' types leave out. */
 function motorOf({ gamepad }: XRInputSource): Motor | undefined {
   return (gamepad as { hapticActuators?: Motor[] } | undefined)?.hapticActuators?.[0];
-}
-
-function menuIsDown(sources: XRInputSourceArray): boolean {
-  for (let i = 0; i < sources.length; i++) {
-    const buttons = sources[i]!.gamepad?.buttons;
-    for (const index of MENU_BUTTONS) if (buttons?.[index]?.pressed) return true;
-  }
-  return false;
 }

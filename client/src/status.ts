@@ -5,6 +5,7 @@ export const PHASE_WORDS: Readonly<Record<PhaseName, string>> = {
   waiting: "the participant is not in VR",
   headset: "the headset is about to be checked",
   headset_check: "the headset is checked",
+  headset_stop: "the participant tries the stop",
   calibration: "the participant is measured",
   reach: "the participant's reach is measured",
   loading: "the scene is prepared",
@@ -31,7 +32,7 @@ export const UNSEEN_WORDS: Readonly<Record<Exclude<Visibility, "visible">, strin
 
 /** What the experimenter's *skip* leaves out now. */
 export function skipWords(phase: PhaseName): string {
-  return phase === "headset" || phase === "headset_check" ? "Skip headset check" : "Skip trial";
+  return phase.startsWith("headset") ? "Skip headset check" : "Skip trial";
 }
 
 /** What each line about a session says, by the id of its element. */

@@ -45,6 +45,12 @@ export const TEXTS = {
       "done": "Fertig",
       "stop": "Roboter anhalten",
       "emergency": "Nothalt",
+      "stop_sign": "STOPP",
+      "stop_by_button": "A, B, X, Y oder die Menütaste drücken",
+      "stop_by_triggers": "Beide Abzüge halten, oder eine Grifftaste",
+      "stop_by_select": "Den Abzug halten, oder die einzige Taste",
+      "stop_by_palm": "Eine offene Handfläche heben, von Ihnen weg gedreht",
+      "stop_by_gaze": "Zu diesem Schild drehen und es eine Sekunde ansehen",
       "play_help": "Ziehen Sie das Bild, um sich umzuschauen. `W` `A` `S` `D` `Q` `E` oder die Tasten auf dem Bild bewegen Ihre rechte Hand. `Enter` macht weiter, `Esc` hält den Roboter an.",
       "hand": "Rechte Hand bewegen",
       "hand_up": "Nach oben",
@@ -71,7 +77,7 @@ export const TEXTS = {
       "help_sit": "Setzen Sie sich auf einen Stuhl, setzen Sie das Headset auf und nehmen Sie in jede Hand einen Controller.",
       "help_enter": "Wählen Sie **VR betreten** und folgen Sie den Worten auf der Tafel vor Ihnen.",
       "help_answer": "Eine Frage beantworten: Zeigen Sie auf eine Antwort und drücken Sie den Abzug.",
-      "help_stop": "Halten Sie den Roboter jederzeit an: Drücken Sie A, B, X oder Y an einem Controller, oder hier `Esc` oder die `Leertaste`."
+      "help_stop": "Halten Sie den Roboter jederzeit an. Ein rotes Schild in VR zeigt, wie das mit Ihrem Headset geht: A, B, X, Y oder die Menütaste drücken; ohne diese beide Abzüge halten, oder die einzige Taste; mit bloßen Händen eine offene Handfläche heben; sonst das Schild ansehen. Hier drücken Sie `Esc` oder die `Leertaste`."
     }
   },
   "en": {
@@ -118,6 +124,12 @@ export const TEXTS = {
       "done": "Done",
       "stop": "Stop the robot",
       "emergency": "Emergency stop",
+      "stop_sign": "STOP",
+      "stop_by_button": "Press A, B, X, Y or the menu button",
+      "stop_by_triggers": "Hold both triggers, or a grip button",
+      "stop_by_select": "Hold the trigger, or the only button",
+      "stop_by_palm": "Hold up an open palm, facing away from you",
+      "stop_by_gaze": "Turn to this sign and look at it for a second",
       "play_help": "Drag the picture to look around. `W` `A` `S` `D` `Q` `E`, or the buttons on the picture, move your right hand. `Enter` goes on, `Esc` stops the robot.",
       "hand": "Move your right hand",
       "hand_up": "Up",
@@ -144,7 +156,7 @@ export const TEXTS = {
       "help_sit": "Sit on a chair, put the headset on and take a controller in each hand.",
       "help_enter": "Choose **Enter VR** and follow the words on the panel in front of you.",
       "help_answer": "Answer a question: point at an answer and pull the trigger.",
-      "help_stop": "Stop the robot at any time: press A, B, X or Y on a controller, or `Esc` or `Space` here."
+      "help_stop": "Stop the robot at any time. A red sign in VR shows how with your headset: press A, B, X, Y or the menu button; without these, hold both triggers, or the only button; with bare hands, hold up an open palm; otherwise look at the sign. Here, press `Esc` or `Space`."
     }
   }
 } as const;

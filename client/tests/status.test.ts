@@ -105,6 +105,6 @@ describe("how a session stands", () => {
 });
 
 it("what the experimenter skips is what goes on", () => {
-  expect(["headset", "headset_check"].map((phase) => skipWords(phase as PhaseName))).toEqual(Array(2).fill("Skip headset check"));
+  expect(["headset", "headset_check", "headset_stop"].map((phase) => skipWords(phase as PhaseName))).toEqual(Array(3).fill("Skip headset check"));
   expect(skipWords("calibration")).toBe("Skip trial");
 });

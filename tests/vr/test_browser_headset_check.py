@@ -30,6 +30,8 @@ def test_the_emulated_headset_is_measured_and_told_what_it_lacks(tmp_path: Path)
         while session.phase == "headset":
             headset.await_frames(5)
             headset.pull_trigger("right")
+        journey.await_phase("headset_stop")
+        headset.press_menu("left")
         for item, value in (("haptics", 2), ("sound", 1)):
             journey.await_buttons(item)
             headset.answer(value)
@@ -46,4 +48,4 @@ def test_the_emulated_headset_is_measured_and_told_what_it_lacks(tmp_path: Path)
     assert set(check.latency_ms) == {"total_ms", *STAGES}
     assert check.head.jitter_mm == pytest.approx(0.0, abs=0.01)
     assert (check.left.with_, check.right.with_) == ("controller", "controller")
-    assert (check.haptics, check.sound) == (False, True)
+    assert (check.haptics, check.sound, check.stop) == (False, True, "button")

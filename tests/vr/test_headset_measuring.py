@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -20,11 +21,14 @@ from avrgym.vr.protocol.messages import (
     Phase,
     Question,
     Ready,
+    Stop,
+    StopWay,
     Tracking,
     XRPose,
 )
 from avrgym.vr.session import events
-from avrgym.vr.session.headset_measuring import dropped_share, jitter_mm
+from avrgym.vr.session.headset_measuring import HeadsetMeasurement, dropped_share, jitter_mm
+from avrgym.vr.session.phases import where
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from visit import Visit, plan
 
@@ -73,13 +77,25 @@ def test_a_frame_that_takes_as_long_as_three_has_dropped_two(display_hz: float |
 # What a session makes of it -------------------------------------------------------------------------------------
 
 
-def check(visit: Visit, haptics: int = 1, sound: int = 1) -> None:
-    """From entering VR, or from a failed check, to its result."""
+def measure(visit: Visit) -> None:
+    """From entering VR, or from a failed check, until the stop is to be tried."""
     visit.tick(5)
     visit.tell(Ready())
-    while visit.phase == "headset_check" and not visit.said(Question):
+    while visit.phase == "headset_check":
         visit.tick()
         visit.tell(FRAMES, LATENCY)
+    assert visit.phase == "headset_stop"
+
+
+def check(visit: Visit, haptics: int = 1, sound: int = 1) -> None:
+    """From entering VR, or from a failed check, to its result."""
+    measure(visit)
+    visit.tell(Stop(way="palm"))
+    answer(visit, haptics, sound)
+
+
+def answer(visit: Visit, haptics: int = 1, sound: int = 1) -> None:
+    """Say what is felt and heard."""
     for value in (haptics, sound):
         visit.tick(110)
         visit.tell(Answer(visit.said(Question)[-1].item, value, 1.0))
@@ -96,6 +112,7 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     assert result.frame_rate_hz == pytest.approx(90.0)
     assert result.left.reach_m is not None
     assert result.head.share == 1.0
+    assert result.stop == "palm"
     assert result.latency_ms["total_ms"]["p50"] == pytest.approx(2.5 * len(STAGES))
     assert "ready" in visit.said(Phase)[-1].text
     visit.tell(Ready())
@@ -106,16 +123,62 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     visit.leave()
     (recording,) = visit.recordings()
     assert recording.metadata["headset_check"]["display_hz"] == 90.0
+    assert recording.metadata["headset_check"]["stop"] == "palm"
+
+
+@pytest.mark.parametrize("way", get_args(StopWay))
+def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way: StopWay) -> None:
+    visit = Visit(tmp_path, CHECKED)
+    visit.tell(Entered())
+    measure(visit)
+    assert "headset_stop" in where("can_be_stopped")
+    visit.tell(Command("stop"))
+    assert visit.phase == "headset_stop"
+    visit.tell(Stop(way=way))
+    assert visit.phase == "headset_check"
+    answer(visit)
+    (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
+    assert result.stop == way
+    assert way in result.figures()
+    assert result.go, result.words()
+
+
+def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, replace(CHECKED, headset_check=HeadsetCheckPlan(1.2, 0.3, 0.4, stop_s=0.5)))
+    visit.tell(Entered())
+    measure(visit)
+    visit.tick(60)
+    answer(visit)
+    (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
+    assert result.stop == "none"
+    assert not result.go
+    assert "stop was not tried" in visit.said(Phase)[-1].text
+    visit.tell(Ready())
+    measure(visit)
+    visit.tell(Command("skip"))
+    assert visit.phase == "calibration"
+
+
+def test_a_check_of_earlier_versions_lacks_no_stop() -> None:
+    check = HeadsetMeasurement().result(haptics=None, sound=None)
+    assert check.stop is None
+    assert "stop" not in check.fault_words
+
+
+@pytest.mark.parametrize("way", [None, *get_args(StopWay)])
+def test_every_way_stops_a_trial_at_once_and_is_stored(tmp_path: Path, way: StopWay | None) -> None:
+    visit = Visit(tmp_path, plan())
+    visit.go_to("trial")
+    visit.tell(Stop(way=way))
+    assert visit.phase == "paused"
+    assert [each.way for each in visit.observed if isinstance(each, events.Stopped)] == [way]
 
 
 def test_who_plays_with_a_mouse_stretches_no_arms(tmp_path: Path) -> None:
     visit = Visit(tmp_path, CHECKED)
     visit.frame = lambda of=visit.frame: replace_frame(of(), left_modality="mouse", right_modality="mouse")
     visit.tell(Entered())
-    visit.tick(5)
-    visit.tell(Ready())
-    while visit.phase == "headset_check" and not visit.said(Question):
-        visit.tick()
+    measure(visit)
     shown = [phase.text for phase in visit.said(Phase)]
     assert any("hold still" in text for text in shown)
     assert not any("Stretch" in text for text in shown)

@@ -106,7 +106,7 @@ class Walk:
         self.messages = 0
         self._chance, self._world = random.Random(seed), random.Random(seed + 1000)
         self._busy = 0
-        checked = HeadsetCheckPlan(at_rest_s=0.05, stretched_s=0.05, moving_s=0.05)
+        checked = HeadsetCheckPlan(at_rest_s=0.05, stretched_s=0.05, moving_s=0.05, stop_s=2.0)
         session = replace(
             plan(seeds=range(7), practice=True, environments=(SITTING, SITTING, LYING)),
             headset_check=checked,
@@ -162,6 +162,8 @@ class Walk:
         elif self.visit.phase in ("questionnaire", "headset_check") and self.visit.said(Question):
             asked = self.visit.said(Question)[-1]
             self._tell(Answer(asked.item, self._chance.randint(1, asked.points), 1.0))
+        elif self.visit.phase == "headset_stop":
+            self._tell(Stop(way="palm"))
         elif self.visit.phase == "confirm":
             self._tell(self._chance.choice([Ready(), Ready(), Back()]))
 

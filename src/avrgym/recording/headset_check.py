@@ -42,6 +42,7 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
     ``frames`` were drawn, at ``frame_rate_hz`` and with ``dropped_share`` missing. ``latency_ms``: percentiles by stage
     as of ``recording.latency``. ``haptics`` and ``sound``: the participant felt and heard them; ``None`` where nobody
     asked.
+    ``stop``: how the participant tried the stop, ``none`` where they did not; ``None`` where nobody asked them to.
     """
 
     device: str
@@ -58,6 +59,7 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
     right: TrackedPart
     haptics: bool | None = None
     sound: bool | None = None
+    stop: str | None = None
 
     @property
     def go(self) -> bool:
@@ -66,7 +68,8 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
 
     def faults(self) -> list[Said]:
         """What keeps a session from beginning, each with what to do."""
-        return [*_frame_faults(self), *_latency_faults(self), *_tracking_faults(self), *_sense_faults(self)]
+        of_parts = (_frame_faults, _latency_faults, _tracking_faults, _sense_faults, _stop_faults)
+        return [fault for faults in of_parts for fault in faults(self)]
 
     def verdict(self, most: int) -> Said:
         """What the participant reads: whether they can go on, or so many faults at most and how many more there are."""
@@ -99,6 +102,7 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
                 else f"pose to picture {total['p50']:.0f} ms, 95 % within {total['p95']:.0f} ({_stages(self)})",
                 *(_part_words(name, part) for name, part in _parts(self)),
                 f"buzz {_felt(self.haptics, 'felt')}, chime {_felt(self.sound, 'heard')}",
+                *([] if self.stop is None else [f"stop tried with: {self.stop}"]),
             ]
         )
 
@@ -171,3 +175,8 @@ def _sense_faults(check: HeadsetCheck) -> Iterator[Said]:
         yield Said("fault_haptics")
     if check.sound is False:
         yield Said("fault_sound")
+
+
+def _stop_faults(check: HeadsetCheck) -> Iterator[Said]:
+    if check.stop == "none":
+        yield Said("fault_no_stop")

@@ -222,6 +222,8 @@ class BrowserAttendance:
         if rests and now_s - self._phase_began > CALIBRATION_S:
             self._headset.pull_trigger("right")
             self._phase_began = now_s
+        if name == "headset_stop":
+            self._headset.press_menu("right")
         if name == "confirm" and self._asked != name and self._headset.call("buttons"):
             self._asked = name
             self._headset.answer(DONE)

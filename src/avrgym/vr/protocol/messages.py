@@ -27,6 +27,9 @@ Share = Annotated[float, msgspec.Meta(ge=-1, le=1)]
 Shares = tuple[Share, Share, Share]
 Modality = Literal["controller", "hand", "mouse", "none"]
 """What one hand is tracked with."""
+StopWay = Literal["button", "triggers", "squeeze", "select", "palm", "gaze", "page", "key"]
+"""How a participant stops the robot: with a menu button; by holding both triggers, a squeeze, or the only select; with
+a raised palm; by looking at the stop sign; with the page's button or a key."""
 Visibility = Literal["visible", "visible-blurred", "hidden", "context-lost"]
 """Whether the participant sees the scene and can act in it, as WebXR and pages name it; else why they cannot.
 
@@ -133,7 +136,9 @@ class SceneLoaded(Message, frozen=True, tag="scene_loaded"):
 
 
 class Stop(Message, frozen=True, tag="stop"):
-    """The emergency stop: the participant pressed a menu button or the stop key, and the robot must hold at once."""
+    """The emergency stop: the robot must hold immediately. ``way`` is how the participant made it."""
+
+    way: StopWay | None = None
 
 
 class VisibilityChanged(Message, frozen=True, tag="visibility_changed"):
@@ -256,6 +261,7 @@ PhaseName = Literal[
     "waiting",
     "headset",
     "headset_check",
+    "headset_stop",
     "calibration",
     "reach",
     "loading",

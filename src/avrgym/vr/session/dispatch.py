@@ -38,7 +38,7 @@ def take_message(phase: Phase, message: Received) -> Phase:
         case messages.Back():
             return phase.go_back()
         case messages.Stop():
-            return phase.stop("participant")
+            return phase.stop("participant", message.way)
         case messages.ChooseTheirBody():
             return phase.choose_body(message, "experimenter")
         case messages.ChooseBody():

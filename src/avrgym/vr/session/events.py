@@ -14,7 +14,7 @@ from avrgym.models.tracked import Part
 from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.recording.records import Answer
-from avrgym.vr.protocol.messages import PhaseName, Visibility
+from avrgym.vr.protocol.messages import PhaseName, StopWay, Visibility
 
 Who = Literal["participant", "experimenter"]
 
@@ -129,9 +129,10 @@ class AnswerChanged(Answered):
 
 @dataclass(frozen=True)
 class Stopped(SessionEvent):
-    """Somebody stopped the robot."""
+    """Somebody stopped the robot; ``way`` is how the participant did."""
 
     by: Who
+    way: StopWay | None = None
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Measures a headset from what its client sends: frames drawn, latency, and tracked poses."""
 
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from avrgym.recording.headset_check import HeadsetCheck, TrackedPart
 from avrgym.recording.latency import percentiles_ms
 from avrgym.recording.records import Latency
-from avrgym.vr.protocol.messages import HeadsetFrames, Tracking, XRPose
+from avrgym.vr.protocol.messages import HeadsetFrames, StopWay, Tracking, XRPose
 
 Array = NDArray[np.float64]
 Take = Callable[[Tracking], XRPose | None]
@@ -32,6 +33,7 @@ class HeadsetMeasurement:
         self._stretched: list[Tracking] = []
         self._drawn: list[HeadsetFrames] = []
         self._latencies: list[Latency] = []
+        self._stop: str | None = None
 
     def take_tracking(self, tracking: Tracking, *, at_rest: bool, stretching: bool) -> None:
         """Take a tracking frame."""
@@ -48,6 +50,10 @@ class HeadsetMeasurement:
     def take_frames(self, drawn: HeadsetFrames) -> None:
         """Take when frames were drawn."""
         self._drawn.append(drawn)
+
+    def take_stop(self, way: StopWay | Literal["none"]) -> None:
+        """Take how the participant tried the stop; ``none``: they were asked to and did not."""
+        self._stop = way
 
     @property
     def has_motors(self) -> bool:
@@ -76,6 +82,7 @@ class HeadsetMeasurement:
             right=self._part(newest.right_modality if newest else "none", _RIGHT, hand=True),
             haptics=haptics,
             sound=sound,
+            stop=self._stop,
         )
 
     def _part(self, modality: str, take: Take, *, hand: bool = False) -> TrackedPart:

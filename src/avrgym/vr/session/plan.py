@@ -32,11 +32,15 @@ class TrialPlan:
 
 @dataclass(frozen=True)
 class HeadsetCheckPlan:
-    """How long a headset is checked: at rest, with the arms being stretched, and while the participant moves."""
+    """How long a headset is checked: at rest, with the arms being stretched, and while the participant moves.
+
+    ``stop_s`` is how long the participant may take to try the stop.
+    """
 
     at_rest_s: float = 10.0
     stretched_s: float = 10.0
     moving_s: float = 40.0
+    stop_s: float = 60.0
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from avrgym.vr.session.phases.checking import (
     CheckMoving,
     CheckResult,
     CheckSenses,
+    CheckStop,
     CheckStretched,
 )
 from avrgym.vr.session.phases.halted import Finished, Paused, RecordingFailed
@@ -52,9 +53,9 @@ Loaded = Begins | Check
 """What may follow when a world is shown."""
 
 PHASES: tuple[type[Phase], ...] = (
-    Waiting, CheckBegins, CheckAtRest, CheckStretched, CheckMoving, CheckSenses, CheckResult, Calibration, ReachAhead,
-    ReachAside, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, AskReady, FreeBefore, Countdown, Trial, Retreat,
-    FreeAfter, Questionnaire, Confirm, Paused, RecordingFailed, Finished,
+    Waiting, CheckBegins, CheckAtRest, CheckStretched, CheckMoving, CheckStop, CheckSenses, CheckResult, Calibration,
+    ReachAhead, ReachAside, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, AskReady, FreeBefore, Countdown, Trial,
+    Retreat, FreeAfter, Questionnaire, Confirm, Paused, RecordingFailed, Finished,
 )  # fmt: skip
 """All phases, in the order of a session."""
 

@@ -50,10 +50,23 @@ class Checking(InVR):
             self.state.tracking.place(tracking.head, self.state.person, self.state.world.scene_config.posture)
             self.state.tell_scene()
 
+    @property
+    def _durations(self) -> HeadsetCheckPlan:
+        assert self.state.plan.headset_check is not None
+        return self.state.plan.headset_check
+
     def skip(self) -> phases.Calibration | phases.LoadCalibration:
         self.state.headset_checked = True
         self.state.sink.tell(events.HeadsetCheckSkipped(self.state.now_s))
         return self._calibrate_again()
+
+    def _ask_senses(self) -> CheckSenses | CheckResult:
+        """Ask about buzz and chime, where the plan has them."""
+        plan = self.state.plan
+        asked = [BUZZ] * (plan.haptics and self._measurement.has_motors) + [CHIME] * plan.sounds
+        if asked:
+            return CheckSenses(self.state, self._measurement, asked)
+        return CheckResult(self.state, self._measurement, {})
 
 
 class CheckBegins(Checking):
@@ -79,11 +92,6 @@ class Measuring(Checking, ABC):
     name = "headset_check"
     at_rest = stretching = False
 
-    @property
-    def _durations(self) -> HeadsetCheckPlan:
-        assert self.state.plan.headset_check is not None
-        return self.state.plan.headset_check
-
     def take_tracking(self, tracking: messages.Tracking) -> None:
         super().take_tracking(tracking)
         self._measurement.take_tracking(tracking, at_rest=self.at_rest, stretching=self.stretching)
@@ -97,7 +105,7 @@ class Measuring(Checking, ABC):
         self._measurement.take_frames(drawn)
 
     @abstractmethod
-    def time_over(self) -> CheckStretched | CheckMoving | CheckSenses | CheckResult:
+    def time_over(self) -> CheckStretched | CheckMoving | CheckStop:
         """What is measured then."""
 
 
@@ -140,12 +148,33 @@ class CheckMoving(Measuring):
         super().__init__(state, measurement)
         self.seconds = self._durations.moving_s
 
+    def time_over(self) -> CheckStop:
+        return CheckStop(self.state, self._measurement)
+
+
+class CheckStop(Checking):
+    """The participant stops the robot once, with what they would stop it with in a trial."""
+
+    name = "headset_stop"
+    says = Said("headset_stop")
+    can_be_stopped = True
+
+    def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
+        super().__init__(state, measurement)
+        self.seconds = self._durations.stop_s
+
+    def stop(
+        self, by: events.Who, way: messages.StopWay | None = None
+    ) -> CheckSenses | CheckResult | Self:
+        """Take note of the participant's stop, and go on; the experimenter cannot try it for them."""
+        if by == "experimenter":
+            return self._report("the participant tries the stop; skip the check to go on without")
+        self._measurement.take_stop(way or "page")
+        return self._ask_senses()
+
     def time_over(self) -> CheckSenses | CheckResult:
-        plan = self.state.plan
-        asked = [BUZZ] * (plan.haptics and self._measurement.has_motors) + [CHIME] * plan.sounds
-        if asked:
-            return CheckSenses(self.state, self._measurement, asked)
-        return CheckResult(self.state, self._measurement, {})
+        self._measurement.take_stop("none")
+        return self._ask_senses()
 
 
 class CheckSenses(Checking):

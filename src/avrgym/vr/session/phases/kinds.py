@@ -161,8 +161,8 @@ class Stoppable(InPlace):
 
     moves = can_be_stopped = True
 
-    def stop(self, by: events.Who) -> phases.Paused:
-        return self._break_off("stopped", events.Stopped(self.state.now_s, by), Said("stopped"))
+    def stop(self, by: events.Who, way: messages.StopWay | None = None) -> phases.Paused:
+        return self._break_off("stopped", events.Stopped(self.state.now_s, by, way), Said("stopped"))
 
     def pause(self) -> phases.Begins | Self:
         if self.state.on_hold:

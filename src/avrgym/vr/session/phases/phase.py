@@ -6,7 +6,7 @@ from typing import ClassVar, Self
 
 from avrgym.texts.texts import ENGLISH, Said
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import PhaseName
+from avrgym.vr.protocol.messages import PhaseName, StopWay
 from avrgym.vr.session import events
 from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.state import SessionState
@@ -92,8 +92,11 @@ class Phase:
 
     # What participant or experimenter ask ------------------------------------------------------------------------
 
-    def stop(self, by: events.Who) -> Phase:
-        """The emergency stop: hold the robot at once; the trial that runs may be repeated."""
+    def stop(self, by: events.Who, way: StopWay | None = None) -> Phase:
+        """The emergency stop: hold the robot at once; the trial that runs may be repeated.
+
+        ``way`` is how the participant stopped it.
+        """
         return self._refuse("holds_already", by)
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> Phase:

@@ -89,9 +89,9 @@ class Retreat(InPlace):
     def wait(self) -> FreeAfter | Self:
         return self if self.state.world.retreating else self._hold()
 
-    def stop(self, by: events.Who) -> FreeAfter:
+    def stop(self, by: events.Who, way: messages.StopWay | None = None) -> FreeAfter:
         self.state.record_event("retreat_stopped", by)
-        self.state.sink.tell(events.Stopped(self.state.now_s, by))
+        self.state.sink.tell(events.Stopped(self.state.now_s, by, way))
         return self._hold()
 
     def pause(self) -> FreeAfter:

@@ -1,0 +1,67 @@
+"""How simulated participants move while robots help them, for the client's tests: python motion_examples.py.
+
+Of each environment one session: rest, free movement, the trial, the retreat. The client's tests look for stops in it.
+"""
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from avrgym.tasks.known import ENVIRONMENTS
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
+from visit import FRAME_EVERY_TICKS, Visit
+
+FILE = Path(__file__).parents[2] / "client/tests/motions.json"
+EVERY = 5
+"""Of the frames that a participant sends, one in so many is written: five a second."""
+
+
+class Watched(Visit):
+    """A visit that keeps the participant's frames."""
+
+    def __init__(self, folder: Path, environment: str, seed: int, trial_steps: int) -> None:
+        """A session of one trial."""
+        trial = TrialPlan(environment, "revised", seed, practice=False)
+        plan = SessionPlan([trial], "woman" if seed % 2 else "man", 3.0, simulated=True, trial_steps=trial_steps)
+        person = SimulatedParticipant(draw_traits(plan.sex, seed), seed)
+        self.frames: list[Tracking] = []
+        super().__init__(folder, plan, load_policies(plan), person)
+
+    def frame(self) -> Tracking:
+        """The participant's next frame, which is kept."""
+        frame = super().frame()
+        self.frames.append(frame)
+        return frame
+
+
+def examples(trial_steps: int, seeds: int) -> Iterator[dict[str, object]]:
+    """Sessions of so many participants in each environment: milliseconds between frames, and the frames."""
+    for seed in range(seeds):
+        for number, environment in enumerate(ENVIRONMENTS):
+            with TemporaryDirectory() as folder:
+                visit = Watched(Path(folder), environment, 100 * seed + number, trial_steps)
+                visit.participant.take_place(environment)
+                visit.sit_down()
+                visit.until("questionnaire", limit_s=120.0)
+                visit.leave()
+            rows = [_row(frame) for frame in visit.frames[::EVERY]]
+            yield {"environment": environment, "everyMs": 10 * FRAME_EVERY_TICKS * EVERY, "frames": rows}
+
+
+def _row(frame: Tracking) -> list[int]:
+    """Head, left and right: positions in millimetres, quaternions in thousandths."""
+    return [number for pose in (frame.head, frame.left, frame.right) for number in _plain(pose)]
+
+
+def _plain(pose: XRPose | None) -> list[int]:
+    assert pose is not None
+    return [round(1000 * value) for value in (*pose.position, *pose.orientation)]
+
+
+if __name__ == "__main__":
+    trial_steps, seeds, path = (*map(int, sys.argv[1:3]), Path(sys.argv[3])) if len(sys.argv) > 3 else (150, 1, FILE)
+    path.write_text(json.dumps(list(examples(trial_steps, seeds)), separators=(",", ":")) + "\n")
