@@ -4,6 +4,7 @@ import type { App } from "./app";
 import { confirmsAnswers, mayRecalibrate } from "./display";
 import type { BodyPose } from "./body";
 import { DEVICES, type EmulatedDevice } from "./emulateddevices";
+import { raisePalm } from "./emulatedhand";
 import { EmulatedPointer, turnTo } from "./emulatedpointer";
 import type { Phase, Question, XRPose } from "./messages";
 import { poseOf, type Poses } from "./tracking";
@@ -41,6 +42,12 @@ export interface EmulatorControls {
   pointAt(point: Triple): void;
   /** Presses what selects where `pointAt` points, or lets go. */
   select(pressed: boolean): void;
+  /** Turns the head to look at a point. */
+  lookAt(point: Triple): void;
+  /** Raises an open bare hand before the face, its palm away from it. */
+  raisePalm(hand: Hand): void;
+  /** How the page says that the robot is stopped, how much of that is done, and where the sign for it stands. */
+  stop(): { way: string; progress: number; sign: Triple | null };
   /** The buttons on the panel, those of a question or of the bodies to choose; empty while none is to be seen. */
   buttons(): EmulatedButton[];
   phase(): Phase | null;
@@ -114,6 +121,12 @@ export function exposeEmulator(app: App, emulator: Emulator): void {
     aimAt: (hand, point) => turnTo(controllerOf(device, hand), new Vector3(...point)),
     pointAt: (point) => pointAt(emulator, new Vector3(...point)),
     select: (pressed) => select(emulator, pressed),
+    lookAt: (point) => turnTo(device, new Vector3(...point)),
+    raisePalm: (hand) => raisePalm(device, hand),
+    stop: () => {
+      const { way, progress, sign } = app.stopControl;
+      return { way, progress, sign: sign.middle?.toArray() ?? null };
+    },
     buttons: () => shownButtons(app),
     phase: () => app.phase,
     question: () => app.questionnaire.question,

@@ -19,6 +19,11 @@ export class StopControl {
     return this.stopping.way;
   }
 
+  /** How much of that is done, 0 to 1. */
+  get progress(): number {
+    return this.stopping.progress;
+  }
+
   listen(session: XRSession): void {
     this.stopping.listen(session);
   }

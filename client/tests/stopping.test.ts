@@ -161,6 +161,18 @@ describe("a stop", () => {
     expect(participant.wait(5)).toEqual([]);
   });
 
+  it("is not made by two short squeezes that overlap", () => {
+    const participant = new Participant(vive());
+    const [left, right] = participant.sources as [Pressable, Pressable];
+    participant.press("squeeze", true, left);
+    participant.wait(0.4);
+    participant.press("squeeze", true, right);
+    participant.wait(0.1);
+    participant.press("squeeze", false, left);
+    expect(participant.wait(0.6)).toEqual([]);
+    expect(participant.wait(0.2)).toEqual(["squeeze"]);
+  });
+
   it.each(["triggers", "select"] as const)("with %s is not made by the press that began the trial", (way) => {
     const participant = new Participant(way === "triggers" ? vive() : vive().slice(1));
     participant.possible = false;

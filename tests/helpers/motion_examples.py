@@ -26,7 +26,9 @@ class Watched(Visit):
     def __init__(self, folder: Path, environment: str, seed: int, trial_steps: int) -> None:
         """A session of one trial."""
         trial = TrialPlan(environment, "revised", seed, practice=False)
-        plan = SessionPlan([trial], "woman" if seed % 2 else "man", 3.0, simulated=True, trial_steps=trial_steps)
+        plan = SessionPlan(
+            [trial], "woman" if seed % 2 else "man", 3.0, simulated=True, trial_steps=trial_steps
+        )
         person = SimulatedParticipant(draw_traits(plan.sex, seed), seed)
         self.frames: list[Tracking] = []
         super().__init__(folder, plan, load_policies(plan), person)
@@ -63,5 +65,7 @@ def _plain(pose: XRPose | None) -> list[int]:
 
 
 if __name__ == "__main__":
-    trial_steps, seeds, path = (*map(int, sys.argv[1:3]), Path(sys.argv[3])) if len(sys.argv) > 3 else (150, 1, FILE)
+    trial_steps, seeds, path = (
+        (*map(int, sys.argv[1:3]), Path(sys.argv[3])) if len(sys.argv) > 3 else (150, 1, FILE)
+    )
     path.write_text(json.dumps(list(examples(trial_steps, seeds)), separators=(",", ":")) + "\n")

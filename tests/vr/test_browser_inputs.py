@@ -34,6 +34,7 @@ HEADSETS = (
     "vision-pro",
     "viewer",
 )
+ENDLESS = 100_000
 FIRST_TONE = 3
 """The panel's button after those of the two bodies."""
 
@@ -102,3 +103,38 @@ def test_each_headset_calibrates_answers_and_goes_on(name: str, tmp_path: Path) 
     assert ended.result == "completed"
     answers = read_recording(tmp_path / "trial-01_attempt-1.mcap").topics["/answers"]
     assert [record.value for _, record in answers] == [6, 2]
+
+
+WAYS = {
+    "quest-3": "button",
+    "quest-2": "button",
+    "pico-4": "button",
+    "vive": "triggers",
+    "mixed-reality": "squeeze",
+    "generic-trigger": "triggers",
+    "one-button": "select",
+    "hands": "palm",
+    "vision-pro": "gaze",
+    "viewer": "gaze",
+}
+"""How each headset stops the robot; what has no menu button but a squeeze stops with that, too."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HEADSETS)
+def test_each_headset_stops_the_robot_in_its_own_way(name: str, tmp_path: Path) -> None:
+    """The sign shows how; the stop comes from what is held, and the trial is then repeated."""
+    with ExitStack() as opened:
+        wearer = Wearer(name, tmp_path, opened, trial_steps=ENDLESS)
+        wearer.go_on("calibration", "loading", "check")
+        wearer.journey.await_phase("trial")
+        wearer.headset.await_frames(5)
+        shown = wearer.headset.call("stop")
+        assert shown["way"] == ("triggers" if WAYS[name] == "squeeze" else WAYS[name])
+        assert (shown["sign"] is not None) == (WAYS[name] == "gaze")
+        wearer.headset.screenshot(tmp_path / "sign.png")
+        wearer.headset.begin_stop(WAYS[name])
+        wearer.journey.await_phase("paused")
+        observed = wearer.journey.observed
+        assert [each.way for each in observed if isinstance(each, events.Stopped)] == [WAYS[name]]
+        assert wearer.journey.results() == ["stopped"]

@@ -129,6 +129,23 @@ class EmulatedHeadset:
             self.call("holdMenu", hand, pressed)
             self.await_frames(2)
 
+    def begin_stop(self, way: str) -> None:
+        """Do what stops the robot, and go on doing it."""
+        match way:
+            case "button":
+                self.call("holdMenu", "left", True)
+            case "triggers":
+                self.call("setTrigger", "left", True)
+                self.call("setTrigger", "right", True)
+            case "squeeze":
+                self.call("setSqueeze", "right", True)
+            case "select":
+                self.call("select", True)
+            case "palm":
+                self.call("raisePalm", "right")
+            case _:
+                self.call("lookAt", self.call("stop")["sign"])
+
     def await_frames(self, count: int) -> None:
         """Wait until the page has drawn some more XR frames."""
         drawn = self.call("framesDrawn")

@@ -163,9 +163,7 @@ class CheckStop(Checking):
         super().__init__(state, measurement)
         self.seconds = self._durations.stop_s
 
-    def stop(
-        self, by: events.Who, way: messages.StopWay | None = None
-    ) -> CheckSenses | CheckResult | Self:
+    def stop(self, by: events.Who, way: messages.StopWay | None = None) -> CheckSenses | CheckResult | Self:
         """Take note of the participant's stop, and go on; the experimenter cannot try it for them."""
         if by == "experimenter":
             return self._report("the participant tries the stop; skip the check to go on without")
