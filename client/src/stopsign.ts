@@ -17,9 +17,7 @@ const MIDDLE_M = (0.5 - DISC.y / HEIGHT) * HEIGHT_M;
 /** The progress is drawn in so many steps. */
 const STEPS = 40;
 const DISTANCE_M = 1.1;
-/** Where the sign goes along with the head: below and left of where that points. */
-const BELOW = new Vector3(-0.42, -0.44, -1).normalize().multiplyScalar(DISTANCE_M);
-/** Where the sign of those who stop with their eyes stands, seen from where they looked first: left and above. */
+/** Where the sign is, seen from where the head points: above and to the left, where no robot or table hides it. */
 const ASIDE = new Vector3(-0.62, 0.36, -1).normalize().multiplyScalar(DISTANCE_M);
 const COLOUR = { sign: "#c62828", ring: "#ffd36b", quiet: "#5b1717", text: "#ffffff", plate: "rgba(15, 42, 49, 0.85)" };
 
@@ -54,7 +52,7 @@ export class StopSign {
     this.stands = null;
   }
 
-  /** Shows how to stop and how much of that is done; the sign stands in the room for those who look at it. */
+  /** Shows how to stop and how much of that is done. */
   show(way: WayInVR, progress: number, words: Words): void {
     this.mesh.visible = true;
     this.mesh.material.depthTest = progress === 0 && way !== "gaze";
@@ -67,14 +65,14 @@ export class StopSign {
     this.texture.needsUpdate = true;
   }
 
-  /** Puts the sign where it belongs in this frame. */
+  /** Moves the sign along with the head; leaves it in the room for participants who stop by looking at it. */
   place(way: WayInVR, eyes: Vector3, turn: Quaternion): void {
     if (this.stands) return;
     const { mesh } = this;
     if (way === "gaze") {
       this.stands = standingMiddle(eyes, turn);
       mesh.position.copy(this.stands).setY(this.stands.y - MIDDLE_M);
-    } else mesh.position.copy(BELOW).applyQuaternion(turn).add(eyes);
+    } else mesh.position.copy(ASIDE).applyQuaternion(turn).add(eyes);
     mesh.lookAt(eyes);
     mesh.updateMatrixWorld();
   }
