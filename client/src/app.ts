@@ -372,6 +372,7 @@ export class App {
 
   private originReset(): void {
     this.panel.unplace();
+    this.stopControl.sign.hide();
     this.send({ type: "origin_reset" });
   }
 

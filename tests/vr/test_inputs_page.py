@@ -6,13 +6,21 @@ from pathlib import Path
 from test_browser_inputs import HEADSETS, WAYS
 
 PAGE = Path(__file__).parents[2] / "docs/vr.md"
-STOPS = {"press one": "button", "both triggers": "triggers", "hold the trigger": "select", "palm": "palm", "look": "gaze"}
+STOPS = {
+    "press one": "button",
+    "both triggers": "triggers",
+    "hold the trigger": "select",
+    "palm": "palm",
+    "look": "gaze",
+}
 """Words of the matrix, and the way to stop that they mean."""
 
 
 def test_the_matrix_has_each_headset_that_is_tested_once_with_its_stop() -> None:
     section = PAGE.read_text("utf-8").split("## Inputs")[1].split("\n## ")[0]
-    rows = [row.split("|")[1:-1] for row in section.splitlines() if row.startswith("| ") and row.count("|") == 7]
+    rows = [
+        row.split("|")[1:-1] for row in section.splitlines() if row.startswith("| ") and row.count("|") == 7
+    ]
     cells = [[cell.strip() for cell in row] for row in rows[1:]]
     assert all(all(row) for row in cells)
     named = {name: stop for *_, stop, names in cells for name in re.findall(r"`([\w-]+)`", names)}

@@ -54,8 +54,8 @@ Loaded = Begins | Check
 
 PHASES: tuple[type[Phase], ...] = (
     Waiting, CheckBegins, CheckAtRest, CheckStretched, CheckMoving, CheckStop, CheckSenses, CheckResult, Calibration,
-    ReachAhead, ReachAside, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, AskReady, FreeBefore, Countdown, Trial,
-    Retreat, FreeAfter, Questionnaire, Confirm, Paused, RecordingFailed, Finished,
+    ReachAhead, ReachAside, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, AskReady, FreeBefore, Countdown,
+    Trial, Retreat, FreeAfter, Questionnaire, Confirm, Paused, RecordingFailed, Finished,
 )  # fmt: skip
 """All phases, in the order of a session."""
 
