@@ -46,7 +46,7 @@ export interface EmulatorControls {
   lookAt(point: Triple): void;
   /** Raises an open bare hand before the face, its palm away from it. */
   raisePalm(hand: Hand): void;
-  /** How the page says that the robot is stopped, how much of that is done, and where the sign for it stands. */
+  /** The way to stop that the page shows, the progress of the stop, and the place of a sign in the room. */
   stop(): { way: string; progress: number; sign: Triple | null };
   /** The buttons on the panel, those of a question or of the bodies to choose; empty while none is to be seen. */
   buttons(): EmulatedButton[];

@@ -70,8 +70,8 @@ class Hold {
   constructor(
     private readonly heldMs: number,
     private readonly flickerMs: number,
-    /** Whether it counts only from a press on that came while the robot could be stopped. */
-    private readonly anew: boolean,
+    /** Whether a press counts only if it began while the robot could be stopped. */
+    private readonly pressed: boolean,
   ) {}
 
   /** How much of its time it has been held, 0 to 1; at 1 once, until it is let go. */
@@ -83,7 +83,7 @@ class Hold {
     else if (nowMs - this.seenMs > this.flickerMs || this.flickerMs === 0) this.letGo();
     if (!possible) {
       this.sinceMs = null;
-      this.used ||= this.anew && held;
+      this.used ||= this.pressed && held;
     }
     if (!possible || this.used) return 0;
     if (held) this.sinceMs ??= nowMs;

@@ -78,7 +78,7 @@ export class StopSign {
   }
 }
 
-/** Where the middle of a sign is that stands in the room, for somebody whose head is there and turned so. */
+/** The middle of a sign that stays in the room, from the pose of the head when it appears. */
 export function standingMiddle(eyes: Vector3, turn: Quaternion): Vector3 {
   return ASIDE.clone().applyQuaternion(level(turn)).add(eyes);
 }

@@ -107,7 +107,7 @@ describe("by accident", () => {
   it.each([1, 2])("no participant with %i controllers presses for so long, who presses all the time", (count) => {
     const sources = Array.from({ length: count }, () => source({}));
     let seed = count;
-    const chance = () => (seed = (seed * 48271) % 2147483647) / 2147483647;
+    const random = () => (seed = (seed * 48271) % 2147483647) / 2147483647;
     const stops = MOTIONS.flatMap((motion) => {
       const until = new Map<string, number>();
       return stopsIn(motion, sources, undefined, (session, nowMs) => {
@@ -115,8 +115,8 @@ describe("by accident", () => {
           for (const kind of ["select", "squeeze"]) {
             const name = `${kind}${at}`;
             const ends = until.get(name);
-            if (ends === undefined && chance() < 0.5) {
-              until.set(name, nowMs + LONGEST_PRESS_MS * chance());
+            if (ends === undefined && random() < 0.5) {
+              until.set(name, nowMs + LONGEST_PRESS_MS * random());
               session.dispatchEvent(Object.assign(new Event(`${kind}start`), { inputSource }));
             } else if (ends !== undefined && nowMs >= ends) {
               until.delete(name);

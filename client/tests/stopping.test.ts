@@ -207,7 +207,7 @@ describe("a stop", () => {
     expect(participant.wait(0.3)).toEqual(["palm"]);
   });
 
-  it("is not made by eyes that pass the sign, nor by those that look beside it", () => {
+  it("is not made by eyes that pass the sign, nor by those that look past it", () => {
     const participant = new Participant([]);
     participant.wait(2);
     for (let n = 0; n < 20; n++) {
