@@ -13,7 +13,7 @@ from extension import environment_with, train_and_study
 from places import ROOT
 
 PAGE = (ROOT / "docs" / "add_a_task.md").read_text()
-RECORD, CHECK = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
+RECORD, _PARTICLES, CHECK = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
 ENVIRONMENT = "avrgym/TouchElbowJaco-v1"
 
 

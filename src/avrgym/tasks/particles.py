@@ -43,3 +43,17 @@ def _gaps(state: State, point_w: Array, world: NDArray[np.intp] | slice = slice(
 def count(events: Bools) -> Array:
     """How many particles (N,) of (N, K) something happens to."""
     return 1.0 * events.sum(axis=-1)
+
+
+def check_count(state: State, happened: Bools) -> None:
+    """Refuse a task whose state is of another number of particles than its tool carries.
+
+    Raises:
+        ValueError: naming both numbers.
+    """
+    carried = state.particle_pos_w.shape[1]
+    if happened.shape[1] != carried:
+        raise ValueError(
+            f"the tool carries {carried} particles, and the task's state is of {happened.shape[1]}; "
+            f"allowed: init_state=partial(init_state, particles={carried})"
+        )

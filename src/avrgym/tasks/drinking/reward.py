@@ -13,7 +13,7 @@ from avrgym.models.cup import AXIS_X_M, HEIGHT_M, RIM_RADIUS_M, WATER
 from avrgym.models.human import People
 from avrgym.simulation.worlds import State
 from avrgym.tasks.feeding.reward import strong_tool_force
-from avrgym.tasks.particles import GROUND_M, count, touching_person
+from avrgym.tasks.particles import GROUND_M, check_count, count, touching_person
 from avrgym.tasks.task import StepResult
 
 Array = NDArray[np.float64]
@@ -50,15 +50,16 @@ class DrinkingState:
     gone: Bools
 
 
-def init_state(people: People, uniforms: Array) -> DrinkingState:
-    """All water is in the cup."""
+def init_state(people: People, uniforms: Array, particles: int = len(WATER.start)) -> DrinkingState:
+    """All water is in the cup. The tool carries so many ``particles``."""
     xp = namespace(uniforms)
-    nothing = xp.zeros((len(uniforms), len(WATER.start)), dtype=xp.bool, device=uniforms.device)
+    nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)
     return DrinkingState(nothing, nothing, nothing, nothing)
 
 
 def evaluate_step(state: State, action: Array, task_state: DrinkingState) -> StepResult:
     """Water that is out of the cup and within 3 cm of the mouth is drunk; fallen below both it is spilled."""
+    check_count(state, task_state.drunk)
     outside = ~(task_state.gone | in_cup(state))
     drinkable = outside & ~task_state.spilled
     drunk = drinkable & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
@@ -85,7 +86,7 @@ def evaluate_step(state: State, action: Array, task_state: DrinkingState) -> Ste
         "water_on_person": count(on_person),
         "water_entry_speed_m_s": xp.where(drunk, norm(state.particle_velocity_w), 0.0).sum(axis=-1),
     }
-    success = after.drunk.sum(axis=-1) >= SUCCESS_SHARE * len(WATER.start)
+    success = after.drunk.sum(axis=-1) >= SUCCESS_SHARE * after.drunk.shape[-1]
     return StepResult(after, terms, distance, state.total_force_n, success, drunk.sum(axis=-1), gone)
 
 

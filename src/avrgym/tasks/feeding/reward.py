@@ -12,7 +12,7 @@ from avrgym.models.furniture import BOWL_BODY, TABLE_HEIGHT_M
 from avrgym.models.human import People
 from avrgym.models.spoon import FOOD
 from avrgym.simulation.worlds import State
-from avrgym.tasks.particles import GROUND_M, count, touching_person
+from avrgym.tasks.particles import GROUND_M, check_count, count, touching_person
 from avrgym.tasks.person import when_strong
 from avrgym.tasks.task import StepResult
 
@@ -47,10 +47,10 @@ class FeedingState:
     on_person: Bools
 
 
-def init_state(people: People, uniforms: Array) -> FeedingState:
-    """Nothing has happened yet."""
+def init_state(people: People, uniforms: Array, particles: int = len(FOOD.start)) -> FeedingState:
+    """Nothing has happened yet. The tool carries so many ``particles``."""
     xp = namespace(uniforms)
-    nothing = xp.zeros((len(uniforms), len(FOOD.start)), dtype=xp.bool, device=uniforms.device)
+    nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)
     return FeedingState(nothing, nothing, nothing)
 
 
@@ -59,6 +59,7 @@ def evaluate_step(state: State, action: Array, task_state: FeedingState) -> Step
 
     What is eaten, or has fallen to the floor, leaves the scene.
     """
+    check_count(state, task_state.eaten)
     in_play = ~(task_state.eaten | task_state.dropped)
     newly_eaten = in_play & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
     newly_dropped = in_play & ~newly_eaten & _is_dropped(state)
@@ -81,7 +82,7 @@ def evaluate_step(state: State, action: Array, task_state: FeedingState) -> Step
         "food_on_person": count(newly_on_person),
         "food_entry_speed_m_s": namespace(speed).where(newly_eaten, speed, 0.0).sum(axis=-1),
     }
-    success = after.eaten.sum(axis=-1) >= SUCCESS_SHARE * len(FOOD.start)
+    success = after.eaten.sum(axis=-1) >= SUCCESS_SHARE * after.eaten.shape[-1]
     gone = newly_eaten | (after.dropped & (state.particle_pos_w[..., 2] < GROUND_M))
     eaten = newly_eaten.sum(axis=-1)
     return StepResult(after, terms, distance, state.total_force_n, success, eaten, gone)

@@ -1,0 +1,103 @@
+"""What the pages show of Gymnasium's wrappers, of particles and of people's heights, run as it is written."""
+
+import re
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from avrgym.models.human.measures import MAN, WOMAN
+from avrgym.models.spoon import FOOD, SPOON
+from avrgym.robots.registry import ROBOTS
+from avrgym.tasks import registry
+from avrgym.tasks.drinking import reward
+from avrgym.tasks.drinking.task import DRINKING
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.task import Task
+from pages import DOCS, blocks
+
+STEPS = 30
+
+
+def code(page: str, word: str) -> str:
+    (found,) = (text for language, text in blocks(DOCS / page) if language == "python" and word in text)
+    return found
+
+
+def test_a_spec_is_made_again_as_the_page_shows() -> None:
+    known: dict[str, Any] = {}
+    exec(code("environments.md", "from_json"), known)
+    assert known["same"].spec.max_episode_steps == 400
+
+
+@pytest.mark.slow
+def test_videos_and_pictures_are_as_the_page_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("moviepy")
+    monkeypatch.chdir(tmp_path)
+    exec(code("environments.md", "RecordVideo"), {"gym": gym})
+    (video,) = Path("videos").glob("*.mp4")
+    assert video.stat().st_size > 1000
+    assert capsys.readouterr().out.splitlines()[-1] == "(480, 640, 3) (25,)"
+
+
+def add(task: Task, patch: pytest.MonkeyPatch) -> str:
+    environment = f"avrgym/{task.name}Jaco-v1"
+    patch.setitem(registry.TASKS, task.name, task)  # type: ignore[arg-type]
+    patch.setitem(registry.ENVIRONMENTS, environment, (task.name, "Jaco"))  # type: ignore[arg-type]
+    return environment
+
+
+def run(environment: str) -> Episodes:
+    world = Episodes(environment, 2, num_threads=1)
+    world.begin(np.arange(2), [np.random.default_rng(seed) for seed in range(2)])
+    for _ in range(STEPS):
+        world.step(np.tile(np.array([0.0, 0.5, 0.0, 0.0, 0.0, 1.0, 1.0]), (2, 1)))
+    return world
+
+
+def test_a_task_carries_its_own_number_of_particles(monkeypatch: pytest.MonkeyPatch) -> None:
+    known: dict[str, Any] = {}
+    exec(code("add_a_task.md", "FOOD"), known)
+    world = run(add(known["TASTE"], monkeypatch))
+    assert world.task_state.eaten.shape == (2, 3)
+
+
+@pytest.mark.parametrize("count", [1, 64])
+def test_water_may_be_of_another_number(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    cup = DRINKING.scene(ROBOTS["Jaco"]).tool
+    assert cup.particles is not None
+    less = replace(cup, particles=replace(cup.particles, start=cup.particles.start[:count]))
+    task = replace(
+        DRINKING,
+        name="Sip",
+        scene=lambda robot: replace(DRINKING.scene(robot), tool=less),
+        init_state=partial(reward.init_state, particles=count),
+    )
+    assert run(add(task, monkeypatch)).task_state.drunk.shape == (2, count)
+
+
+def test_another_number_than_the_state_s_is_refused_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    feeding = registry.TASKS["Feeding"]
+    three = replace(SPOON, particles=replace(FOOD, start=FOOD.start[:3]))
+    wrong = replace(feeding, name="Wrong", scene=lambda robot: replace(feeding.scene(robot), tool=three))
+    message = (
+        r"carries 3 particles, and the task's state is of 8; allowed: .*partial\(init_state, particles=3\)"
+    )
+    with pytest.raises(ValueError, match=message):
+        run(add(wrong, monkeypatch))
+
+
+def test_torso_heights_follow_from_standing_heights_as_the_page_says() -> None:
+    page = (DOCS / "how_to" / "people.md").read_text()
+    medians = {"man": (1.755, MAN.torso_height), "woman": (1.625, WOMAN.torso_height)}
+    for sex, (standing_m, torso_m) in medians.items():
+        (row,) = re.findall(rf"^\| {sex} \| ([\d.]+) × standing height \| (.*) \|$", page, re.M)
+        assert float(row[0]) == round(torso_m / standing_m, 3)
+        said = [float(cell.removesuffix(" m")) for cell in row[1].split(" | ")]
+        assert said == [round(torso_m / standing_m * each, 3) for each in (1.6, 1.7, 1.8)]
