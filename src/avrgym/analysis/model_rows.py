@@ -12,7 +12,7 @@ class ModelRow:
     ``mixed`` one. ``df`` are the degrees of freedom of Student's t. ``without_one`` counts the models that could be
     fitted without one participant, with the least and greatest of their estimates and p. ``planned`` is
     ``confirmatory`` where the study's frozen plan names the effect, else ``exploratory``. ``note`` says what was left
-    out, or why there is no estimate.
+    out, why there is no estimate, or that a mixed model is singular.
     """
 
     simulated: bool

@@ -13,7 +13,17 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from avrgym.analysis.figures.drawing import GROUP_WIDTH, INK, LINES, RULE, STYLE, WIDTH_IN, Drawing, finished
+from avrgym.analysis.figures.drawing import (
+    GROUP_WIDTH,
+    INK,
+    LINES,
+    RULE,
+    STYLE,
+    WIDTH_IN,
+    Drawing,
+    finished,
+    name_marks,
+)
 from avrgym.analysis.rows import LikertRow, SubjectiveRow, TestedRow
 from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS, PARTICIPANT
 from avrgym.analysis.statistics.objective import ALL
@@ -81,15 +91,18 @@ def _means_figure(
             own = {row.item: row.mean for row in rows if row.policy == policy}
             places = [ids.index(item) + width * (index - (len(design.policies) - 1) / 2) for item in own]
             colour = LINES[index % len(LINES)]
-            bars = axes.bar(places, list(own.values()), 0.9 * width, color=colour, alpha=0.55, label=policy)
-            axes.bar_label(bars, fmt="%.1f", fontsize=7)
+            if own:
+                bars = axes.bar(
+                    places, list(own.values()), 0.9 * width, color=colour, alpha=0.55, label=policy
+                )
+                axes.bar_label(bars, fmt="%.1f", fontsize=7)
         points = max(item.points for item in questionnaire.items)
         for row in tests if len(design.policies) == 2 else ():
             axes.text(ids.index(row.quantity), points + 0.3, _p_text(row), fontsize=7, ha="center")
         ticks = [tick for tick in axes.get_yticks() if 1 <= tick <= points]
         axes.set(ylim=(1.0, points + 1.2), yticks=ticks, ylabel="mean answer")
         axes.set_xticks(range(len(ids)), ids)
-        figure.legend(loc="outside lower center", ncols=len(design.policies))
+        name_marks(figure, columns=len(design.policies))
     tested = "; p over participants, corrected by Holm" if tests and len(design.policies) == 2 else ""
     return f"{questionnaire.name}: mean answers over all trials, as the paper drew them{tested}", figure
 

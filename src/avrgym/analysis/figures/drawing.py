@@ -10,7 +10,9 @@ from html import escape
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from avrgym.analysis.page import Markup
 
@@ -76,6 +78,17 @@ def _coloured(svg: str, colours: Mapping[str, str]) -> str:
     for colour, shown in colours.items():
         svg = svg.replace(colour, shown)
     return svg
+
+
+def name_marks(figure: Figure, columns: int) -> None:
+    """Add a legend below that names the marks which are drawn anywhere in a figure, each once; none without marks."""
+    named: dict[str, Any] = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            if not isinstance(handle, Line2D) or np.size(handle.get_xdata()):
+                named.setdefault(label, handle)
+    if named:
+        figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=columns)
 
 
 def finished(simulated: bool, kind: str, caption: str, figure: Figure) -> Drawing:

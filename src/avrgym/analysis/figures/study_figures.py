@@ -17,7 +17,16 @@ from avrgym.analysis.figures.answer_figures import (
     session_answers_figures,
     trial_answers_figures,
 )
-from avrgym.analysis.figures.drawing import GROUP_WIDTH, INK, LINES, STYLE, WIDTH_IN, Drawing, finished
+from avrgym.analysis.figures.drawing import (
+    GROUP_WIDTH,
+    INK,
+    LINES,
+    STYLE,
+    WIDTH_IN,
+    Drawing,
+    finished,
+    name_marks,
+)
 from avrgym.analysis.reading.trained_people import HEIGHTS_OF, head_of
 from avrgym.analysis.rows import ObjectiveRow, PersonRow
 from avrgym.analysis.statistics.biomechanics import Measures, heights
@@ -28,6 +37,8 @@ from avrgym.study.design.design import Design
 SHOWN_PEOPLE = 150
 """How many of the people drawn for each distribution and posture a figure shows."""
 BIN_M = 0.01
+SIMULATION = "simulation"
+"""The name of the marks of policies in simulation."""
 
 
 def draw_study(analysis: Analysis) -> list[Drawing]:
@@ -55,14 +66,19 @@ def draw_study(analysis: Analysis) -> list[Drawing]:
 
 def success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
     """Success of each condition with its interval, beside simulation."""
-    caption = "Success in VR (bars) and in simulation (diamonds), with 95 % intervals"
+    caption = _objective_caption("Success", simulated, rows)
     return _objective_figure(design, simulated, rows, "success", "success", "success_rate", caption)
 
 
 def reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
     """Mean reward of each condition with its interval, beside simulation."""
-    caption = "Mean reward in VR (bars) and in simulation (diamonds), with 95 % intervals"
+    caption = _objective_caption("Mean reward", simulated, rows)
     return _objective_figure(design, simulated, rows, "reward", "reward", "reward_mean", caption)
+
+
+def _objective_caption(what: str, simulated: bool, rows: Sequence[ObjectiveRow]) -> str:
+    measured = any(row.simulation_episodes for row in rows if row.simulated is simulated)
+    return f"{what} in VR (bars){' and in simulation (diamonds)' if measured else ''}, with 95 % intervals"
 
 
 def _objective_figure(
@@ -84,8 +100,7 @@ def _objective_figure(
             axes.set_title(task)
             if interval == "success":
                 axes.set_ylim(0.0, 1.05)
-        handles, labels = figure.axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+        name_marks(figure, columns=3)
     return finished(simulated, kind, caption, figure)
 
 
@@ -95,14 +110,13 @@ def _conditions(axes: Axes, design: Design, rows: Sequence[ObjectiveRow], interv
         policy = design.policies.index(row.policy)
         x = design.robots.index(row.robot) + width * (policy - (len(design.policies) - 1) / 2)
         colour = LINES[policy % len(LINES)]
-        label = row.policy if row.robot == design.robots[0] else None
         if getattr(row, mean) is not None:
-            axes.bar(x, getattr(row, mean), 0.9 * width, color=colour, alpha=0.55, label=label)
+            axes.bar(x, getattr(row, mean), 0.9 * width, color=colour, alpha=0.55, label=row.policy)
             _interval(axes, x - 0.12 * width, row, interval, "")
         if getattr(row, f"simulation_{mean}") is not None:
-            axes.plot(x + 0.2 * width, getattr(row, f"simulation_{mean}"), "D", color=INK, markersize=4)
+            value = getattr(row, f"simulation_{mean}")
+            axes.plot(x + 0.2 * width, value, "D", color=INK, markersize=4, label=SIMULATION)
             _interval(axes, x + 0.2 * width, row, interval, "simulation_")
-    axes.plot([], [], "D", color=INK, markersize=4, label="simulation")
     axes.axhline(0.0, color=INK, linewidth=0.6)
     axes.set_xticks(range(len(design.robots)), design.robots)
 
@@ -137,7 +151,7 @@ def height_figure(group: Measures, people: Sequence[PersonRow]) -> Drawing:
             axes.plot(marks, [-0.05] * len(marks), marker, color=INK, markersize=5, alpha=0.7, label=label)
         axes.axhline(0.0, color=INK, linewidth=0.6)
         axes.set(xlabel="torso height / m", ylabel="share per centimetre")
-        figure.legend(loc="outside lower center", ncols=2)
+        name_marks(figure, columns=2)
     return finished(
         group.simulated, "torso-heights", "Torso heights of participants and of the training's people", figure
     )
@@ -159,8 +173,7 @@ def head_figure(group: Measures, people: Sequence[PersonRow]) -> Drawing:
                 aspect="equal",
                 adjustable="datalim",
             )
-        handles, labels = figure.axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=2)
+        name_marks(figure, columns=2)
     caption = (
         "Centres of heads, in the mean of each trial, among the training's people (up to "
         f"{SHOWN_PEOPLE} of each distribution)"

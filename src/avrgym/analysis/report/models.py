@@ -115,6 +115,7 @@ METHODS = (
     "participants as clusters, Kauermann and Carroll's covariance for few of them, and Student's t with one degree of "
     "freedom less than participants; for rewards, scores and long scales a linear mixed model in which participants "
     "differ in general, by policy, by robot and by task, with Kenward and Roger's standard errors and degrees of "
-    f"freedom. Fewer than {LEAST_PARTICIPANTS} participants are not modelled. Tasks and robots with all values at the "
+    "freedom. A mixed model with a random effect whose variance is zero or negative is marked as singular. "
+    f"Fewer than {LEAST_PARTICIPANTS} participants are not modelled. Tasks and robots with all values at the "
     "same end of a scale are left out, and named. Models are exploratory unless a frozen plan names them.",
 )

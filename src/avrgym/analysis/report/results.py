@@ -55,23 +55,32 @@ def _reward(mean: float | None, rate: float | None) -> str:
 
 
 def _intervals(rows: Sequence[ObjectiveRow], simulated: bool) -> Markup:
+    simulation = any(row.simulation_episodes for row in rows)
     heads = (
         "Task", "Robot", "Policy", "Trials", "Reward", "Success",
-        "Simulated with", "Episodes", "Reward", "Success",
+        *(("Simulated with", "Episodes", "Reward", "Success") if simulation else ()),
     )  # fmt: skip
     body = [
         (
             row.task, row.robot, row.policy, row.trials,
             _interval(row.reward_mean, row.reward_low, row.reward_high),
             percent(row.success_rate, row.success_low, row.success_high),
-            row.simulation_people or "–", row.simulation_episodes or "–",
-            _interval(row.simulation_reward_mean, row.simulation_reward_low, row.simulation_reward_high),
-            percent(row.simulation_success_rate, row.simulation_success_low, row.simulation_success_high),
+            *(_simulation(row) if simulation else ()),
         )
         for row in rows
     ]  # fmt: skip
-    numbers = (3, 4, 5, 7, 8, 9)
+    numbers = (3, 4, 5, 7, 8, 9) if simulation else (3, 4, 5)
     return table(captioned("Objective measures with 95 % intervals", simulated), heads, body, numbers=numbers)
+
+
+def _simulation(row: ObjectiveRow) -> tuple[object, ...]:
+    """The cells about a condition in simulation."""
+    return (
+        row.simulation_people or "–",
+        row.simulation_episodes or "–",
+        _interval(row.simulation_reward_mean, row.simulation_reward_low, row.simulation_reward_high),
+        percent(row.simulation_success_rate, row.simulation_success_low, row.simulation_success_high),
+    )
 
 
 def _remarks(rows: Sequence[ObjectiveRow]) -> Markup:

@@ -22,6 +22,9 @@ class Cell:
     success: float | None
 
 
+EMPTY = Cell(None, None)
+
+
 @dataclass(frozen=True)
 class PaperTable:
     """One table of one group of participants: a row of cells for each task, and one for all."""
@@ -48,15 +51,22 @@ Column = tuple[str, str, Callable[[ObjectiveRow], Cell]]
 
 
 def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[PaperTable]:
-    """Table I for each policy, then table II, of each group of participants."""
+    """Table I for each policy, then table II, of each group of participants.
+
+    Without any measurement in simulation, as of oracle and random, a robot has no column for it.
+    """
     for simulated in sorted({row.simulated for row in rows}):
         own = {(row.task, row.robot, row.policy): row for row in rows if row.simulated is simulated}
         for policy in design.policies:
-            caption = f"Mean reward (success) of {policy} in simulation and in virtual reality"
             columns = {
                 f"{side} {robot}": (robot, policy, read)
                 for (side, read), robot in product(SIDES.items(), design.robots)
+                if read is _in_vr or any(read(own[task, robot, policy]) != EMPTY for task in design.tasks)
             }
+            where = "in simulation and in virtual reality"
+            if len(columns) == len(design.robots):
+                where = "in virtual reality; it was not measured in simulation"
+            caption = f"Mean reward (success) of {policy} {where}"
             cells = _cells(design, own, columns.values())
             name = f"paper_table_1_{policy}".replace("/", "_")
             yield PaperTable(name, caption, simulated, tuple(columns), cells)

@@ -96,10 +96,10 @@ def _models(analysis: Analysis, simulated: bool) -> ShownTable:
     rows = [
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.model, row.participants, effect(row),
-            probability(row.p), probability(row.p_holm), row.planned,
+            probability(row.p), probability(row.p_holm), row.planned, row.note,
         )
         for row in analysis.models
         if row.simulated is simulated and row.effect == POLICIES
     ]  # fmt: skip
-    heads = ("What", "Groups", "Model", "n", "Effect [95 %]", "p", "p, Holm", "By plan")
+    heads = ("What", "Groups", "Model", "n", "Effect [95 %]", "p", "p, Holm", "By plan", "Remark")
     return ShownTable("models", _marked("Policies in models", simulated), heads, rows, (3, 4, 5, 6))

@@ -17,7 +17,10 @@ class NoFit(Exception):
 
 @dataclass(frozen=True)
 class Estimate:
-    """An effect, its standard error, Student's degrees of freedom, the ends of its 95 % interval, and p."""
+    """An effect, its standard error, Student's degrees of freedom, the ends of its 95 % interval, and p.
+
+    ``note`` is what a reader must know of the model, or empty.
+    """
 
     value: float
     error: float
@@ -25,6 +28,7 @@ class Estimate:
     low: float
     high: float
     p: float
+    note: str = ""
 
     @classmethod
     def of(cls, value: float, variance: float, df: float) -> "Estimate":

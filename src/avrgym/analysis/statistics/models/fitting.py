@@ -1,6 +1,7 @@
 """Fitting the model that suits a quantity to its values, and reading every effect from it."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -75,33 +76,36 @@ def fit(model: str, observed: Sequence[Observed], names: Columns) -> Fitted:
     if model != MIXED:
         return fit_ordinal(values, names.matrix, participants)
     design = np.hstack([np.ones((len(values), 1)), names.matrix])
-    fitted = fit_mixed(values, design, participants, _groupings(observed))
-    return _WithConstant(fitted)
+    groupings = _groupings(observed)
+    fitted = fit_mixed(values, design, participants, list(groupings.values()))
+    return _WithConstant(fitted, _singular([list(groupings)[place] for place in fitted.at_zero]))
+
+
+def _singular(at_zero: Sequence[str]) -> str:
+    """What a reader must know of random effects at zero; nothing where there are none."""
+    return f"singular: random effect at zero: {', '.join(at_zero)}" if at_zero else ""
 
 
 class _WithConstant:
-    """A model whose first coefficient is a constant, which no effect is about."""
+    """A model whose first coefficient is a constant, which no effect is about; ``note`` goes with each estimate."""
 
-    def __init__(self, fitted: Fitted) -> None:
-        self._fitted = fitted
+    def __init__(self, fitted: Fitted, note: str) -> None:
+        self._fitted, self._note = fitted, note
 
     def estimate(self, contrast: Array) -> Estimate:
-        return self._fitted.estimate(np.concatenate([[0.0], contrast]))
+        return replace(self._fitted.estimate(np.concatenate([[0.0], contrast])), note=self._note)
 
 
-def _groupings(observed: Sequence[Observed]) -> list[list[str]]:
+def _groupings(observed: Sequence[Observed]) -> dict[str, list[str]]:
     """How values of a participant are alike: all of them, those with a policy, with a robot, and of a task.
 
     Left out is what all of a participant's values have in common, but for the first, and what no two have.
     """
     whole = [each.participant for each in observed]
-    finer = [
-        [f"{each.participant} {group}" for each, group in zip(observed, groups, strict=True)]
-        for groups in (
-            [each.policy for each in observed],
-            [each.robot for each in observed],
-            [each.task for each in observed],
-        )
-    ]
+    finer = {
+        f"participant by {name}": [f"{each.participant} {getattr(each, name)}" for each in observed]
+        for name in ("policy", "robot", "task")
+    }
     people = len(set(whole))
-    return [whole] * (people < len(whole)) + [each for each in finer if people < len(set(each)) < len(whole)]
+    found = {"participant": whole} if people < len(whole) else {}
+    return found | {name: each for name, each in finer.items() if people < len(set(each)) < len(whole)}

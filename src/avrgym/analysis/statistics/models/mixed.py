@@ -18,6 +18,8 @@ from avrgym.analysis.statistics.models.fitted import Array, Estimate, NoFit
 ITERATIONS = 30
 HALVINGS = 8
 CONVERGED = 1e-10
+SINGULAR = 1e-8
+"""A random effect is at zero if its variance is no more than this share of that of single values."""
 NOT_CONVERGED = "the variances between and within participants cannot be told apart"
 
 
@@ -35,6 +37,12 @@ class MixedFit:
     adjusted: Array
     slopes: Array
     of_variances: Array
+
+    @property
+    def at_zero(self) -> list[int]:
+        """The places of the random effects whose variance is zero or negative: with any the fit is singular."""
+        *groups, single = self.variances.tolist()
+        return [place for place, variance in enumerate(groups) if variance <= SINGULAR * abs(single)]
 
     def estimate(self, contrast: Array) -> Estimate:
         """The effect of a contrast (p,), by Student's t."""

@@ -76,8 +76,16 @@ def _without_one(
 
 
 def _estimated(row: ModelRow, found: Estimate) -> ModelRow:
+    note = "; ".join(filter(None, (found.note, row.note)))
     row = replace(
-        row, estimate=found.value, error=found.error, df=found.df, low=found.low, high=found.high, p=found.p
+        row,
+        estimate=found.value,
+        error=found.error,
+        df=found.df,
+        low=found.low,
+        high=found.high,
+        p=found.p,
+        note=note,
     )
     if row.model == MIXED:
         return row

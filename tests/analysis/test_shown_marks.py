@@ -1,0 +1,168 @@
+"""Figures name the marks that they show, tables have no empty columns, and singular models are marked."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from analysed import read_table, run_trials, take_part
+from avrgym.analysis.figures.drawing import name_marks
+from avrgym.analysis.figures.study_figures import draw_study
+from avrgym.analysis.model_rows import ModelRow
+from avrgym.analysis.report.models import table_of_effects
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.report.pack.tables import shown_tables
+from avrgym.analysis.statistics.models.effects import Observed, columns, effects
+from avrgym.analysis.statistics.models.fitted import Estimate
+from avrgym.analysis.statistics.models.fitting import MIXED, estimates
+from avrgym.analysis.statistics.models.mixed import fit_mixed
+from avrgym.analysis.study import Analysis, analyse
+from avrgym.study.design.design import default_text, parse_design
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
+from html_page import Page
+from studies import make_study
+
+DESIGN = parse_design(default_text())
+REMARK = "singular: random effect at zero: "
+
+
+# Legends
+
+
+def legend(figure: Figure) -> list[str]:
+    return [text.get_text() for each in figure.legends for text in each.get_texts()]
+
+
+def test_a_legend_names_each_mark_that_is_drawn_anywhere_once() -> None:
+    figure = Figure()
+    first, second = figure.subplots(1, 2)
+    first.bar(0.0, 1.0, label="bars")
+    first.plot([], [], "D", label="nothing")
+    second.bar(0.0, 1.0, label="bars")
+    second.plot([1.0], [2.0], "D", label="diamonds")
+    name_marks(figure, columns=2)
+    assert sorted(legend(figure)) == ["bars", "diamonds"]
+    empty = Figure()
+    empty.add_subplot().plot([], [], label="nothing")
+    name_marks(empty, columns=1)
+    assert empty.legends == []
+
+
+@pytest.fixture(scope="module")
+def analysis(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Analysis, Path]]:
+    """Men alone, who met two policies that nobody measured in simulation and one that training measured."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(database.URL_VARIABLE, raising=False)
+        policies = '["oracle", "random", "revised"]'
+        folder = make_study(tmp_path_factory.mktemp("study"), tasks='["Feeding"]', policies=policies)
+        with Store(folder) as store:
+            for _ in range(4):
+                run_trials(store, take_part(store, "man"))
+            found = analyse(store)
+        out = tmp_path_factory.mktemp("out") / "analysis"
+        write_analysis(found, folder, out)
+        yield found, out
+
+
+def texts(svg: str) -> list[str]:
+    return re.findall(r"<text[^>]*>([^<]*)</text>", svg)
+
+
+@pytest.mark.slow
+def test_figures_of_men_name_no_woman(analysis: tuple[Analysis, Path]) -> None:
+    drawings = {each.name: texts(each.file().decode()) for each in draw_study(analysis[0])}
+    heights = next(shown for name, shown in drawings.items() if name.startswith("torso-heights"))
+    assert "a man" in heights
+    assert "a woman" not in heights
+    assert "simulation" in next(shown for name, shown in drawings.items() if name.startswith("success"))
+
+
+@pytest.mark.slow
+def test_what_was_not_measured_in_simulation_has_no_column_and_no_mark(
+    analysis: tuple[Analysis, Path],
+) -> None:
+    _, out = analysis
+    for policy, is_measured in (("oracle", False), ("random", False), ("revised", True)):
+        (table, *_) = read_table(out, f"paper_table_1_{policy}")
+        assert any(name.startswith("simulation") for name in table) is is_measured, policy
+        assert all(name.startswith(("simulation", "VR", "task", "simulated")) for name in table)
+    page = " ".join(Page(out / "report" / "index.html").text.split())
+    assert "of oracle in virtual reality; it was not measured in simulation" in page
+    assert "of revised in simulation and in virtual reality" in page
+    for name in ("paper_table_1_oracle", "paper_table_1_revised", "paper_table_2"):
+        rows = read_table(out, name)
+        assert all(any(row[column] for row in rows) for column in rows[0]), name
+
+
+# Singular models
+
+
+def values(of_policy: float, of_participant: float, noise: float) -> list[Observed]:
+    """Rewards of eight participants, who differ by so much in general and in what they make of a policy."""
+    rng = np.random.default_rng(3)
+    found: list[Observed] = []
+    for person in range(8):
+        own, likes = of_participant * rng.normal(), of_policy * rng.normal(size=len(DESIGN.policies))
+        for task in DESIGN.tasks:
+            for robot in DESIGN.robots:
+                for index, policy in enumerate(DESIGN.policies):
+                    value = own + likes[index] + noise * rng.normal()
+                    before = DESIGN.policies[int(rng.integers(len(DESIGN.policies)))]
+                    block, place = rng.uniform(size=2)
+                    found.append(
+                        Observed(f"sub-{person:03}", task, robot, policy, block, place, before, value)
+                    )
+    return found
+
+
+def notes(seen: list[Observed]) -> set[str]:
+    found = estimates(DESIGN, MIXED, seen, effects(DESIGN))
+    return {each.note for each in found.values() if isinstance(each, Estimate)}
+
+
+def test_a_random_effect_at_zero_is_named_with_every_estimate() -> None:
+    seen = values(of_policy=0.0, of_participant=0.0, noise=1.0)
+    (note,) = notes(seen)
+    assert note.startswith(REMARK)
+    named = set(note.removeprefix(REMARK).split(", "))
+    assert named <= {"participant", "participant by policy", "participant by robot", "participant by task"}
+    groups = [[each.participant for each in seen]]
+    design = np.hstack([np.ones((len(seen), 1)), columns(DESIGN, seen).matrix])
+    fitted = fit_mixed([each.value for each in seen], design, groups[0], groups)
+    assert fitted.at_zero == [place for place in (0,) if fitted.variances[place] <= 0.0]
+
+
+@pytest.mark.parametrize(
+    ("of_policy", "of_participant", "differs"),
+    [(3.0, 0.0, "participant by policy"), (0.0, 3.0, "participant")],
+)
+def test_a_random_effect_that_is_there_is_not_said_to_be_at_zero(
+    of_policy: float, of_participant: float, differs: str
+) -> None:
+    (note,) = notes(values(of_policy, of_participant, noise=0.5))
+    assert differs not in note.removeprefix(REMARK).split(", ")
+
+
+SINGULAR = ModelRow(
+    simulated=True, family="f", quantity="reward", model=MIXED, effect="policies", group_a="a", group_b="b",
+    participants=8, values=64, estimate=1.0, error=1.0, df=7.0, low=-1.0, high=3.0, p=0.5, p_holm=0.5,
+    planned="exploratory", note=f"{REMARK}participant by robot",
+)  # fmt: skip
+
+
+def test_the_report_shows_the_remark_beside_its_result() -> None:
+    assert SINGULAR.note in str(table_of_effects("Models", [SINGULAR], simulated=True))
+
+
+@pytest.mark.slow
+def test_tables_for_publications_have_the_remark(analysis: tuple[Analysis, Path]) -> None:
+    models = next(
+        each for each in shown_tables(replace(analysis[0], models=[SINGULAR]), True) if each.name == "models"
+    )
+    assert models.heads[-1] == "Remark"
+    assert [row[-1] for row in models.rows] == [SINGULAR.note]
