@@ -68,7 +68,8 @@ M = TypeVar("M", bound=Message)
 
 PATIENCE_S = 60.0
 TYPES = (
-    "hello, tracking, receipt, entered, left, ready, scene_loaded, stop, recalibrate, origin_reset, answer"
+    "hello, tracking, receipt, entered, left, ready, scene_loaded, stop, visibility_changed, recalibrate, "
+    "origin_reset, answer"
 )
 
 
