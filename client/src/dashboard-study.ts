@@ -61,6 +61,7 @@ export interface Trial {
   attempts: string[];
   success: boolean | null;
   reward: number | null;
+  questionnaire_open: boolean;
 }
 
 export interface Score {

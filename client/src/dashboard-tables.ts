@@ -58,7 +58,7 @@ export function trialsTable(trials: Trial[]): Table {
       taskWords(trial.task),
       trial.robot,
       trial.policy,
-      trial.state,
+      trial.state + (trial.questionnaire_open ? ", questionnaire open" : ""),
       trial.attempts.join(", ") || "–",
       trial.reward === null ? "–" : trial.reward.toFixed(1) + (trial.success ? ", success" : ", no success"),
     ]),

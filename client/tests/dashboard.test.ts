@@ -21,6 +21,7 @@ const TRIAL: Trial = {
   attempts: ["stopped", "completed"],
   success: null,
   reward: null,
+  questionnaire_open: false,
 };
 
 const PERSON: Participant = {

@@ -61,6 +61,8 @@ PHASES: tuple[PhaseName, ...] = (
 )  # fmt: skip
 RUNNING = ("free_before", "countdown", "trial", "retreat", "free_after", "questionnaire")
 """The phases in which a trial is recorded."""
+HELPED = ("retreat", "free_after", "questionnaire")
+"""Those in which the robot has helped."""
 
 
 class Replica:
@@ -385,11 +387,13 @@ def test_who_goes_away_is_waited_for_and_a_running_trial_is_interrupted(
     assert gone.phase == phase
     gone.tell(event)
 
-    stays = phase == "finished" or (phase == "waiting" and isinstance(event, OriginReset))
-    after = "calibration" if isinstance(event, OriginReset) else "waiting"
+    moved = isinstance(event, OriginReset)
+    stays = phase == "finished" or (phase == "waiting" and moved)
+    after = "questionnaire" if phase in HELPED else "calibration" if moved else "waiting"
     assert gone.phase == (phase if stays else after)
     results = [recording.outcome and recording.outcome["result"] for recording in gone.recordings()]
     expected = {"paused": ["stopped"], "finished": ["completed"]} | {p: ["interrupted"] for p in RUNNING}
+    expected |= {p: [None if moved else "completed"] for p in HELPED}
     assert results == expected.get(phase, [])
     if phase == "trial":
         (recording,) = gone.recordings()

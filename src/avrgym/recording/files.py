@@ -18,6 +18,7 @@ from mcap import records as mcap_records
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
+from avrgym.recording import late_answers
 from avrgym.recording.outcomes import ATTEMPT_ENDS, AttemptEnd, Metrics
 from avrgym.recording.records import TOPICS, Record, decode, encode, json_schema
 from avrgym.system.files import private_opener
@@ -246,12 +247,17 @@ class Recording:
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read a recording up to where a crash or damage may have ended it; ``RecordingError`` without a header."""
+    """Read a recording up to where a crash or damage may have ended it; ``RecordingError`` without a header.
+
+    Answers that were given after its end, see ``late_answers``, follow its messages at the time of the last one.
+    """
     records, whole = _intact_records(path)
     metadata = _metadata(records)
     if _CONFIGURATION not in metadata:
         raise RecordingError(f"{path}: not a recording, or cut off before the end of its header")
     messages, gapless = _messages(path, records)
+    ends_ns = max((time_ns for _, time_ns, _ in messages), default=0)
+    messages += [("/answers", ends_ns, answer) for answer in late_answers.read(path)]
     outcome = metadata.get(_OUTCOME)
     return Recording(
         metadata=metadata[_CONFIGURATION],

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from avrgym.recording import late_answers
 from avrgym.recording.files import Recording, RecordingError, read_recording
 from avrgym.recording.outcomes import Metrics
 from avrgym.recording.questionnaire import SESSION_MOMENTS
@@ -16,7 +17,7 @@ from avrgym.study.checking.held import too_much_held
 from avrgym.study.checking.preflight import policy_faults
 from avrgym.study.checking.recorded_plugins import check_plugins
 from avrgym.study.checking.start_checks import check_starts
-from avrgym.study.storage.answers import answered_in_visit
+from avrgym.study.storage.answers import answered_in_visit, is_open, was_opened
 from avrgym.study.storage.attempts import CHANGED, sha256_of
 from avrgym.study.storage.rows import (
     RECORDINGS,
@@ -57,7 +58,8 @@ def check_participants(store: Store) -> Iterator[Finding]:
 def check_strays(store: Store) -> Iterator[Finding]:
     """Files among the recordings that belong to nothing."""
     people = [participant.pseudonym for participant in store.participants()]
-    expected = {attempt.recording for person in people for attempt in store.attempts(person)}
+    recordings = [attempt.recording for person in people for attempt in store.attempts(person)]
+    expected = {*recordings, *(late_answers.beside(name).as_posix() for name in recordings)}
     return (_check_stray(store, name) for name in _files(store) if name not in expected)
 
 
@@ -138,7 +140,7 @@ def _check_attempt(
         given = {answer.item for answer in answers}
         missing = [item.id for item in store.design.items_at("after_trial") if item.id not in given]
         if missing:
-            yield Finding(attempt.recording, f"completed without answers to {', '.join(missing)}")
+            yield _not_answered(store, attempt, missing)
     try:
         path = store.path(attempt.recording)
     except StudyError as error:
@@ -152,6 +154,17 @@ def _check_attempt(
         yield Finding(attempt.recording, f"was left out when sites were merged: {why}", wrong=False)
     elif completed or attempt.sha256 is not None:
         yield Finding(attempt.recording, "is missing")
+
+
+def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Finding:
+    """Answers to a completed trial are missing: its participant left, or something is wrong."""
+    with store.database.read() as connection:
+        opened, still_open = was_opened(connection, attempt), is_open(store, connection, attempt)
+    items = ", ".join(missing)
+    if not opened:
+        return Finding(attempt.recording, f"completed without answers to {items}")
+    state = "its questionnaire is open" if still_open else "its questionnaire was left"
+    return Finding(attempt.recording, f"{state}: no answer to {items}", wrong=False)
 
 
 def _not_merged(store: Store, attempt: TrialAttempt) -> str:

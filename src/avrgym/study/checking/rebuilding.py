@@ -15,6 +15,7 @@ from avrgym.study.design.allocation import PlannedTrial, cell_orders, plan_trial
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import read_design
 from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.answers import OPEN
 from avrgym.study.storage.attempts import BROKEN_OFF, sha256_of
 from avrgym.study.storage.database import FILE, REBUILT, database_url
 from avrgym.study.storage.remains import known_numbers
@@ -151,6 +152,7 @@ class _Rebuilding:
         trials = self._insert_participant(connection, number, cell, plan, kept)
         attempts: dict[int, int] = defaultdict(int)
         completed: set[int] = set()
+        self._opened = False
         for name, visit in visits.items():
             if not name.removeprefix("ses-").isdecimal():
                 continue
@@ -165,7 +167,8 @@ class _Rebuilding:
                     completed.add(trial)
         for trial in completed:
             ledger.update(connection, schema.TRIAL, trial, state="completed")
-        state = "completed" if completed == set(trials.values()) else "allocated"
+        all_answered = completed == set(trials.values()) and not self._opened
+        state = "completed" if all_answered else "allocated"
         ledger.update(connection, schema.PARTICIPANT, number, state=state)
 
     def _insert_participant(
@@ -226,8 +229,8 @@ class _Rebuilding:
         end = kept.recording.end
         answers = kept.recording.topics["/answers"]
         asked = {item["id"] for item in kept.recording.metadata.get("items", [])}
-        whole = kept.recording.complete and asked <= {answer.item for _, answer in answers}
-        completed = end == "completed" and whole and not again
+        missing = sorted(asked - {answer.item for _, answer in answers})
+        completed = end == "completed" and kept.recording.complete and not again
         broken_off = end if end in BROKEN_OFF else "interrupted"
         attempt = ledger.insert(
             connection,
@@ -244,6 +247,10 @@ class _Rebuilding:
             ended_at=now(),
         )
         self._attempts += 1
+        if completed and missing:
+            event = {"session": session, "attempt": attempt}
+            record_event(connection, OPEN, ", ".join(missing), event)
+            self._opened = True
         latest = {answer.item: (time_ns, answer) for time_ns, answer in answers}
         for time_ns, answer in latest.values():
             given = _stored(kept.began + timedelta(seconds=time_ns / 1e9))

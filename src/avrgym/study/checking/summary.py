@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 
 from avrgym.study.design.allocation import cell_orders
+from avrgym.study.storage.answers import is_open
 from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Tombstone, Trial, TrialAttempt
 from avrgym.study.storage.states import TAKES_PART
 from avrgym.study.storage.store import Store, find_all
@@ -28,6 +29,7 @@ class ParticipantSummary:
     sessions: int
     trials_completed: int
     trials: int
+    questionnaires_open: int
     attempts: int
     answers: int
 
@@ -57,7 +59,7 @@ def summarise_study(store: Store) -> StudySummary:
     with store.database.read() as connection:
         participants = find_all(connection, Participant)
         deleted = len(find_all(connection, Tombstone))
-        counts = _count(connection)
+        counts = _count(store, connection)
     states = Counter(participant.state for participant in participants)
     return StudySummary(
         title=store.design.title,
@@ -82,11 +84,15 @@ def _per_cell(store: Store, participants: list[Participant], states: tuple[str, 
     return tuple(count[cell] for cell in range(len(cell_orders(store.design))))
 
 
-def _count(connection: sa.Connection) -> dict[str, Counter[int]]:
-    """How many sessions, trials, completed trials, attempts and answers there are, by their participant's number."""
+def _count(store: Store, connection: sa.Connection) -> dict[str, Counter[int]]:
+    """How many sessions, trials, open questionnaires and so on there are, by their participant's number."""
     trials = find_all(connection, Trial)
     of_session = {session.id: session.participant for session in find_all(connection, StudySession)}
+    completed = find_all(connection, TrialAttempt, state="completed")
     return {
+        "questionnaires_open": Counter(
+            of_session[each.session] for each in completed if is_open(store, connection, each)
+        ),
         "sessions": Counter(of_session.values()),
         "trials": Counter(trial.participant for trial in trials),
         "trials_completed": Counter(trial.participant for trial in trials if trial.state == "completed"),

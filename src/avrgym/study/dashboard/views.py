@@ -13,6 +13,7 @@ from avrgym.study.design.design import Design
 from avrgym.study.export.scores import scores_of, uses_instruments
 from avrgym.study.export.trials import answers_of, attempts_of
 from avrgym.study.people.participants import texts_of
+from avrgym.study.storage.answers import open_attempts
 from avrgym.study.storage.keyfile import read_key
 from avrgym.study.storage.rows import Note, Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import PARTICIPANT
@@ -43,7 +44,10 @@ class Overview:
 
 @dataclass(frozen=True)
 class TrialView:
-    """A trial as the experimenter may see it, with how each of its attempts ended."""
+    """A trial as the experimenter may see it, with how each of its attempts ended.
+
+    ``questionnaire_open``: it is complete, and not every item is answered.
+    """
 
     position: int
     task: str
@@ -54,6 +58,7 @@ class TrialView:
     attempts: tuple[str, ...]
     success: bool | None
     reward: float | None
+    questionnaire_open: bool
 
 
 @dataclass(frozen=True)
@@ -117,6 +122,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
     attempts = defaultdict[int, list[TrialAttempt]](list)
     for attempt in store.attempts(pseudonym):
         attempts[attempt.trial].append(attempt)
+    left = {attempt.trial for attempt in open_attempts(store, store.attempts(pseudonym))}
     return ParticipantView(
         participant=pseudonym,
         state=participant.state,
@@ -132,7 +138,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
         consented_at=participant.consented_at,
         consent_version=participant.consent_version,
         scores=tuple(_scores(store, participant)),
-        trials=tuple(_trial(design, trial, attempts[trial.id]) for trial in store.trials(pseudonym)),
+        trials=tuple(_trial(design, trial, attempts[trial.id], left) for trial in store.trials(pseudonym)),
         notes=tuple(store.notes(pseudonym)),
     )
 
@@ -156,7 +162,7 @@ def _scores(store: Store, participant: Participant) -> Iterator[ScoreView]:
         yield ScoreView(**{name: row[name] for name in ScoreView.__dataclass_fields__})
 
 
-def _trial(design: Design, trial: Trial, attempts: list[TrialAttempt]) -> TrialView:
+def _trial(design: Design, trial: Trial, attempts: list[TrialAttempt], left: set[int]) -> TrialView:
     task, robot = find_environment(trial.environment)
     metrics = next((attempt.metrics for attempt in attempts if attempt.state == "completed"), Metrics())
     return TrialView(
@@ -169,4 +175,5 @@ def _trial(design: Design, trial: Trial, attempts: list[TrialAttempt]) -> TrialV
         attempts=tuple(attempt.state for attempt in attempts),
         success=metrics.success,
         reward=metrics.reward,
+        questionnaire_open=trial.id in left,
     )

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from avrgym.recording import late_answers
 from avrgym.study.merge.sources import Row, Source
 from avrgym.study.plan.freezing import sha256
 from avrgym.study.storage.attempts import CHANGED
@@ -61,9 +62,12 @@ class Recording:
         data = self.source.read_bytes()
         if self.sha256 not in (None, sha256(data)):
             raise StudyError(f"{self.name} {CHANGED} while it was copied")
+        make_private_folder(self.target.parent)
+        late = late_answers.beside(self.source)
+        if late.is_file():
+            write_whole(late_answers.beside(self.target), late.read_bytes(), PRIVATE_FILE)
         if self.target.is_file() and self.target.read_bytes() == data:
             return False
-        make_private_folder(self.target.parent)
         write_whole(self.target, data, PRIVATE_FILE)
         return True
 

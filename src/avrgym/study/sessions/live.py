@@ -23,6 +23,8 @@ from avrgym.study.storage.answers import (
     answered_in_visit,
     change_answer,
     change_session_answer,
+    leave_questionnaire,
+    open_attempts,
     record_answer,
     record_session_answer,
 )
@@ -37,7 +39,7 @@ from avrgym.texts.texts import Texts
 from avrgym.vr.protocol.messages import Command, Language, Send
 from avrgym.vr.session import events
 from avrgym.vr.session.events import Observer, SessionEvent
-from avrgym.vr.session.plan import HeadsetCheckPlan, Policies, SessionPlan, TrialPlan
+from avrgym.vr.session.plan import HeadsetCheckPlan, OpenQuestionnaire, Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.preparation import AtOnce
 from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
@@ -98,7 +100,7 @@ class StudyVisit:
 
         The arguments are those of ``plan_session``.
         """
-        if not self.store.remaining_trials(self.pseudonym):
+        if not has_more(self.store, self.pseudonym):
             raise StudyError(f"{self.pseudonym} has completed every trial")
         return plan_session(self.store, self.pseudonym, furniture, headset_check=headset_check)
 
@@ -211,6 +213,11 @@ class StudyVisit:
         self.close()
 
 
+def has_more(store: Store, pseudonym: str) -> bool:
+    """Whether a participant has trials to run, or a questionnaire of one to answer."""
+    return bool(store.remaining_trials(pseudonym) or open_attempts(store, store.attempts(pseudonym)))
+
+
 def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
     """All of a participant's trials: those that a session has no more to run, then those that remain."""
     remaining = store.remaining_trials(pseudonym)
@@ -221,7 +228,7 @@ def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
 def plan_session(
     store: Store, pseudonym: str, furniture: RealFurniture | None = None, *, headset_check: bool = False
 ) -> SessionPlan:
-    """What a session of a participant runs now; there must be a trial that remains.
+    """What a session of a participant runs now; there must be a trial or an open questionnaire that remains.
 
     ``furniture`` is what the participant really sits and lies on, the design's unless given. ``headset_check``: the
     headset of a person is checked also where the design does not say so.
@@ -246,7 +253,19 @@ def plan_session(
         measure_reach=design.measure_reach and not participant.simulated,
         headset_check=HeadsetCheckPlan() if checked and not participant.simulated else None,
         first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
+        open_questionnaire=_open_questionnaire(store, pseudonym, trials),
     )
+
+
+def _open_questionnaire(store: Store, pseudonym: str, trials: Sequence[Trial]) -> OpenQuestionnaire | None:
+    """The first that is to be asked before another trial begins."""
+    left = open_attempts(store, store.attempts(pseudonym))
+    if not left:
+        return None
+    attempt = left[0]
+    number = next(i for i, trial in enumerate(trials, 1) if trial.id == attempt.trial)
+    given = {each.item: each.value for each in store.answers(pseudonym) if each.attempt == attempt.id}
+    return OpenQuestionnaire(number, attempt.number, store.path(attempt.recording), given)
 
 
 def _trial_plan(store: Store, trial: Trial, attempts: int, texts: Texts) -> TrialPlan:
@@ -290,11 +309,13 @@ class Keeper:
             case events.TrialBegun():
                 self._begin(happened)
             case events.AnswerChanged():
-                change_answer(self._store, self._running().id, happened.answer)
+                change_answer(self._store, self._answered(happened.trial), happened.answer)
             case events.HeadsetChecked():
                 store_headset_check(self._store, self._session.id, happened.check)
             case events.Answered():
-                record_answer(self._store, self._running().id, happened.answer)
+                record_answer(self._store, self._answered(happened.trial), happened.answer)
+            case events.QuestionsLeft():
+                leave_questionnaire(self._store, self._answered(happened.trial), happened.items)
             case events.TrialEnded():
                 self._end(happened)
             case events.TrialSkipped():
@@ -348,7 +369,12 @@ class Keeper:
         attempt = self._attempt.id if self._attempt is not None else None
         tell(self._store, self._session.id, name, detail, attempt)
 
-    def _running(self) -> TrialAttempt:
-        if self._attempt is None:
-            raise StudyError("no attempt runs that an answer could belong to")
-        return self._attempt
+    def _answered(self, number: int) -> int:
+        """The attempt whose questionnaire is asked: the one that runs, or that completed the trial of this number."""
+        if self._attempt is not None:
+            return self._attempt.id
+        trial = self._trials[number - 1]
+        for attempt in self._store.attempts(self._pseudonym):
+            if attempt.trial == trial.id and attempt.state == "completed":
+                return attempt.id
+        raise StudyError("there is no attempt that an answer could belong to")

@@ -7,7 +7,7 @@ from queue import Empty, SimpleQueue
 
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Person
-from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.sessions.live import StudyVisit, has_more
 from avrgym.study.sessions.session_questions import SessionQuestions
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -177,7 +177,7 @@ class StudySessions:
 
     def _in_vr(self, visit: StudyVisit) -> Session | None:
         """The trials that remain; ``None`` where a crash left only the last questions."""
-        if visit.items("after_session") and not self._store.remaining_trials(visit.pseudonym):
+        if visit.items("after_session") and not has_more(self._store, visit.pseudonym):
             return None
         plan = visit.plan(self._furniture, headset_check=self._headset_check)
         return visit.session(plan, self._send, self._workers, self._scenes, self._streams)

@@ -22,7 +22,7 @@ from avrgym.recording.records import Answer
 from avrgym.study.checking.preflight import load_study_policy, policies_needed
 from avrgym.study.design.design import FILE
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion
-from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.sessions.live import StudyVisit, has_more
 from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -144,7 +144,7 @@ def _attend(store: Store, pseudonym: str, cast: Cast) -> None:
     with StudyVisit(store, pseudonym) as visit:
         chance = _random(cast.seed, visit.stored.participant)
         _answer(visit, "before_session", chance)
-        for _ in store.remaining_trials(pseudonym):
+        while has_more(store, pseudonym):
             _run_trial(visit, cast)
             if visit.called_off:
                 raise StudyError(f"{visit.stored} was ended elsewhere")

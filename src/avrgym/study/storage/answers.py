@@ -27,16 +27,19 @@ CHANGED = "answer changed"
 """The event of an answer that a participant changed; its detail is the item and both answers."""
 ANSWERED = "answered"
 """With a moment after it: the event of an answer about a session, whose detail is the item."""
+OPEN, LEFT = "questionnaire open", "questionnaire left"
+"""The events of a trial that is complete before every item is answered, and of items that nobody asks any more."""
 
 
 def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
     """Store one answer to an item that is asked after a trial.
 
     Raises:
-        StudyError: unless the attempt runs, or for an answer that is none or was given already.
+        StudyError: unless the attempt runs or its questionnaire is open, or for an answer that is none or was given
+            already.
     """
     with store.database.write() as connection:
-        attempt = find_running_attempt(connection, attempt_id)
+        attempt = _find_answerable(connection, attempt_id)
         given = find_all(connection, GivenAnswer, attempt=attempt.id)
         items = store.design.items_at("after_trial")
         about = {"session": attempt.session, "attempt": attempt.id}
@@ -44,13 +47,14 @@ def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
 
 
 def change_answer(store: Store, attempt_id: int, answer: Answer) -> None:
-    """Store that a participant went back and changed an answer of a running attempt; an event keeps the earlier one.
+    """Store that a participant went back and changed an answer; an event keeps the earlier one.
 
     Raises:
-        StudyError: unless the attempt runs and the item was answered, or for an answer that is none.
+        StudyError: unless the attempt runs or its questionnaire was open, and the item was answered, or for an answer
+            that is none.
     """
     with store.database.write() as connection:
-        attempt = find_running_attempt(connection, attempt_id)
+        attempt = _find_answerable(connection, attempt_id)
         given = find_all(connection, GivenAnswer, attempt=attempt.id)
         event = {"session": attempt.session, "attempt": attempt.id}
         _change(connection, store.design.items_at("after_trial"), given, answer, event)
@@ -135,6 +139,42 @@ def _only_moment(design: Design, item_id: str) -> str:
     questionnaire = design.questionnaire_of(item_id)
     moments = questionnaire.moments if questionnaire else ()
     return next((moment for moment in SESSION_MOMENTS if moment in moments), SESSION_MOMENTS[-1])
+
+
+def open_attempts(store: Store, attempts: Iterable[TrialAttempt]) -> list[TrialAttempt]:
+    """Those of a participant's attempts that completed their trial and whose questionnaire is still to be answered."""
+    with store.database.read() as connection:
+        return [attempt for attempt in attempts if is_open(store, connection, attempt)]
+
+
+def is_open(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> bool:
+    """Whether an attempt completed its trial and its questionnaire is still to be answered."""
+    names = _events_of(connection, attempt.id) if attempt.state == "completed" else set[str]()
+    return OPEN in names and LEFT not in names and bool(unanswered(store, connection, attempt))
+
+
+def leave_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> None:
+    """Store that the experimenter went on without the answers to these items; nobody asks for them any more."""
+    with store.database.write() as connection:
+        attempt = _find_answerable(connection, attempt_id)
+        record_event(connection, LEFT, ", ".join(items), {"session": attempt.session, "attempt": attempt.id})
+
+
+def was_opened(connection: sa.Connection, attempt: TrialAttempt) -> bool:
+    """Whether an attempt completed its trial before every item was answered."""
+    return OPEN in _events_of(connection, attempt.id)
+
+
+def _find_answerable(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
+    """An attempt that runs, or whose questionnaire was open when it had completed its trial."""
+    found = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
+    if found.state == "completed" and was_opened(connection, found):
+        return found
+    return find_running_attempt(connection, attempt_id)
+
+
+def _events_of(connection: sa.Connection, attempt_id: int) -> set[str]:
+    return {event.name for event in find_all(connection, StudyEvent, attempt=attempt_id)}
 
 
 def unanswered(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> list[str]:

@@ -11,7 +11,7 @@ import sqlalchemy as sa
 from avrgym.recording.files import RecordingError, read_recording
 from avrgym.recording.outcomes import ATTEMPT_ENDS, AttemptEnd, Metrics
 from avrgym.study.storage import ledger, schema
-from avrgym.study.storage.answers import unanswered
+from avrgym.study.storage.answers import OPEN, unanswered
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
@@ -82,7 +82,7 @@ def begin_attempt(
 
 
 def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
-    """Complete a trial: its recording is closed, its questionnaire answered.
+    """Complete a trial: its recording is closed. Its questionnaire is open until every item is answered.
 
     Args:
         store: the study.
@@ -90,13 +90,10 @@ def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
         metrics: what it gave.
 
     Raises:
-        StudyError: unless it runs, has its recording and, but for practice, all answers.
+        StudyError: unless it runs and has its recording.
     """
     with store.database.write() as connection:
         attempt = find_running_attempt(connection, attempt_id)
-        missing = unanswered(store, connection, attempt)
-        if missing:
-            raise StudyError(f"{attempt} is not complete: {', '.join(missing)} not answered")
         if not store.path(attempt.recording).is_file():
             raise StudyError(f"{attempt} is not complete: there is no {attempt.recording}")
         finish_attempt(store, connection, attempt, "completed", metrics)
@@ -137,16 +134,24 @@ def finish_attempt(
     }
     change_state(connection, attempt, after, event, attempt.recording, **ended)
     change_state(connection, trial, "completed" if after == "completed" else "planned", event)
+    missing = unanswered(store, connection, attempt) if after == "completed" else []
+    if missing:
+        record_event(connection, OPEN, ", ".join(missing), event)
 
 
 def whole_metrics(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> Metrics | None:
-    """The metrics of an attempt that only lacked being stored as completed; ``None`` for any other."""
+    """The metrics of an attempt that only lacked being stored as completed; ``None`` for any other.
+
+    Every answer that its recording holds is stored.
+    """
     try:
         recording = read_recording(store.path(attempt.recording))
     except (OSError, RecordingError):
         return None
     finished = recording.complete and recording.end == "completed"
-    return recording.metrics if finished and not unanswered(store, connection, attempt) else None
+    recorded = {answer.item for _, answer in recording.topics["/answers"]}
+    lacks_answers = recorded.intersection(unanswered(store, connection, attempt))
+    return recording.metrics if finished and not lacks_answers else None
 
 
 def sha256_of(store: Store, recording: str) -> str | None:

@@ -8,6 +8,7 @@ import sqlalchemy as sa
 from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.answers import is_open
 from avrgym.study.storage.attempts import NOTHING, finish_attempt, whole_metrics
 from avrgym.study.storage.rows import Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.schema import now
@@ -56,14 +57,23 @@ def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> St
 
 
 def close_session(store: Store, session_id: int) -> None:
-    """End a session; an attempt that runs is kept as interrupted. The last trial completes the participant."""
+    """End a session; an attempt that runs is kept as interrupted.
+
+    The last trial completes the participant, once its questionnaire is no longer open.
+    """
     with store.database.write() as connection:
         session = find_session(connection, session_id)
         _end_session(store, connection, session, attempts="interrupted", after="closed")
         trials = find_all(connection, Trial, participant=session.participant)
         participant = find(connection, Participant, "participant", number=session.participant)
-        if participant.state == "allocated" and all(trial.state == "completed" for trial in trials):
+        over = all(trial.state == "completed" for trial in trials)
+        if participant.state == "allocated" and over and not _is_any_open(store, connection, trials):
             change_state(connection, participant, "completed", {"participant": participant.number})
+
+
+def _is_any_open(store: Store, connection: sa.Connection, trials: list[Trial]) -> bool:
+    attempts = [each for trial in trials for each in find_all(connection, TrialAttempt, trial=trial.id)]
+    return any(is_open(store, connection, attempt) for attempt in attempts)
 
 
 def skip_trial(store: Store, session_id: int, position: int) -> None:

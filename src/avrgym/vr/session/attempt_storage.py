@@ -1,9 +1,10 @@
 """The attempts of a session: recorded, and told to its observer. What is not stored is no trial."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from avrgym.recording import records
+from avrgym.recording import late_answers, records
 from avrgym.recording.files import RecordingError
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.vr.session import events
@@ -13,11 +14,21 @@ from avrgym.vr.tracking.frames import Frame
 from avrgym.vr.tracking.tracking_state import Followed
 
 
+@dataclass(frozen=True)
+class Answering:
+    """Whose questionnaire is asked: an attempt at a trial, both numbers from 1, and its recording."""
+
+    trial: int
+    attempt: int
+    recording: Path
+
+
 class AttemptStorage:
     """Stores one attempt after another; what is told to ``sink`` is stored by its observer.
 
     ``attempt`` is the one that runs, ``recordings`` the files of all. ``completing`` is the index of a trial whose
-    completion is not stored yet; ``failing``: the last attempt could not be stored.
+    completion is not stored yet; ``failing``: the last attempt could not be stored. ``answering`` is the latest
+    attempt, whose answers may be given after its end.
     """
 
     def __init__(self, folder: Path, sink: EventSink) -> None:
@@ -26,6 +37,7 @@ class AttemptStorage:
         self.recordings: list[Path] = []
         self.completing: int | None = None
         self.failing = False
+        self.answering: Answering | None = None
         self._folder, self._sink = folder, sink
         self._latest: Attempt | None = None
 
@@ -40,6 +52,7 @@ class AttemptStorage:
         if self.failing:
             self._sink.forget_failures()
         self.attempt = self._latest = attempt
+        self.answering = Answering(attempt.trial, attempt.number, attempt.path)
         self.failing = False
         self.recordings.append(attempt.path)
         self._sink.tell(events.TrialBegun(now_s, attempt.trial, attempt.number, attempt.path))
@@ -49,6 +62,17 @@ class AttemptStorage:
         """Record anything that happened at one instant of a running attempt."""
         if self.attempt is not None:
             self.attempt.record("/events", records.Event(name, detail), now_s)
+
+    def record_answer(self, answer: records.Answer, now_s: float) -> None:
+        """Record an answer in the running attempt, or next to the recording of one that has ended.
+
+        Raises:
+            OSError: when it cannot be written next to a recording.
+        """
+        if self.attempt is not None:
+            self.attempt.record("/answers", answer, now_s)
+        elif self.answering is not None:
+            late_answers.append(self.answering.recording, answer)
 
     def end(self, result: AttemptEnd, arrived: Sequence[Frame], now_s: float) -> RecordingError | None:
         """End a running attempt; what keeps its recording from being complete, if anything does.

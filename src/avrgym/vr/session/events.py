@@ -128,6 +128,15 @@ class AnswerChanged(Answered):
 
 
 @dataclass(frozen=True)
+class QuestionsLeft(SessionEvent):
+    """The experimenter went on without the answers to these items; the trial counts."""
+
+    trial: int
+    attempt: int
+    items: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Stopped(SessionEvent):
     """Somebody stopped the robot; ``way`` is how the participant did."""
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Sex
@@ -31,6 +32,19 @@ class TrialPlan:
 
 
 @dataclass(frozen=True)
+class OpenQuestionnaire:
+    """The questionnaire of a trial that was completed in an earlier session, before every item was answered.
+
+    ``trial`` and ``attempt`` are numbers from 1; ``given`` are the answers so far, by item.
+    """
+
+    trial: int
+    attempt: int
+    recording: Path
+    given: Mapping[str, int]
+
+
+@dataclass(frozen=True)
 class HeadsetCheckPlan:
     """How long a headset is checked: at rest, with the arms being stretched, and while the participant moves.
 
@@ -55,7 +69,7 @@ class SessionPlan:
     complete the robot withdraws and waits, see ``simulation.withdrawal``. ``stop_rules``: at which answers the session
     pauses or ends. ``texts``: what the participant reads, in their language, in which goals and items stand already.
     ``headset_check``: before all else the headset is checked so. ``measure_reach``: who is measured also stretches
-    their arms, which become as long as theirs.
+    their arms, which become as long as theirs. ``open_questionnaire`` is asked before all else.
     """
 
     trials: Sequence[TrialPlan]
@@ -75,9 +89,11 @@ class SessionPlan:
     texts: Texts = ENGLISH
     headset_check: HeadsetCheckPlan | None = None
     measure_reach: bool = False
+    open_questionnaire: OpenQuestionnaire | None = None
 
     def __post_init__(self) -> None:
-        if not 1 <= self.first_trial <= len(self.trials):
+        last = len(self.trials) + (self.open_questionnaire is not None)
+        if not 1 <= self.first_trial <= last:
             raise ValueError(f"first_trial is {self.first_trial}; there are trials 1 to {len(self.trials)}")
 
     def goal_of(self, trial: TrialPlan) -> str:

@@ -1,6 +1,6 @@
 """The questionnaire of one trial: which item is asked, and what counts as its answer."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from avrgym.recording.questionnaire import Item, validate_answer
 from avrgym.recording.records import Answer
@@ -10,15 +10,21 @@ from avrgym.vr.protocol import messages
 class Questions:
     """Asks one item after another; the participant may go back to change what they gave."""
 
-    def __init__(self, items: Sequence[Item]) -> None:
+    def __init__(self, items: Sequence[Item], given: Mapping[str, int] | None = None) -> None:
+        """Begin with the first item that is not among those ``given`` before."""
         self._items = items
-        self._asked = 0
-        self._given: dict[str, int] = {}
+        self._given = dict(given or {})
+        self._asked = next((i for i, item in enumerate(items) if item.id not in self._given), len(items))
 
     @property
     def done(self) -> bool:
         """Whether every item is answered."""
         return self._asked == len(self._items)
+
+    @property
+    def unanswered(self) -> list[str]:
+        """The items that are not answered yet."""
+        return [item.id for item in self._items if item.id not in self._given]
 
     @property
     def earlier(self) -> int | None:

@@ -21,14 +21,15 @@ from avrgym.vr.protocol.received import Received
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, Experience, versions
-from avrgym.vr.session.attempt_storage import AttemptStorage
+from avrgym.vr.session.attempt_storage import Answering, AttemptStorage
 from avrgym.vr.session.dispatch import take_message
 from avrgym.vr.session.driving import Drivers
 from avrgym.vr.session.events import EventSink, Observer
 from avrgym.vr.session.interruptions import lost_time, lost_tracking
-from avrgym.vr.session.phases import Phase, Waiting
-from avrgym.vr.session.plan import Policies, SessionPlan
+from avrgym.vr.session.phases import Phase, Questionnaire, Waiting
+from avrgym.vr.session.plan import OpenQuestionnaire, Policies, SessionPlan
 from avrgym.vr.session.preparation import AtOnce
+from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.reporting import Reporter, status
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.session.streams import StreamRecording, Streams
@@ -76,7 +77,9 @@ class Session:
             streams: those of other devices, for sessions in real time.
             state_every_ticks: how often the world's state is sent.
         """
-        trial, person = plan.first_trial - 1, Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height)
+        left = plan.open_questionnaire
+        trial = (plan.first_trial if left is None else left.trial) - 1
+        person = Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height)
         worlds = TrialWorlds(plan, trial, person, workers or AtOnce(), [] if scenes is None else scenes)
         sink = EventSink(observe if streams is None else _both(streams.tell, observe), kept)
         storage = AttemptStorage(folder, sink)
@@ -87,7 +90,7 @@ class Session:
         self._streams = None if streams is None else StreamRecording(streams, self._state)
         self._reporter = Reporter(send, state_every_ticks)
         self._ticked_s: float | None = None
-        self._enter(Waiting(self._state))
+        self._enter(Waiting(self._state) if left is None else self._reopened(left))
 
     @property
     def phase(self) -> PhaseName:
@@ -212,8 +215,10 @@ class Session:
             self.attempt.catch_up()
 
     def close(self, now_s: float) -> None:
-        """End the session; a trial that is running is kept as interrupted."""
+        """End the session; a trial that is running is kept as interrupted, or completed if the robot has helped."""
         self._state.now_s = now_s
+        if self._phase.helped:
+            self._state.complete_attempt()
         self._state.abandon("interrupted")
         self._state.drivers.close()
 
@@ -224,7 +229,14 @@ class Session:
     def _is_over(self) -> bool:
         """Whether a stop rule ends the session, and the trial that it followed is stored."""
         storage = self._state.storage
-        return self._state.ending and storage.attempt is None and storage.completing is None
+        idle = storage.attempt is None and storage.completing is None and not self._phase.helped
+        return self._state.ending and idle
+
+    def _reopened(self, left: OpenQuestionnaire) -> Questionnaire:
+        """The questionnaire that an earlier session left open."""
+        state = self._state
+        state.storage.answering = Answering(left.trial, left.attempt, left.recording)
+        return Questionnaire(state, Questions(state.plan.items_after(state.current), left.given))
 
     def _go_to(self, phase: Phase) -> bool:
         """Whether this is another phase than before, which the session enters."""

@@ -33,6 +33,8 @@ from avrgym.vr.tracking.driving import Driver, Operator
 from avrgym.vr.tracking.tracking_state import TrackingState
 from avrgym.vr.tracking.world import LiveWorld
 
+NOT_YET = Said("waiting")
+"""Why nobody is in VR at the beginning."""
 LATENCIES_KEPT = 5
 """Of how many seconds those who watch see the latency."""
 
@@ -45,9 +47,9 @@ class SessionState:
     torso height is theirs, ``calibrated_for``: the posture that they have taken place in. ``on_hold`` is whether the
     experimenter, or a stop rule, lets no trial begin; ``held_because`` is the rule's reason, ``ending``: the rule ends
     the session. ``ready_for`` is the trial that the participant last said they are ready for. ``visibility``: whether
-    they see the scene. ``headset`` is its latest
-    check; ``headset_checked``: it was found ready, or the check was skipped. ``now_s`` is the time since the session
-    began.
+    they see the scene, ``away``: why they are not in VR, in words for them, ``None`` while they are. ``headset`` is its
+    latest check; ``headset_checked``: it was found ready, or the check was skipped. ``now_s`` is the time since the
+    session began.
     """
 
     plan: SessionPlan
@@ -66,6 +68,7 @@ class SessionState:
     held_because: str = ""
     ending: bool = False
     ready_for: int = -1
+    away: Said | None = NOT_YET
     visibility: messages.Visibility = "visible"
     headset: HeadsetCheck | None = None
     headset_checked: bool = False
@@ -97,6 +100,11 @@ class SessionState:
         """The first part that the world's task needs and that was not tracked within the last second."""
         needed = self.world.task.tracked
         return next((p for p in needed if self.tracking.part_age_s(p, self.now_s) > UNTRACKED_S), None)
+
+    @property
+    def following(self) -> int:
+        """The trial that comes after this one; a questionnaire that was left open comes before the first trial."""
+        return max(self.trial + 1, self.plan.first_trial - 1)
 
     # What goes out -----------------------------------------------------------------------------------------------
 
@@ -232,6 +240,10 @@ class SessionState:
             self.sink.tell(events.VisibilityFound(self.now_s))
         return False
 
+    def forget_place(self) -> None:
+        """Nobody knows any more where the participant is."""
+        self.tracking, self.calibrated_for = TrackingState(), None
+
     # How late pictures are ---------------------------------------------------------------------------------------
 
     def take_latency(self, told: messages.Latency) -> records.Latency | None:
@@ -313,6 +325,11 @@ class SessionState:
         if self.storage.attempt is None:
             return None
         return self.storage.end(result, self.tracking.take_arrived(), self.now_s)
+
+    def complete_attempt(self) -> RecordingError | None:
+        """Hold the robot, which has helped, and complete a running attempt; what its recording lacks, if it does."""
+        self.world.hold()
+        return self.end_attempt("completed")
 
     def abandon(self, result: AttemptEnd) -> None:
         """Hold the robot, and end a running attempt without completing its trial."""

@@ -39,10 +39,12 @@ from avrgym.vr.session.phases.running import (
     Trial,
 )
 
-Begins = LoadTrial | Calibration | Storing | Paused | RecordingFailed | AskReady | FreeBefore
+Begins = LoadTrial | Calibration | Storing | Waiting | Paused | RecordingFailed | AskReady | FreeBefore
 """What may follow when a trial shall begin."""
 Ended = Finished | RecordingFailed
 """What may follow when nothing begins any more, and when an answered trial is completed before."""
+Asks = Begins | Finished | Questionnaire
+"""What may follow when the robot has helped, wherever the participant is."""
 Enters = CheckBegins | Calibration | LoadCalibration | Ended
 """What may follow when the participant enters VR."""
 Gone = Waiting | Ended

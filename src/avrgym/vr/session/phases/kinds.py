@@ -10,7 +10,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import UNTRACKED, Interruption
 from avrgym.vr.session.phases.phase import Phase
-from avrgym.vr.tracking.tracking_state import TrackingState
+from avrgym.vr.session.questions import Questions
 
 
 class Ongoing(Phase):
@@ -18,20 +18,19 @@ class Ongoing(Phase):
 
     def enter_vr(self) -> phases.Enters:
         state = self.state
+        state.away = None
         state.abandon("interrupted")
         if state.plan.headset_check is None or state.headset_checked:
             return self._calibrate_again()
-        state.tracking, state.calibrated_for = TrackingState(), None
+        state.forget_place()
         return phases.CheckBegins(state)
 
     def leave_vr(self) -> phases.Gone:
-        self.state.abandon("interrupted")
-        return phases.Waiting(self.state, Said("waiting_left"))
+        return self._wait_for_them(Said("waiting_left"))
 
     def disconnect(self) -> phases.Gone:
         super().disconnect()
-        self.state.abandon("interrupted")
-        return phases.Waiting(self.state, Said("waiting_lost"))
+        return self._wait_for_them(Said("waiting_lost"))
 
     def end(self) -> phases.Ended:
         self.state.abandon("ended")
@@ -49,19 +48,24 @@ class Ongoing(Phase):
     def trial_stored(self) -> phases.Finished | Self:
         return self._finish("finished") if self.state.trial == len(self.state.plan.trials) else self
 
+    def _wait_for_them(self, why: Said) -> phases.Waiting:
+        self.state.away = why
+        self.state.abandon("interrupted")
+        return phases.Waiting(self.state, why)
+
     def _finish(self, key: str) -> phases.Finished:
         self.state.trial = len(self.state.plan.trials)
         return phases.Finished(self.state, Said(key))
 
     def _calibrate_again(self) -> phases.Calibration | phases.LoadCalibration:
         """Let the participant be seated anew, in the current trial's seat or bed."""
-        self.state.tracking, self.state.calibrated_for = TrackingState(), None
+        self.state.forget_place()
         in_place = self.state.world.environment == self.state.current.environment
         return phases.Calibration(self.state) if in_place else phases.LoadCalibration(self.state)
 
     def _next_trial(self) -> phases.Begins | phases.Finished:
         """Go on to the next trial, or finish after the last."""
-        self.state.trial += 1
+        self.state.trial = self.state.following
         more = self.state.trial < len(self.state.plan.trials)
         return self._begin_trial() if more else self._finish("finished")
 
@@ -70,6 +74,8 @@ class Ongoing(Phase):
         state = self.state
         if state.storage.completing is not None:
             return phases.Storing(state)
+        if state.away is not None:
+            return phases.Waiting(state, state.away)
         if not state.worlds.is_fresh(state.trial, state.person):
             return phases.LoadTrial(state)
         if state.calibrated_for is not state.world.scene_config.posture:
@@ -98,7 +104,7 @@ class Ongoing(Phase):
             return self.fail(failure)
         if stored:
             return self._next_trial()
-        state.storage.completing = state.trial
+        state.storage.completing = state.following - 1
         return phases.Storing(state)
 
 
@@ -133,6 +139,77 @@ class InPlace(InVR):
             return self
         self.state.abandon("interrupted")
         return phases.LoadCheck(self.state)
+
+
+class Helped(InPlace):
+    """The robot has helped: whatever happens now, the trial counts. Whoever comes back is asked what is left to ask."""
+
+    helped = True
+
+    def enter_vr(self) -> phases.Asks:
+        self.state.away = None
+        self.state.forget_place()
+        return self._ask()
+
+    def reset_origin(self) -> phases.Asks:
+        return self.enter_vr()
+
+    def leave_vr(self) -> phases.Asks:
+        return self._go_on_without_them(Said("waiting_left"))
+
+    def disconnect(self) -> phases.Asks:
+        Phase.disconnect(self)
+        return self._go_on_without_them(Said("waiting_lost"))
+
+    def end(self) -> phases.Ended:
+        failure = self.state.complete_attempt()
+        return self._finish("ended") if failure is None else self.fail(failure)
+
+    def call_off(self) -> phases.Ended:
+        return self.end()
+
+    def repeat(self) -> phases.Begins | Self:
+        if self.state.storage.attempt is None:
+            return self._report("the trial is complete; only its questions are open")
+        return super().repeat()
+
+    def skip(self) -> phases.Begins | phases.Finished:
+        """The experimenter goes on without the answers that are not given."""
+        answering = self.state.storage.answering
+        assert answering is not None
+        self.state.world.hold()
+        left = tuple(self._unanswered)
+        if left:
+            event = events.QuestionsLeft(self.state.now_s, answering.trial, answering.attempt, left)
+            self.state.record_event("questions_left", ", ".join(left))
+            self.state.sink.tell(event)
+        return self._complete_trial()
+
+    def measure_again(self) -> Self:
+        self.state.height_known, self.state.calibrated_for = False, None
+        return self._report("the participant is measured after the questions")
+
+    def correct_torso_height(self, torso_height_m: float) -> Self:
+        self.state.correct_torso_height(torso_height_m)
+        return self
+
+    @property
+    def _unanswered(self) -> list[str]:
+        return [item.id for item in self.state.plan.items_after(self.state.current)]
+
+    def _go_on_without_them(self, why: Said) -> phases.Asks:
+        """Close the recording; they are measured again when they have come back and answered."""
+        self.state.away = why
+        failure = self.state.complete_attempt()
+        if failure is not None:
+            return self.fail(failure)
+        self.state.forget_place()
+        return self._ask()
+
+    def _ask(self) -> phases.Asks:
+        """Ask what is to be asked after the trial, or go on."""
+        items = self.state.plan.items_after(self.state.current)
+        return phases.Questionnaire(self.state, Questions(items)) if items else self._complete_trial()
 
 
 class Resting(InPlace):

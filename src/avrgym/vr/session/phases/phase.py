@@ -18,9 +18,9 @@ class Phase:
     """A phase, or a kind of phases. ``says`` is what the participant reads; it lasts ``seconds`` where they are given.
 
     ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to, and an emergency
-    stop holds it. ``in_place``: the participant is in place, so that a trial can begin. ``awaits_ready``: a
-    trigger goes on. ``can_recalibrate``: the participant may be measured again. ``can_choose_body``: no trial runs
-    that another body would interrupt.
+    stop holds it. ``helped``: the robot has helped, and the trial counts. ``in_place``: the participant is in place, so
+    that a trial can begin. ``awaits_ready``: a trigger goes on. ``can_recalibrate``: the participant may be measured
+    again. ``can_choose_body``: no trial runs that another body would interrupt.
     """
 
     name: ClassVar[PhaseName]
@@ -28,6 +28,7 @@ class Phase:
     seconds: float | None = None
     moves: ClassVar[bool] = False
     can_be_stopped: ClassVar[bool] = False
+    helped: ClassVar[bool] = False
     in_place: ClassVar[bool] = False
     awaits_ready: ClassVar[bool] = False
     can_recalibrate: ClassVar[bool] = False

@@ -9,7 +9,7 @@ from avrgym.texts.texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
-from avrgym.vr.session.phases.kinds import InPlace, Stoppable
+from avrgym.vr.session.phases.kinds import Helped, Stoppable
 from avrgym.vr.session.phases.preparing import told_of_trial
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
@@ -75,7 +75,7 @@ class Trial(Stoppable):
         return Retreat(self.state)
 
 
-class Retreat(InPlace):
+class Retreat(Helped):
     """The robot takes its tool away from the person; what the trial gave is kept, whatever happens now."""
 
     name = "retreat"
@@ -107,7 +107,7 @@ class Retreat(InPlace):
         return FreeAfter(self.state)
 
 
-class FreeAfter(InPlace):
+class FreeAfter(Helped):
     """The participant moves freely after the robot has finished; what it gave is kept. The next world is made."""
 
     name = "free_after"
@@ -127,12 +127,11 @@ class FreeAfter(InPlace):
         if url is not None:
             self.state.send(messages.Upcoming(url=url))
 
-    def time_over(self) -> Questionnaire | phases.Begins | phases.Finished:
-        items = self.state.plan.items_after(self.state.current)
-        return Questionnaire(self.state, Questions(items)) if items else self._complete_trial()
+    def time_over(self) -> phases.Asks:
+        return self._ask()
 
 
-class Questionnaire(InPlace):
+class Questionnaire(Helped):
     """The participant rates the trial, one item after another."""
 
     name = "questionnaire"
@@ -148,9 +147,8 @@ class Questionnaire(InPlace):
 
     def answer(self, answer: messages.Answer) -> Confirm | Self:
         """Take the answer to the question that is asked; after the last one they confirm what they gave."""
-        attempt, now_s = self.state.storage.attempt, self.state.now_s
-        if attempt is None:
-            return self._refuse("no_question")
+        storage, now_s = self.state.storage, self.state.now_s
+        assert storage.answering is not None
         earlier = self._questions.earlier
         try:
             given = self._questions.take(answer)
@@ -159,9 +157,15 @@ class Questionnaire(InPlace):
             self._refuse("not_an_answer")
             return self._report(str(error))
         if given.value != earlier:
-            attempt.record("/answers", given, now_s)
+            try:
+                storage.record_answer(given, now_s)
+            except OSError as error:
+                self._questions.go_back()
+                self.state.send(self.question)
+                return self._report(f"the answer cannot be stored: {error}")
             happened = events.Answered if earlier is None else events.AnswerChanged
-            self.state.sink.tell(happened(now_s, attempt.trial, attempt.number, given))
+            whose = storage.answering.trial, storage.answering.attempt
+            self.state.sink.tell(happened(now_s, *whose, given))
             verdict = self.state.plan.stop_rules.verdict(given)
             if verdict is not None:
                 self.state.obey(verdict)
@@ -176,8 +180,15 @@ class Questionnaire(InPlace):
         self.state.send(self.question)
         return self
 
+    @property
+    def _unanswered(self) -> list[str]:
+        return self._questions.unanswered
 
-class Confirm(InPlace):
+    def _ask(self) -> Self:
+        return self
+
+
+class Confirm(Helped):
     """Every question is answered; the participant confirms their answers, or goes back to change some."""
 
     name = "confirm"
@@ -191,27 +202,13 @@ class Confirm(InPlace):
     def ready(self) -> phases.Begins | phases.Finished:
         return self._complete_trial()
 
-    def skip(self) -> phases.Begins | phases.Finished:
-        """The experimenter goes on for them."""
-        return self._complete_trial()
-
     def go_back(self) -> Questionnaire:
         self._questions.go_back()
         return Questionnaire(self.state, self._questions)
 
-    def enter_vr(self) -> phases.Enters:
-        return self._keep() or super().enter_vr()
+    @property
+    def _unanswered(self) -> list[str]:
+        return []
 
-    def leave_vr(self) -> phases.Gone:
-        return self._keep() or super().leave_vr()
-
-    def disconnect(self) -> phases.Gone:
-        return self._keep() or super().disconnect()
-
-    def end(self) -> phases.Ended:
-        return self._keep() or super().end()
-
-    def _keep(self) -> phases.Ended | None:
-        """Complete the trial, whose answers are all there, before anything else happens; what follows, if that does."""
-        following = self._complete_trial()
-        return following if isinstance(following, phases.Finished | phases.RecordingFailed) else None
+    def _ask(self) -> phases.Asks:
+        return self._complete_trial()
