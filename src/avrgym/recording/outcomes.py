@@ -7,7 +7,9 @@ import msgspec
 AttemptEnd = Literal[
     "completed", "stopped", "paused", "interrupted", "repeated", "skipped", "ended", "failed"
 ]
-"""How an attempt ended. Only ``completed`` counts: its recording is whole and every question is answered."""
+"""How an attempt ended. Only ``completed`` counts: its recording is whole and the robot has finished.
+
+Its questionnaire may be open."""
 ATTEMPT_ENDS: tuple[AttemptEnd, ...] = get_args(AttemptEnd)
 
 
