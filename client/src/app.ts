@@ -20,6 +20,7 @@ import { StateDecoder, type State } from "./states";
 import type { Poses } from "./tracking";
 import { View, type Detail } from "./view";
 import { Watching } from "./watching";
+import { RobotPointer, Whereabouts } from "./whereabouts";
 import { ENGLISH, firstWords, wordsOf, type Key, type Words } from "./words";
 import { World } from "./world";
 
@@ -50,7 +51,10 @@ export class App {
   private readonly drawnFrames = new DrawnFrames();
   private readonly senses: Senses;
   private readonly watching: Watching | null;
+  private readonly whereabouts: Whereabouts;
+  private readonly pointsAtRobot = new RobotPointer();
   private welcome: Welcome | null = null;
+  private lastPoses: Poses | null = null;
   private body: Body | null = null;
   private link: Link = "connecting";
   private code = 0;
@@ -102,6 +106,7 @@ export class App {
       () => this.allowedSenses(),
     );
     this.watching = watches ? this.watch() : null;
+    this.whereabouts = new Whereabouts(this.page.view, this.page.card);
     this.furnish(detail);
   }
 
@@ -188,6 +193,7 @@ export class App {
   private welcomed(welcome: Welcome): void {
     this.welcome = welcome;
     this.watching?.welcomed(welcome);
+    this.page.commands = welcome.role === "experimenter";
     this.world.forgetStates();
     this.toldVisibility = "visible";
     if (this.takesPart) this.send({ type: "entered" });
@@ -343,8 +349,7 @@ export class App {
       this.send({ type: "ready" });
     if (!isStopKey(event) || !(this.takesPart || isRunning(this.phase))) return;
     event.preventDefault();
-    if (!this.watches) this.stop("key");
-    else if (this.welcome?.role === "experimenter") this.send({ type: "command", name: "stop" });
+    this.stop("key");
   }
 
   /** Whether a number key answers the question that is shown; 0 is ten. */
@@ -360,7 +365,8 @@ export class App {
   }
 
   private stop(way: StopWay): void {
-    this.send({ type: "stop", way });
+    if (!this.watches) this.send({ type: "stop", way });
+    else if (this.page.commands) this.send({ type: "command", name: "stop" });
   }
 
   /** Holds the robot once a participant in VR has held what stops it. */
@@ -427,9 +433,18 @@ export class App {
       this.watchStop(frame, space, timeMs);
     } else this.updateWorld(timeMs, this.flat.playing ? this.flat.poses : null);
     if (this.watching?.fromInside && !this.presenting) this.watching.follow(this.lastState, this.world.root);
+    this.pointAtRobot();
     this.view.render();
     this.tellLatency();
     this.tellFrames(timeMs);
+  }
+
+  /** Says on screen, and in VR while it moves, where the robot is when it is out of view. */
+  private pointAtRobot(): void {
+    const place = this.world.robot;
+    const head = this.presenting && isRunning(this.phase) ? this.lastPoses?.head : null;
+    this.pointsAtRobot.update(head ?? null, place);
+    this.whereabouts.update(this.view.camera, this.presenting ? null : place);
   }
 
   private tellLatency(): void {
@@ -449,6 +464,7 @@ export class App {
   }
 
   private updateWorld(timeMs: number, poses: Poses | null, bareHands?: BareHandsTracked): void {
+    this.lastPoses = poses;
     const lagMs = this.immersive.numbering.ageMs(this.lastState?.tracking_sequence ?? -1, timeMs);
     this.world.update(timeMs, poses, lagMs, bareHands);
   }

@@ -1,6 +1,6 @@
 import { mayChooseBody } from "./bodychoice";
 import { Connection, type Link } from "./connection";
-import { isRunning, linkWords, phaseLabel } from "./display";
+import { isRunning, linkWords } from "./display";
 import { Driving } from "./driving";
 import { element } from "./element";
 import type { Body, ChooseBody, CommandName, Phase, ServerMessage, Status } from "./messages";
@@ -175,9 +175,9 @@ function isSession(phase: Phase | null): phase is Phase {
   return phase !== null && (phase.trials > 0 || phase.name === "questionnaire" || phase.name === "confirm");
 }
 
-/** Where the session stands, in one sentence. */
+/** Where the session stands, in one sentence; the list below it has the trial's number. */
 export function sessionWords(phase: Phase | null): string {
   if (!isSession(phase)) return "No session runs here.";
-  const label = phaseLabel(phase, ENGLISH);
-  return `${label ? `${label}: ` : ""}${PHASE_WORDS[phase.name]}.`;
+  const words = `${phase.practice ? "practice: " : ""}${PHASE_WORDS[phase.name]}.`;
+  return words.charAt(0).toUpperCase() + words.slice(1);
 }

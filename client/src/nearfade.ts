@@ -4,16 +4,18 @@ import type { Material } from "three";
 export const FADES_M = 0.08;
 
 const FADE = `
-  diffuseColor.a *= smoothstep(${(FADES_M / 2).toFixed(3)}, ${FADES_M.toFixed(3)}, length(vViewPosition));`;
+  diffuseColor.a *= smoothstep(${(FADES_M / 2).toFixed(3)}, ${FADES_M.toFixed(3)}, length(vViewPosition));
+  if (diffuseColor.a < 0.01) discard;`;
 const AFTER = "#include <alphamap_fragment>";
 
 /**
  * Lets what is drawn with a lit material fade near the eyes.
  *
- * By dots that stick to the surface, the same for both eyes, so that nothing has to be sorted by depth.
+ * It is blended with what is behind. It writes its depth as opaque things do, so that its own parts need no sorting.
  */
 export function fadeNearEyes(material: Material): void {
-  material.alphaHash = true;
+  material.depthWrite = !material.transparent;
+  material.transparent = true;
   material.onBeforeCompile = (shader) => {
     shader.fragmentShader = shader.fragmentShader.replace(AFTER, AFTER + FADE);
   };

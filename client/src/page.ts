@@ -42,6 +42,8 @@ export class Page {
   private words = ENGLISH;
   private presenting = false;
   private playing = false;
+  /** Whether the experimenter is here, who may always stop the robot. */
+  commands = false;
 
   constructor(
     private readonly watches: boolean,
@@ -106,6 +108,7 @@ export class Page {
 
   setPlaying(playing: boolean): void {
     this.playing = playing;
+    document.body.classList.toggle("playing", playing);
     this.sayActions();
     element("play-help").hidden = element("hand").hidden = !playing;
     element("help").hidden = playing;
@@ -135,12 +138,12 @@ export class Page {
     element("status").dataset["link"] = display.link;
     this.text("status-words", linkWords(display));
     this.text("problem", problem ?? "");
-    this.text("phase-label", phaseLabel(phase, words));
+    this.text("phase-label", this.watches ? "" : phaseLabel(phase, words));
     this.text("phase-text", (this.watches ? phase?.text : phase?.page_text || phase?.text) ?? "");
     this.text("countdown", secondsLeft === null ? "" : words.say("seconds", { seconds: secondsLeft }));
     this.text("ready", words.say(confirms ? "done" : "go_on"));
     element("problem").hidden = !problem;
-    element("emergency").hidden = !display.takesPart || !canBeStopped(phase);
+    element("emergency").hidden = !this.commands && !(display.takesPart && canBeStopped(phase));
     element("ready").hidden = this.watches || (!confirms && !(display.takesPart && awaitsReady(phase)));
     element("again").hidden = !display.takesPart || !mayRecalibrate(phase);
     element("back").hidden = this.watches || !mayGoBack(display);

@@ -1,4 +1,14 @@
-import { STAGE_WORDS, STALE_S, TICK_S, type Part, type PhaseName, type Status, type Timing, type Visibility } from "./messages";
+import {
+  FORCE_LIMITS_N,
+  STAGE_WORDS,
+  STALE_S,
+  TICK_S,
+  type Part,
+  type PhaseName,
+  type Status,
+  type Timing,
+  type Visibility,
+} from "./messages";
 
 /** What happens in a phase, for those who watch. */
 export const PHASE_WORDS: Readonly<Record<PhaseName, string>> = {
@@ -58,8 +68,9 @@ function successWords({ success, withdrawing }: Status): string {
 }
 
 function limitWords({ force_region, force_share, draws_back }: Status): string {
-  const region = force_region && `, ${force_region.replace("_", " ")}`;
-  return `${(100 * force_share).toFixed(0)} %${region}${draws_back ? ": draws back" : ""}`;
+  const limit = FORCE_LIMITS_N[force_region];
+  const bears = limit === undefined ? "no force" : `${(100 * force_share).toFixed(0)} % of ${limit} N, ${force_region.replaceAll("_", " ")}`;
+  return `${bears}${draws_back ? ": draws back" : ""}`;
 }
 
 function pausedWords({ paused, held_because }: Status): string {

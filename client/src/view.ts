@@ -14,8 +14,9 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 const EYE_W = new Vector3(0.93, -1.57, 1.4);
 /** What eyes see across the shorter side of a picture, so that a phone held upright shows no less beside them. */
 const EYES_ANGLE = 75;
-/** From the lower to the upper edge of what the card leaves free of the scene, degrees. */
+/** From the lower to the upper edge of what the card leaves free of the scene, and across it at least, degrees. */
 const SCENE_ANGLE = 45;
+const SCENE_WIDTH_ANGLE = 70;
 const REFLECTION = 0.5;
 /** Nearer than this two spectators stand and look alike. */
 const ALIKE_M = 1e-6;
@@ -86,8 +87,12 @@ export class View {
     const { width, height } = area;
     this.renderer.setSize(width, height);
     this.controls.enabled = !this.borrowed;
-    const [x, y] = offset(area, this.card.getBoundingClientRect());
-    this.spectator.fov = timesAsHigh(height / Math.max(height - 2 * Math.abs(y), height / 4), SCENE_ANGLE);
+    const free = freeOf(area, this.card.getBoundingClientRect());
+    const [x, y] = offset(area, free);
+    this.spectator.fov = Math.max(
+      timesAsHigh(height / (free.bottom - free.top), SCENE_ANGLE),
+      timesAsHigh(height / (free.right - free.left), SCENE_WIDTH_ANGLE),
+    );
     if (this.borrowed) this.borrowed.fov = timesAsHigh(Math.max(height / width, 1), EYES_ANGLE);
     for (const camera of [this.spectator, this.borrowed]) {
       if (!camera) continue;
@@ -137,13 +142,18 @@ export class View {
     generator.dispose();
   }
 
+  /** What the flat page sees with. */
+  get camera(): PerspectiveCamera {
+    return this.borrowed ?? this.spectator;
+  }
+
   /** In VR shadows are cast anew in every second picture alone: they take a fifth of a picture's JavaScript. */
   render(): void {
     const { xr, shadowMap } = this.renderer;
     this.pictures++;
     shadowMap.autoUpdate = !xr.isPresenting;
     shadowMap.needsUpdate ||= this.pictures % 2 === 0;
-    this.renderer.render(this.scene, xr.isPresenting ? this.eyes : (this.borrowed ?? this.spectator));
+    this.renderer.render(this.scene, xr.isPresenting ? this.eyes : this.camera);
   }
 }
 
@@ -152,12 +162,27 @@ function timesAsHigh(times: number, angle: number): number {
   return (Math.atan(Math.tan((angle * Math.PI) / 360) * times) * 360) / Math.PI;
 }
 
-type Rectangle = Pick<DOMRect, "left" | "right" | "top" | "bottom" | "width">;
+export type Rectangle = Pick<DOMRect, "left" | "right" | "top" | "bottom">;
 
-/** By how much the view of a picture is moved, px, so that its middle is not behind a card at its left or across it. */
-export function offset(area: Rectangle, card: Rectangle): [x: number, y: number] {
-  if (card.right <= area.left || card.top >= area.bottom || card.bottom <= area.top) return [0, 0];
-  if (card.width < area.width * 0.7) return [(area.left - card.right) / 2, 0];
-  const atTop = card.top - area.top < area.bottom - card.bottom;
-  return [0, (atTop ? area.top - card.bottom : area.bottom - card.top) / 2];
+/** The largest part of a picture's area beside, above or below a card. */
+export function freeOf(area: Rectangle, card: Rectangle): Rectangle {
+  const { left, top, right, bottom } = area;
+  if (card.right <= left || card.left >= right || card.bottom <= top || card.top >= bottom) return { left, top, right, bottom };
+  const parts = [
+    { left: card.right, top, right, bottom },
+    { left, top: card.bottom, right, bottom },
+    { left, top, right, bottom: card.top },
+  ];
+  return parts.reduce((largest, part) => (sizeOf(part) > sizeOf(largest) ? part : largest));
+}
+
+function sizeOf({ left, top, right, bottom }: Rectangle): number {
+  return Math.max(right - left, 0) * Math.max(bottom - top, 0);
+}
+
+/** By how much the view of a picture is moved, px, so that its middle is that of its free part. */
+export function offset(area: Rectangle, free: Rectangle): [x: number, y: number] {
+  const x = (area.left + area.right - free.left - free.right) / 2;
+  const y = (area.top + area.bottom - free.top - free.bottom) / 2;
+  return [x, y];
 }

@@ -21,6 +21,7 @@ interface Glide {
 }
 
 const SIDES = ["left", "right"] as const;
+const TOOL = "robot/tool";
 const loader = new GLTFLoader();
 
 /** The simulated world: its root stands where the server says, its bodies follow the states. */
@@ -104,6 +105,13 @@ export class World {
   /** Draws these poses at once. */
   show(poses: Float32Array): void {
     this.content?.place(poses);
+  }
+
+  /** Where the robot's tool is drawn, in `local-floor`; null before the first picture. */
+  get robot(): Vector3 | null {
+    const at = (this.shown?.bodies.indexOf(TOOL) ?? -1) * POSE;
+    if (at < 0 || this.drawn[at + 3] === 0) return null;
+    return this.root.localToWorld(new Vector3().fromArray(this.drawn, at));
   }
 
   /** The simulation time of the picture that was drawn last. */

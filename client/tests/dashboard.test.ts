@@ -97,11 +97,11 @@ describe("words", () => {
 
   it("tell where the session stands", () => {
     const phase = { type: "phase", name: "free_before", text: "Move.", trial: 2, trials: 5, page_text: "" } as const;
-    expect(sessionWords({ ...phase, practice: false, seconds: 5 })).toBe("Trial 2 of 5: free movement before the robot starts.");
+    expect(sessionWords({ ...phase, practice: false, seconds: 5 })).toBe("Free movement before the robot starts.");
     for (const none of [null, { ...phase, trials: 0, practice: false, seconds: null }])
       expect(sessionWords(none)).toBe("No session runs here.");
     const asked = { ...phase, name: "questionnaire", text: "Please answer.", trial: 0, trials: 0 } as const;
-    expect(sessionWords({ ...asked, practice: false, seconds: null })).toBe("the participant answers questions.");
+    expect(sessionWords({ ...asked, practice: false, seconds: null })).toBe("The participant answers questions.");
   });
 
   it("keep paragraphs and mend broken lines", () => {

@@ -12,7 +12,7 @@ function fragmentShader(material: MeshStandardMaterial): string {
 }
 
 describe("what comes near the eyes", () => {
-  it("fades within 8 cm, by the distance from the eye and before dots are left out", () => {
+  it("fades within 8 cm, smoothly, by the distance from the eye", () => {
     expect(FADES_M).toBe(0.08);
     const material = new MeshStandardMaterial();
     fadeNearEyes(material);
@@ -20,8 +20,15 @@ describe("what comes near the eyes", () => {
     const fade = shader.indexOf("smoothstep(0.040, 0.080, length(vViewPosition))");
     expect(fade).toBeGreaterThan(shader.indexOf("varying vec3 vViewPosition"));
     expect(fade).toBeGreaterThan(shader.indexOf("#include <map_fragment>"));
-    expect(fade).toBeLessThan(shader.indexOf("#include <alphahash_fragment>"));
-    expect(material.alphaHash).toBe(true);
+    expect(fade).toBeLessThan(shader.indexOf("#include <opaque_fragment>"));
+    expect(material.alphaHash).toBe(false);
+    expect(material.transparent).toBe(true);
+  });
+
+  it("hides what is behind as opaque things do, but for what is transparent anyway", () => {
+    const [solid, glass] = [new MeshStandardMaterial(), new MeshStandardMaterial({ transparent: true })];
+    for (const material of [solid, glass]) fadeNearEyes(material);
+    expect([solid.depthWrite, glass.depthWrite]).toEqual([true, false]);
   });
 
   it("is the robot with its tool and what that carries, and nothing that shares a material with them", () => {
@@ -40,7 +47,7 @@ describe("what comes near the eyes", () => {
     const scene = { bodies: ["robot/tool", "robot/link_1", "wheelchair", "water_0"], head_bodies: [], marks: 0 };
     const group = new Group().add(tool!, chair!, drops!, carrier);
     new Content(group, scene as unknown as Scene);
-    const fading = (mesh: Mesh) => (mesh.material as MeshStandardMaterial).alphaHash;
+    const fading = (mesh: Mesh) => (mesh.material as MeshStandardMaterial).transparent;
     const copies = group.children.find((child) => child instanceof InstancedMesh) as InstancedMesh;
     expect([tool!, link, copies, chair!].map(fading)).toEqual([true, true, true, false]);
   });

@@ -44,7 +44,7 @@ describe("how a session stands", () => {
       "watch-reward": "41.3, success",
       "watch-distance": "12.3 cm",
       "watch-force": "1.5 N",
-      "watch-limit": "0 %",
+      "watch-limit": "no force",
       "watch-tracking": "11 ms old, hand",
       "watch-latency": "–",
       "watch-streams": "–",
@@ -74,8 +74,8 @@ describe("how a session stands", () => {
 
   it("says which part of the body bears most, and when the robot draws back", () => {
     const pressed = { ...STATUS, force_region: "upper_arms", force_share: 0.56 };
-    expect(statusWords(pressed)["watch-limit"]).toBe("56 %, upper arms");
-    expect(statusWords({ ...pressed, draws_back: true })["watch-limit"]).toBe("56 %, upper arms: draws back");
+    expect(statusWords(pressed)["watch-limit"]).toBe("56 % of 150 N, upper arms");
+    expect(statusWords({ ...pressed, draws_back: true })["watch-limit"]).toBe("56 % of 150 N, upper arms: draws back");
   });
 
   it("says when the robot has withdrawn after success", () => {

@@ -1,8 +1,8 @@
 import { expect, test } from "vitest";
-import { offset } from "../src/view";
+import { freeOf, offset } from "../src/view";
 
 function rectangle(left: number, top: number, right: number, bottom: number) {
-  return { left, top, right, bottom, width: right - left };
+  return { left, top, right, bottom };
 }
 
 const AREA = rectangle(0, 0, 600, 400);
@@ -13,7 +13,8 @@ test.each([
   ["above", rectangle(0, 0, 600, 100), rectangle(0, 100, 600, 400)],
   ["nowhere", rectangle(0, 500, 600, 900), AREA],
 ])("the scene's middle lies in the middle of what a card %s leaves free", (_, card, free) => {
-  const [x, y] = offset(AREA, card);
+  expect(freeOf(AREA, card)).toEqual(free);
+  const [x, y] = offset(AREA, freeOf(AREA, card));
   expect(AREA.right / 2 - x).toBe((free.left + free.right) / 2);
   expect(AREA.bottom / 2 - y).toBe((free.top + free.bottom) / 2);
 });

@@ -25,7 +25,7 @@ window.__THREE_DEVTOOLS__ = new EventTarget();
 __THREE_DEVTOOLS__.addEventListener("observe", ({ detail }) => detail.isScene && scenes.push(detail));
 """
 """three.js tells developers' tools of its scenes: so the page is asked what it draws, and needs no door for tests."""
-_DRAW_LITTLE = """() => {
+DRAW_LITTLE = """() => {
     const next = window.requestAnimationFrame.bind(window);
     const asked = new Map();
     let number = 0;
@@ -102,8 +102,8 @@ def draw_little(headset: EmulatedHeadset) -> None:
     It draws a frame every third time that a display would. Tests that look at pictures ask for them with
     ``draw_triangles``.
     """
-    headset.page.add_init_script(f"({_DRAW_LITTLE})()")
-    headset.page.evaluate(_DRAW_LITTLE)
+    headset.page.add_init_script(f"({DRAW_LITTLE})()")
+    headset.page.evaluate(DRAW_LITTLE)
 
 
 def draw_triangles(headset: EmulatedHeadset) -> None:

@@ -57,9 +57,8 @@ def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
         begin(dashboard, headset, "Begin session")
         sit_down(headset, participant)
         await_buttons(headset, "L1")
-        expect(dashboard.locator("#session-words")).to_contain_text(
-            "Trial 1 of 2: the participant answers questions"
-        )
+        expect(dashboard.locator("#session-words")).to_contain_text("The participant answers questions")
+        expect(dashboard.locator("#watch-trial")).to_contain_text("1 of 2")
         expect(dashboard.locator("#watch-steps")).to_contain_text("20 of 20")
         answer_all(headset)
         go_on(headset, "ready")
@@ -121,7 +120,7 @@ def take_in(dashboard: Page) -> None:
 def begin(dashboard: Page, headset: EmulatedHeadset, button: str) -> None:
     """Begin the session; the participant answers the question before it on their page."""
     dashboard.get_by_role("button", name=button).click()
-    expect(dashboard.locator("#session-words")).to_contain_text("the participant answers questions")
+    expect(dashboard.locator("#session-words")).to_contain_text("The participant answers questions")
     headset.page.bring_to_front()
     headset.page.locator("#points").get_by_role("button", name="2").click()
     headset.page.get_by_role("button", name="Done").click()

@@ -19,6 +19,7 @@ import numpy as np
 from msgspec import inspect
 
 from avrgym.models import human
+from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.recording.latency import STAGE_WORDS
 from avrgym.texts.texts import read_texts, shipped
 from avrgym.vr.protocol import messages, state_changes, webxr
@@ -65,6 +66,9 @@ CONSTANTS = {
     "JOINT_STEPS": json.dumps(state_changes.JOINT_STEPS.tolist()),
     "POSE_STEPS": json.dumps(state_changes.POSE_STEPS.tolist()),
     "STAGE_WORDS": json.dumps(STAGE_WORDS),
+    "FORCE_LIMITS_N: Readonly<Record<string, number>>": json.dumps(
+        {region.name: float(limit) for region, limit in zip(BODY_REGIONS, QUASI_STATIC_LIMIT_N, strict=True)}
+    ),
 }
 PHASE_FLAGS = ("moves", "can_be_stopped", "awaits_ready", "can_choose_body")
 """What the client needs to know of each phase: attributes of the classes in ``session.phases``."""

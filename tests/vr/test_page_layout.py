@@ -1,0 +1,271 @@
+"""Where things are on the client's pages, at every size of a window: the stop, the hand's buttons, the scene."""
+
+import colorsys
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from accessibility import violations
+from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.protocol.messages import (
+    PROTOCOL,
+    Message,
+    Phase,
+    Role,
+    Scene,
+    State,
+    Status,
+    Timing,
+    Welcome,
+)
+from avrgym.vr.protocol.state_changes import StateEncoder
+from avrgym.vr.scene.rendering import render_scene
+from journey import DRAW_LITTLE
+from staged_page import StagedPage
+from visit import Visit, plan
+
+WIDTHS, HEIGHTS = (320, 390, 768, 1024, 1366, 1920, 2560), (480, 768, 1080)
+SIZES = [(width, height) for width in WIDTHS for height in HEIGHTS]
+FEW = [(320, 480), (390, 844), (1366, 768)]
+NAME = "Stop the robot"
+RECTANGLES = """(ids) => ids.map((id) => {
+    const { left, top, right, bottom } = document.getElementById(id).getBoundingClientRect();
+    return [left, top, right, bottom];
+})"""
+UNCOVERED = """(button) => {
+    const { left, top, right, bottom } = button.getBoundingClientRect();
+    return [[left + 12, top + 12], [right - 12, top + 12], [(left + right) / 2, (top + bottom) / 2],
+        [left + 12, bottom - 12], [right - 12, bottom - 12]]
+        .every(([x, y]) => x >= 0 && y >= 0 && x < innerWidth && y < innerHeight
+            && button.contains(document.elementFromPoint(x, y)));
+}"""
+
+
+@pytest.fixture(scope="module")
+def said(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
+    """What a session says of a trial that goes on."""
+    visit = Visit(tmp_path_factory.mktemp("visit"), plan(trial_steps=1000))
+    visit.go_to("trial")
+    visit.tick(100)
+    latest = [visit.said(kind)[-1] for kind in (Phase, Status)]
+    return [*latest, Timing(tick_ms_median=3.2, tick_ms_max=7.9, missed_ticks=0)]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        yield browser
+        browser.close()
+
+
+def welcome(role: Role) -> Welcome:
+    return Welcome(protocol=PROTOCOL, session="s", role=role, haptics=True, sounds=True)
+
+
+def stage(
+    browser: Browser, role: Role, said: list[Message], name: str, query: str = "?detail=light"
+) -> StagedPage:
+    page = browser.new_page(viewport={"width": 1366, "height": 768})
+    page.add_init_script(f"({DRAW_LITTLE})()")
+    staged = StagedPage(page, [welcome(role), *said])
+    staged.open(name, query)
+    if role == "participant":
+        page.get_by_role("button", name="Play without a headset").click()
+    page.get_by_role("button", name=NAME).wait_for()
+    return staged
+
+
+STAGES: dict[str, tuple[Role, str]] = {
+    "participant": ("participant", "index.html"),
+    "experimenter": ("experimenter", "spectator"),
+    "dashboard": ("experimenter", "dashboard.html"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STAGES)
+def test_the_stop_is_in_sight_red_and_works_at_every_size(
+    name: str, browser: Browser, said: list[Message]
+) -> None:
+    """Also at the end of a page that scrolls."""
+    role, file = STAGES[name]
+    staged = stage(browser, role, said, file)
+    page, stop = staged.page, staged.page.get_by_role("button", name=NAME)
+    faults = []
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        for end in (0, 100_000):
+            page.evaluate("(y) => window.scrollTo(0, y)", end)
+            page.wait_for_timeout(30.0)
+            if not stop.evaluate(UNCOVERED):
+                faults.append((width, height, end, "covered"))
+            before = staged.kinds().count("stop")
+            press(page, stop.bounding_box())
+            if not became(lambda before=before: staged.kinds().count("stop") > before, page):
+                faults.append((width, height, end, "does nothing"))
+    assert faults == []
+    assert "Esc" in stop.inner_text()
+    assert is_red(stop.evaluate("(button) => getComputedStyle(button).backgroundColor"))
+    page.close()
+
+
+def press(page: Page, box: dict | None) -> None:
+    assert box is not None
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+
+
+def became(condition, page: Page) -> bool:
+    """Whether something comes to be so."""
+    for _ in range(200):
+        if condition():
+            return True
+        page.wait_for_timeout(10.0)
+    return False
+
+
+def is_red(colour: str) -> bool:
+    red, green, blue = (int(number) / 255 for number in re.findall(r"\d+", colour)[:3])
+    hue, saturation, _ = colorsys.rgb_to_hsv(red, green, blue)
+    return saturation > 0.6 and (hue < 0.06 or hue > 0.95)
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_the_key_on_the_stop_stops(name: str, browser: Browser, said: list[Message]) -> None:
+    role, file = STAGES[name]
+    staged = stage(browser, role, said, file)
+    staged.page.keyboard.press("Escape")
+    assert became(lambda: "stop" in staged.kinds(), staged.page)
+    assert staged.page.get_by_role("button", name=NAME).count() == 1
+    assert staged.page.get_by_role("button", name=NAME).get_attribute("aria-keyshortcuts") == "Escape"
+    staged.page.close()
+
+
+def test_an_experimenter_has_the_stop_before_the_robot_moves(browser: Browser, said: list[Message]) -> None:
+    waiting = Phase(name="waiting", text="", trial=0, trials=2, practice=False, seconds=None)
+    staged = stage(browser, "experimenter", [waiting], "spectator")
+    assert staged.page.get_by_role("button", name=NAME).is_visible()
+    staged.page.close()
+
+
+def test_who_only_watches_has_no_stop(browser: Browser, said: list[Message]) -> None:
+    page = browser.new_page()
+    staged = StagedPage(page, [welcome("spectator"), *said])
+    staged.open("spectator")
+    page.get_by_text("of 1000").wait_for()
+    assert page.get_by_role("button", name=NAME).count() == 0
+    page.close()
+
+
+@pytest.mark.slow
+def test_nothing_covers_another_while_playing_and_the_scene_has_room(
+    browser: Browser, said: list[Message]
+) -> None:
+    staged = stage(browser, "participant", said, "index.html")
+    faults = []
+    for width, height in SIZES:
+        staged.page.set_viewport_size({"width": width, "height": height})
+        staged.page.wait_for_timeout(50.0)
+        boxes = dict(
+            zip(
+                ("card", "hand", "emergency"),
+                staged.page.evaluate(RECTANGLES, ["card", "hand", "emergency"]),
+                strict=True,
+            )
+        )
+        for one, other in (("card", "hand"), ("card", "emergency"), ("hand", "emergency")):
+            if overlap(boxes[one], boxes[other]):
+                faults.append((width, height, one, other))
+        _, top, right, _ = boxes["card"]
+        if max((width - right) * height, top * width) < 0.4 * width * height:
+            faults.append((width, height, "little room", boxes["card"]))
+    assert faults == []
+    staged.page.close()
+
+
+def overlap(one: list[float], other: list[float]) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+
+
+def test_the_hands_buttons_form_a_cross(browser: Browser, said: list[Message]) -> None:
+    """Up, left, right and down around a middle, with away and towards you beside them, each labelled."""
+    staged = stage(browser, "participant", said, "index.html")
+    for size in FEW:
+        staged.page.set_viewport_size({"width": size[0], "height": size[1]})
+        place = {
+            button.get_attribute("data-code"): button.bounding_box()
+            for button in staged.page.locator("#hand button").all()
+        }
+        up, down, left, right, ahead, back = (
+            place[f"Key{letter}"] for letter in ("E", "Q", "A", "D", "W", "S")
+        )
+        assert all(place.values())
+        assert up["x"] == down["x"]
+        assert left["y"] == right["y"]
+        assert up["y"] < left["y"] < down["y"]
+        assert left["x"] < up["x"] < right["x"] < ahead["x"]
+        assert ahead["x"] == back["x"]
+        assert ahead["y"] < back["y"]
+        assert min(box["width"] for box in place.values()) >= 44
+        assert min(box["height"] for box in place.values()) >= 44
+        clipped = "(b) => b.scrollWidth > b.clientWidth + 1 || b.scrollHeight > b.clientHeight + 1"
+        assert not any(button.evaluate(clipped) for button in staged.page.locator("#hand button").all())
+    staged.page.close()
+
+
+@pytest.mark.parametrize("size", FEW, ids=str)
+def test_axe_finds_nothing(size: tuple[int, int], browser: Browser, said: list[Message]) -> None:
+    found = {}
+    for name, (role, file) in STAGES.items():
+        staged = stage(browser, role, said, file)
+        staged.page.set_viewport_size({"width": size[0], "height": size[1]})
+        found[name] = violations(staged.page)
+        staged.page.close()
+    assert found == {name: [] for name in STAGES}
+
+
+@pytest.mark.parametrize("size", FEW, ids=str)
+def test_no_figure_is_doubled_or_cut_off(
+    size: tuple[int, int], browser: Browser, said: list[Message]
+) -> None:
+    """On the pages of those who watch; the limit of a force is named in newtons."""
+    for name in ("experimenter", "dashboard"):
+        role, file = STAGES[name]
+        staged = stage(browser, role, said, file)
+        page = staged.page
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        page.get_by_text("of 1000").wait_for()
+        cut = "(all) => all.filter((d) => d.scrollWidth > d.clientWidth + 1).map((d) => d.id)"
+        assert page.locator("dd").evaluate_all(cut) == []
+        text = page.inner_text("body")
+        assert len(re.findall(r"of 1000", text)) == 1
+        assert len(re.findall(r"\b1 of 1\b", text)) <= 1
+        assert "Of force limit" in text
+        page.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_the_card_never_hides_the_robot(environment: str, browser: Browser, tmp_path: Path) -> None:
+    """Who watches sees its tool beside the card, on a computer and on a phone; else an arrow would stand on screen."""
+    visit = Visit(tmp_path, plan(trial_steps=1000, environments=[environment]))
+    visit.go_to("trial")
+    visit.tick(10)
+    shown = [visit.said(kind)[-1] for kind in (Scene, Phase, Status)]
+    page = browser.new_page(viewport={"width": 1366, "height": 768})
+    page.add_init_script(f"({DRAW_LITTLE})()")
+    staged = StagedPage(
+        page, [welcome("experimenter"), *shown], render_scene(environment, visit.session.person)
+    )
+    staged.open("spectator")
+    page.wait_for_function("() => !document.body.classList.contains('sceneless')", timeout=120_000)
+    staged.say(StateEncoder().encode(visit.said(State)[-1]))
+    for width, height in ((1366, 768), (390, 844), (1920, 1080)):
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(300.0)
+        page.wait_for_function("() => document.getElementById('whereabouts').hidden", timeout=20_000)
+    page.close()
