@@ -28,6 +28,8 @@ from journey import DRAW_LITTLE
 from staged_page import StagedPage
 from visit import Visit, plan
 
+pytestmark = pytest.mark.slow
+
 WIDTHS, HEIGHTS = (320, 390, 768, 1024, 1366, 1920, 2560), (480, 768, 1080)
 SIZES = [(width, height) for width in WIDTHS for height in HEIGHTS]
 FEW = [(320, 480), (390, 844), (1366, 768)]
@@ -87,7 +89,6 @@ STAGES: dict[str, tuple[Role, str]] = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", STAGES)
 def test_the_stop_is_in_sight_red_and_works_at_every_size(
     name: str, browser: Browser, said: list[Message]
@@ -161,7 +162,6 @@ def test_who_only_watches_has_no_stop(browser: Browser, said: list[Message]) -> 
     page.close()
 
 
-@pytest.mark.slow
 def test_nothing_covers_another_while_playing_and_the_scene_has_room(
     browser: Browser, said: list[Message]
 ) -> None:
@@ -192,7 +192,7 @@ def overlap(one: list[float], other: list[float]) -> bool:
 
 
 def test_the_hands_buttons_form_a_cross(browser: Browser, said: list[Message]) -> None:
-    """Up, left, right and down around a middle, with away and towards you beside them, each labelled."""
+    """Up, left, right and down around a middle, away and towards you next to them, each labelled."""
     staged = stage(browser, "participant", said, "index.html")
     for size in FEW:
         staged.page.set_viewport_size({"width": size[0], "height": size[1]})
@@ -248,7 +248,6 @@ def test_no_figure_is_doubled_or_cut_off(
         page.close()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_the_card_never_hides_the_robot(environment: str, browser: Browser, tmp_path: Path) -> None:
     """Who watches sees its tool beside the card, on a computer and on a phone; else an arrow would stand on screen."""
