@@ -219,6 +219,8 @@ def test_the_last_trial_waits_for_its_answers(folder: Path) -> None:
         assert store.remaining_trials(pseudonym) == []
         assert store.participant(pseudonym).state == "allocated"
         last = Day(store, pseudonym)
+        for _ in range(30):
+            last.tick()  # the status is sent, too
         last.answer(3)
         last.tell(Ready())
         last.until("over")

@@ -281,9 +281,15 @@ def _trial_plan(store: Store, trial: Trial, attempts: int, texts: Texts) -> Tria
 
 
 def _policies(store: Store, pseudonym: str) -> Policies:
-    """The policies of the trials that are not completed; one may still count as running that a crash broke off."""
+    """The policies of trials that are not completed, or whose questionnaire is open.
+
+    A trial may still count as running that a crash broke off.
+    """
+    left = {attempt.trial for attempt in open_attempts(store, store.attempts(pseudonym))}
     wanted = {
-        (each.environment, each.policy) for each in store.trials(pseudonym) if each.state != "completed"
+        (each.environment, each.policy)
+        for each in store.trials(pseudonym)
+        if each.state != "completed" or each.id in left
     }
     return {
         (environment, policy): load_study_policy(store, environment, policy) for environment, policy in wanted

@@ -1,0 +1,284 @@
+"""A study in process whose participants meet faults at random moments, and an oracle of which attempts count."""
+
+import random
+from collections import Counter
+from dataclasses import dataclass
+
+import msgspec
+
+from avrgym.recording.files import read_recording
+from avrgym.study.checking.checks import check_study
+from avrgym.study.sessions.serving import StudySessions
+from avrgym.study.storage.answers import open_attempts
+from avrgym.study.storage.store import Store
+from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.protocol.messages import (
+    Answer,
+    Entered,
+    Left,
+    Question,
+    Ready,
+    Scene,
+    SceneLoaded,
+    Sent,
+    Tracking,
+    VisibilityChanged,
+)
+from avrgym.vr.protocol.received import Disconnected
+from avrgym.vr.tracking.world import TICK_S
+from studies import take_in
+
+RUNNING = ("free_before", "countdown", "trial")
+HELPED = ("retreat", "free_after", "questionnaire", "confirm")
+PARTS = ("head", "left", "right")
+AT_ONCE = ("menu", "network", "reload", "leave", "restart")
+"""What breaks off an attempt in the tick in which it happens, before the robot has finished."""
+KINDS = ("none", "limb", "limb", "frames", "switch", *AT_ONCE)
+LOST_S, EDGE_S = 1.0, 0.2
+"""So long a part must be missing, and within what of a limit either outcome is right."""
+LIMIT_TICKS = 60_000
+
+
+@dataclass
+class Fault:
+    """What goes wrong in one attempt: in a phase, so long after its beginning, for so many seconds."""
+
+    kind: str
+    phase: str
+    delay_s: float
+    lasts_s: float
+    part: str
+
+
+@dataclass
+class Expected:
+    """What the oracle knows of one attempt, from the drawn fault and when the robot finished."""
+
+    fault: Fault
+    needed: tuple[str, ...]
+    happened_s: float | None = None
+    happened_in: str = ""
+    finished_s: float | None = None
+
+    @property
+    def counts(self) -> bool | None:
+        """Whether it must be completed; ``None`` near a limit."""
+        if self.happened_s is None or self.fault.kind in ("none", "switch"):
+            return True
+        if self.fault.kind in AT_ONCE:
+            return self.happened_in not in RUNNING
+        if self.happened_in in HELPED or (self.fault.kind == "limb" and self.fault.part not in self.needed):
+            return True
+        until_s = self.happened_s + self.fault.lasts_s
+        seen_s = until_s if self.finished_s is None else min(until_s, self.finished_s)
+        missing_s = seen_s - self.happened_s
+        return None if abs(missing_s - LOST_S) < EDGE_S else missing_s < LOST_S
+
+
+class FaultyStudy:
+    """Runs trials of a study with faults from a seed; ``attempts`` holds what each attempt must be."""
+
+    def __init__(self, store: Store, seed: int) -> None:
+        self.store, self.chance = store, random.Random(seed)
+        self.attempts: dict[str, list[Expected]] = {}
+        self.heard: list[Sent] = []
+        self.ticks = 0
+
+    @property
+    def now_s(self) -> float:
+        return self.ticks * TICK_S
+
+    def run(self, participants: int) -> None:
+        """Let so many participants complete the study."""
+        for number in range(participants):
+            self.pseudonym = take_in(self.store)
+            self.attempts[self.pseudonym] = []
+            self.participant = SimulatedParticipant(draw_traits("woman", number), number)
+            self._open()
+            ends = self.ticks + LIMIT_TICKS * len(self.store.trials(self.pseudonym))
+            while self.sessions.participant is not None:
+                assert self.ticks < ends, f"still in {self.phase}"
+                self._tick()
+            self.sessions.close(self.now_s)
+
+    def _open(self) -> None:
+        self.sessions = StudySessions(self.store, self.heard.append, first=self.pseudonym)
+        self._connected, self._visible, self._missing, self._switched = True, True, set[str](), False
+        self._until_s: float | None = None
+        self._seen, self._began_s, self._acted_s = "", self.now_s, self.now_s
+        self._connect()
+
+    @property
+    def phase(self) -> str:
+        session = self.sessions._session
+        return session.phase if session is not None else "over"
+
+    def _latest(self, kind: type) -> Sent | None:
+        return next((message for message in reversed(self.heard) if isinstance(message, kind)), None)
+
+    def _tell(self, *told) -> None:
+        for message in told:
+            self.sessions.receive(message, self.now_s)
+
+    def _connect(self) -> None:
+        self._connected, self._visible = True, True
+        self.sessions.greet(self.heard.append, "participant", self.now_s)
+
+    def _tick(self) -> None:
+        self._notice()
+        self._fault()
+        if self._connected:
+            self._attend()
+        self.sessions.tick(self.now_s)
+        del self.heard[:-400]
+        self.ticks += 1
+
+    def _notice(self) -> None:
+        phase = self.phase
+        if phase == self._seen:
+            return
+        if phase == "free_before":
+            self._begin_attempt()
+        elif phase in HELPED and self._running is not None and self._running.finished_s is None:
+            self._running.finished_s = self.now_s
+        self._seen, self._began_s = phase, self.now_s
+
+    @property
+    def _running(self) -> Expected | None:
+        own = self.attempts[self.pseudonym]
+        return own[-1] if own else None
+
+    def _begin_attempt(self) -> None:
+        chance, session = self.chance, self.sessions._session
+        assert session is not None
+        task = TASKS[find_environment(session.world.environment)[0]]
+        fault = Fault(
+            chance.choice(KINDS),
+            chance.choice(
+                ("free_before", "countdown", "trial", "trial", "retreat", "free_after", "questionnaire")
+            ),
+            chance.uniform(0.0, 0.8),
+            chance.choice((0.1, 0.3, 0.6, 1.6, 2.5)),
+            chance.choice(PARTS),
+        )
+        self.attempts[self.pseudonym].append(Expected(fault, task.tracked))
+
+    def _fault(self) -> None:
+        """Begin or end what goes wrong."""
+        expected = self._running
+        if self._until_s is not None and self.now_s >= self._until_s:
+            self._mend()
+        if expected is None or expected.happened_s is not None or expected.fault.phase != self._seen:
+            return
+        if self.now_s - self._began_s >= expected.fault.delay_s:
+            expected.happened_s, expected.happened_in = self.now_s, self.phase
+            self._until_s = self.now_s + expected.fault.lasts_s
+            self._break(expected.fault)
+
+    def _break(self, fault: Fault) -> None:
+        if fault.kind == "menu":
+            self._visible = False
+            self._tell(VisibilityChanged(self.chance.choice(("visible-blurred", "hidden", "context-lost"))))
+        elif fault.kind in ("network", "reload"):
+            self._connected = False
+            self._tell(Disconnected())
+        elif fault.kind == "leave":
+            self._tell(Left())
+        elif fault.kind == "restart":
+            self.sessions.close(self.now_s)
+            self._open()
+        elif fault.kind == "switch":
+            self._switched = True
+        elif fault.kind != "none":
+            self._missing = {fault.part} if fault.kind == "limb" else set(PARTS)
+
+    def _mend(self) -> None:
+        expected = self._running
+        assert expected is not None
+        self._until_s, self._missing, self._switched = None, set(), False
+        if not self._visible:
+            self._visible = True
+            self._tell(VisibilityChanged("visible"))
+        if not self._connected:
+            self._connect()
+            if expected.fault.kind == "network":
+                self._tell(Entered())
+
+    def _attend(self) -> None:
+        """Send frames, and now and then do what the phase asks for."""
+        if self.ticks % 3 == 0 and self._visible and self._missing != set(PARTS):
+            self._tell(self._frame())
+        if self.phase == "loading" and (scene := self._latest(Scene)) is not None:
+            assert isinstance(scene, Scene)
+            self._tell(SceneLoaded(scene.url))
+        if self._visible and self.now_s - self._acted_s > 0.45:
+            self._acted_s = self.now_s
+            self._act()
+
+    def _act(self) -> None:
+        session = self.sessions._session
+        assert session is not None
+        trials = session.plan.trials
+        self.participant.take_place(trials[min(session.trial, len(trials) - 1)].environment)
+        if self.phase == "waiting":
+            self._tell(Entered())
+        elif self.phase in ("calibration", "check", "ready", "paused", "confirm"):
+            if self.now_s - self._began_s > 0.8:
+                self._tell(Ready())
+        elif self.phase == "questionnaire":
+            asked = self._latest(Question)
+            assert isinstance(asked, Question)
+            self._tell(Answer(asked.item, self.chance.randint(1, asked.points), 0.4))
+
+    def _frame(self) -> Tracking:
+        frame = self.participant.frame(self.now_s, moving=self.phase != "calibration")
+        changes: dict[str, object] = dict.fromkeys(self._missing)
+        for hand in {"left", "right"} & self._missing:
+            changes[f"{hand}_modality"] = "none"
+        if self._switched:
+            changes |= {"left_modality": "hand", "right_modality": "hand"}
+        return msgspec.structs.replace(frame, **changes)
+
+    def faults(self) -> list[str]:
+        """What the study holds against the oracle, in words; nothing, if all is right."""
+        found: list[str] = []
+        for pseudonym, expected in self.attempts.items():
+            stored = self.store.attempts(pseudonym)
+            if len(stored) != len(expected):
+                found.append(f"{pseudonym}: {len(stored)} attempts, {len(expected)} began")
+            for attempt, each in zip(stored, expected, strict=False):
+                if each.counts is not None and each.counts != (attempt.state == "completed"):
+                    found.append(f"{attempt} is {attempt.state}, counts: {each.counts}, {each}")
+            found += self._faults_of_trials(pseudonym)
+        return found + [
+            str(each) for each in check_study(self.store) if each.wrong and "policy" not in each.where
+        ]
+
+    def _faults_of_trials(self, pseudonym: str) -> list[str]:
+        found: list[str] = []
+        attempts, answers = self.store.attempts(pseudonym), self.store.answers(pseudonym)
+        if open_attempts(self.store, attempts):
+            found.append(f"{pseudonym}: a questionnaire is open")
+        for trial in self.store.trials(pseudonym):
+            own = [each for each in attempts if each.trial == trial.id and each.state == "completed"]
+            if len(own) != 1:
+                found.append(f"{trial} has {len(own)} completed attempts")
+                continue
+            given = {each.item: each.value for each in answers if each.attempt == own[0].id}
+            recording = read_recording(self.store.path(own[0].recording))
+            recorded = {answer.item: answer.value for _, answer in recording.topics["/answers"]}
+            asked = [] if trial.practice else [item.id for item in self.store.design.items_at("after_trial")]
+            if sorted(given) != sorted(asked) or given != recorded:
+                found.append(f"{trial}: {given} stored, {recorded} recorded of {asked}")
+        return found
+
+    def counts(self) -> Counter[str]:
+        """How often each kind of fault happened before and after the robot had finished, and what had to follow."""
+        words = {True: "counts", False: "is repeated", None: "near a limit"}
+        return Counter(
+            f"{each.fault.kind if each.happened_s is not None else 'none'}"
+            f"{' after the robot' if each.happened_in in HELPED else ''}: {words[each.counts]}"
+            for own in self.attempts.values()
+            for each in own
+        )

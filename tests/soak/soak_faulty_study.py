@@ -1,0 +1,23 @@
+"""200 trials in which limbs vanish, devices switch, menus open, networks blink and servers restart: `make soak`."""
+
+from pathlib import Path
+
+from avrgym.study.storage.store import Store
+from faulty_study import FaultyStudy
+from studies import make_study
+
+PARTICIPANTS = 25
+PROTOCOL = {"free_movement_s": "0.4", "trial_steps": "25", "practice_policy": '""'}
+
+
+def test_no_trial_counts_that_should_not_and_none_is_lost(tmp_path: Path) -> None:
+    folder = make_study(tmp_path, tasks='["Feeding", "ScratchItch"]', **PROTOCOL)
+    with Store(folder) as store:
+        study = FaultyStudy(store, seed=1)
+        study.run(PARTICIPANTS)
+        trials = sum(len(store.trials(each.pseudonym)) for each in store.participants())
+        print(f"\n{trials} trials, {sum(map(len, study.attempts.values()))} attempts")
+        for what, count in sorted(study.counts().items()):
+            print(f"{count:4}  {what}")
+        assert trials >= 200
+        assert study.faults() == []
