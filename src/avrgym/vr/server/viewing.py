@@ -184,6 +184,8 @@ class Viewing:
             draws_back=False,
             withdrawing=False,
             tracking_age_s=None,
+            needed_parts=[],
+            untracked_parts=[],
             visibility="visible",
             left_modality="none",
             right_modality="none",

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 TICK_S = PHYSICS_STEP_S
 BRAKED_TICKS = 30
 """So long the brakes hold between what drove the robot and its retreat, until it is at rest."""
-Act = Callable[[Array], NDArray[np.floating]]
+Act = Callable[[Array], Array]
 Amend = Callable[[], Array | None]
 
 
@@ -212,7 +212,7 @@ class LiveWorld:
 
     def prepare(self, driver: Driver) -> None:
         """Let somebody get ready to drive the robot of the present episode."""
-        self._held = False
+        self._held, self._asked = False, still(self._episodes)
         driver.begin(self._episodes, self._generators)
         self.guard.begin()
 

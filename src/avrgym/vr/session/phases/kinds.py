@@ -1,5 +1,8 @@
 """Kinds of phases: what leads out of several."""
 
+# After the robot has helped, the same messages lead to other phases than before.
+# pyright: reportIncompatibleMethodOverride=false
+
 from __future__ import annotations
 
 from typing import Self
