@@ -99,18 +99,23 @@ class Visit:
         self.pose_rad: NDArray[np.float64] | None = None
         self.observed: list[session_events.SessionEvent] = []
         self.session = (
-            make(self.heard.append)
+            make(self.hear)
             if make
             else Session(
                 plan,
                 policies or driving(plan),
                 folder,
-                self.heard.append,
+                self.hear,
                 "visit",
                 observe=self.observed.append,
             )
         )
         self._ticks = 0
+
+    def hear(self, message: messages.ServerMessage | messages.State) -> None:
+        """Take a message of the session, which a connection could send."""
+        messages.encode(message)
+        self.heard.append(message)
 
     @property
     def now_s(self) -> float:

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import logging
 import time
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from avrgym.vr.server.inbox import holds_robot
 from avrgym.vr.server.loop import RealTimeLoop, S
 from avrgym.vr.tracking.world import TICK_S
 
+_log = logging.getLogger("uvicorn.error")
 HELLO_TIMEOUT_S = 5.0
 BURST, MESSAGES_PER_S = 1000, 250
 """More than any headset sends: 144 frames a second, and those of seven seconds after a pause of the network."""
@@ -148,7 +150,9 @@ async def _until_either(*directions: Coroutine[Any, Any, None]) -> None:
     await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     for task in tasks:
         task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
+    for failure in await asyncio.gather(*tasks, return_exceptions=True):
+        if isinstance(failure, Exception):
+            _log.error("a connection ends: %r", failure, exc_info=failure)
 
 
 async def _receive(

@@ -7,6 +7,7 @@ the head where the torso reaches.
 
 from collections import deque
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +83,7 @@ class Sliding:
         neck_w = head.pos_w - self._head_centre_m * axes.of_quaternion(head.q_w)[:, 2] - self._waist_w
         along_m = float(neck_w @ direction)
         too_far = float(neck_w @ neck_w - self._neck_t @ self._neck_t)
-        way_m = along_m - np.sqrt(max(along_m * along_m - too_far, 0.0))
+        way_m = along_m - sqrt(max(along_m * along_m - too_far, 0.0))
         if not SLID_M < way_m <= FARTHEST_M:
             return None
         self.forget()
