@@ -13,7 +13,7 @@ const [INDEX, MIDDLE, , LITTLE] = FINGERS.map(([knuckle]) => knuckle) as [number
 
 /** The distance from knuckle to tip, as a share of the finger's length: fists have half of it. */
 const STRAIGHT = 0.9;
-/** Fingers point up, and the palm faces away from the face, within so much. */
+/** The cosines of the largest angles: of the fingers from vertical, and of the palm's normal from the gaze. */
 const UPRIGHT = Math.cos((40 * Math.PI) / 180);
 const FACING = Math.cos((50 * Math.PI) / 180);
 /** The palm is no deeper below the eyes, and no nearer to them in the plane of the floor, metres. */
@@ -24,7 +24,7 @@ const UP = new Vector3(0, 1, 0);
 const [along, across, out, ahead, palm] = Array.from({ length: 5 }, () => new Vector3()) as [Vector3, Vector3, Vector3, Vector3, Vector3];
 
 /**
- * Whether a bare hand says stop: its fingers are straight and point up, its palm is raised and faces away from the eyes.
+ * Whether a bare hand makes the stop gesture: its fingers are straight and point up, its palm is raised and faces away from the eyes.
  *
  * `joints` are the matrices of all its joints in `local-floor`. With the wrist at the origin the palm's normal is the
  * cross product of the ways to the knuckles of index and little finger; the left hand is the right one in a mirror.

@@ -97,7 +97,7 @@ export class World {
     for (const side of SIDES) this.drawHand(side, bareHands, seen?.[side]);
   }
 
-  /** Whoever is measured is followed as their devices see them. */
+  /** From now on the hands follow their tracked poses without corrections. */
   forgetHands(): void {
     this.followed = new Hands();
   }

@@ -83,7 +83,9 @@ def test_the_changed_plug_in_is_the_reason(
     found = verify(with_other_states(recording))
     assert found.plugin_differences == [f"robot Jaco was {before}, is {plugins_of(ENVIRONMENT)[0]}"]
     command._tell_differences(found)
-    assert f"A plug-in is not what it was: {found.plugin_differences[0]}." in capsys.readouterr().out
+    assert (
+        f"A plug-in differs from the recorded one: {found.plugin_differences[0]}." in capsys.readouterr().out
+    )
     other_scene = replace(recording, metadata={**recording.metadata, "bodies": ["world"]})
     with pytest.raises(ReplayError, match=r"are not those of today: .*; robot Jaco was lab-robots 1\.0"):
         Playback(other_scene)

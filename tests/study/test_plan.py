@@ -171,7 +171,7 @@ def test_the_record_is_vouched_for_by_the_database(tmp_path: Path) -> None:
     record = (folder / FROZEN).read_bytes()
     (folder / FROZEN).write_bytes(record.replace(b"higher", b"lower"))
     shown = study("check", folder)
-    assert (shown.exit_code, f"wrong  {FROZEN}: deviates from the plan: was changed" in shown.stdout) == (
+    assert (shown.exit_code, f"wrong  {FROZEN}: deviates from the plan: was modified" in shown.stdout) == (
         1,
         True,
     )

@@ -171,7 +171,7 @@ def _tell_differences(found: "Verification") -> None:
         )
         return
     for difference in found.plugin_differences:
-        say(f"A plug-in is not what it was: {difference}.")
+        say(f"A plug-in differs from the recorded one: {difference}.")
     if found.plugins_stored and found.plugin_differences:
         return
     if found.same_versions:

@@ -102,9 +102,9 @@ def enrol(
         ),
     ] = False,
 ) -> None:
-    """Take someone in under a new pseudonym.
+    """Enrol a participant under a new pseudonym.
 
-    Somebody with the same name and contact is refused, because each person takes part once.
+    A person with the same name and contact is refused, because each person takes part once.
     """
     from avrgym.study.people.participants import enrol as take_in
     from avrgym.study.storage.store import Store

@@ -95,11 +95,11 @@ class ShownWithArm(Shown):
 
 @dataclass(frozen=True, kw_only=True)
 class AdaptiveTraining:
-    """What is trained where: ``steps`` environment steps in all, whole rounds of an episode in each world.
+    """Settings of adaptive training: ``steps`` environment steps in all, whole rounds of an episode in each world.
 
     ``imitation_share`` of the rounds imitate, the first ones: the task's expert, or ``teacher``, a policy by its name
-    or file. With ``initial``, a policy that remembers, by its name or file, it goes on from that one, and has its
-    layers, in place of ``memory`` units and ``hidden`` ones. ``withdraw_after_success`` is as of ``Episodes``: then
+    or file. ``initial`` is a recurrent policy to start from, by its name or file; its
+    layer sizes replace ``memory`` and ``hidden``. ``withdraw_after_success`` is as of ``Episodes``: then
     contact after success earns nothing, and imitation shows the withdrawal. Unless the share is given it is
     ``IMITATION_SHARE``, and with an initial policy none.
     """

@@ -106,7 +106,7 @@ def _compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
     if others:
         yield (
             f"{', '.join(others)} of its {side} arm is no hinge; allowed: revolute and continuous joints. "
-            "Prismatic ones can be held, by `holding` or `fingers`; arms have them in a later version"
+            "Prismatic ones can only be held, by `holding` or `fingers`"
         )
         return
     try:

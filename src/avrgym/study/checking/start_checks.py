@@ -11,7 +11,7 @@ from avrgym.tasks.starts import draws_by_body
 
 
 def check_starts(store: Store) -> Iterator[Finding]:
-    """Who has no start in an environment of the design, and whose starts are drawn too often.
+    """Finds bodies that have no start in an environment of the design, or whose starts are drawn too often.
 
     A few starts are drawn for each body, as short and as tall as anybody is measured.
     """
@@ -32,4 +32,4 @@ def _check_environment(environment: str) -> Iterator[Finding]:
             yield Finding(environment, drawn.refused.removeprefix(f"{environment}: "))
         elif drawn.fault:
             body = f"a {person.sex} with a torso of {person.torso_height_m:.2f} m"
-            yield Finding(environment, f"beside {body} {drawn.fault}", wrong=False)
+            yield Finding(environment, f"next to {body} {drawn.fault}", wrong=False)

@@ -98,7 +98,7 @@ def marks(topics: Topics) -> list[tuple[int, Event]]:
 
 
 def corrected_marks(topics: Topics, start_s: float) -> dict[str, Any]:
-    """By the names of streams of texts what was corrected of their times."""
+    """The time corrections of each stream of texts, by its name."""
     found = {name: corrections(sample_times(chunks, 0.0), start_s) for name, chunks in _text_chunks(topics)}
     return {name: each for name, each in found.items() if each}
 
@@ -109,7 +109,7 @@ def _text_chunks(topics: Topics) -> Iterator[tuple[str, Chunks]]:
 
 
 def corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
-    """What was corrected of a stream's times, in the words of a sidecar; nothing where nothing was."""
+    """The corrections of a stream's times as a sidecar describes them; empty without any."""
     if not times.resets and not times.raised:
         return {}
     return {

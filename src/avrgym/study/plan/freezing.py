@@ -135,8 +135,8 @@ def _check_untouched(store: Store, connection: sa.Connection) -> None:
 def _check_nobody_took_part(connection: sa.Connection) -> None:
     for event in find_all(connection, StudyEvent, name=REBUILT):
         raise StudyError(
-            f"the database was rebuilt at {event.at}: whether somebody had taken part before is unknown, and a plan "
-            "would confirm nothing; put back a copy of the database, or begin a study in a folder of its own"
+            f"the database was rebuilt at {event.at}: earlier participants are unknown, so a plan frozen now would "
+            "confirm nothing; put back a copy of the database, or create a new study"
         )
     taken = [each.participant for each in find_all(connection, StudySession)]
     taken += [each.number for each in find_all(connection, Tombstone)]

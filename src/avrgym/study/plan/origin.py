@@ -98,12 +98,12 @@ def read_frozen(store: Store) -> Frozen | None:
         noted = [each for name in (EVENT, ADOPTED) for each in find_all(connection, StudyEvent, name=name)]
         sites = len(find_all(connection, Site))
     if not path.exists():
-        fault = "is missing: nothing tells what was planned; put a copy back"
+        fault = "is missing; put a copy back"
         return Frozen(None, (fault,)) if noted else None
     data = path.read_bytes()
     own = [each for each in noted if each.detail == sha256(data)]
     if noted and not own:
-        fault = "was changed: it does not tell any more what was planned; put a copy back"
+        fault = "was modified after freezing; put a copy back"
         return Frozen(None, (fault,))
     try:
         record = msgspec.json.decode(data, type=Record)

@@ -42,9 +42,8 @@ class Inbox:
     def put(self, message: Received | Greeting) -> None:
         """Add a message behind all others, one that holds the robot before them.
 
-        That the participant no longer sees the scene is handled first and again in its turn: what arrived before it may
-        report the opposite.
-        Of a participant whose connection is gone while more waits than a tick takes, nothing else counts any more.
+        A loss of visibility is handled immediately and again in order, because an earlier message may report the opposite.
+        If a participant disconnects while more waits than a tick takes, their other messages are discarded.
         """
         with self._lock:
             if holds_robot(message):
