@@ -80,7 +80,7 @@ class FaultyStudy:
     """Runs trials of a study with faults from a seed; ``attempts`` holds what each attempt must be."""
 
     def __init__(self, store: Store, seed: int) -> None:
-        self.store, self.chance = store, random.Random(seed)
+        self.store, self.rng = store, random.Random(seed)
         self.attempts: dict[str, list[Expected]] = {}
         self.heard: list[Sent] = []
         self.ticks = 0
@@ -150,17 +150,17 @@ class FaultyStudy:
         return own[-1] if own else None
 
     def _begin_attempt(self) -> None:
-        chance, session = self.chance, self.sessions._session
+        rng, session = self.rng, self.sessions._session
         assert session is not None
         task = TASKS[find_environment(session.world.environment)[0]]
         fault = Fault(
-            chance.choice(KINDS),
-            chance.choice(
+            rng.choice(KINDS),
+            rng.choice(
                 ("free_before", "countdown", "trial", "trial", "retreat", "free_after", "questionnaire")
             ),
-            chance.uniform(0.0, 0.8),
-            chance.choice((0.1, 0.3, 0.6, 1.6, 2.5)),
-            chance.choice(PARTS),
+            rng.uniform(0.0, 0.8),
+            rng.choice((0.1, 0.3, 0.6, 1.6, 2.5)),
+            rng.choice(PARTS),
         )
         self.attempts[self.pseudonym].append(Expected(fault, task.tracked))
 
@@ -179,7 +179,7 @@ class FaultyStudy:
     def _break(self, fault: Fault) -> None:
         if fault.kind == "menu":
             self._visible = False
-            self._tell(VisibilityChanged(self.chance.choice(("visible-blurred", "hidden", "context-lost"))))
+            self._tell(VisibilityChanged(self.rng.choice(("visible-blurred", "hidden", "context-lost"))))
         elif fault.kind in ("network", "reload"):
             self._connected = False
             self._tell(Disconnected())
@@ -229,7 +229,7 @@ class FaultyStudy:
         elif self.phase == "questionnaire":
             asked = self._latest(Question)
             assert isinstance(asked, Question)
-            self._tell(Answer(asked.item, self.chance.randint(1, asked.points), 0.4))
+            self._tell(Answer(asked.item, self.rng.randint(1, asked.points), 0.4))
 
     def _frame(self) -> Tracking:
         frame = self.participant.frame(self.now_s, moving=self.phase != "calibration")

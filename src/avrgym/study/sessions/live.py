@@ -376,7 +376,7 @@ class Keeper:
         tell(self._store, self._session.id, name, detail, attempt)
 
     def _answered(self, number: int) -> int:
-        """The attempt whose questionnaire is asked: the one that runs, or that completed the trial of this number."""
+        """The attempt whose questionnaire is open: the one that runs, or that completed the trial of this number."""
         if self._attempt is not None:
             return self._attempt.id
         trial = self._trials[number - 1]

@@ -42,7 +42,8 @@ class Inbox:
     def put(self, message: Received | Greeting) -> None:
         """Add a message behind all others, one that holds the robot before them.
 
-        A loss of visibility is handled immediately and again in order, because an earlier message may report the opposite.
+        A loss of visibility is handled immediately and again in order, because an earlier message may report the
+        opposite.
         If a participant disconnects while more waits than a tick takes, their other messages are discarded.
         """
         with self._lock:

@@ -16,7 +16,7 @@ from avrgym.vr.tracking.tracking_state import Followed
 
 @dataclass(frozen=True)
 class Answering:
-    """Whose questionnaire is asked: an attempt at a trial, both numbers from 1, and its recording."""
+    """The attempt whose questionnaire is open: its trial and its own number, both from 1, and its recording."""
 
     trial: int
     attempt: int

@@ -52,7 +52,7 @@ class HeadsetMeasurement:
         self._drawn.append(drawn)
 
     def take_stop(self, way: StopWay | Literal["none"]) -> None:
-        """Take how the participant tried the stop; ``none``: they were asked to and did not."""
+        """Take how the participant tried the stop; ``none``: they did not within the time."""
         self._stop = way
 
     @property

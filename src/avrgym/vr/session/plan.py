@@ -69,7 +69,7 @@ class SessionPlan:
     complete the robot withdraws and waits, see ``simulation.withdrawal``. ``stop_rules``: at which answers the session
     pauses or ends. ``texts``: what the participant reads, in their language, in which goals and items stand already.
     ``headset_check``: before all else the headset is checked so. ``measure_reach``: who is measured also stretches
-    their arms, which become as long as theirs. ``open_questionnaire`` is asked before all else.
+    their arms, which become as long as theirs. ``open_questionnaire`` comes before all else.
     """
 
     trials: Sequence[TrialPlan]

@@ -145,7 +145,8 @@ class InPlace(InVR):
 
 
 class Helped(InPlace):
-    """The robot has helped: whatever happens now, the trial counts. Whoever comes back is asked what is left to ask."""
+    """The robot has helped: whatever happens now, the trial counts. A returning participant answers the open
+    questions."""
 
     helped = True
 

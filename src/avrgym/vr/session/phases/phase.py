@@ -94,7 +94,7 @@ class Phase:
     # What participant or experimenter ask ------------------------------------------------------------------------
 
     def stop(self, by: events.Who, way: StopWay | None = None) -> Phase:
-        """The emergency stop: hold the robot at once; the trial that runs may be repeated.
+        """The emergency stop: hold the robot immediately; the trial that runs may be repeated.
 
         ``way`` is how the participant stopped it.
         """
