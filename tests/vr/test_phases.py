@@ -26,6 +26,7 @@ from avrgym.vr.protocol.messages import (
     Scene,
     SceneLoaded,
     Stop,
+    VisibilityChanged,
 )
 from avrgym.vr.protocol.received import Disconnected, Received
 from avrgym.vr.session import events as session_events
@@ -36,7 +37,7 @@ from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.session.session import Session
 from visit import Visit, driving, plan
 
-SEEDS = (2, 3, 5)
+SEEDS = (2, 3, 5, 6)
 """Their walks see every phase."""
 SITTING, LYING = "avrgym/FeedingJaco-v1", "avrgym/BedBathingJaco-v1"
 
@@ -99,7 +100,8 @@ class Walk:
     DISRUPTIONS: Sequence[Received] = (
         Entered(), Left(), Disconnected(), OriginReset(), Recalibrate(), Stop(), Ready(), Hello(4, "", "", True),
         ChooseBody("woman", "fair"), ChooseBody("man", "dark"), ChooseTheirBody("woman", "blue"), Answer("L1", 4, 1.0),
-        Back(), CorrectTorsoHeight(0.55), CorrectTorsoHeight(5.0), *(Command(name) for name in COMMANDS),
+        VisibilityChanged("visible-blurred"), VisibilityChanged("visible"), VisibilityChanged("visible"), Back(),
+        CorrectTorsoHeight(0.55), CorrectTorsoHeight(5.0), *(Command(name) for name in COMMANDS),
     )  # fmt: skip
 
     def __init__(self, folder: Path, seed: int) -> None:
