@@ -190,7 +190,7 @@ class Task:
             )
         if "head" not in self.tracked or not set(self.tracked) <= set(PARTS):
             raise ValueError(
-                f"tracked of task {self.name} is {self.tracked!r}; allowed: 'head', with 'left' or 'right' for the "
+                f"tracked of task {self.name} is {self.tracked!r}; allowed: 'head', and 'left' or 'right' for the "
                 "arms that the robot works on"
             )
         if not self.weights:
