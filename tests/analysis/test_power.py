@@ -97,7 +97,7 @@ def test_imagined_answers_are_tested_as_the_analysis_tests_answers() -> None:
 def _row(participant: str, task: str, robot: str, policy: str, item: str, value: int) -> AnswerRow:
     return AnswerRow(
         participant=participant, simulated=True, counted=True, session=1, moment="after_trial", questionnaire="likert",
-        position=1, task=task, robot=robot, policy=policy, attempt=1, item=item, value=value, points=7,
+        position=1, task=task, robot=robot, policy=policy, attempt=1, item=item, value=value, least=1, most=7, points=7,
         response_time_s=1.0,
     )  # fmt: skip
 

@@ -1,5 +1,6 @@
 """Validated questionnaires in a study: the design names them, and their scores stand in tables and report."""
 
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ from avrgym.analysis.study import analyse
 from avrgym.recording.instruments.registry import INSTRUMENTS
 from avrgym.recording.instruments.workload import FACTORS, PAIRS
 from avrgym.recording.records import Answer
+from avrgym.study.checking.results import summarise_results
 from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
 from avrgym.study.export import export_study
 from avrgym.study.storage import database
@@ -277,3 +279,74 @@ def test_studies_without_instruments_have_no_such_tables(
     assert not {"scores.csv", "scales.csv"} & {path.name for path in (tmp_path / "export").iterdir()}
     assert not {"scores", "score_summaries"} & set(names)
     assert "scales" not in (tmp_path / "export" / "codebook.csv").read_text()
+
+
+# The scale of each item
+
+
+def scale_of(item: str) -> tuple[int, int, int]:
+    """Lowest, highest and number of the values of an item, as published."""
+    if item.startswith("ssq_"):
+        return 0, 3, 4
+    if "_or_" in item:
+        return 0, 1, 2
+    return (0, 100, 21) if item.startswith("tlx_") else (1, 7, 7)
+
+
+def test_answers_are_on_the_scales_of_their_instruments_in_every_table(out: Path) -> None:
+    for table in (out / "analysis" / "tables" / "answers.csv", out / "export" / "answers.csv"):
+        for row in read(table).itertuples():
+            assert (row.least, row.most, row.points) == scale_of(row.item)
+            assert row.least <= row.value <= row.most
+    for row in read(out / "export" / "items.csv").itertuples():
+        assert (row.least, row.most, row.points) == scale_of(row.item)
+    for row in read(out / "analysis" / "tables" / "subjective.csv").itertuples():
+        least, most, _ = scale_of(row.item)
+        assert least <= row.least <= row.median <= row.most <= most
+    likert = read(out / "analysis" / "tables" / "likert.csv")
+    for (item, _, _), rows in likert.groupby(["item", "moment", "policy"], dropna=False):
+        least, most, points = scale_of(str(item))
+        assert list(rows["value"]) == [least + k * (most - least) // (points - 1) for k in range(points)]
+        assert rows["share"].sum() == pytest.approx(1.0)
+
+
+def test_scores_agree_with_the_items_beside_them(out: Path) -> None:
+    tables = out / "analysis" / "tables"
+    items = read(tables / "subjective.csv").query("task == 'all' and robot == 'all'")
+    load = items[items["item"].str.startswith("tlx_")]
+    scores = read(tables / "score_summaries.csv").query("scale == 'raw'").set_index("policy")["mean"]
+    for policy, rows in load.groupby("policy"):
+        assert rows["mean"].mean() == pytest.approx(scores[policy])
+    effects = read(tables / "models.csv").query("effect == 'policies'").set_index("quantity")["estimate"]
+    assert effects.get("tlx_mental") == pytest.approx(effects.get("mental"), nan_ok=True)
+
+
+def test_report_and_methods_name_each_scale_as_published(out: Path) -> None:
+    page = (out / "analysis" / "report" / "index.html").read_text()
+    methods = (out / "analysis" / "reporting" / "methods.md").read_text()
+    assert "from 0 (very low) to 100 (very high) in steps of 5" in page
+    assert "0 (none), 1 (slight), 2 (moderate), 3 (severe)" in page
+    assert "to 21" not in page
+    assert "6 items from 0 to 100 in steps of 5" in methods
+    assert "16 items from 0 to 3" in methods
+
+
+@pytest.mark.slow
+def test_the_bids_export_describes_the_values_that_it_holds(study: Store, tmp_path: Path) -> None:
+    export_study(study, "bids", tmp_path / "bids")
+    for name in ("nasa-tlx", "ssq", "likert"):
+        rows = pd.read_csv(tmp_path / "bids" / "phenotype" / f"{name}.tsv", sep="\t")
+        described = json.loads((tmp_path / "bids" / "phenotype" / f"{name}.json").read_text())
+        for column in rows.columns[2:]:
+            levels = described[column]["Levels"]
+            assert set(rows[column].dropna().astype(int).astype(str)) <= set(levels)
+            item = next(each for each in study.design.items if column.endswith(each))
+            least, most, points = scale_of(item)
+            assert (next(iter(levels)), list(levels)[-1], len(levels)) == (str(least), str(most), points)
+
+
+def test_the_dashboard_shows_means_on_the_scales_of_instruments(study: Store, out: Path) -> None:
+    shown = {row.policy: row.answer_means for row in summarise_results(study)}
+    items = read(out / "analysis" / "tables" / "subjective.csv").query("task == 'all' and robot == 'all'")
+    for row in items.itertuples():
+        assert shown[row.policy][row.item] == pytest.approx(row.mean)

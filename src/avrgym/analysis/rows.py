@@ -113,6 +113,8 @@ class AttemptRow:
 class AnswerRow:
     """An answer; one about a whole session has no trial. ``moment`` is when it was asked.
 
+    ``value`` is on the item's own scale from ``least`` to ``most``, which has ``points`` values.
+
     ``counted`` as for its trial, for completed attempts; about sessions for the answers that are compared, one for each
     participant, item and moment: the latest after a session, and the latest before that.
     """
@@ -131,6 +133,8 @@ class AnswerRow:
     attempt: int | None
     item: str
     value: int
+    least: int | None
+    most: int | None
     points: int | None
     response_time_s: float
 

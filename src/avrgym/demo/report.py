@@ -324,6 +324,8 @@ def _asked(recording: Recording, answer: Answer) -> tuple[str, str, str]:
     item = items.get(answer.item)
     if item is None:
         return "", "", str(answer.value)
+    if labels := item.get("labels"):
+        return item["text"], f"{labels[0]} to {labels[-1]}", labels[answer.value - 1]
     points, ends = item["points"], (item.get("low"), item.get("high"))
     low, high = (f" ({end})" if end else "" for end in ends)
     return item["text"], f"1{low} to {points}{high}", f"{answer.value} of {points}"

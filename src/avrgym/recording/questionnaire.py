@@ -1,12 +1,13 @@
 """The statements that participants rate, and what counts as an answer."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Annotated
 
 import msgspec
 import numpy as np
 
-from avrgym.recording.instruments.instrument import Instrument
+from avrgym.recording.instruments.instrument import Instrument, Response
 from avrgym.recording.instruments.registry import INSTRUMENTS
 from avrgym.texts.texts import Texts
 
@@ -63,6 +64,35 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def moments(self) -> tuple[str, ...]:
         """When it is asked."""
         return (self.when,) if isinstance(self.when, str) else self.when
+
+    def scale_of(self, item: Item) -> Response:
+        """The scale of an item: its instrument's, else the whole numbers on its labels, else 1 to its points.
+
+        Stored answers are numbered from 1. Tables, figures and exports show what they count as on this scale.
+        """
+        if self.instrument is not None:
+            return self.instrument.response
+        return _numbered(item.labels) or Response(item.points, lowest=1)
+
+    def scale_words(self, item: Item) -> str:
+        """The scale of an item with the words at its ends, or on every answer."""
+        scale = self.scale_of(item)
+        if item.labels and item.labels != tuple(map(str, scale.values)):
+            return ", ".join(
+                f"{value} ({label})" for value, label in zip(scale.values, item.labels, strict=True)
+            )
+        steps = f" in steps of {scale.step}" if scale.step != 1 else ""
+        return f"from {scale.lowest} ({item.low}) to {scale.highest} ({item.high}){steps}"
+
+
+def _numbered(labels: Sequence[str]) -> Response | None:
+    """The scale of labels that are whole numbers in equal steps upwards; ``None`` for others."""
+    try:
+        values = [int(label) for label in labels]
+    except ValueError:
+        return None
+    steps = {after - before for before, after in pairwise(values)}
+    return Response(len(values), values[0], *steps) if len(steps) == 1 and min(steps) > 0 else None
 
 
 def _likert(id: str, text: str) -> Item:

@@ -43,8 +43,8 @@ class StopRules:
         if not met:
             return None
         rule = max(met, key=lambda each: THEN.index(each.then))
-        item = self.find(answer.item)[1]
-        given = item.labels[answer.value - 1] if item.labels else f"{answer.value} of {item.points}"
+        questionnaire, item = self.find(answer.item)
+        given = item.labels[answer.value - 1] if item.labels else _of_most(questionnaire, item, answer.value)
         return Verdict(
             rule.then, f"{item.text!r} was answered {given!r}; a stop rule holds from {rule.at_least:g} on"
         )
@@ -64,6 +64,10 @@ class StopRules:
 
     def _is_met(self, rule: StopRule, answer: Answer) -> bool:
         return _count(self.find(rule.item)[0], answer.value) >= rule.at_least
+
+
+def _of_most(questionnaire: Questionnaire, item: Item, value: int) -> str:
+    return f"{_count(questionnaire, value):g} of {_count(questionnaire, item.points):g}"
 
 
 def _count(questionnaire: Questionnaire, value: int) -> float:

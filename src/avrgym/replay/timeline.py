@@ -171,5 +171,8 @@ def _happenings(recording: Recording) -> list[Happening]:
 
 
 def _in_words(answer: Answer, item: dict[str, Any] | None) -> str:
-    of_points = f" of {item['points']}: {item['text']}" if item else ""
-    return f"{answer.item}: {answer.value}{of_points}"
+    if item is None:
+        return f"{answer.item}: {answer.value}"
+    labels = item.get("labels")
+    given = labels[answer.value - 1] if labels else f"{answer.value} of {item['points']}"
+    return f"{answer.item}: {given}: {item['text']}"

@@ -28,7 +28,7 @@ from avrgym.analysis.rows import LikertRow, SubjectiveRow, TestedRow
 from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS, PARTICIPANT
 from avrgym.analysis.statistics.objective import ALL
 from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, change_question
-from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, middle, policies_question, scale_of
+from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, policies_question
 from avrgym.recording.questionnaire import SESSION_MOMENTS, Item, Questionnaire
 from avrgym.study.design.design import Design
 
@@ -96,11 +96,13 @@ def _means_figure(
                     places, list(own.values()), 0.9 * width, color=colour, alpha=0.55, label=policy
                 )
                 axes.bar_label(bars, fmt="%.1f", fontsize=7)
-        points = max(item.points for item in questionnaire.items)
+        scales = [questionnaire.scale_of(item) for item in questionnaire.items]
+        least, most = min(scale.lowest for scale in scales), max(scale.highest for scale in scales)
         for row in tests if len(design.policies) == 2 else ():
-            axes.text(ids.index(row.quantity), points + 0.3, _p_text(row), fontsize=7, ha="center")
-        ticks = [tick for tick in axes.get_yticks() if 1 <= tick <= points]
-        axes.set(ylim=(1.0, points + 1.2), yticks=ticks, ylabel="mean answer")
+            y = most + 0.05 * (most - least)
+            axes.text(ids.index(row.quantity), y, _p_text(row), fontsize=7, ha="center")
+        ticks = [tick for tick in axes.get_yticks() if least <= tick <= most]
+        axes.set(ylim=(least, most + 0.2 * (most - least)), yticks=ticks, ylabel="mean answer")
         axes.set_xticks(range(len(ids)), ids)
         name_marks(figure, columns=len(design.policies))
     tested = "; p over participants, corrected by Holm" if tests and len(design.policies) == 2 else ""
@@ -144,7 +146,7 @@ def _likert_figure(
     unit: str,
 ) -> Drawing:
     """How each item of a questionnaire was answered in each group, in its own words, and which groups differ."""
-    heads = [_head(item) for item in questionnaire.items]
+    heads = [_head(questionnaire, item) for item in questionnaire.items]
     spaces = [LINE * head.count("\n") + LINE + 0.9 for head in heads]
     tops = [sum(spaces[: index + 1]) + len(groups) * index for index in range(len(heads))]
     bottom = tops[-1] + len(groups)
@@ -153,7 +155,7 @@ def _likert_figure(
         axes = figure.add_subplot()
         for item, head, top in zip(questionnaire.items, heads, tops, strict=True):
             axes.text(-1.0, top - 0.62, head, fontsize=8, va="bottom", linespacing=1.2, parse_math=False)
-            _bars(axes, top, item, groups)
+            _bars(axes, top, item, questionnaire.scale_of(item).middle, groups)
             _brackets(axes, top, list(groups), [row for row in tests if row.quantity == item.id])
         places = [top + place for top in tops for place in range(len(groups))]
         axes.set_yticks(places, list(groups) * len(tops))
@@ -165,7 +167,7 @@ def _likert_figure(
 
 
 def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
-    scales = dict.fromkeys(scale_of(item) for item in questionnaire.items)
+    scales = dict.fromkeys(questionnaire.scale_words(item) for item in questionnaire.items)
     scale = next(iter(scales)) if len(scales) == 1 else "each item on its own scale"
     tests = (
         "; p by Wilcoxon's signed-rank test over participants, corrected by Holm; * < 0.05, ** < 0.01, *** < 0.001"
@@ -175,31 +177,35 @@ def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
     return f"{questionnaire.name}: answers {scale}, centred on the middle, numbers of {unit}{tests}"
 
 
-def _head(item: Item) -> str:
+def _head(questionnaire: Questionnaire, item: Item) -> str:
     """An item's words and scale in lines that fit the figure."""
-    return "\n".join([*wrap(f"{item.id}  {item.text}", LETTERS), *wrap(scale_of(item), LETTERS)])
+    words = f"{item.id}  {item.text}", questionnaire.scale_words(item)
+    return "\n".join(line for each in words for line in wrap(each, LETTERS))
 
 
-def _bars(axes: Axes, top: float, item: Item, groups: Mapping[str, Sequence[LikertRow]]) -> None:
+def _bars(
+    axes: Axes, top: float, item: Item, neutral: float, groups: Mapping[str, Sequence[LikertRow]]
+) -> None:
     """A bar for each group."""
     for place, rows in enumerate(groups.values()):
         own = sorted((row for row in rows if row.item == item.id), key=lambda row: row.value)
-        _stack(axes, top + place, [row.share for row in own], [row.count for row in own], middle(item))
+        _stack(axes, top + place, own, neutral)
 
 
-def _stack(axes: Axes, y: float, shares: Sequence[float], counts: Sequence[int], neutral: float) -> None:
+def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float) -> None:
     """A bar of shares by value, its neutral value centred on zero."""
-    values = np.arange(1, len(shares) + 1)
-    below = sum(share for value, share in zip(values, shares, strict=True) if value < neutral)
-    at = sum(share for value, share in zip(values, shares, strict=True) if value == neutral)
+    below = sum(row.share for row in rows if row.value < neutral)
+    at = sum(row.share for row in rows if row.value == neutral)
     left = -(below + at / 2)
-    colours = colormaps["PuOr"](np.linspace(0.08, 0.92, len(shares)))
-    for share, number, colour in zip(shares, counts, colours, strict=True):
-        axes.barh(y, share, 0.86, left, color=to_hex(colour))
-        if share > 0.04:
+    colours = colormaps["PuOr"](np.linspace(0.08, 0.92, len(rows)))
+    for row, colour in zip(rows, colours, strict=True):
+        axes.barh(y, row.share, 0.86, left, color=to_hex(colour))
+        if row.share > 0.04:
             shade = "#ffffff" if np.dot(colour[:3], (0.3, 0.6, 0.1)) < 0.5 else "#1c2025"
-            axes.text(left + share / 2, y, str(number), color=shade, fontsize=7, ha="center", va="center")
-        left += share
+            axes.text(
+                left + row.share / 2, y, str(row.count), color=shade, fontsize=7, ha="center", va="center"
+            )
+        left += row.share
 
 
 def _brackets(axes: Axes, top: float, groups: Sequence[str], tests: Sequence[TestedRow]) -> None:

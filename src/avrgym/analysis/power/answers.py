@@ -5,7 +5,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, middle
+from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at
+from avrgym.recording.questionnaire import Item
 from avrgym.study.design.allocation import cell_orders, least_filled_cell
 from avrgym.study.design.design import Design
 
@@ -40,6 +41,11 @@ class Assumptions:
                 raise ValueError(f"{field.name} is {value:g}; allowed: 0 or more")
         if self.dropout >= 1:
             raise ValueError(f"dropout is {self.dropout:g}; allowed: 0 or more, below 1")
+
+
+def middle(item: Item) -> float:
+    """The middle of an item's answers, which are numbered from 1 here."""
+    return (1 + item.points) / 2
 
 
 class ImaginedStudies:

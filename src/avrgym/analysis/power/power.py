@@ -7,9 +7,9 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.analysis.power.answers import POINTS, Answers, Assumptions, ImaginedStudies
+from avrgym.analysis.power.answers import POINTS, Answers, Assumptions, ImaginedStudies, middle
 from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL
-from avrgym.analysis.statistics.subjective import DIGITS, middle, middle_question, policies_question
+from avrgym.analysis.statistics.subjective import DIGITS, middle_question, policies_question
 from avrgym.analysis.statistics.tests import holm, signed_rank
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.recording.questionnaire import Questionnaire

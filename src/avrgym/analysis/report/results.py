@@ -11,7 +11,7 @@ from avrgym.analysis.statistics.families import TRIAL
 from avrgym.analysis.statistics.objective import ALL
 from avrgym.analysis.statistics.paper_tables import PaperTable, paper_tables
 from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, change_question
-from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, policies_question, scale_of
+from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, policies_question
 from avrgym.analysis.study import Analysis
 from avrgym.recording.questionnaire import SESSION_MOMENTS, Questionnaire
 
@@ -191,7 +191,9 @@ def _moments(questionnaire: Questionnaire) -> list[str]:
 
 def _statements(questionnaire: Questionnaire) -> Markup:
     """The items in their own words."""
-    return listing([f"{item.id}: {item.text} ({scale_of(item)})" for item in questionnaire.items])
+    return listing(
+        [f"{item.id}: {item.text} ({questionnaire.scale_words(item)})" for item in questionnaire.items]
+    )
 
 
 def _quartiles(row: SubjectiveRow | SessionAnswerRow) -> tuple[int, str, str, str, str]:

@@ -118,8 +118,13 @@ def _metrics(row: TrialRow) -> Markup:
 
 
 def _answers(rows: Sequence[AnswerRow]) -> Markup:
-    given = ", ".join(f"{row.item} {row.value} of {row.points}" for row in rows)
+    given = ", ".join(f"{row.item} {row.value}{_ends(row)}" for row in rows)
     return tag("p", f"Answers: {given}." if given else "No answers were asked for or given.")
+
+
+def _ends(row: AnswerRow) -> str:
+    """The ends of an answer's scale, unless the design no longer has its item."""
+    return "" if row.least is None else f" ({row.least} to {row.most})"
 
 
 def _terms(rows: Sequence[TermRow]) -> Markup:

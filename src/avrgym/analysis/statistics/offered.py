@@ -12,7 +12,6 @@ from avrgym.analysis.statistics.session_answers import about_sessions, change_qu
 from avrgym.analysis.statistics.subjective import (
     AFTER_TRIAL,
     asked_at,
-    middle,
     middle_question,
     policies_question,
 )
@@ -85,7 +84,7 @@ def suggested_hypotheses(design: Design) -> tuple[Hypothesis, ...]:
 
 def _above_the_middle(questionnaire: Questionnaire) -> Expected:
     item = questionnaire.items[0]
-    scale = f"{middle(item):g}, the middle of its scale"
+    scale = f"{questionnaire.scale_of(item).middle:g}, the middle of its scale"
     text = f"With each policy participants rate {item.id} ({item.text}) above {scale}."
     return text, [item.id], middle_question(questionnaire)
 

@@ -44,7 +44,7 @@ def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Li
         for item, moment in product(questionnaire.items, SESSION_MOMENTS)
         if moment in questionnaire.moments
         for row in counts(
-            simulated, questionnaire.name, moment, item, None, list(given.get((moment, item.id), {}).values())
+            simulated, questionnaire, moment, item, None, list(given.get((moment, item.id), {}).values())
         )
     ]
 

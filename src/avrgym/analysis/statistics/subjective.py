@@ -41,13 +41,13 @@ def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]
     for simulated, questionnaire in product(_groups(answers), asked_at(design, AFTER_TRIAL)):
         for item, policy in product(questionnaire.items, design.policies):
             values = [row.value for row in _of(answers, simulated, item.id, policy)]
-            rows += counts(simulated, questionnaire.name, AFTER_TRIAL, item, policy, values)
+            rows += counts(simulated, questionnaire, AFTER_TRIAL, item, policy, values)
     return rows
 
 
 def counts(
     simulated: bool,
-    questionnaire: str,
+    questionnaire: Questionnaire,
     moment: str,
     item: Item,
     policy: str | None,
@@ -57,7 +57,7 @@ def counts(
     return [
         LikertRow(
             simulated=simulated,
-            questionnaire=questionnaire,
+            questionnaire=questionnaire.name,
             moment=moment,
             item=item.id,
             policy=policy,
@@ -65,7 +65,7 @@ def counts(
             count=values.count(value),
             share=values.count(value) / len(values) if values else 0.0,
         )
-        for value in range(1, item.points + 1)
+        for value in questionnaire.scale_of(item).values
     ]
 
 
@@ -81,9 +81,10 @@ def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family
     for simulated in _groups(answers):
         rated = asked_at(design, AFTER_TRIAL)
         for questionnaire, unit in product(rated[:1], (TRIAL, PARTICIPANT)):
-            item = questionnaire.items[0]
             question = middle_question(questionnaire)
-            tests = [_against_middle(item, policy, answers, simulated, unit) for policy in design.policies]
+            tests = [
+                _against_middle(questionnaire, policy, answers, simulated, unit) for policy in design.policies
+            ]
             families.append(corrected(simulated, question, unit, tests))
         for questionnaire, unit in product(rated, (TRIAL, PARTICIPANT)):
             tests = [
@@ -119,20 +120,11 @@ def _table(questionnaire: Questionnaire) -> str:
     return f"{questionnaire.name}: tests of answers"
 
 
-def scale_of(item: Item) -> str:
-    """An item's scale in its own words."""
-    return f"from 1 ({item.low}) to {item.points} ({item.high})"
-
-
-def middle(item: Item) -> float:
-    """The value between agreement and disagreement."""
-    return (1 + item.points) / 2
-
-
 def _against_middle(
-    item: Item, policy: str, answers: Sequence[AnswerRow], simulated: bool, unit: str
+    questionnaire: Questionnaire, policy: str, answers: Sequence[AnswerRow], simulated: bool, unit: str
 ) -> Compared:
-    neutral = middle(item)
+    item = questionnaire.items[0]
+    neutral = questionnaire.scale_of(item).middle
     values = _per(unit, {_key(row): row.value for row in _of(answers, simulated, item.id, policy)})
     return Compared(
         item.id,

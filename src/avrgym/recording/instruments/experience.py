@@ -16,7 +16,7 @@ IPQ = Instrument(
     ),
     licence="none is stated with its items, so that their words are not here",
     texts="https://www.igroup.org/pq/ipq/",
-    response=Response(points=7, lowest=0.0),
+    response=Response(points=7, lowest=0),
     items=tuple(InstrumentItem(item) for item in ("ipq_g1", *SPATIAL, *INVOLVEMENT, *REALISM)),
     scales=(
         Scale("general", ("ipq_g1",)),
@@ -45,11 +45,11 @@ SUS = Instrument(
     title="System Usability Scale",
     source="Brooke (1996), SUS: a 'quick and dirty' usability scale, in Usability Evaluation in Industry, 189-194",
     licence="free to use where reports acknowledge the source (Brooke 1996)",
-    response=Response(points=5, lowest=0.0),
+    response=Response(points=5, lowest=1),
     items=tuple(
         InstrumentItem(item, text, "strongly disagree", "strongly agree")
         for item, text in zip(_SUS_ITEMS, _STATEMENTS, strict=True)
     ),
-    scales=(Scale("usability", _SUS_ITEMS, "sum", 2.5, reversed=_SUS_ITEMS[1::2]),),
+    scales=(Scale("usability", _SUS_ITEMS, "sum", 2.5, reversed=_SUS_ITEMS[1::2], offset=-1),),
     missing="centre",
 )

@@ -9,19 +9,29 @@ DIGITS = 9
 
 
 class Response(NamedTuple):
-    """The answers that each item allows: ``points`` of them, counted ``lowest``, ``lowest + step`` and so on."""
+    """The scale of an item: ``points`` answers, counted ``lowest``, ``lowest + step`` and so on."""
 
     points: int
-    lowest: float
-    step: float = 1.0
+    lowest: int
+    step: int = 1
 
     @property
-    def highest(self) -> float:
+    def highest(self) -> int:
         """What the last answer counts as."""
         return self.counts_as(self.points)
 
-    def counts_as(self, value: int) -> float:
-        """What an answer counts as; answers are numbered from 1."""
+    @property
+    def middle(self) -> float:
+        """The value halfway between the ends."""
+        return (self.lowest + self.highest) / 2
+
+    @property
+    def values(self) -> range:
+        """What each answer counts as, the lowest first."""
+        return range(self.lowest, self.highest + self.step, self.step)
+
+    def counts_as(self, value: int) -> int:
+        """What a stored answer counts as; stored answers are numbered from 1."""
         return self.lowest + (value - 1) * self.step
 
 
@@ -41,7 +51,8 @@ class InstrumentItem(NamedTuple):
 class Scale(NamedTuple):
     """A score: the ``mean`` or ``sum`` of what the answers to its items count as, times ``factor``.
 
-    An item may stand there more than once. Those that are ``reversed`` count from the other end.
+    An item may be listed more than once. Those that are ``reversed`` count from the other end. ``offset`` is then added
+    to each item.
     """
 
     name: str
@@ -49,6 +60,7 @@ class Scale(NamedTuple):
     of: Literal["mean", "sum"] = "mean"
     factor: float = 1.0
     reversed: tuple[str, ...] = ()
+    offset: int = 0
 
 
 class Weighting(NamedTuple):
@@ -97,7 +109,7 @@ class Instrument(NamedTuple):
         """The lowest and the highest score that answers can give."""
         response = self.response
         if self.weighting is not None and scale == self.weighting.scale:
-            return response.lowest, response.highest
+            return float(response.lowest), float(response.highest)
         found = self._scale(scale)
         ends = (_combine(found, [end] * len(found.items)) for end in (response.lowest, response.highest))
         return next(ends), next(ends)
@@ -135,7 +147,7 @@ class Instrument(NamedTuple):
     def _score(self, scale: Scale, counts: Mapping[str, float]) -> float | None:
         ends = self.response.lowest + self.response.highest
         if self.missing == "centre" and counts:
-            counts = {item: ends / 2 for item in scale.items} | dict(counts)
+            counts = {item: self.response.middle for item in scale.items} | dict(counts)
         if not all(item in counts for item in scale.items):
             return None
         return _combine(
@@ -157,7 +169,8 @@ def check_weights(weighting: Weighting, weights: Mapping[str, int]) -> None:
 
 
 def _combine(scale: Scale, counts: Sequence[float]) -> float:
-    return round(scale.factor * (fmean(counts) if scale.of == "mean" else sum(counts)), DIGITS)
+    moved = [count + scale.offset for count in counts]
+    return round(scale.factor * (fmean(moved) if scale.of == "mean" else sum(moved)), DIGITS)
 
 
 def _weighted(

@@ -36,7 +36,7 @@ ROSAS = Instrument(
         "doi:10.1145/2909824.3020208"
     ),
     licence="single adjectives, which nobody owns; the question is worded by AVR Gym",
-    response=Response(points=9, lowest=1.0),
+    response=Response(points=9, lowest=1),
     items=tuple(
         InstrumentItem(
             f"rosas_{word}",
@@ -68,7 +68,7 @@ GODSPEED = Instrument(
         "likeability, perceived intelligence, and perceived safety of robots, doi:10.1007/s12369-008-0001-3"
     ),
     licence="pairs of adjectives, which nobody owns; the questions are worded by AVR Gym",
-    response=Response(points=5, lowest=1.0),
+    response=Response(points=5, lowest=1),
     items=tuple(_between(scale, *pair) for scale, pairs in OPPOSITES.items() for pair in pairs),
     scales=tuple(
         Scale(scale, tuple(_opposites_id(scale, low) for low, _ in pairs))
@@ -87,7 +87,7 @@ JIAN_TRUST = Instrument(
     ),
     licence="the publisher's, so that the statements are not here",
     texts="the article, whose twelve statements are numbered as here",
-    response=Response(points=7, lowest=1.0),
+    response=Response(points=7, lowest=1),
     items=tuple(InstrumentItem(item, low="not at all", high="extremely") for item in _TRUST_ITEMS),
     scales=(Scale("trust", _TRUST_ITEMS, reversed=_TRUST_ITEMS[:5]),),
 )

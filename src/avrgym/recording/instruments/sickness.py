@@ -50,7 +50,7 @@ SSQ = Instrument(
         "doi:10.1207/s15327108ijap0303_3"
     ),
     licence="names of symptoms and of their severity, which nobody owns",
-    response=Response(points=4, lowest=0.0),
+    response=Response(points=4, lowest=0),
     items=tuple(
         InstrumentItem(f"ssq_{name}", text, SEVERITIES[0], SEVERITIES[-1], SEVERITIES)
         for name, text in SYMPTOMS.items()
@@ -85,7 +85,7 @@ CSQ_VR = Instrument(
         "(CSQ-VR), doi:10.3390/virtualworlds2010002"
     ),
     licence="CC BY 4.0, with the article that it stands in",
-    response=Response(points=7, lowest=1.0),
+    response=Response(points=7, lowest=1),
     items=_CSQ_ITEMS,
     scales=(
         Scale("nausea", ("csq_nausea", "csq_dizziness"), "sum"),

@@ -49,7 +49,7 @@ NASA_TLX = Instrument(
     title="NASA Task Load Index",
     source=SOURCE,
     licence=LICENCE,
-    response=Response(points=21, lowest=0.0, step=5.0),
+    response=Response(points=21, lowest=0, step=5),
     items=(
         _rating("mental", "How mentally demanding was the task?"),
         _rating("physical", "How physically demanding was the task?"),
@@ -81,7 +81,7 @@ NASA_TLX_WEIGHTS = Instrument(
     title="NASA Task Load Index, sources of workload",
     source=SOURCE,
     licence=LICENCE,
-    response=Response(points=2, lowest=0.0),
+    response=Response(points=2, lowest=0),
     items=tuple(_pair(*pair) for pair in PAIRS),
     scales=tuple(_weight(factor) for factor in FACTORS),
 )

@@ -7,6 +7,7 @@ from statistics import fmean
 
 import sqlalchemy as sa
 
+from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import GivenAnswer, Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import TAKES_PART
 from avrgym.study.storage.store import Store, find_all
@@ -21,7 +22,7 @@ class ConditionResults:
     """What the completed trials of one condition gave, practice left out; people and simulated ones apart.
 
     ``policy`` is a letter where the experimenter is blinded. ``reward_mean`` is per trial, ``success_rate`` in 0..1;
-    ``answer_means`` holds the mean answer to each item that was answered.
+    ``answer_means`` holds the mean answer to each item that was answered, on the item's own scale.
     """
 
     task: str
@@ -40,7 +41,9 @@ def summarise_results(store: Store) -> tuple[ConditionResults, ...]:
         completed = _completed_attempts(store, connection)
         answers = _answers_by_attempt(connection)
     return tuple(
-        _summarise(condition, attempts, [answer for attempt in attempts for answer in answers[attempt.id]])
+        _summarise(
+            store.design, condition, attempts, [each for attempt in attempts for each in answers[attempt.id]]
+        )
         for condition, attempts in sorted(completed.items())
     )
 
@@ -70,11 +73,12 @@ def _answers_by_attempt(connection: sa.Connection) -> dict[int | None, list[Give
 
 
 def _summarise(
-    condition: Condition, attempts: Sequence[TrialAttempt], answers: Sequence[GivenAnswer]
+    design: Design, condition: Condition, attempts: Sequence[TrialAttempt], answers: Sequence[GivenAnswer]
 ) -> ConditionResults:
     values = defaultdict[str, list[int]](list)
     for answer in answers:
-        values[answer.item].append(answer.value)
+        scale = design.scale_of(answer.item)
+        values[answer.item].append(scale.counts_as(answer.value) if scale else answer.value)
     return ConditionResults(
         *condition,
         trials=len(attempts),

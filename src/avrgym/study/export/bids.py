@@ -11,7 +11,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from avrgym.recording.questionnaire import Item
+from avrgym.recording.questionnaire import Item, Questionnaire
 from avrgym.recording.records import Event, Pose, TrackingFrame
 from avrgym.study.export import LEFT_OUT, NOTICE
 from avrgym.study.export.physio import Series, corrected_marks, marks, recorded_series
@@ -236,33 +236,38 @@ def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Pa
     folder.mkdir()
     for questionnaire in store.design.questionnaires:
         items = {item.id: item for item in questionnaire.items}
-        rows, asked = _rows_of_answers(store, attempts, set(items))
+        rows, asked = _rows_of_answers(store, attempts, questionnaire)
         if not asked:
             continue
         columns = ["participant_id", "simulated", *asked]
         _write_table(folder / f"{questionnaire.name}.tsv", [{c: row.get(c) for c in columns} for row in rows])
-        described = {name: _describe(items[item]) for name, item in asked.items()}
+        described = {name: _describe(questionnaire, items[item]) for name, item in asked.items()}
         described["simulated"] = {"Description": CONDITION["simulated"]}
         _write_json(folder / f"{questionnaire.name}.json", described)
     if not any(folder.iterdir()):
         folder.rmdir()
 
 
-def _describe(item: Item) -> dict[str, Any]:
-    between = [f"{value} of {item.points}" for value in range(2, item.points)]
+def _describe(questionnaire: Questionnaire, item: Item) -> dict[str, Any]:
+    scale = questionnaire.scale_of(item)
+    between = [f"{value}, from {scale.lowest} to {scale.highest}" for value in scale.values[1:-1]]
     words = item.labels or (item.low, *between, item.high)
-    return {"Description": item.text, "Levels": {str(value): said for value, said in enumerate(words, 1)}}
+    return {
+        "Description": item.text,
+        "Levels": {str(value): said for value, said in zip(scale.values, words, strict=True)},
+    }
 
 
 def _rows_of_answers(
-    store: Store, attempts: Sequence[ExportedAttempt], items: set[str]
+    store: Store, attempts: Sequence[ExportedAttempt], questionnaire: Questionnaire
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """A row for each participant with answers to these items, a column for each condition or session and item.
+    """A row for each participant with answers to a questionnaire, a column for each condition or session and item.
 
     With them comes what item each column holds.
     """
     rows: list[dict[str, Any]] = []
     asked: dict[str, str] = {}
+    scales = {item.id: questionnaire.scale_of(item) for item in questionnaire.items}
     people = {person.number: person for person in store.participants()}
     for number, own in groupby(attempts, key=lambda exported: exported.participant.number):
         about = {e.attempt.id: f"{e.task}_{e.robot}_{e.trial.policy}" for e in own}
@@ -272,11 +277,11 @@ def _rows_of_answers(
         answers = store.answers(participant.pseudonym)
         moments = answer_moments(store.design, answers, store.events())
         for answer in answers:
-            if answer.item not in items or (answer.attempt is not None and answer.attempt not in about):
+            if answer.item not in scales or (answer.attempt is not None and answer.attempt not in about):
                 continue
             session = f"{sessions[answer.session]}_{moments[answer.id]}"
             column = f"{session if answer.attempt is None else about[answer.attempt]}_{answer.item}"
-            row[column], asked[column] = answer.value, answer.item
+            row[column], asked[column] = scales[answer.item].counts_as(answer.value), answer.item
         rows.append(row)
     return rows, asked
 

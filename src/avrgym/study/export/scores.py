@@ -104,8 +104,9 @@ def uses_instruments(design: Design) -> bool:
 
 def _rule(scale: Scale | None) -> dict[str, Any]:
     if scale is None:
-        return {"of": "weighted mean", "factor": 1.0, "reversed": ""}
-    return {"of": scale.of, "factor": scale.factor, "reversed": ", ".join(scale.reversed)}
+        return {"of": "weighted mean", "factor": 1.0, "reversed": "", "offset": 0}
+    reversed_items = ", ".join(scale.reversed)
+    return {"of": scale.of, "factor": scale.factor, "reversed": reversed_items, "offset": scale.offset}
 
 
 def _is_of_instrument(answer: ExportedAnswer) -> bool:

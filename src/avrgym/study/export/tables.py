@@ -80,6 +80,8 @@ def _items(design: Design) -> Iterator[dict[str, Any]]:
                 "order": questionnaire.order,
                 "item": item.id,
                 "text": item.text,
+                "least": questionnaire.scale_of(item).lowest,
+                "most": questionnaire.scale_of(item).highest,
                 "points": item.points,
                 "low": item.low,
                 "high": item.high,

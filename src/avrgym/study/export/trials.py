@@ -147,6 +147,7 @@ class ExportedAnswer:
     def columns(self) -> dict[str, Any]:
         """The answer as tables have it."""
         labels = {} if self.exported is None else self.exported.labels()
+        scale = self.questionnaire.scale_of(self.item) if self.questionnaire and self.item else None
         of_trial = ("position", "practice", "task", "robot", "policy", "attempt")
         return {
             "participant": self.participant.pseudonym,
@@ -157,8 +158,10 @@ class ExportedAnswer:
             "moment": self.moment,
             "questionnaire": self.questionnaire.name if self.questionnaire else None,
             "item": self.given.item,
-            "value": self.given.value,
-            "points": self.item.points if self.item else None,
+            "value": scale.counts_as(self.given.value) if scale else self.given.value,
+            "least": scale.lowest if scale else None,
+            "most": scale.highest if scale else None,
+            "points": scale.points if scale else None,
             "response_time_s": self.given.response_time_s,
             "answered_at": self.given.answered_at,
         }

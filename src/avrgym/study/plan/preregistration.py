@@ -153,14 +153,17 @@ def _manipulated(design: Design) -> str:
 
 def _measures(design: Design, plan: Plan) -> str:
     """The primary measures; those that are items in their own words."""
-    items = design.items
     names = dict.fromkeys(measure for each in plan.hypotheses for measure in each.measures)
-    return _list(
-        f"{name}: {items[name].text} From 1 ({items[name].low}) to {items[name].points} ({items[name].high})."
-        if name in items
-        else name
-        for name in names
-    )
+    return _list(_measure(design, name) for name in names)
+
+
+def _measure(design: Design, name: str) -> str:
+    questionnaire = design.questionnaire_of(name)
+    if questionnaire is None:
+        return name
+    item = design.items[name]
+    scale = questionnaire.scale_words(item)
+    return f"{name}: {item.text} {scale[0].upper()}{scale[1:]}."
 
 
 def _tests(plan: Plan, offered: Offered) -> str:

@@ -137,6 +137,7 @@ COLUMNS: Mapping[str, Column] = {
     "note": _text("Why nothing was tested or estimated, or what was left out.", "nothing"),
     "planned": _text("What it is by the study's frozen plan.", "no plan is known to be older than the study"),
     "problems.simulated": Column(SIMULATED.meaning, TRUTH, "", _TRUTH, "it is about the whole study"),
+    "likert.value": _whole("A value of the item's own scale.", allowed="any of the scale"),
     "likert.policy": Column(POLICY.meaning, TEXT, "", POLICY.allowed, _SESSION),
     "streams.stream": _text("What the study calls the stream."),
     "streams.kind": _text("What the device says that it measures."),

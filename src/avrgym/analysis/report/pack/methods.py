@@ -196,13 +196,15 @@ def _questionnaire(asked: Questionnaire) -> str:
     when = " and ".join(MOMENTS[moment] for moment in asked.moments)
     if asked.instrument is not None:
         source, answers = f"{asked.instrument.title} ({asked.instrument.source})", asked.instrument.response
-        steps = f" in steps of {answers.step:g}" if answers.step != 1 else ""
-        scale = f"from {answers.lowest:g} to {answers.highest:g}{steps}"
+        steps = f" in steps of {answers.step}" if answers.step != 1 else ""
+        scale = f"from {answers.lowest} to {answers.highest}{steps}"
         return f"{asked.name}, asked {when}: {source}, {count(len(asked.items), 'item')} {scale}."
-    points = sorted({item.points for item in asked.items})
-    scale = f"from 1 to {' or '.join(str(each) for each in points)}"
-    items = " ".join(f"{item.id}: “{item.text}”" for item in asked.items)
-    return f"{asked.name}, asked {when}, {scale}: {items}"
+    scales = dict.fromkeys(asked.scale_words(item) for item in asked.items)
+    if len(scales) == 1:
+        items = " ".join(f"{item.id}: “{item.text}”" for item in asked.items)
+        return f"{asked.name}, asked {when}, answers {next(iter(scales))}: {items}"
+    items = " ".join(f"{item.id}: “{item.text}” ({asked.scale_words(item)})." for item in asked.items)
+    return f"{asked.name}, asked {when}: {items}"
 
 
 def _analysis(analysis: Analysis) -> Iterator[str]:

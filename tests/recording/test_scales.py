@@ -1,0 +1,99 @@
+"""The scale on which an item is shown: the published one of its instrument, whatever the language."""
+
+import pytest
+
+from avrgym.recording.instruments.instrument import Instrument, Scale
+from avrgym.recording.instruments.registry import INSTRUMENTS
+from avrgym.recording.questionnaire import Item, Questionnaire, translate
+from avrgym.recording.records import Answer
+from avrgym.recording.stop_rules import StopRule, StopRules
+from avrgym.texts.texts import read_texts, shipped
+
+PUBLISHED = {
+    "nasa-tlx": list(range(0, 101, 5)),
+    "nasa-tlx-weights": [0, 1],
+    "ssq": [0, 1, 2, 3],
+    "csq-vr": [1, 2, 3, 4, 5, 6, 7],
+    "ipq": [0, 1, 2, 3, 4, 5, 6],
+    "sus": [1, 2, 3, 4, 5],
+    "rosas": [1, 2, 3, 4, 5, 6, 7, 8, 9],
+    "godspeed": [1, 2, 3, 4, 5],
+    "jian-trust": [1, 2, 3, 4, 5, 6, 7],
+}
+"""The answers to each instrument's items as its source prints them (docs/study.md names the sources)."""
+SCALES = [(each, scale) for each in INSTRUMENTS.values() for scale in each.scales]
+
+
+def asked(instrument: Instrument) -> Questionnaire:
+    """An instrument as a design asks it."""
+    points = instrument.response.points
+    items = tuple(
+        Item(item.id, item.text or "?", points, item.low, item.high, item.labels) for item in instrument.items
+    )
+    return Questionnaire(instrument.name, "after_trial", items, use=instrument.name)
+
+
+@pytest.mark.parametrize("language", shipped())
+@pytest.mark.parametrize("instrument", INSTRUMENTS.values(), ids=list(INSTRUMENTS))
+def test_items_are_on_their_instruments_published_scale_in_every_language(
+    instrument: Instrument, language: str
+) -> None:
+    questionnaire = asked(instrument)
+    for item in translate(questionnaire.items, read_texts(language)):
+        scale = questionnaire.scale_of(item)
+        shown = [scale.counts_as(answer) for answer in range(1, item.points + 1)]
+        assert shown == PUBLISHED[instrument.name] == list(scale.values)
+        assert (scale.lowest, scale.highest) == (shown[0], shown[-1])
+        assert scale.middle == (shown[0] + shown[-1]) / 2
+
+
+@pytest.mark.parametrize(
+    ("instrument", "scale"), SCALES, ids=[f"{each.name} {scale.name}" for each, scale in SCALES]
+)
+def test_scores_follow_from_the_items_as_shown(instrument: Instrument, scale: Scale) -> None:
+    """By the columns of ``scales.csv`` alone: of, factor, reversed and offset."""
+    shown = PUBLISHED[instrument.name]
+    answers = {item.id: 1 + 3 * number % len(shown) for number, item in enumerate(instrument.items)}
+    values = [
+        scale.offset + (shown[0] + shown[-1] - value if item in scale.reversed else value)
+        for item in scale.items
+        for value in (shown[answers[item] - 1],)
+    ]
+    expected = scale.factor * sum(values) / (len(values) if scale.of == "mean" else 1)
+    assert instrument.score(answers)[scale.name] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("labels", "values"),
+    [
+        ((), [1, 2, 3]),
+        (("never", "sometimes", "often"), [1, 2, 3]),
+        (("0", "1", "2"), [0, 1, 2]),
+        (("-10", "0", "10"), [-10, 0, 10]),
+        (("0", "1", "5"), [1, 2, 3]),
+        (("2", "1", "0"), [1, 2, 3]),
+        (("0", "1", "many"), [1, 2, 3]),
+    ],
+)
+def test_own_items_are_on_the_numbers_of_their_labels_or_from_one(
+    labels: tuple[str, ...], values: list[int]
+) -> None:
+    item = Item("own", "How much?", 3, "little", "much", labels)
+    assert list(Questionnaire("own", "after_trial", (item,)).scale_of(item).values) == values
+
+
+def test_a_scale_is_named_with_its_words() -> None:
+    load, sickness = asked(INSTRUMENTS["nasa-tlx"]), asked(INSTRUMENTS["ssq"])
+    assert load.scale_words(load.items[0]) == "from 0 (very low) to 100 (very high) in steps of 5"
+    assert sickness.scale_words(sickness.items[0]) == "0 (none), 1 (slight), 2 (moderate), 3 (severe)"
+    item = Item("own", "How much?", 7, "little", "much")
+    assert Questionnaire("own", "after_trial", (item,)).scale_words(item) == "from 1 (little) to 7 (much)"
+
+
+def test_a_stop_rule_names_the_answer_on_its_scale() -> None:
+    questionnaire = asked(INSTRUMENTS["ipq"])
+    rules = StopRules((StopRule("ipq_g1", 4.0, "pause"),), (questionnaire,))
+    verdict = rules.verdict(Answer("ipq_g1", 5, 1.0))
+    assert verdict is not None
+    assert "was answered '4 of 6'; a stop rule holds from 4 on" in verdict.why
+    assert rules.verdict(Answer("ipq_g1", 4, 1.0)) is None
