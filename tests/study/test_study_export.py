@@ -18,7 +18,8 @@ import pytest
 from avrgym.robots.registry import find_robot
 from avrgym.study.export import FORMATS, export_study
 from avrgym.study.export.lerobot import statistics
-from avrgym.study.export.tables import neutral, write_csv
+from avrgym.study.export.separated import neutral
+from avrgym.study.export.tables import write_csv
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.states import StudyError

@@ -15,6 +15,7 @@ import pytest
 import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 
 from avrgym.recording.outcomes import Metrics
 from avrgym.recording.records import Answer
@@ -508,6 +509,10 @@ def test_stations_at_the_same_time_never_share_an_allocation(kind: str, tmp_path
 # Migrations
 
 
+def latest_revision() -> str | None:
+    return ScriptDirectory(str(Path(database.__file__).parent / "migrations")).get_current_head()
+
+
 @pytest.fixture
 def newer(tmp_path: Path) -> Path:
     """The migrations as they may be after another one was added."""
@@ -515,7 +520,7 @@ def newer(tmp_path: Path) -> Path:
     shutil.copytree(database.MIGRATIONS, folder, ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "versions" / "9999_colour.py").write_text(
         "import sqlalchemy as sa\nfrom alembic import op\n"
-        "revision, down_revision = '9999_colour', '0006_headset_check'\n"
+        f"revision, down_revision = '9999_colour', '{latest_revision()}'\n"
         "def upgrade():\n    op.add_column('note', sa.Column('colour', sa.String))\n"
     )
     return folder
@@ -539,7 +544,7 @@ def test_an_older_study_is_brought_up_to_date_after_a_backup(
             columns = sa.inspect(connection).get_columns("note")
         assert "colour" in {column["name"] for column in columns}
     (backup,) = (store.folder / "backups").iterdir()
-    assert backup.name.startswith("0006_headset_check-")
+    assert backup.name.startswith(f"{latest_revision()}-")
     if kind == "sqlite":
         copy = store.folder / "copy"
         copy.mkdir()
@@ -569,6 +574,8 @@ def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_led
             "ALTER TABLE participant DROP COLUMN site",
             "ALTER TABLE participant DROP COLUMN site_number",
             "DROP TABLE site",
+            "DROP TABLE adverse_event",
+            "ALTER TABLE participant DROP COLUMN functioning",
             "ALTER TABLE session DROP COLUMN headset_check",
             "UPDATE alembic_version SET version_num = '0002_ledger'",
         ):

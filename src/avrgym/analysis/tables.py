@@ -8,7 +8,7 @@ from typing import Any
 
 from avrgym.analysis.reading.measures import Measured
 from avrgym.analysis.rows import ParticipantRow
-from avrgym.study.export.tables import neutral
+from avrgym.study.export.separated import neutral
 from avrgym.system.user_text import new_table
 
 

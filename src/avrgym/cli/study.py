@@ -10,6 +10,7 @@ from avrgym.cli.cluster import Address, on_cluster
 from avrgym.cli.options import PEOPLE, Impairment
 from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
 from avrgym.cli.progress import GOES_ON, progress_bar
+from avrgym.cli.records import adverse_events, record_adverse_event
 from avrgym.cli.sites import merge, say_sites
 from avrgym.cli.terminal import (
     Jobs,
@@ -47,6 +48,8 @@ def new(folder: Folder) -> None:
 app.command()(power)
 app.command()(freeze)
 app.command()(merge)
+app.command()(record_adverse_event)
+app.command()(adverse_events)
 
 
 @app.command()
@@ -272,12 +275,20 @@ def export(
             "--skip-damaged", help="Leave out damaged and missing recordings; left_out.csv lists them."
         ),
     ] = False,
+    free_text: Annotated[
+        bool,
+        typer.Option(
+            "--free-text",
+            help="Export also what experimenters wrote, and their names: read it before you share it.",
+        ),
+    ] = False,
 ) -> None:
     """Export a study's data, pseudonymised.
 
     Movements of head and hands may still identify a person.
     """
     from avrgym.study.export import export_study
+    from avrgym.study.export.records import Extras
     from avrgym.study.storage.store import Store
 
     left_out: list[str] = []
@@ -287,11 +298,19 @@ def export(
         progress_bar("verifying recordings", unit="recordings") as bar,
     ):
         files = export_study(
-            store, data_format, out, skip_damaged=skip_damaged, progress=bar.show, tell=left_out.append
+            store,
+            data_format,
+            out,
+            skip_damaged=skip_damaged,
+            extras=Extras(free_text),
+            progress=bar.show,
+            tell=left_out.append,
         )
     for why in left_out:
         say(f"left out  {why}")
     say(f"{files} files in {out}. They are pseudonymised, not anonymous.")
+    if free_text:
+        say("They contain free text, which may name people: read it before you share them.")
 
 
 @app.command("delete-participant")

@@ -1,9 +1,11 @@
 """Exports of a study in formats that other tools read: pseudonymised, not anonymous."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
+from avrgym.study.export.records import WITHOUT, Extras
 from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attempts, verified
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -17,10 +19,12 @@ FORMATS: Mapping[str, str] = {
     "minari": "minari",
 }
 """Format to the module that writes it."""
+WITH_RECORDS = ("csv", "bids")
+"""Formats that have a place for what happened and for what experimenters wrote; the others hold trials alone."""
 LEFT_OUT = "left_out.csv"
 """What of the study an export lacks, and why."""
-Write = Callable[[Store, Sequence[ExportedAttempt], Path], None]
-"""Writes a study with the attempts whose recordings are whole into a folder."""
+Write = Callable[..., None]
+"""Writes a study with the attempts whose recordings are whole into a folder; those ``WITH_RECORDS`` take extras."""
 
 NOTICE = (
     "This export of an AVR Gym study is pseudonymised, not anonymous: movements of head and hands may identify a "
@@ -34,6 +38,7 @@ def export_study(
     out: Path,
     *,
     skip_damaged: bool = False,
+    extras: Extras = WITHOUT,
     progress: Callable[[int, int], None] = lambda done, all_: None,
     tell: Callable[[str], None] = lambda text: None,
 ) -> int:
@@ -45,6 +50,7 @@ def export_study(
         store: the study.
         data_format: one of ``FORMATS``.
         out: the folder.
+        extras: what is exported only when it is asked for.
         skip_damaged: leave damaged and missing recordings out, and list them in ``left_out.csv``.
         progress: told after each recording how many of how many were verified.
         tell: told of each recording that is left out, and why.
@@ -53,14 +59,18 @@ def export_study(
         The number of files.
 
     Raises:
-        StudyError: for an unknown format, a folder that holds something, a damaged or missing recording, or when
-            the extra ``export`` is missing.
+        StudyError: for an unknown format, extras that a format has no place for, a folder that holds something, a
+            damaged or missing recording, or when the extra ``export`` is missing.
     """
     if data_format not in FORMATS:
         raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(FORMATS)}")
+    if extras != WITHOUT and data_format not in WITH_RECORDS:
+        raise StudyError(f"{data_format} has no place for free text; allowed: {', '.join(WITH_RECORDS)}")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise StudyError(f"{out} holds something already; choose another folder")
     write = _writer(data_format)
+    if data_format in WITH_RECORDS:
+        write = partial(write, extras=extras)
     sound, left_out = verified(list(completed_attempts(store)), progress)
     if left_out and not skip_damaged:
         raise StudyError(_refusal(left_out))

@@ -5,8 +5,7 @@ and a row in the session's scans. Answers go to ``phenotype``, a column for each
 """
 
 import gzip
-import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,8 @@ from avrgym.recording.questionnaire import Item, Questionnaire
 from avrgym.recording.records import Event, Pose, TrackingFrame
 from avrgym.study.export import LEFT_OUT, NOTICE
 from avrgym.study.export.physio import Series, corrected_marks, marks, recorded_series
-from avrgym.study.export.tables import neutral
+from avrgym.study.export.records import WITHOUT, Extras, records_of, write_table
+from avrgym.study.export.separated import cell, write_json, write_rows
 from avrgym.study.export.trials import ExportedAttempt
 from avrgym.study.storage.answers import answer_moments
 from avrgym.study.storage.store import Store
@@ -23,6 +23,8 @@ from avrgym.study.storage.store import Store
 VERSION = "1.11.1"
 TRACKED = {"head": "head", "left": "left_hand", "right": "right_hand"}
 """Field of a tracking frame to the tracked point."""
+RECORDS = "sourcedata"
+"""The folder of events, adverse events and notes; BIDS has no rules for what is in it."""
 AXES = ("x", "y", "z")
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
 FRAME = "local_floor"
@@ -38,15 +40,18 @@ CONDITION = {
 }
 
 
-def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
+def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = WITHOUT) -> None:
     """Write the data set of completed attempts into a folder."""
-    _write_json(folder / "dataset_description.json", _description(store))
+    write_json(folder / "dataset_description.json", _description(store))
     (folder / "README").write_text(f"{store.design.title}\n\n{NOTICE}\n", encoding="utf-8")
     (folder / ".bidsignore").write_text(f"{LEFT_OUT}\n", encoding="utf-8")
     _write_participants(store, completed, folder)
     for _, session in groupby(completed, key=lambda exported: exported.session.id):
         _write_session(list(session), folder)
     _write_answers(store, completed, folder / "phenotype")
+    (folder / RECORDS).mkdir()
+    for name, rows in records_of(store, extras).items():
+        write_table(folder / RECORDS, name, rows)
 
 
 def _description(store: Store) -> dict[str, Any]:
@@ -74,7 +79,7 @@ def _write_participants(store: Store, attempts: Sequence[ExportedAttempt], folde
         if participant.number in present
     ]
     _write_table(folder / "participants.tsv", rows)
-    _write_json(
+    write_json(
         folder / "participants.json",
         {
             "age": {"Description": "Age when enrolled.", "Units": "year"},
@@ -94,7 +99,7 @@ def _write_session(attempts: list[ExportedAttempt], folder: Path) -> None:
     for exported in attempts:
         _write_run(exported, place / "motion")
     _write_table(place / f"{prefix}_scans.tsv", [_scan(exported) for exported in attempts])
-    _write_json(
+    write_json(
         place / f"{prefix}_scans.json",
         {name: {"Description": description} for name, description in CONDITION.items()},
     )
@@ -125,10 +130,10 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
     topics = exported.read_whole().topics
     frames = [frame for _, frame in topics["/tracking"]]
     channels = list(_channels())
-    _write_rows(folder / f"{name}_motion.tsv", [_row(frame, frames[0]) for frame in frames])
+    write_rows(folder / f"{name}_motion.tsv", [_row(frame, frames[0]) for frame in frames])
     _write_table(folder / f"{name}_channels.tsv", channels)
-    _write_json(folder / f"{name}_channels.json", _reference_frame())
-    _write_json(folder / f"{name}_motion.json", _sidecar(exported, frames, len(channels)))
+    write_json(folder / f"{name}_channels.json", _reference_frame())
+    write_json(folder / f"{name}_motion.json", _sidecar(exported, frames, len(channels)))
     start_s = frames[0].received_time_s if frames else 0.0
     events = [*topics["/events"], *marks(topics)]
     _write_events(events, start_s, folder / f"{name}_events", corrected_marks(topics, start_s))
@@ -138,10 +143,10 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
 
 def _write_series(series: Series, exported: ExportedAttempt, path: Path) -> None:
     """Write samples without a heading, packed without a date so that the same study gives the same bytes."""
-    lines = ("\t".join(_cell(value) for value in row) + "\n" for row in series.rows())
+    lines = ("\t".join(cell(value) for value in row) + "\n" for row in series.rows())
     data = gzip.compress("".join(lines).encode(), mtime=0)
     path.with_suffix(".tsv.gz").write_bytes(data)
-    _write_json(path.with_suffix(".json"), {"TaskName": exported.task, **series.sidecar()})
+    write_json(path.with_suffix(".json"), {"TaskName": exported.task, **series.sidecar()})
 
 
 def _write_events(
@@ -161,7 +166,7 @@ def _write_events(
                 "Units": "s",
                 **corrected,
             }
-        _write_json(path.with_suffix(".json"), about)
+        write_json(path.with_suffix(".json"), about)
 
 
 def _channels() -> Iterator[dict[str, Any]]:
@@ -243,7 +248,7 @@ def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Pa
         _write_table(folder / f"{questionnaire.name}.tsv", [{c: row.get(c) for c in columns} for row in rows])
         described = {name: _describe(questionnaire, items[item]) for name, item in asked.items()}
         described["simulated"] = {"Description": CONDITION["simulated"]}
-        _write_json(folder / f"{questionnaire.name}.json", described)
+        write_json(folder / f"{questionnaire.name}.json", described)
     if not any(folder.iterdir()):
         folder.rmdir()
 
@@ -288,20 +293,4 @@ def _rows_of_answers(
 
 def _write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     names = list(rows[0]) if rows else []
-    _write_rows(path, [names, *(list(row.values()) for row in rows)])
-
-
-def _write_rows(path: Path, rows: Iterable[Sequence[Any]]) -> None:
-    """Rows with tabs between; what is missing is ``n/a``."""
-    with open(path, "x", encoding="utf-8", newline="") as file:
-        for row in rows:
-            file.write("\t".join(_cell(value) for value in row) + "\n")
-
-
-def _cell(value: Any) -> str:
-    text = " ".join(str(neutral(value)).split()) if value is not None else ""
-    return text or "n/a"
-
-
-def _write_json(path: Path, values: Mapping[str, Any]) -> None:
-    path.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+    write_rows(path, [names, *(list(row.values()) for row in rows)])

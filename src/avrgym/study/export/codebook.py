@@ -9,6 +9,7 @@ from avrgym.recording.instruments.registry import INSTRUMENTS
 from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.study.design.design import Design
+from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
 from avrgym.study.storage.states import ATTEMPT, PARTICIPANT, TRIAL
 from avrgym.tasks.registry import TASKS, terms_ever
 
@@ -33,6 +34,9 @@ def _one_of(*values: str) -> str:
 _TRUTH, _FROM_1, _FROM_0 = "true, false", "1 and above", "0 and above"
 _UTC = "ISO 8601"
 _NO_TRIAL = "the answer is about a whole session"
+_NOT_IN_TRIAL = "it was in no trial"
+_NOT_IN_SESSION = "it is about no session"
+_WHOLE_STUDY = "it is about the whole study"
 _NEVER_ENDED = "the attempt did not end with metrics"
 _RECORDING = Column("File of the recording in the study's folder.", TEXT)
 
@@ -70,6 +74,8 @@ _OF_TRIAL = {
 }
 OF_INSTRUMENTS = ("scores", "scales")
 """The tables of studies that use instruments; others do not have them."""
+RECORDS = ("events", "adverse_events", "notes")
+"""The tables of what happened and what experimenters wrote."""
 WHY = {"why": Column("Why the recording was left out.", TEXT)}
 TABLES: Mapping[str, Mapping[str, Column]] = {
     "participants": {
@@ -188,6 +194,45 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "success": Column("Whether the robot has succeeded by then.", TRUTH, allowed=_TRUTH),
         "distance_m": Column("Distance to the target, as the task defines it.", NUMBER, "m", _FROM_0),
         "force_on_person_n": Column("Force of robot and tool on the person.", NUMBER, "N", _FROM_0),
+    },
+    "events": {
+        "participant": Column(PARTICIPANT_COLUMN.meaning, TEXT, "", PARTICIPANT_COLUMN.allowed, _WHOLE_STUDY),
+        "session": Column(SESSION.meaning, WHOLE, "", _FROM_1, _NOT_IN_SESSION),
+        "position": Column(POSITION.meaning, WHOLE, "", _FROM_1, _NOT_IN_TRIAL),
+        "attempt": Column(ATTEMPT_NUMBER.meaning, WHOLE, "", _FROM_1, _NOT_IN_TRIAL),
+        "simulated": Column(SIMULATED.meaning, TRUTH, "", _TRUTH, _WHOLE_STUDY),
+        "at": Column("When it was stored.", TIME, "UTC", _UTC),
+        "name": Column("What happened.", TEXT),
+        "detail": Column("More about it.", TEXT, empty="nothing more, or free text that was not asked for"),
+    },
+    "adverse_events": {
+        "participant": PARTICIPANT_COLUMN,
+        "site": SITE,
+        "simulated": SIMULATED,
+        "event": Column("Number of the adverse event in the study.", WHOLE, allowed=_FROM_1),
+        "report": Column("Number of the report of this event; the last is how it is known.", WHOLE, allowed=_FROM_1),
+        "recorded_at": Column("When the report was recorded.", TIME, "UTC", _UTC),
+        "recorded_by": Column("Who recorded it.", TEXT, empty="nobody was named, or not asked for"),
+        "began_at": Column("When the event began.", TIME, "UTC", _UTC),
+        "position": Column(POSITION.meaning, WHOLE, "", _FROM_1, _NOT_IN_TRIAL),
+        **{
+            name: Column(LABELS[name].meaning, LABELS[name].type, "", LABELS[name].allowed, _NOT_IN_TRIAL)
+            for name in ("practice", "task", "robot", "policy")
+        },
+        "description": Column("What happened.", TEXT, empty="not asked for"),
+        "severity": Column("Grade of CTCAE 5.0, from 1 to 5 in words.", TEXT, allowed=_one_of(*SEVERITIES)),
+        "seriousness": Column("Criterion of ICH E2A that applies, or none.", TEXT, allowed=_one_of(*SERIOUSNESS)),
+        "relatedness": Column("Attribution to the study as NCI's CTEP grades it.", TEXT, allowed=_one_of(*RELATEDNESS)),
+        "action": Column("What was done about it.", TEXT, empty="nothing, or not asked for"),
+        "outcome": Column("Outcome of ICH E2B(R3).", TEXT, allowed=_one_of(*OUTCOMES)),
+    },
+    "notes": {
+        "participant": PARTICIPANT_COLUMN,
+        "site": SITE,
+        "simulated": SIMULATED,
+        "session": Column(SESSION.meaning, WHOLE, "", _FROM_1, _NOT_IN_SESSION),
+        "at": Column("When it was written.", TIME, "UTC", _UTC),
+        "text": Column("What the experimenter wrote.", TEXT),
     },
     "left_out": {**LABELS, **WHY},
 }  # fmt: skip

@@ -10,18 +10,17 @@ from msgspec.structs import asdict
 
 from avrgym.study.design.design import Design
 from avrgym.study.export import NOTICE
-from avrgym.study.export.codebook import OF_INSTRUMENTS, TABLES, codebook, most_joints, reward_terms
+from avrgym.study.export.codebook import OF_INSTRUMENTS, RECORDS, TABLES, codebook, most_joints, reward_terms
+from avrgym.study.export.records import WITHOUT, Extras, records_of
 from avrgym.study.export.scores import scales, scores_of, uses_instruments
+from avrgym.study.export.separated import neutral
 from avrgym.study.export.trials import ExportedAttempt, all_attempts, answers_of
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.user_text import new_table
 
-FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
-"""How text begins that a spreadsheet would take for a formula."""
 
-
-def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
+def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = WITHOUT) -> None:
     """Write all tables into a folder, with the control steps of completed attempts."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     attempts = list(all_attempts(store))
@@ -31,7 +30,10 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> N
     write_csv(folder / "attempts.csv", (_attempt(exported, heights) for exported in attempts))
     write_csv(folder / "answers.csv", _answers(store, attempts))
     write_csv(folder / "items.csv", _items(store.design))
-    left_out = {"left_out"}
+    records = records_of(store, extras)
+    for name, rows in records.items():
+        write_csv(folder / f"{name}.csv", rows, TABLES[name])
+    left_out = {"left_out", *RECORDS} - set(records)
     if uses_instruments(store.design):
         write_csv(folder / "scores.csv", _scores(store, attempts))
         write_csv(folder / "scales.csv", scales(store.design))
@@ -42,23 +44,21 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> N
     write_csv(folder / "codebook.csv", codebook(tables, store.design))
 
 
-def write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write rows of equal keys; text that a spreadsheet would run as a formula gets an apostrophe in front."""
+def write_csv(path: Path, rows: Iterable[Mapping[str, Any]], columns: Iterable[str] = ()) -> None:
+    """Write rows of equal keys; text that a spreadsheet would run as a formula gets an apostrophe in front.
+
+    A table without rows has a heading only if its ``columns`` are given.
+    """
+    heads = list(columns)
     with new_table(path) as file:
         writer = csv.writer(file)
         for number, row in enumerate(rows):
             if number == 0:
+                heads = []
                 writer.writerow(row)
             writer.writerow(neutral(value) for value in row.values())
-
-
-def neutral(value: Any) -> Any:
-    """A value of a table that no spreadsheet runs; truth as ``true`` and ``false``, nothing as empty."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str) and value.startswith(FORMULA):
-        return f"'{value}"
-    return value
+        if heads:
+            writer.writerow(heads)
 
 
 def _medians(completed: Sequence[ExportedAttempt], heights: Mapping[int, float | None]) -> dict[str, float]:

@@ -52,6 +52,7 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> boo
     visits = sa.select(schema.SESSION.c.id).where(own)
     for table, condition in (
         (schema.NOTE, schema.NOTE.c.participant == number),
+        (schema.ADVERSE_EVENT, schema.ADVERSE_EVENT.c.participant == number),
         (schema.EVENT, schema.EVENT.c.participant == number),
         (schema.ANSWER, schema.ANSWER.c.session.in_(visits)),
         (schema.ATTEMPT, schema.ATTEMPT.c.session.in_(visits)),

@@ -52,6 +52,7 @@ class Participant:
     consent_version: str | None
     consent_sha256: str | None
     inclusion: dict[str, bool] | None
+    functioning: dict[str, Any] | None
 
     @property
     def pseudonym(self) -> str:
@@ -169,6 +170,25 @@ class Note:
     participant: int
     session: int | None
     text: str
+
+
+@dataclass(frozen=True)
+class AdverseEvent:
+    """A report of an adverse event; ``follows`` is the id of the first report of the same event."""
+
+    id: int
+    recorded_at: str
+    recorded_by: str | None
+    participant: int
+    trial: int | None
+    follows: int | None
+    began_at: str
+    description: str
+    severity: str
+    seriousness: str
+    relatedness: str
+    action: str
+    outcome: str
 
 
 @dataclass(frozen=True)

@@ -67,9 +67,12 @@ PARTICIPANT = Table(
     Column("consent_version", String),
     Column("consent_sha256", String),
     Column("inclusion", JSON),
+    Column("functioning", JSON(none_as_null=True)),
     _salt(),
 )
-"""``language`` is the one they read the study in; of who has none, the design's first. ``site`` is where someone takes
+"""``functioning`` is what they said about disability, diagnosis and assistive devices.
+
+``language`` is the one they read the study in; of who has none, the design's first. ``site`` is where someone takes
 part; ``site_number`` the number that they have there, in a merged study alone.
 """
 
@@ -165,6 +168,26 @@ NOTE = Table(
     Column("text", String, nullable=False),
     _salt(),
 )
+
+ADVERSE_EVENT = Table(
+    "adverse_event",
+    METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("recorded_at", String, nullable=False),
+    Column("recorded_by", String),
+    Column("participant", Integer, ForeignKey("participant.number"), nullable=False),
+    Column("trial", Integer, ForeignKey("trial.id")),
+    Column("follows", Integer, ForeignKey("adverse_event.id")),
+    Column("began_at", String, nullable=False),
+    Column("description", String, nullable=False),
+    Column("severity", String, nullable=False),
+    Column("seriousness", String, nullable=False),
+    Column("relatedness", String, nullable=False),
+    Column("action", String, nullable=False),
+    Column("outcome", String, nullable=False),
+    _salt(),
+)
+"""Reports of adverse events. ``follows`` is the first report of the same event; a follow-up replaces nothing."""
 
 TOMBSTONE = Table(
     "tombstone",

@@ -20,6 +20,7 @@ from avrgym.study.storage.database import FILE as DATABASE_FILE
 from avrgym.study.storage.database import REBUILT, Database, database_url
 from avrgym.study.storage.rows import (
     RECORDINGS,
+    AdverseEvent,
     GivenAnswer,
     Note,
     Participant,
@@ -45,6 +46,7 @@ TABLES: Mapping[type, sa.Table] = {
     GivenAnswer: schema.ANSWER,
     StudyEvent: schema.EVENT,
     Note: schema.NOTE,
+    AdverseEvent: schema.ADVERSE_EVENT,
     Tombstone: schema.TOMBSTONE,
     Site: schema.SITE,
 }
@@ -189,6 +191,10 @@ class Store:
     def notes(self, pseudonym: str) -> list[Note]:
         """The experimenter's notes on a participant."""
         return self._rows(Note, participant=participant_number(pseudonym))
+
+    def adverse_events(self, pseudonym: str) -> list[AdverseEvent]:
+        """All reports of adverse events of a participant, in the order they were recorded."""
+        return self._rows(AdverseEvent, participant=participant_number(pseudonym))
 
     def tombstones(self) -> list[Tombstone]:
         """The participants whose data were deleted."""

@@ -11,11 +11,11 @@ def check_line(what: str, text: str) -> None:
     _check(what, text, MOST_IN_LINE, "")
 
 
-def check_note(text: str) -> None:
-    """``StudyError`` unless this can be a note, which may have several lines."""
+def check_note(text: str, what: str = "the note") -> None:
+    """``StudyError`` unless this can be a note or a description, which may have several lines."""
     if not text:
-        raise StudyError("the note is empty; write something down")
-    _check("the note", text, MOST_IN_NOTE, "\n\r\t")
+        raise StudyError(f"{what} is empty; write something down")
+    _check(what, text, MOST_IN_NOTE, "\n\r\t")
 
 
 def _check(what: str, text: str, most: int, allowed: str) -> None:

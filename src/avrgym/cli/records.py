@@ -1,0 +1,139 @@
+"""The commands of ``avrgym study`` that record adverse events."""
+
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from avrgym.cli.plan import Folder
+from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, say, write_json
+
+if TYPE_CHECKING:
+    from avrgym.study.storage.store import Store
+
+Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
+NEEDED = ("description", "severity", "seriousness", "relatedness", "outcome")
+"""What every report states; a follow-up repeats what it does not state anew."""
+
+
+def record_adverse_event(
+    folder: Folder,
+    participant: Pseudonym,
+    description: Annotated[str | None, typer.Option(help="What happened, without names.")] = None,
+    severity: Annotated[
+        str | None, typer.Option(help="CTCAE: mild, moderate, severe, life-threatening or fatal.")
+    ] = None,
+    seriousness: Annotated[
+        str | None,
+        typer.Option(
+            help="ICH E2A: 'not serious', 'other medically important', 'congenital anomaly', disability, "
+            "hospitalisation, life-threatening or death."
+        ),
+    ] = None,
+    relatedness: Annotated[
+        str | None, typer.Option(help="To the study: unrelated, unlikely, possible, probable or definite.")
+    ] = None,
+    outcome: Annotated[
+        str | None,
+        typer.Option(
+            help="recovered, recovering, 'not recovered', 'recovered with sequelae', fatal or unknown."
+        ),
+    ] = None,
+    action: Annotated[str | None, typer.Option(help="What was done about it.")] = None,
+    trial: Annotated[int | None, typer.Option(help="The position of the trial in which it began.")] = None,
+    began: Annotated[
+        datetime | None, typer.Option(help="When it began, in this computer's time; without it now.")
+    ] = None,
+    follow_up: Annotated[
+        int | None,
+        typer.Option("--follow-up", help="The number of the event that this follows up.", metavar="EVENT"),
+    ] = None,
+    by: Annotated[str, typer.Option(help="Who records it.")] = "",
+) -> None:
+    """Record an adverse event of a participant, or a follow-up of one.
+
+    A follow-up is stored after the reports before it and replaces none; it states only what has changed.
+    """
+    from avrgym.study.people import adverse_events
+    from avrgym.study.storage.store import Store
+
+    stated = {
+        "description": description,
+        "severity": severity,
+        "seriousness": seriousness,
+        "relatedness": relatedness,
+        "outcome": outcome,
+        "action": action,
+        "trial": trial,
+        "began_at": None if began is None else began.astimezone().isoformat(),
+    }
+    given: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
+    with plain_errors(), Store(folder) as store:
+        report = adverse_events.Report(**_as_known(store, participant, follow_up) | given)
+        number = adverse_events.record_adverse_event(
+            store, participant, report, follows=follow_up, recorded_by=by
+        )
+    if follow_up is None:
+        say(f"recorded  adverse event {number} of {participant}")
+    else:
+        say(f"recorded  a follow-up of adverse event {follow_up} of {participant}")
+
+
+def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, Any]:
+    """What a new report repeats of the latest one; of a new event it begins now, and the rest must be stated."""
+    from avrgym.study.people.adverse_events import followed
+    from avrgym.study.storage.schema import now
+
+    if event is None:
+        return {"began_at": now(), **dict.fromkeys(NEEDED, "")}
+    latest = next(
+        (each.latest for each in followed(store.adverse_events(participant)) if each.number == event), None
+    )
+    if latest is None:
+        raise ValueError(
+            f"{participant} has no adverse event {event}; `avrgym study adverse-events` lists them"
+        )
+    positions = {each.id: each.position for each in store.trials(participant)}
+    known = {name: getattr(latest, name) for name in (*NEEDED, "action", "began_at")}
+    return known | {"trial": positions.get(latest.trial or 0)}
+
+
+def adverse_events(
+    folder: Folder,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="A new folder for all reports as TSV, with descriptions, names and a codebook."),
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """List adverse events as they are known now, and next to them what sessions reported of safety by themselves."""
+    from avrgym.study.export.records import Extras, adverse_event_rows, write_adverse_events
+    from avrgym.study.people.adverse_events import SOURCES, safety_events
+    from avrgym.study.storage.store import Store
+
+    with plain_errors():
+        check_json(json_file)
+        with Store(folder) as store:
+            rows = list(adverse_event_rows(store, store.participants(), Extras(free_text=True)))
+            noticed = [
+                {"participant": person.pseudonym, **asdict(each)}
+                for person in store.participants()
+                for each in safety_events(store, person.pseudonym)
+            ]
+            if out is not None:
+                write_adverse_events(store, out)
+        write_json(json_file, {"adverse_events": rows, "safety_events": noticed})
+    latest = {row["event"]: row for row in rows}
+    say(f"{len(latest)} adverse events" if latest else "No adverse events were recorded.")
+    if latest:
+        shown = ("event", "report", "participant", "began_at", "position", "severity", "seriousness")
+        more = ("relatedness", "outcome", "description")
+        print_table([{name: row[name] for name in (*shown, *more)} for row in latest.values()])
+        say(SOURCES)
+    if noticed:
+        say("What sessions reported by themselves; record it as an adverse event where it is one:")
+        print_table(noticed)
+    if out is not None:
+        say(f"reports   {out}: they contain free text and names of experimenters")

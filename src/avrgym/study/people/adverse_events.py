@@ -1,0 +1,173 @@
+"""Adverse events: what happened to a participant, graded by published scales. Follow-ups append and replace nothing.
+
+Severity is the grade of CTCAE (Common Terminology Criteria for Adverse Events, NCI, version 5.0, 2017). Seriousness has
+the criteria of ICH E2A (1994, section II.B); it is not severity. Relatedness is the attribution that NCI's CTEP uses
+with CTCAE. Outcomes are those of ICH E2B(R3), E.i.7.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import msgspec
+
+from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.rows import AdverseEvent, Trial
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find, find_participant, record_event
+from avrgym.study.storage.texts import check_line, check_note
+
+SEVERITIES = ("mild", "moderate", "severe", "life-threatening", "fatal")
+SERIOUSNESS = (
+    "not serious",
+    "other medically important",
+    "congenital anomaly",
+    "disability",
+    "hospitalisation",
+    "life-threatening",
+    "death",
+)
+RELATEDNESS = ("unrelated", "unlikely", "possible", "probable", "definite")
+OUTCOMES = ("recovered", "recovering", "not recovered", "recovered with sequelae", "fatal", "unknown")
+SCALES = {
+    "severity": SEVERITIES,
+    "seriousness": SERIOUSNESS,
+    "relatedness": RELATEDNESS,
+    "outcome": OUTCOMES,
+}
+"""What each grade may be."""
+SOURCES = (
+    "Severity: grades 1 to 5 of CTCAE 5.0 (NCI, 2017). Seriousness: criteria of ICH E2A (1994). Relatedness: "
+    "attribution of NCI's CTEP. Outcome: ICH E2B(R3). Severity is how strong an event is, seriousness what followed "
+    "from it."
+)
+SAFETY_EVENTS = ("stopped", "stop rule met", "controller failed")
+"""The events of a session that are shown next to adverse events, and are none by themselves."""
+_CLOCKS_DIFFER = timedelta(minutes=5)
+
+
+class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is reported of an adverse event: ``began_at`` is ISO 8601 with an offset from UTC, ``trial`` a position."""
+
+    began_at: str
+    description: str
+    severity: str
+    seriousness: str
+    relatedness: str
+    outcome: str
+    trial: int | None = None
+    action: str = ""
+
+
+@dataclass(frozen=True)
+class Followed:
+    """An adverse event with all its reports in their order; the latest is how it is known now."""
+
+    reports: tuple[AdverseEvent, ...]
+
+    @property
+    def number(self) -> int:
+        """What it is called in commands: the id of its first report."""
+        return self.reports[0].id
+
+    @property
+    def latest(self) -> AdverseEvent:
+        """How it is known now."""
+        return self.reports[-1]
+
+
+@dataclass(frozen=True)
+class SafetyEvent:
+    """What a session reported by itself, in a trial of this position or between trials; no adverse event by itself."""
+
+    at: str
+    trial: int | None
+    name: str
+    detail: str
+
+
+def record_adverse_event(
+    store: Store, pseudonym: str, report: Report, *, follows: int | None = None, recorded_by: str = ""
+) -> int:
+    """Store a report of an adverse event, and return its id.
+
+    Args:
+        store: the study.
+        pseudonym: whom it happened to.
+        report: what is known of it.
+        follows: the event that is followed up, by its number; ``None`` for a new event.
+        recorded_by: who records it.
+
+    Raises:
+        StudyError: for a grade that no scale has, a time that is none or in the future, a trial or event that is not
+            the participant's, and for simulated participants.
+    """
+    _check(report)
+    check_line("the name", recorded_by)
+    with store.write() as connection:
+        participant = find_participant(connection, pseudonym)
+        if participant.simulated:
+            raise StudyError(f"{pseudonym} is simulated; only people have adverse events")
+        own = {"participant": participant.number}
+        trial = None
+        if report.trial is not None:
+            trial = find(
+                connection, Trial, f"trial {report.trial} of {pseudonym}", position=report.trial, **own
+            ).id
+        if follows is not None:
+            first = find(
+                connection, AdverseEvent, f"adverse event {follows} of {pseudonym}", id=follows, **own
+            )
+            follows = first.follows or first.id
+        row = ledger.insert(
+            connection,
+            schema.ADVERSE_EVENT,
+            **msgspec.structs.asdict(report) | own | {"trial": trial, "began_at": _utc(report.began_at)},
+            recorded_at=now(),
+            recorded_by=recorded_by or None,
+            follows=follows,
+        )
+        name = "adverse event recorded" if follows is None else "adverse event followed up"
+        record_event(connection, name, f"adverse event {follows or row}", own)
+    return row
+
+
+def followed(reports: Iterable[AdverseEvent]) -> list[Followed]:
+    """Reports by the event that they are about, in the order in which events were recorded."""
+    events: dict[int, list[AdverseEvent]] = {}
+    for report in reports:
+        events.setdefault(report.follows or report.id, []).append(report)
+    return [Followed(tuple(own)) for own in events.values()]
+
+
+def safety_events(store: Store, pseudonym: str) -> Iterator[SafetyEvent]:
+    """What the session itself reported of a participant's safety, to be looked at when adverse events are recorded."""
+    number = store.participant(pseudonym).number
+    positions = {trial.id: trial.position for trial in store.trials(pseudonym)}
+    trials = {attempt.id: positions[attempt.trial] for attempt in store.attempts(pseudonym)}
+    for event in store.events():
+        if event.participant == number and event.name in SAFETY_EVENTS:
+            yield SafetyEvent(event.at, trials.get(event.attempt or 0), event.name, event.detail)
+
+
+def _check(report: Report) -> None:
+    for name, scale in SCALES.items():
+        if getattr(report, name) not in scale:
+            raise StudyError(f"{name} {getattr(report, name)!r} is not known; allowed: {', '.join(scale)}")
+    check_note(report.description, "the description")
+    check_line("the action", report.action)
+    if datetime.fromisoformat(_utc(report.began_at)) > datetime.now(UTC) + _CLOCKS_DIFFER:
+        raise StudyError(f"{report.began_at} is in the future; allowed: when the event began, until now")
+
+
+def _utc(at: str) -> str:
+    try:
+        moment = datetime.fromisoformat(at)
+    except ValueError:
+        moment = None
+    if moment is None or moment.tzinfo is None:
+        raise StudyError(
+            f"{at!r} is no time; allowed: ISO 8601 with an offset, such as 2026-11-27T14:30+01:00"
+        )
+    return moment.astimezone(UTC).isoformat(timespec="seconds")

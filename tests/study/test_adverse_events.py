@@ -1,0 +1,227 @@
+"""Adverse events: graded by published scales, followed up without a loss, and apart from what the robot reports."""
+
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli import app
+from avrgym.study.export import FORMATS, WITH_RECORDS, export_study
+from avrgym.study.export.codebook import TABLES
+from avrgym.study.export.records import Extras
+from avrgym.study.people.adverse_events import (
+    SCALES,
+    Report,
+    followed,
+    record_adverse_event,
+    safety_events,
+)
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import add_note, withdraw
+from avrgym.study.storage.attempts import begin_attempt, end_attempt
+from avrgym.study.storage.sessions import open_session, tell
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from studies import run_participant, small_study, take_in
+
+SECRET = "Grace-Unverwechselbar"
+DIZZY = Report(
+    began_at="2026-11-27T14:30:00+01:00",
+    description=f"{SECRET} felt dizzy",
+    severity="mild",
+    seriousness="not serious",
+    relatedness="probable",
+    outcome="recovering",
+    trial=2,
+    action="break",
+)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    """Two people, of whom the first has three completed trials; and a simulated participant."""
+    with Store(small_study(tmp_path / "study")) as opened:
+        run_participant(opened, take_in(opened, simulated=False), trials=3, simulated=False)
+        take_in(opened, simulated=False)
+        take_in(opened)
+        yield opened
+
+
+def changed(**changes: Any) -> Report:
+    return Report(**{name: getattr(DIZZY, name) for name in DIZZY.__struct_fields__} | changes)
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    with open(path, encoding="utf-8-sig", newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t" if path.suffix == ".tsv" else ","))
+
+
+def test_a_follow_up_replaces_nothing(store: Store) -> None:
+    number = record_adverse_event(store, "sub-001", DIZZY, recorded_by="kim")
+    before = store.adverse_events("sub-001")
+    record_adverse_event(store, "sub-001", changed(outcome="recovered"), follows=number)
+    second = record_adverse_event(store, "sub-001", changed(trial=None))
+    record_adverse_event(
+        store, "sub-001", changed(outcome="recovered", severity="severe"), follows=number + 1
+    )
+    assert store.adverse_events("sub-001")[:1] == before
+    assert before[0].began_at == "2026-11-27T13:30:00+00:00"
+    assert before[0].recorded_by == "kim"
+    dizzy, other = followed(store.adverse_events("sub-001"))
+    assert [report.outcome for report in dizzy.reports] == ["recovering", "recovered", "recovered"]
+    assert (dizzy.number, dizzy.latest.severity) == (number, "severe")
+    assert (other.number, other.latest.trial) == (second, None)
+    assert store.database.faults() == []
+    names = [event.name for event in store.events() if "adverse" in event.name]
+    assert names == [
+        f"adverse event {what}" for what in ("recorded", "followed up", "recorded", "followed up")
+    ]
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_only_grades_of_the_scales_are_stored(store: Store, scale: str) -> None:
+    for grade in SCALES[scale]:
+        record_adverse_event(store, "sub-001", changed(**{scale: grade}))
+    with pytest.raises(StudyError, match=f"{scale} 'awful' is not known; allowed: {SCALES[scale][0]}"):
+        record_adverse_event(store, "sub-001", changed(**{scale: "awful"}))
+    assert len(store.adverse_events("sub-001")) == len(SCALES[scale])
+
+
+@pytest.mark.parametrize(
+    ("pseudonym", "changes", "follows", "words"),
+    [
+        ("sub-003", {}, None, "sub-003 is simulated; only people have adverse events"),
+        ("sub-004", {}, None, "there is no sub-004"),
+        ("sub-001", {"trial": 9}, None, "there is no trial 9 of sub-001"),
+        ("sub-002", {}, 1, "there is no adverse event 1 of sub-002"),
+        ("sub-001", {"description": ""}, None, "the description is empty"),
+        ("sub-001", {"action": "x" * 201}, None, "the action is 201 characters long; allowed: 200"),
+        (
+            "sub-001",
+            {"began_at": "2026-11-27T14:30:00"},
+            None,
+            "is no time; allowed: ISO 8601 with an offset",
+        ),
+        ("sub-001", {"began_at": "yesterday"}, None, "is no time"),
+        ("sub-001", {"began_at": "2126-11-27T14:30:00Z"}, None, "is in the future"),
+    ],
+)
+def test_what_is_no_report_is_refused(
+    store: Store, pseudonym: str, changes: dict[str, Any], follows: int | None, words: str
+) -> None:
+    record_adverse_event(store, "sub-001", DIZZY)
+    before = store.adverse_events("sub-001")
+    with pytest.raises(StudyError, match=words):
+        record_adverse_event(store, pseudonym, changed(**changes), follows=follows)
+    assert store.adverse_events("sub-001") == before
+
+
+def test_reports_go_with_their_participant_and_stay_with_who_withdraws(store: Store) -> None:
+    number = record_adverse_event(store, "sub-001", DIZZY)
+    record_adverse_event(store, "sub-001", changed(outcome="recovered"), follows=number)
+    withdraw(store, "sub-001", "dizzy")
+    assert len(store.adverse_events("sub-001")) == 2
+    record_adverse_event(store, "sub-002", DIZZY)
+    delete_participant(store, "sub-001")
+    assert store.adverse_events("sub-001") == []
+    assert len(store.adverse_events("sub-002")) == 1
+    assert store.database.faults() == []
+    held = [path for path in store.folder.rglob("*") if path.is_file()]
+    assert sum(path.read_bytes().count(SECRET.encode()) for path in held) == 1
+
+
+def test_what_the_robot_reports_is_next_to_adverse_events_and_none_of_them(store: Store) -> None:
+    session = open_session(store, "sub-002")
+    attempt = begin_attempt(store, session.id, 1)
+    tell(store, session.id, "stopped", "by participant", attempt.id)
+    tell(store, session.id, "continued", "", attempt.id)
+    end_attempt(store, attempt.id, "stopped")
+    (stop,) = safety_events(store, "sub-002")
+    assert (stop.trial, stop.name, stop.detail) == (1, "stopped", "by participant")
+    assert list(safety_events(store, "sub-001")) == []
+    assert store.adverse_events("sub-002") == []
+
+
+# Exports
+
+
+@pytest.fixture
+def told(store: Store) -> Store:
+    """A study in which each kind of free text names somebody."""
+    number = record_adverse_event(store, "sub-001", DIZZY, recorded_by=SECRET)
+    record_adverse_event(store, "sub-001", changed(action=f"{SECRET} rested"), follows=number)
+    add_note(store, "sub-001", f"{SECRET} laughed")
+    tell(store, store.sessions("sub-001")[0].id, "connection lost")
+    withdraw(store, "sub-001", f"{SECRET} was tired")
+    return store
+
+
+@pytest.mark.parametrize("data_format", WITH_RECORDS)
+def test_free_text_leaves_the_study_only_when_it_is_asked_for(
+    told: Store, tmp_path: Path, data_format: str
+) -> None:
+    folder, suffix = ("", ".csv") if data_format == "csv" else ("sourcedata", ".tsv")
+    export_study(told, data_format, tmp_path / "without")
+    export_study(told, data_format, tmp_path / "with", extras=Extras(free_text=True))
+    files = [path.read_bytes() for path in (tmp_path / "without").rglob("*") if path.is_file()]
+    assert not any(SECRET.encode() in data for data in files)
+    without, with_all = tmp_path / "without" / folder, tmp_path / "with" / folder
+    assert not (without / f"notes{suffix}").exists()
+    assert [row["text"] for row in read(with_all / f"notes{suffix}")] == [f"{SECRET} laughed"]
+    events = read(with_all / f"events{suffix}")
+    assert SECRET in next(row["detail"] for row in events if row["name"] == "participant withdrawn")
+    assert "connection lost" in {row["name"] for row in read(without / f"events{suffix}")}
+    assert len(events) == len(read(without / f"events{suffix}"))
+    for place, secret in ((without, False), (with_all, True)):
+        first, second = read(place / f"adverse_events{suffix}")
+        assert (first["event"], first["report"], second["report"]) == ("1", "1", "2")
+        assert (first["severity"], first["position"], first["task"]) == ("mild", "2", "Feeding")
+        assert (SECRET in second["action"], SECRET in first["recorded_by"]) == (secret, secret)
+
+
+@pytest.mark.parametrize("data_format", sorted(set(FORMATS) - set(WITH_RECORDS)))
+def test_a_format_without_a_place_for_free_text_refuses_it(
+    store: Store, tmp_path: Path, data_format: str
+) -> None:
+    with pytest.raises(StudyError, match="has no place for free text; allowed: csv, bids"):
+        export_study(store, data_format, tmp_path / "out", extras=Extras(free_text=True))
+
+
+# Commands
+
+
+def run(*words: object, code: int = 0) -> str:
+    result = CliRunner().invoke(app, ["study", *map(str, words)])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+def test_events_are_recorded_followed_up_and_listed_by_command(store: Store, tmp_path: Path) -> None:
+    folder = store.folder
+    assert "No adverse events were recorded." in run("adverse-events", folder)
+    graded = ("--severity", "mild", "--seriousness", "not serious", "--relatedness", "possible")
+    record = ("record-adverse-event", folder, "sub-001", "--description", "neck pain", *graded)
+    assert "severity '' is not known" in run("record-adverse-event", folder, "sub-001", code=1)
+    run(*record, "--outcome", "recovering", "--trial", 2, "--by", "kim")
+    run("record-adverse-event", folder, "sub-001", "--follow-up", 1, "--outcome", "recovered", "--by", "alex")
+    assert "has no adverse event 7" in run(
+        "record-adverse-event", folder, "sub-001", "--follow-up", 7, code=1
+    )
+    first, second = store.adverse_events("sub-001")
+    assert (second.description, second.trial, second.began_at) == ("neck pain", first.trial, first.began_at)
+    assert (first.recorded_by, second.recorded_by) == ("kim", "alex")
+    shown = run("adverse-events", folder, "--json", tmp_path / "a.json", "--out", tmp_path / "board")
+    assert "1 adverse events" in shown
+    assert "neck pain" in shown
+    assert [row["outcome"] for row in json.loads((tmp_path / "a.json").read_text())["adverse_events"]] == [
+        "recovering",
+        "recovered",
+    ]
+    assert len(read(tmp_path / "board" / "adverse_events.tsv")) == 2
+    described = json.loads((tmp_path / "board" / "adverse_events.json").read_text())
+    assert list(described) == list(TABLES["adverse_events"])
+    assert (tmp_path / "board").stat().st_mode & 0o077 == 0
