@@ -1,8 +1,18 @@
-import { Refusal, type Action, type Furniture, type Identity, type Overview, type Participant, type Study } from "./dashboard-study";
+import {
+  Refusal,
+  type Action,
+  type Furniture,
+  type Identity,
+  type Overview,
+  type Participant,
+  type Results,
+  type Study,
+} from "./dashboard-study";
 import {
   answeredItems,
   beginWords,
   buildTable,
+  experimenterWords,
   moment,
   paragraphs,
   participantsTable,
@@ -61,6 +71,7 @@ export class Dashboard {
     }));
     element("edit-note").addEventListener("reset", () => (element("edit-note").hidden = true));
     this.onAct("identity", "identity", "are in the key file", identityIn);
+    element("results-part").addEventListener("toggle", () => this.afterwards(() => this.refresh()));
     this.onAct("withdrawal", "withdrawal", "is stored", (form) => ({ reason: field(form, "reason") }));
   }
 
@@ -70,6 +81,7 @@ export class Dashboard {
       this.overview = await this.study.overview();
       this.showOverview(this.overview);
       if (this.chosen) this.showParticipant(await this.study.participant(this.chosen));
+      if (element<HTMLDetailsElement>("results-part").open) this.showResults(await this.study.results());
     } catch (error) {
       this.refuse(`The study cannot be read: ${words(error)}`);
     }
@@ -146,22 +158,26 @@ export class Dashboard {
   }
 
   private showOverview(overview: Overview): void {
-    const { summary, results, live, furniture, languages, warnings } = overview;
+    const { summary, live, furniture, languages, warnings } = overview;
     document.title = `${summary.title} – AVR Gym`;
     element("title").textContent = summary.title;
     element("progress").textContent = progressWords(overview);
+    element("experimenter").textContent = experimenterWords(overview);
     element("consent-version").textContent = overview.consent_version;
     element("warnings").hidden = warnings.length === 0;
     this.fill("warnings", warnings, () => warnings.map(line));
     element("language-choice").hidden = Object.keys(languages).length < 2;
     this.fill("language", languages, () => Object.entries(languages).map(([tag, name]) => new Option(name, tag)));
-    element("results-words").textContent = resultsWords(overview.blinded);
     this.showTable("participants", participantsTable(summary.participants, live), (name) => this.chooser(name));
-    const items = Object.keys(overview.items);
-    this.showTable("results", resultsTable(results, items));
     this.showFurniture(furniture);
-    const answered = answeredItems(results, items);
-    this.fill("items", answered, () => answered.map((id) => line(`${id}: ${overview.items[id]}`)));
+  }
+
+  private showResults({ blinded, items, results }: Results): void {
+    const ids = Object.keys(items);
+    element("results-words").textContent = resultsWords(blinded);
+    this.showTable("results", resultsTable(results, ids));
+    const answered = answeredItems(results, ids);
+    this.fill("items", answered, () => answered.map((id) => line(`${id}: ${items[id]}`)));
   }
 
   /** What is in the fields when nobody changes them, also after a form is emptied. */

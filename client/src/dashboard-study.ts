@@ -39,16 +39,22 @@ export interface Overview {
     deleted: number;
     participants: ParticipantSummary[];
   };
-  blinded: boolean;
   consent_version: string;
   /** Names by tag. */
   languages: Record<string, string>;
   /** What is short, in words. */
   warnings: string[];
-  items: Record<string, string>;
-  results: ConditionResults[];
   live: string | null;
   furniture: Furniture;
+  /** The name of this page's token, empty where several people use it. */
+  experimenter: string;
+}
+
+/** The results so far; the study's log contains who read them. */
+export interface Results {
+  blinded: boolean;
+  items: Record<string, string>;
+  results: ConditionResults[];
 }
 
 export interface Trial {
@@ -121,6 +127,10 @@ export class Study {
 
   overview(): Promise<Overview> {
     return this.call("overview") as Promise<Overview>;
+  }
+
+  results(): Promise<Results> {
+    return this.call("results") as Promise<Results>;
   }
 
   participant(pseudonym: string): Promise<Participant> {

@@ -110,6 +110,13 @@ export function progressWords({ summary }: Overview): string {
   );
 }
 
+/** Whose page this is, as the study's log names them. */
+export function experimenterWords({ experimenter }: Overview): string {
+  return experimenter
+    ? `The log names you ${experimenter}.`
+    : "The log cannot name you: several people may use this address.";
+}
+
 export function resultsWords(blinded: boolean): string {
   const policies = blinded ? " Letters stand for the policies: this study is blind." : "";
   return `Completed trials without practice, of all who did not withdraw.${policies}`;

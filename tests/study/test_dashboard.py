@@ -4,6 +4,7 @@ import json
 import stat
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -16,7 +17,7 @@ from avrgym.study.dashboard.application import ACTIONS, MAX_BODY_BYTES, dashboar
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.server.access import Tokens
+from avrgym.vr.server.access import Caller, Tokens
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.session import Session
 from studies import METRICS, fitting_answers, make_study, run_participant, take_in
@@ -24,7 +25,7 @@ from visit import driving, plan
 
 PATIENCE_S = 400.0
 HOSTILE = "<script>window.hacked = 1</script><img src=x onerror='window.hacked = 2'>"
-READING = ("/overview", "/participants/{pseudonym}")
+READING = ("/overview", "/results", "/participants/{pseudonym}")
 ACTING = ("/participants", *(f"/participants/{{pseudonym}}/{name}" for name in ACTIONS))
 ROUTES = [*(("GET", path) for path in READING), *(("POST", path) for path in ACTING)]
 BODIES: dict[str, Any] = {
@@ -99,7 +100,7 @@ def test_these_tests_know_every_route(store: Store) -> None:
 @pytest.mark.parametrize(("method", "path"), ROUTES)
 def test_only_the_experimenter_comes_in(server: LiveServer, store: Store, method: str, path: str) -> None:
     """No token, a wrong one, another role's, other origins and hosts: refused, and nothing is stored."""
-    before = store.events(), store.participants()
+    before = store.events(), store.participants(), store.log()
     path = path.format(pseudonym="sub-001")
     body = BODIES.get(path.rpartition("/")[2], {"sex": "man"}) if method == "POST" else None
     own, others = server.tokens.experimenter, (server.tokens.participant, server.tokens.spectator, "x")
@@ -112,7 +113,7 @@ def test_only_the_experimenter_comes_in(server: LiveServer, store: Store, method
         )
     for host in ("evil.test", f"evil.test:{server.port}"):
         assert ask(server, method, path, body, host=host, authorization=f"Bearer {own}").status_code == 400
-    assert (store.events(), store.participants()) == before
+    assert (store.events(), store.participants(), store.log()) == before
 
 
 def test_the_page_reaches_and_loads_nothing_but_this_server(server: LiveServer) -> None:
@@ -235,7 +236,9 @@ def test_the_condition_is_hidden_from_a_blind_experimenter(tmp_path: Path, blind
         pseudonym = take_in(store)
         run_participant(store, pseudonym, trials=3)
         app = dashboard_app(store, Tokens.new())
-        shown = json.dumps([read(app, "/overview"), read(app, f"/participants/{pseudonym}")])
+        shown = json.dumps(
+            [read(app, path) for path in ("/overview", "/results", f"/participants/{pseudonym}")]
+        )
     policies = {name for name in ("original", "revised") if f'"{name}"' in shown}
     assert policies == (set() if blind else {"original", "revised"})
     assert ('"A"' in shown) == blind
@@ -244,7 +247,8 @@ def test_the_condition_is_hidden_from_a_blind_experimenter(tmp_path: Path, blind
 def read(app: Any, path: str) -> Any:
     """What a reading route gives, called as it is: the server's own tests say who may call it."""
     route = next(route for route in app.routes if route.path_regex.fullmatch(path) and "GET" in route.methods)
-    return json.loads(route.endpoint(**route.path_regex.fullmatch(path).groupdict()).body)
+    request = SimpleNamespace(state=SimpleNamespace(caller=Caller("experimenter")))
+    return json.loads(route.endpoint(**route.path_regex.fullmatch(path).groupdict(), request=request).body)
 
 
 # In the browser ----------------------------------------------------------------------------------------------

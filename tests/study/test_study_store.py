@@ -576,6 +576,8 @@ def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_led
             "DROP TABLE site",
             "DROP TABLE adverse_event",
             "ALTER TABLE participant DROP COLUMN functioning",
+            "DROP TABLE log",
+            "DROP TABLE experimenter",
             "ALTER TABLE session DROP COLUMN headset_check",
             "UPDATE alembic_version SET version_num = '0002_ledger'",
         ):

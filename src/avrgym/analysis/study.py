@@ -1,7 +1,7 @@
 """The analysis of a study: from its recordings to the paper's results."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import msgspec
@@ -12,6 +12,7 @@ from avrgym.analysis.latency_rows import LatencyRow, latency_rows
 from avrgym.analysis.model_rows import ModelRow
 from avrgym.analysis.reading.flow import Flow, flows
 from avrgym.analysis.reading.observations import Observations, observe
+from avrgym.analysis.reading.study_log import StudyLog, study_log
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED, draw_people
 from avrgym.analysis.score_rows import ScoreRow, ScoreSummaryRow
 from avrgym.analysis.site_rows import SiteEffectRow, SiteOutcomeRow
@@ -96,6 +97,7 @@ class Analysis:
     site_effects: list[SiteEffectRow]
     latency: list[LatencyRow]
     rebuilt_at: str | None
+    log: StudyLog
 
     @property
     def tests(self) -> list[rows.TestedRow]:
@@ -150,6 +152,7 @@ class Analysis:
             },
             **({"plan": _plan_results(self.plan)} if self.plan else {}),
             **({"database_rebuilt_at": self.rebuilt_at} if self.rebuilt_at else {}),
+            "log": asdict(self.log),
             **{table.name: list(table.rows) for table in self.tables() if table.name not in IN_TABLES_ONLY},
         }
 
@@ -194,6 +197,7 @@ def analyse(
         site_effects=site_effect_rows(store.design, observed.trials, observed.answers, observed.scores),
         latency=latency_rows(observed.trials, observed.latencies),
         rebuilt_at=store.rebuilt_at(),
+        log=study_log(store),
     )
 
 

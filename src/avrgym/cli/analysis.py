@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from avrgym.cli.logged import log
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import JsonFile, check_json, plain_errors, say, write_json
 from avrgym.study.storage.manifest import FOLDER
@@ -35,6 +36,7 @@ def analyze(
         check_out(place)
         with progress_bar("reading recordings", unit="recordings") as bar:
             analysis = analyse(store, bar.show, skip_damaged=skip_damaged)
+        log(store, "analyze", shows_results=True)
         with progress_bar("writing tables, figures and report"):
             report = write_analysis(analysis, folder, place)
         write_json(json_file, analysis.results())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from avrgym.cli.logged import log
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
     Jobs,
@@ -70,12 +71,15 @@ def freeze(
             say(f"fields    {write_preregistration(store, nameable(store.design), form)}")
         elif timestamp is not None or registered is not None:
             _store_evidence(store, timestamp, registered, registered_on)
+            log(store, "store evidence of plan")
         elif may_adopt(store) and not template:
             say(f"adopted   {store.folder / FROZEN}, frozen at {adopt(store).frozen_at} elsewhere")
+            log(store, "adopt plan")
         elif template or not (store.folder / FILE).exists():
             say(f"plan      {_write_template(store)}: change what you like, then freeze it")
         else:
             record = freeze_plan(store, nameable(store.design))
+            log(store, "freeze plan")
             say(f"frozen    {store.folder / FROZEN} at {record.frozen_at}")
             _say_deposit(store.folder / FROZEN)
 

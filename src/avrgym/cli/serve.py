@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from avrgym.cli.logged import logged
 from avrgym.cli.options import PEOPLE, Impairment, Policy, Seed
-from avrgym.cli.terminal import plain_errors, say
+from avrgym.cli.terminal import plain_errors, say, warn
 from avrgym.models.sexes import SEXES, Sex
 from avrgym.policies.names import CHOICES, OPERATOR
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
@@ -18,7 +19,10 @@ from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
 if TYPE_CHECKING:
     from avrgym.models.furniture.real import RealFurniture
     from avrgym.recording.streams import StreamChoice
+    from avrgym.study.dashboard.logging import LiveLog
+    from avrgym.study.sessions.serving import StudySessions
     from avrgym.vr.protocol.messages import Send
+    from avrgym.vr.server.access import Caller
     from avrgym.vr.server.certificate import Certificate
     from avrgym.vr.server.server import LiveServer
     from avrgym.vr.session.events import SessionEvent
@@ -175,16 +179,20 @@ def _serve_study(
 ) -> None:
     """Serve a study's dashboard, and one after another the sessions that it begins, a participant's at once."""
     from avrgym.study.dashboard.application import dashboard_app
+    from avrgym.study.dashboard.logging import LiveLog
+    from avrgym.study.dashboard.tokens import StudyTokens
+    from avrgym.study.people.experimenters import Experimenters
     from avrgym.study.sessions.serving import StudySessions
     from avrgym.study.sessions.storing import StoringThread
     from avrgym.study.storage.keyfile import FOLDER as PRIVATE
     from avrgym.study.storage.store import Store
-    from avrgym.vr.server.access import Tokens
     from avrgym.vr.server.server import LiveServer
 
     with (
         Store(folder) as store,
+        logged(store, "start server", "stop server"),
         StoringThread() as storing,
+        Experimenters(store) as experimenters,
         _streams(store.design.streams) as streams,
         LiveServer(
             lambda send: StudySessions(
@@ -201,12 +209,17 @@ def _serve_study(
             port,
             certificate,
             study=lambda tokens, sessions: dashboard_app(store, tokens, sessions),
-            tokens=Tokens.kept(folder / PRIVATE / "tokens.json"),
+            tokens=StudyTokens.of_study(folder / PRIVATE / "tokens.json", experimenters),
+            record=partial(_record, LiveLog(store, storing, warn)),
         ) as server,
     ):
         server.render_ahead()
         _explain(server, "dashboard")
         _wait(server)
+
+
+def _record(log: "LiveLog", sessions: "StudySessions", caller: "Caller", message: Any) -> None:
+    log.record(caller, message, sessions.participant)
 
 
 def _streams(choice: "StreamChoice") -> "AbstractContextManager[Streams | None]":

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from avrgym.cli.logged import log
 from avrgym.cli.progress import GOES_ON, progress_bar
 from avrgym.cli.terminal import (
     JsonFile,
@@ -44,6 +45,7 @@ def merge(
     Again at any time: what is new at a site comes along, nothing comes twice. Names stay at the sites.
     """
     from avrgym.study.merge.merging import merge_studies
+    from avrgym.study.storage.store import Store
 
     told: list[str] = []
     with plain_errors():
@@ -57,6 +59,9 @@ def merge(
                 progress=bar.show,
                 tell=told.append,
             )
+        if any(site.rows_written or site.recordings_copied or site.participants_deleted for site in sites):
+            with Store(out) as merged:
+                log(merged, "merge", detail=", ".join(site.site for site in sites))
         write_json(json_file, [asdict(site) for site in sites])
     for words in told:
         say(f"note      {words}")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from avrgym.cli.cluster import Address, on_cluster
+from avrgym.cli.experimenters import add_experimenter, experimenters, revoke_experimenter
+from avrgym.cli.logged import log
 from avrgym.cli.options import PEOPLE, Impairment
 from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
 from avrgym.cli.progress import GOES_ON, progress_bar
@@ -50,6 +52,9 @@ app.command()(freeze)
 app.command()(merge)
 app.command()(record_adverse_event)
 app.command()(adverse_events)
+app.command()(add_experimenter)
+app.command()(experimenters)
+app.command()(revoke_experimenter)
 
 
 @app.command()
@@ -125,6 +130,7 @@ def enrol(
             site=site,
             confirm_double=confirm_double,
         )
+        log(store, "enrol", pseudonym)
     say(f"enrolled  {pseudonym}")
 
 
@@ -152,6 +158,7 @@ def _ask_for_consent(store: "Store", participant: str) -> None:
     if not confirm("Do you agree?"):
         raise RuntimeError(f"{participant} does not agree; nothing was stored")
     record_consent(store, participant)
+    log(store, "consent", participant)
 
 
 def _ask_for_inclusion(store: "Store", participant: str) -> None:
@@ -159,6 +166,7 @@ def _ask_for_inclusion(store: "Store", participant: str) -> None:
 
     answers = {question.id: confirm(question.text) for question in store.design.inclusion}
     fits = record_inclusion(store, participant, answers)
+    log(store, "inclusion", participant)
     say(f"{participant} takes part" if fits else f"{participant} cannot take part")
 
 
@@ -174,6 +182,7 @@ def withdraw(
 
     with plain_errors(), Store(folder) as store:
         end_participation(store, participant, reason)
+        log(store, "withdraw", participant)
     say(f"{participant} takes part no longer")
 
 
@@ -206,6 +215,7 @@ def simulate(
         ):
             simulate_study(folder, participants, seed, bar.show, jobs, people, impairment, workers)
         with Store(folder) as store:
+            log(store, "simulate", detail=f"{participants} participants, seed {seed}")
             summary = summarise_study(store)
         write_json(json_file, asdict(summary))
     say(
@@ -233,6 +243,7 @@ def check(
         with Store(folder) as store:
             if fix_permissions:
                 fix(store)
+                log(store, "fix permissions")
             findings = checked(store)
             head = store.database.head()
         write_json(json_file, [asdict(finding) for finding in findings])
@@ -252,9 +263,12 @@ def rebuild(folder: Folder) -> None:
     What they do not tell is listed. Names and recordings stay.
     """
     from avrgym.study.checking.rebuilding import LOST, rebuild_study
+    from avrgym.study.storage.store import Store
 
     with plain_errors():
         rebuilt = rebuild_study(folder)
+        with Store(folder) as store:
+            log(store, "rebuild")
     say(f"{rebuilt.participants} participants, {rebuilt.attempts} attempts, {rebuilt.answers} answers")
     say(f"lost      {LOST}")
     say(
@@ -306,6 +320,7 @@ def export(
             progress=bar.show,
             tell=left_out.append,
         )
+        log(store, "export", detail=data_format, shows_results=True)
     for why in left_out:
         say(f"left out  {why}")
     say(f"{files} files in {out}. They are pseudonymised, not anonymous.")
@@ -327,6 +342,7 @@ def delete_participant(
 
     with plain_errors(), Store(folder) as store:
         delete(store, participant)
+        log(store, "delete participant", participant)
     say(
         f"{participant} is deleted. Exports and copies made earlier lie outside the study: delete them yourself."
     )

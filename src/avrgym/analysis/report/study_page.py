@@ -22,6 +22,7 @@ from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
 from avrgym.analysis.report.headsets import headset_checks
 from avrgym.analysis.report.latency import METHOD as OF_LATENCY
 from avrgym.analysis.report.latency import latency
+from avrgym.analysis.report.log import log_section
 from avrgym.analysis.report.models import METHODS as OF_MODELS
 from avrgym.analysis.report.models import models
 from avrgym.analysis.report.plan import NOTHING, confirmatory, plan_section
@@ -64,6 +65,7 @@ def write_study_page(path: Path, analysis: Analysis, drawings: Sequence[Drawing]
             *nobody,
             *sections,
             _facts(analysis),
+            log_section(analysis.log),
             _problems(analysis),
             _methods(analysis),
         ],
@@ -106,6 +108,7 @@ def _navigation(analysis: Analysis, groups: Sequence[bool]) -> Markup:
         *plan,
         *links,
         tag("a", "About the study", href="#facts"),
+        tag("a", "Who did what", href="#log"),
         tag("a", "What is not as it should be", href="#problems"),
         tag("a", "Methods", href="#methods"),
     )

@@ -14,6 +14,7 @@ from avrgym.recording.streams import described_streams, times_of
 from avrgym.study.checking.database_checks import check_database, check_private
 from avrgym.study.checking.finding import Finding, left_out
 from avrgym.study.checking.held import too_much_held
+from avrgym.study.checking.interim_looks import check_interim_looks
 from avrgym.study.checking.preflight import policy_faults
 from avrgym.study.checking.recorded_plugins import check_plugins
 from avrgym.study.checking.start_checks import check_starts
@@ -263,5 +264,6 @@ CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_private,
     check_participants,
     check_plugins,
+    check_interim_looks,
     check_strays,
 )

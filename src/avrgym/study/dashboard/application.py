@@ -14,7 +14,8 @@ from fastapi.concurrency import run_in_threadpool
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
-from avrgym.study.dashboard.views import overview, participant_view
+from avrgym.study.dashboard.logging import VIEW_RESULTS, DashboardLog
+from avrgym.study.dashboard.views import overview, participant_view, results_view
 from avrgym.study.people.doubles import PossibleDouble
 from avrgym.study.people.participants import (
     add_note,
@@ -28,7 +29,7 @@ from avrgym.study.people.participants import (
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.study.storage.texts import MOST_IN_LINE, MOST_IN_NOTE
-from avrgym.vr.server.access import Tokens
+from avrgym.vr.server.access import Caller, Tokens
 
 MAX_BODY_BYTES = 1 << 16
 
@@ -195,22 +196,32 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
     "sessions": (SessionStart, _begin),
 }
 """What is done to a participant, by the last part of the route: what is posted, and what it does."""
+LOGGED_AS = {
+    "identity": "change identity",
+    "withdrawal": "withdraw",
+    "notes": "add note",
+    "edited-notes": "edit note",
+    "sessions": "begin session",
+}
+"""The name of an action in the log, where it is not that of the route."""
 
 
 def dashboard_app(store: Store, tokens: Tokens, live: LiveSessions | None = None) -> FastAPI:
     """The web application of a study, to be mounted at ``/study``.
 
     Args:
-        store: the study.
-        tokens: whose ``experimenter`` opens all routes.
+        store: the study. Its log contains who views what, and each action.
+        tokens: those of experimenters open all routes.
         live: the sessions that this server runs; without them only the study itself is led.
     """
 
     def experimenter_only(request: Request) -> None:
-        if tokens.bearer(request.headers) != "experimenter":
+        caller = tokens.bearer(request.headers)
+        if caller is None or caller.role != "experimenter":
             raise HTTPException(401, "this needs the experimenter's address that the server printed")
+        request.state.caller = caller
 
-    board = Dashboard(store, live)
+    board, log = Dashboard(store, live), DashboardLog(store)
     app = FastAPI(openapi_url=None, dependencies=[Depends(experimenter_only)])
     app.add_exception_handler(StudyError, _refuse(409))
     app.add_exception_handler(PossibleDouble, _refuse(409, confirm="double"))
@@ -218,30 +229,53 @@ def dashboard_app(store: Store, tokens: Tokens, live: LiveSessions | None = None
     app.add_exception_handler(OSError, _refuse(507))
 
     @app.get("/overview")
-    def read_overview() -> Response:
-        return _json(overview(store, board.participant, board.furniture))
+    def read_overview(request: Request) -> Response:
+        log.view(_caller(request), "view dashboard")
+        return _json(overview(store, board.participant, board.furniture, _caller(request).name))
+
+    @app.get("/results")
+    def read_results(request: Request) -> Response:
+        log.view(_caller(request), VIEW_RESULTS)
+        return _json(results_view(store))
 
     @app.get("/participants/{pseudonym}")
-    def read_participant(pseudonym: str) -> Response:
-        return _json(participant_view(store, pseudonym))
+    def read_participant(pseudonym: str, request: Request) -> Response:
+        view = participant_view(store, pseudonym)
+        log.view(_caller(request), "view participant", pseudonym)
+        return _json(view)
 
     @app.post("/participants")
     async def enrol_somebody(request: Request) -> Response:
-        return _json(await run_in_threadpool(_enrol, board, await _body(request, Enrolment)))
+        enrolled = await run_in_threadpool(_enrol, board, await _body(request, Enrolment))
+        await run_in_threadpool(log.done, _caller(request), "enrol", enrolled["participant"])
+        return _json(enrolled)
 
     for name, (kind, act) in ACTIONS.items():
-        app.post(f"/participants/{{pseudonym}}/{name}")(_endpoint(board, kind, act))
+        endpoint = _endpoint(board, log, LOGGED_AS.get(name, name), kind, act)
+        app.post(f"/participants/{{pseudonym}}/{name}")(endpoint)
     return app
 
 
 def _endpoint(
-    board: Dashboard, kind: type[msgspec.Struct], act: Callable[[Dashboard, str, Any], None]
+    board: Dashboard,
+    log: DashboardLog,
+    name: str,
+    kind: type[msgspec.Struct],
+    act: Callable[[Dashboard, str, Any], None],
 ) -> Callable[..., Awaitable[Response]]:
+    def logged(caller: Caller, pseudonym: str, body: Any) -> None:
+        with log.command(caller, name, pseudonym):
+            act(board, pseudonym, body)
+
     async def endpoint(pseudonym: str, request: Request) -> Response:
-        await run_in_threadpool(act, board, pseudonym, await _body(request, kind))
+        await run_in_threadpool(logged, _caller(request), pseudonym, await _body(request, kind))
         return Response(status_code=204)
 
     return endpoint
+
+
+def _caller(request: Request) -> Caller:
+    return request.state.caller
 
 
 B = TypeVar("B", bound=msgspec.Struct)

@@ -27,19 +27,27 @@ SHORT_BYTES = 2_000_000_000
 
 @dataclass(frozen=True)
 class Overview:
-    """The whole study. ``items`` hold texts by id; ``live`` is whose session runs, ``furniture`` what the next
-    participant really sits and lies on. ``languages`` hold names by tag; ``warnings`` what is short, in words.
+    """The whole study. ``live`` is whose session runs, ``furniture`` what the next participant really sits and lies
+    on. ``languages`` hold names by tag; ``warnings`` what is short, in words. ``experimenter`` is who looks, by the
+    name of their token, if it has one.
     """
 
     summary: StudySummary
-    blinded: bool
     consent_version: str
     languages: dict[str, str]
     warnings: tuple[str, ...]
-    items: dict[str, str]
-    results: tuple[ConditionResults, ...]
     live: str | None
     furniture: RealFurniture
+    experimenter: str
+
+
+@dataclass(frozen=True)
+class Results:
+    """The results so far, which are read only where somebody asks for them. ``items`` hold texts by id."""
+
+    blinded: bool
+    items: dict[str, str]
+    results: tuple[ConditionResults, ...]
 
 
 @dataclass(frozen=True)
@@ -99,19 +107,26 @@ class ParticipantView:
     notes: tuple[Note, ...]
 
 
-def overview(store: Store, live: str | None, furniture: RealFurniture) -> Overview:
+def overview(store: Store, live: str | None, furniture: RealFurniture, experimenter: str = "") -> Overview:
     """How the study stands, while the session of ``live`` runs; the next one is on this ``furniture``."""
     design = store.design
     return Overview(
         summary=summarise_study(store),
-        blinded=design.blind_experimenter,
         consent_version=design.consent.version,
         languages={language: read_texts(language, store.folder).name for language in design.languages},
         warnings=tuple(_short(store)),
-        items={name: item.text for name, item in design.items.items()},
-        results=summarise_results(store),
         live=live,
         furniture=furniture,
+        experimenter=experimenter,
+    )
+
+
+def results_view(store: Store) -> Results:
+    """What the completed trials gave so far."""
+    return Results(
+        blinded=store.design.blind_experimenter,
+        items={name: item.text for name, item in store.design.items.items()},
+        results=summarise_results(store),
     )
 
 

@@ -10,6 +10,7 @@ from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.study.design.design import Design
 from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
+from avrgym.study.storage.log import KNOWN_BY
 from avrgym.study.storage.states import ATTEMPT, PARTICIPANT, TRIAL
 from avrgym.tasks.registry import TASKS, terms_ever
 
@@ -37,6 +38,7 @@ _NO_TRIAL = "the answer is about a whole session"
 _NOT_IN_TRIAL = "it was in no trial"
 _NOT_IN_SESSION = "it is about no session"
 _WHOLE_STUDY = "it is about the whole study"
+_NO_RESULTS = "no results were viewed"
 _NEVER_ENDED = "the attempt did not end with metrics"
 _RECORDING = Column("File of the recording in the study's folder.", TEXT)
 
@@ -185,6 +187,20 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "missing": Column("What a missing answer makes of the score.", TEXT, allowed="no score, centre"),
         "source": Column("Where instrument and scoring were published.", TEXT),
         "licence": Column("Under which licence its words are.", TEXT),
+    },
+    "log": {
+        "entry": Column("Number of the entry; those of a site that was merged begin at a multiple of 10^9.", WHOLE),
+        "site": SITE,
+        "at": Column("When it was done.", TIME, "UTC", _UTC),
+        "person": Column("Who did it: the name of an experimenter's token, or an account of the computer.", TEXT),
+        "known_by": Column("How the person is known.", TEXT, allowed=_one_of(*KNOWN_BY)),
+        "name": Column("What was done or viewed.", TEXT, allowed="see The log in docs/study.md"),
+        "participant": Column("Pseudonym of the participant whom it is about.", TEXT, "", "", "it is about nobody"),
+        "detail": Column("More about it; refused: it changed nothing.", TEXT, empty="nothing"),
+        "completed": Column(
+            "Participants who had completed the study when its results were viewed.", WHOLE, "", _FROM_0, _NO_RESULTS
+        ),
+        "planned": Column("How many were planned then.", WHOLE, "", _FROM_1, _NO_RESULTS),
     },
     "control_steps": {
         **LABELS,

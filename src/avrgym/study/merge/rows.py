@@ -20,14 +20,15 @@ _NAMING_RECORDINGS = {"attempt": "recording", "event": "detail"}
 def rows_by_participant(source: Source, site: int) -> Mapping[int | None, Rows]:
     """The rows of a site as they are in the merged study, by the number there of whom they are about, if anybody.
 
-    Tombstones are not among them.
+    Tombstones are not among them. The log is of the whole site: it outlasts its participants.
     """
     found: dict[int | None, dict[str, dict[int, Row]]] = defaultdict(lambda: defaultdict(dict))
     sessions = {row["id"]: row["participant"] for row in source.rows["session"]}
     for table in MERGED_TABLES:
         for row in source.rows[table.name] if table is not schema.TOMBSTONE else ():
             moved = _moved(table, row, source, site)
-            found[_whose(row, sessions)][table.name][moved[ledger.key_of(table).key]] = moved
+            whose = None if table is schema.LOG else _whose(row, sessions)
+            found[whose][table.name][moved[ledger.key_of(table).key]] = moved
     return found
 
 
@@ -43,6 +44,8 @@ def _moved(table: sa.Table, row: Row, source: Source, site: int) -> Row:
     moved = {column.key: _moved_key(column, row[column.key], site) for column in _columns(table)}
     if table is schema.PARTICIPANT:
         moved |= {"site": row["site"] or source.name, "site_number": row["number"]}
+    if table is schema.LOG and row["participant"] is not None:
+        moved["participant"] = merged_number(site, row["participant"])
     if name := _NAMING_RECORDINGS.get(table.name):
         moved[name] = merged_name(row[name], site)
     return moved

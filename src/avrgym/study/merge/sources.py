@@ -18,7 +18,7 @@ Row = Mapping[str, Any]
 MERGED_TABLES = tuple(
     table
     for table in schema.METADATA.sorted_tables
-    if table not in (schema.STUDY, schema.SITE, schema.LEDGER)
+    if table not in (schema.STUDY, schema.SITE, schema.EXPERIMENTER, schema.LEDGER)
 )
 """In an order in which no row comes before one that it belongs to."""
 

@@ -7,6 +7,7 @@ from typing import Any
 import tomlkit
 
 from avrgym.study.checking.finding import Finding, LeftOut
+from avrgym.study.checking.interim_looks import check_interim_looks
 from avrgym.study.checking.preflight import plugins_needed
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import LOCAL
@@ -50,6 +51,7 @@ def deviations(
         *_policies(store, frozen.record),
         *_plugins(store, frozen.record),
         *_people(store, frozen.record),
+        *check_interim_looks(store, frozen.record.parsed().participants),
         *left_out,
         *_tests(frozen.record, offered, besides),
     ]

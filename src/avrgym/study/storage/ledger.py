@@ -10,6 +10,7 @@ There is no secret: whoever computes the chain anew goes unnoticed, unless an ea
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import groupby
@@ -18,7 +19,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
-from avrgym.study.storage.schema import LEDGER, METADATA, new_salt
+from avrgym.study.storage.schema import LEDGER, LOG, METADATA, new_salt
 
 TABLES: Mapping[str, sa.Table] = {
     table.name: table for table in METADATA.sorted_tables if table is not LEDGER
@@ -119,6 +120,9 @@ def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
         return
     if (broken := _first_break(entries)) is not None:
         yield LEDGER.name, f"entry {broken} does not follow the one before it: one was changed or is missing"
+    for key, times in Counter(entry["key"] for entry in entries if entry["table"] == LOG.name).items():
+        if times > 1:
+            yield f"{LOG.name} {key}", "was changed or deleted: entries of the log are only added"
     latest = {(entry["table"], entry["key"]): entry["content"] for entry in entries}
     for name, table in TABLES.items():
         expected = {

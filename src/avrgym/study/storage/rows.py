@@ -208,3 +208,32 @@ class Tombstone:
     number: int
     simulated: bool
     deleted_at: str
+
+
+@dataclass(frozen=True)
+class Experimenter:
+    """Somebody with a token of their own, until it is revoked; only its checksum is stored."""
+
+    id: int
+    name: str
+    token_sha256: str
+    created_at: str
+    revoked_at: str | None
+
+
+@dataclass(frozen=True)
+class LogEntry:
+    """Something that a person did or looked at; ``known_by`` is how the person is known, ``detail`` what of it.
+
+    ``completed`` of ``planned`` participants had completed the study when somebody looked at its results.
+    """
+
+    id: int
+    at: str
+    person: str
+    known_by: str
+    name: str
+    participant: int | None
+    detail: str
+    completed: int | None
+    planned: int | None

@@ -211,6 +211,38 @@ SITE = Table(
 )
 """The studies that this one was merged from, each with the end of its ledger as the latest merge found it."""
 
+EXPERIMENTER = Table(
+    "experimenter",
+    METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("name", String, nullable=False),
+    Column("token_sha256", String, nullable=False),
+    Column("created_at", String, nullable=False),
+    Column("revoked_at", String),
+    _salt(),
+    UniqueConstraint("token_sha256"),
+)
+"""Experimenters with tokens of their own. Only checksums of tokens are stored; a name may have several over time."""
+
+LOG = Table(
+    "log",
+    METADATA,
+    Column("id", Integer, primary_key=True, autoincrement=False),
+    Column("at", String, nullable=False),
+    Column("person", String, nullable=False),
+    Column("known_by", String, nullable=False),
+    Column("name", String, nullable=False),
+    Column("participant", Integer),
+    Column("detail", String, nullable=False),
+    Column("completed", Integer),
+    Column("planned", Integer),
+    _salt(),
+)
+"""Who did what, and when; no row is ever changed or deleted, also not with its participant.
+
+Of a view of results ``completed`` is how many participants had completed the study then, of ``planned``.
+"""
+
 LEDGER = Table(
     "ledger",
     METADATA,

@@ -21,7 +21,9 @@ from avrgym.study.storage.database import REBUILT, Database, database_url
 from avrgym.study.storage.rows import (
     RECORDINGS,
     AdverseEvent,
+    Experimenter,
     GivenAnswer,
+    LogEntry,
     Note,
     Participant,
     Site,
@@ -49,6 +51,8 @@ TABLES: Mapping[type, sa.Table] = {
     AdverseEvent: schema.ADVERSE_EVENT,
     Tombstone: schema.TOMBSTONE,
     Site: schema.SITE,
+    Experimenter: schema.EXPERIMENTER,
+    LogEntry: schema.LOG,
 }
 
 
@@ -199,6 +203,10 @@ class Store:
     def tombstones(self) -> list[Tombstone]:
         """The participants whose data were deleted."""
         return self._rows(Tombstone)
+
+    def log(self) -> list[LogEntry]:
+        """Who did what, in the order in which it was stored."""
+        return self._rows(LogEntry)
 
     def sites(self) -> list[Site]:
         """The studies that this one was merged from; none where people take part here."""

@@ -19,6 +19,14 @@ REFUSED_ORIGIN = "this page comes from elsewhere; open the address that the serv
 
 
 @dataclass(frozen=True)
+class Caller:
+    """The role that a token opens, and the name of an experimenter with a token of their own, empty for any other."""
+
+    role: Role
+    name: str = ""
+
+
+@dataclass(frozen=True)
 class Tokens:
     """One secret for each role; each opens only what its role may do."""
 
@@ -47,18 +55,18 @@ class Tokens:
         except msgspec.DecodeError as error:
             raise ValueError(f"{path}: not tokens: {error}; without this file new ones are made") from None
 
-    def role(self, token: str) -> Role | None:
+    def caller(self, token: str) -> Caller | None:
         """Whose token this is."""
-        found: Role | None = None
+        found: Caller | None = None
         for role in ("participant", "experimenter", "spectator"):
             if secrets.compare_digest(token.encode(), getattr(self, role).encode()):
-                found = role
+                found = Caller(role)
         return found
 
-    def bearer(self, headers: Headers) -> Role | None:
+    def bearer(self, headers: Headers) -> Caller | None:
         """Whose token a request presents."""
         scheme, _, token = headers.get("authorization", "").partition(" ")
-        return self.role(token) if scheme == "Bearer" else None
+        return self.caller(token) if scheme == "Bearer" else None
 
 
 class OwnPagesOnly:

@@ -15,7 +15,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Hello, Message, Passed, Problem, Receipt, Role, Scene, State, Tracking
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.protocol.state_changes import StateEncoder
-from avrgym.vr.server.access import Tokens
+from avrgym.vr.server.access import Caller, Tokens
 from avrgym.vr.server.broadcast import Broadcast, Farewell, Outbox
 from avrgym.vr.server.gate import Gate
 from avrgym.vr.server.inbox import holds_robot
@@ -24,6 +24,8 @@ from avrgym.vr.tracking.world import TICK_S
 
 _log = logging.getLogger("uvicorn.error")
 HELLO_TIMEOUT_S = 5.0
+LOOK_EVERY_S = 1.0
+"""How often a connection's token is looked at again: one that is revoked opens nothing any more."""
 BURST, MESSAGES_PER_S = 1000, 250
 """More than any headset sends: 144 frames a second, and those of seven seconds after a pause of the network."""
 
@@ -81,6 +83,9 @@ class Passage:
 FRAMES_REMEMBERED = 1000
 
 
+Record = Callable[[Caller, Any], None]
+"""Told of each watcher who connects, by their hello, and of each command before it is done. It waits for nothing."""
+
 PARTICIPANT = Channel(("participant",), messages.decode_client, messages.ClientMessage)
 WATCHING = Channel(("experimenter", "spectator"), messages.decode_experimenter, messages.ExperimenterMessage)
 
@@ -92,25 +97,40 @@ async def serve_connection(
     gate: Gate,
     broadcast: Broadcast,
     loop: RealTimeLoop[S],
+    record: Record,
 ) -> None:
     """Serve one connection from its hello to its end."""
     await socket.accept()
-    role = await _admit(socket, channel, tokens, broadcast)
-    if role is None:
+    hello = await _admit(socket, channel, tokens, broadcast)
+    caller = None if hello is None else tokens.caller(hello.token)
+    if hello is None or caller is None:
         return
+    role = caller.role
     gate.recognise(socket.scope, role)
+    if role != "participant":
+        record(caller, hello)
     with broadcast.connection(role) as outbox:
         loop.greet(broadcast.sender(outbox), role)
         passage = Passage()
         await _until_either(
-            _receive(socket, channel, role, loop, outbox, passage), _send(socket, outbox, passage)
+            _receive(socket, channel, caller, loop, outbox, passage, record),
+            _send(socket, outbox, passage),
+            _until_revoked(socket, tokens, hello.token),
         )
     if role == "participant":
         loop.post(Disconnected())
 
 
-async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast) -> Role | None:
-    """The role that the first message proves; without one, the client is told why it is refused."""
+async def _until_revoked(socket: WebSocket, tokens: Tokens, token: str) -> None:
+    """Close the connection once its token opens nothing any more."""
+    while tokens.caller(token) is not None:
+        await asyncio.sleep(LOOK_EVERY_S)
+    with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+        await socket.close(4403, _REVOKED)
+
+
+async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast) -> Hello | None:
+    """The hello with a token of the channel; without one, the client is told why it is refused."""
     refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
     hello = None
     try:
@@ -122,13 +142,13 @@ async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast:
     if isinstance(hello, Hello) and hello.protocol != messages.PROTOCOL:
         refusal = 4400, _OTHER_VERSION.format(hello.protocol)
     elif isinstance(hello, Hello):
-        role = tokens.role(hello.token)
-        if role not in channel.roles:
+        caller = tokens.caller(hello.token)
+        if caller is None or caller.role not in channel.roles:
             refusal = (4403, _EARLIER_START) if hello.token else (4401, _NO_TOKEN)
-        elif role == "participant" and broadcast.taken:
+        elif caller.role == "participant" and broadcast.taken:
             refusal = 4409, "a participant is already connected; one at a time"
         else:
-            return role
+            return hello
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
         await socket.send_bytes(messages.encode(Problem(message=refusal[1])))
         await socket.close(*refusal)
@@ -138,6 +158,7 @@ async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast:
 _EARLIER_START = (
     "the address of this page is of an earlier start of the server; open the one that it prints now"
 )
+_REVOKED = "the token of this page was revoked; ask for another"
 _OTHER_VERSION = (
     "this page speaks protocol {}, "
     f"the server {messages.PROTOCOL}: reload the page, it is of another version"
@@ -156,7 +177,13 @@ async def _until_either(*directions: Coroutine[Any, Any, None]) -> None:
 
 
 async def _receive(
-    socket: WebSocket, channel: Channel, role: Role, loop: RealTimeLoop[S], outbox: Outbox, passage: Passage
+    socket: WebSocket,
+    channel: Channel,
+    caller: Caller,
+    loop: RealTimeLoop[S],
+    outbox: Outbox,
+    passage: Passage,
+    record: Record,
 ) -> None:
     pace = Pace()
     with contextlib.suppress(WebSocketDisconnect):
@@ -172,13 +199,15 @@ async def _receive(
                 outbox.push(Problem(message="a hello is said once"))
             elif isinstance(message, Receipt):
                 outbox.receipt(message.states)
-            elif message is not None and role == "spectator":
+            elif message is not None and caller.role == "spectator":
                 outbox.push(Problem(message="spectators only watch; the experimenter's address commands"))
             elif message is not None:
                 if isinstance(message, Tracking):
                     passage.arrive(message.sequence)
                 if not holds_robot(message):
                     await _until(lambda: not loop.full)
+                if caller.role == "experimenter":
+                    record(caller, message)
                 loop.post(message)
 
 

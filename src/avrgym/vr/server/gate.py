@@ -124,7 +124,9 @@ class Gate:
             if connection is None:
                 await app(scope, receive, send)
                 return
-            self.recognise(scope, self._tokens.bearer(Headers(scope=scope)))
+            caller = self._tokens.bearer(Headers(scope=scope))
+            if caller is not None:
+                self.recognise(scope, caller.role)
             connection.hear(busy=True)
             try:
                 await app(scope, receive, send)
@@ -133,10 +135,10 @@ class Gate:
 
         return attended
 
-    def recognise(self, scope: Scope, role: Role | None) -> None:
-        """By the connection of this request or socket the token of a role has been shown, or none."""
+    def recognise(self, scope: Scope, role: Role) -> None:
+        """By the connection of this request or socket the token of a role has been shown."""
         connection = self._connection(scope)
-        if connection is None or role is None:
+        if connection is None:
             return
         if sum(each.role == role for each in self._connections.values()) < MOST_OF_ONE_ROLE:
             connection.role = role

@@ -3,7 +3,8 @@
 import gc
 import sys
 from collections.abc import Callable
-from typing import Generic
+from functools import partial
+from typing import Any, Generic
 
 from fastapi import FastAPI, HTTPException, Request, Response, WebSocket
 from fastapi.responses import FileResponse
@@ -12,11 +13,11 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from avrgym.vr.protocol.messages import Message
 from avrgym.vr.scene.rendering import SceneRenderer
-from avrgym.vr.server.access import OwnPagesOnly, Tokens
+from avrgym.vr.server.access import Caller, OwnPagesOnly, Tokens
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK
 from avrgym.vr.server.broadcast import Broadcast
 from avrgym.vr.server.certificate import Certificate
-from avrgym.vr.server.connection import PARTICIPANT, WATCHING, serve_connection
+from avrgym.vr.server.connection import PARTICIPANT, WATCHING, Record, serve_connection
 from avrgym.vr.server.gate import Gate
 from avrgym.vr.server.loop import RealTimeLoop, S
 from avrgym.vr.server.web import STATIC, ServerError, WebThread, check_page, listen
@@ -34,6 +35,7 @@ def create_app(
     gate: Gate,
     hosts: list[str],
     renderer: SceneRenderer,
+    record: Record,
     study: FastAPI | None = None,
 ) -> FastAPI:
     """The web application of one session.
@@ -45,6 +47,7 @@ def create_app(
         gate: who lets connections in, and is told whose they are.
         hosts: the host names under which the server may be addressed.
         renderer: renders the scenes.
+        record: told of watchers and their commands.
         study: what the experimenter's dashboard reads and does.
     """
     app = FastAPI(openapi_url=None)
@@ -66,11 +69,11 @@ def create_app(
 
     @app.websocket("/ws")
     async def participant(socket: WebSocket) -> None:
-        await serve_connection(socket, PARTICIPANT, tokens, gate, broadcast, loop)
+        await serve_connection(socket, PARTICIPANT, tokens, gate, broadcast, loop, record)
 
     @app.websocket("/watch")
     async def watch(socket: WebSocket) -> None:
-        await serve_connection(socket, WATCHING, tokens, gate, broadcast, loop)
+        await serve_connection(socket, WATCHING, tokens, gate, broadcast, loop, record)
 
     @app.get("/spectator")
     async def spectator() -> FileResponse:
@@ -101,6 +104,7 @@ class LiveServer(Generic[S]):
         certificate: Certificate | None = None,
         study: Callable[[Tokens, S], FastAPI] | None = None,
         tokens: Tokens | None = None,
+        record: Callable[[S, Caller, Any], None] = lambda session, caller, message: None,
     ) -> None:
         """Bind the port and make the session.
 
@@ -112,6 +116,7 @@ class LiveServer(Generic[S]):
             study: makes what the experimenter's dashboard reads and does from tokens and session; see
                 ``study.dashboard.application``.
             tokens: what clients must present, fresh ones unless given.
+            record: told of each watcher who connects, by their hello, and of each command that they give.
 
         Raises:
             ServerError: when the client is not built or the port cannot be had.
@@ -131,7 +136,10 @@ class LiveServer(Generic[S]):
         hosts = [*LOOPBACK, *(certificate.names if certificate else ())]
         pages = study(self.tokens, self.session) if study else None
         gate = Gate(listener, self.tokens)
-        self.app = create_app(self.loop, broadcast, self.tokens, gate, hosts, self._renderer, pages)
+        of_session = partial(record, self.session)
+        self.app = create_app(
+            self.loop, broadcast, self.tokens, gate, hosts, self._renderer, of_session, pages
+        )
         self._web = WebThread(self.app, gate, certificate)
 
     @property

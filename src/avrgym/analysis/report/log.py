@@ -1,0 +1,29 @@
+"""What a study's page says of its log: who led the study, and who saw results before its planned end."""
+
+from avrgym.analysis.page import Markup, count, listing, tag
+from avrgym.analysis.reading.study_log import StudyLog
+
+
+def log_section(log: StudyLog) -> Markup:
+    """The log by count, and views of results before the planned end."""
+    return tag("section", tag("h2", "Who did what"), tag("p", _words(log)), *_looks(log), id="log")
+
+
+def _words(log: StudyLog) -> str:
+    if not log.entries:
+        return "The log has no entry: no command and no view of this study was logged."
+    entries = "1 entry" if log.entries == 1 else f"{log.entries} entries"
+    return (
+        f"The log has {entries}, from {log.first_at} to {log.last_at} (UTC), by {', '.join(log.people)}. Views of "
+        "results after the planned end are not counted. `avrgym study export --format csv` writes all of it."
+    )
+
+
+def _looks(log: StudyLog) -> list[Markup]:
+    if not log.interim_looks:
+        return [tag("p", "No view of results before the planned number of participants is in the log.")]
+    found = count(len(log.interim_looks), "line")
+    return [
+        tag("p", f"Results were viewed before the planned number of participants had completed ({found}):"),
+        listing([f"{look}." for look in log.interim_looks]),
+    ]

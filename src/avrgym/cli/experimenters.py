@@ -1,0 +1,59 @@
+"""The commands of ``avrgym study`` that give experimenters tokens of their own."""
+
+from typing import Annotated, Any
+
+import typer
+
+from avrgym.cli.logged import log
+from avrgym.cli.plan import Folder
+from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, say, write_json
+from avrgym.vr.server.addresses import PORT
+
+Name = Annotated[str, typer.Argument(help="The experimenter, in at most 40 letters, digits, - and _.")]
+
+
+def add_experimenter(folder: Folder, name: Name) -> None:
+    """Give an experimenter a token of their own, so that the log names them.
+
+    The token is printed once; the study stores only its checksum.
+    """
+    from avrgym.study.people.experimenters import add_experimenter as add
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        token = add(store, name)
+        log(store, "add experimenter", detail=name)
+    say(f"token     {token}: it is shown this once")
+    say(
+        f"dashboard http://localhost:{PORT}/dashboard#token={token} while `avrgym serve --study {folder}` runs"
+    )
+
+
+def experimenters(folder: Folder, json_file: JsonFile = None) -> None:
+    """List the experimenters who have or had a token of their own."""
+    from avrgym.study.people.experimenters import list_experimenters
+    from avrgym.study.storage.store import Store
+
+    with plain_errors():
+        check_json(json_file)
+        with Store(folder) as store:
+            rows: list[dict[str, Any]] = [
+                {"name": each.name, "created_at": each.created_at, "revoked_at": each.revoked_at}
+                for each in list_experimenters(store)
+            ]
+        write_json(json_file, rows)
+    if rows:
+        print_table(rows)
+    else:
+        say(f"nobody has a token; `avrgym study add-experimenter {folder} NAME` makes one")
+
+
+def revoke_experimenter(folder: Folder, name: Name) -> None:
+    """End the token of an experimenter; pages that use it are closed within seconds."""
+    from avrgym.study.people.experimenters import revoke_experimenter as revoke
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        revoke(store, name)
+        log(store, "revoke experimenter", detail=name)
+    say(f"{name} has no token any more")

@@ -1,0 +1,42 @@
+"""Who looked at a study's results before its planned end, as the log contains it."""
+
+from collections import defaultdict
+from collections.abc import Iterator
+
+from avrgym.study.checking.finding import Finding
+from avrgym.study.storage.log import person_words, site_names
+from avrgym.study.storage.rows import LogEntry
+from avrgym.study.storage.store import Store
+
+RESULTS = "results"
+"""What these findings are about."""
+
+
+def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
+    """A finding for each person who looked, and for each number of participants after whom they did.
+
+    A study ends when the number of participants that was planned at the moment, or ``planned`` if that is more, has
+    completed it.
+    """
+    sites = site_names(store)
+    looks = defaultdict[tuple[str, int, int], list[LogEntry]](list)
+    for entry in store.log():
+        if is_interim(entry, planned):
+            most = max(planned, entry.planned or 0)
+            looks[person_words(entry, sites), entry.completed or 0, most].append(entry)
+    for (who, completed, most), entries in looks.items():
+        times = f" {len(entries)} times" if len(entries) > 1 else ""
+        first = ", first" if len(entries) > 1 else ""
+        names = ", ".join(dict.fromkeys(entry.name for entry in entries))
+        what = (
+            f"were viewed{times} after {completed} of {most} participants by {who}{first} at {entries[0].at} (UTC): "
+            f"{names}"
+        )
+        yield Finding(RESULTS, what, wrong=False)
+
+
+def is_interim(entry: LogEntry, planned: int = 0) -> bool:
+    """Whether an entry is of a view of results before the planned end."""
+    if entry.completed is None or entry.planned is None:
+        return False
+    return entry.completed < max(planned, entry.planned)

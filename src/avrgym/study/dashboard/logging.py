@@ -1,0 +1,114 @@
+"""What the log says of those who watch and lead a study's sessions, and use its dashboard."""
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from avrgym.study.storage.log import (
+    OWN_TOKEN,
+    REFUSED,
+    SHARED_TOKEN,
+    SPECTATORS_TOKEN,
+    UNNAMED,
+    Actor,
+    add_entry,
+)
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol import messages
+from avrgym.vr.server.access import Caller
+
+VIEW_ENDS_S = 600.0
+"""A page asks again and again: a view goes on until nobody has asked for so long."""
+VIEW_RESULTS = "view results"
+
+
+def actor_of(caller: Caller) -> Actor:
+    """The person behind a token."""
+    if caller.name:
+        return Actor(caller.name, OWN_TOKEN)
+    return Actor(UNNAMED, SPECTATORS_TOKEN if caller.role == "spectator" else SHARED_TOKEN)
+
+
+class DashboardLog:
+    """The log as the dashboard and the live page write it. Methods may be called from any thread."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._seen_s: dict[tuple[Caller, str, str | None], float] = {}
+
+    def view(self, caller: Caller, name: str, pseudonym: str | None = None) -> None:
+        """Add an entry for a view, unless it is one that goes on; ``StudyError`` where that cannot be stored."""
+        if self._store.database.read_only or not self._begins(caller, name, pseudonym):
+            return
+        try:
+            shows = name == VIEW_RESULTS
+            add_entry(self._store, actor_of(caller), name, pseudonym, shows_results=shows)
+        except StudyError:
+            del self._seen_s[caller, name, pseudonym]
+            raise
+
+    @contextmanager
+    def command(self, caller: Caller, name: str, pseudonym: str) -> Iterator[None]:
+        """Add an entry for what is done within, also where it is refused."""
+        at = now()
+        try:
+            yield
+        except Exception:
+            with suppress(StudyError):  # why it was refused counts
+                add_entry(self._store, actor_of(caller), name, pseudonym, REFUSED, at=at)
+            raise
+        add_entry(self._store, actor_of(caller), name, pseudonym, at=at)
+
+    def done(self, caller: Caller, name: str, pseudonym: str) -> None:
+        """Add an entry for what was done."""
+        add_entry(self._store, actor_of(caller), name, pseudonym)
+
+    def _begins(self, caller: Caller, name: str, pseudonym: str | None) -> bool:
+        key, seen_s = (caller, name, pseudonym), time.monotonic()
+        before_s, self._seen_s[key] = self._seen_s.get(key), seen_s
+        return before_s is None or seen_s - before_s > VIEW_ENDS_S
+
+
+class LiveLog(DashboardLog):
+    """The log of those who watch sessions and command them; nothing waits for it.
+
+    ``storing`` stores one fact after another, those of the session too: a command comes before what it leads to.
+    """
+
+    def __init__(self, store: Store, storing: Executor, report: Callable[[str], None]) -> None:
+        """``report`` tells what could not be stored."""
+        super().__init__(store)
+        self._storing, self._report = storing, report
+
+    def record(self, caller: Caller, message: Any, pseudonym: str | None) -> None:
+        """Add an entry for a message of somebody who watches, during the session of a participant if one runs."""
+        match message:
+            case messages.Hello():
+                self._submit(caller, "watch", pseudonym, "")
+            case messages.Command():
+                self._submit(caller, message.name, pseudonym, "")
+            case messages.CorrectTorsoHeight():
+                detail = f"{message.torso_height_m:g} m"
+                self._submit(caller, "correct torso height", pseudonym, detail)
+            case messages.ChooseTheirBody():
+                self._submit(caller, "choose body", pseudonym, message.sex)
+            case messages.Drive() if self._begins(caller, "drive", pseudonym):
+                self._submit(caller, "drive", pseudonym, "")
+            case _:
+                pass
+
+    def _submit(self, caller: Caller, name: str, pseudonym: str | None, detail: str) -> None:
+        at = now()
+        with suppress(RuntimeError):  # the server ends
+            self._storing.submit(
+                add_entry, self._store, actor_of(caller), name, pseudonym, detail, at=at
+            ).add_done_callback(self._tell)
+
+    def _tell(self, stored: Future[None]) -> None:
+        error = None if stored.cancelled() else stored.exception()
+        if error is not None:
+            self._report(f"the log of who did what cannot be stored: {error}")

@@ -1,0 +1,93 @@
+"""Experimenters with tokens of their own. A token is shown once; the study stores only its checksum."""
+
+import hashlib
+import secrets
+import threading
+from contextlib import suppress
+from typing import Self
+
+from avrgym.study.design.wrong import NAME
+from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.log import UNNAMED
+from avrgym.study.storage.rows import Experimenter
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find_all
+
+TOKEN_BYTES = 16
+LOOK_EVERY_S = 1.0
+"""How often a server looks who has a token; one that is revoked opens nothing a moment later."""
+
+
+def add_experimenter(store: Store, name: str) -> str:
+    """Give an experimenter a token of their own, which is returned and stored nowhere.
+
+    ``StudyError`` for what cannot be a name, and for an experimenter who has a token.
+    """
+    if not NAME.fullmatch(name) or name == UNNAMED:
+        raise StudyError(
+            f"{name!r} is no name of an experimenter; allowed: at most 40 letters, digits, - and _, but not {UNNAMED}"
+        )
+    token = secrets.token_urlsafe(TOKEN_BYTES)
+    with store.database.write() as connection:
+        if any(each.name == name for each in find_all(connection, Experimenter, revoked_at=None)):
+            raise StudyError(
+                f"{name} has a token; `avrgym study revoke-experimenter` revokes it, then they can have another"
+            )
+        row = {"name": name, "token_sha256": _sha256(token), "created_at": now()}
+        ledger.insert(connection, schema.EXPERIMENTER, **row)
+    return token
+
+
+def revoke_experimenter(store: Store, name: str) -> None:
+    """End the token of an experimenter; ``StudyError`` where they have none."""
+    with store.database.write() as connection:
+        valid = find_all(connection, Experimenter, revoked_at=None)
+        own = [each for each in valid if each.name == name]
+        if not own:
+            names = ", ".join(each.name for each in valid) or "nobody"
+            raise StudyError(f"{name!r} has no token; those who have one: {names}")
+        ledger.update(connection, schema.EXPERIMENTER, own[0].id, revoked_at=now())
+
+
+def list_experimenters(store: Store) -> list[Experimenter]:
+    """Everybody who has or had a token, in the order of creation."""
+    with store.database.read() as connection:
+        return find_all(connection, Experimenter)
+
+
+class Experimenters:
+    """Those who have a token now, as a context manager: a thread looks every second, so that nobody waits for it."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._names: dict[str, str] = {}
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="experimenters", daemon=True)
+
+    def name_of(self, token: str) -> str | None:
+        """The experimenter whose token this is."""
+        return self._names.get(_sha256(token))
+
+    def look(self) -> None:
+        """Read who has a token."""
+        valid = [each for each in list_experimenters(self._store) if each.revoked_at is None]
+        self._names = {each.token_sha256: each.name for each in valid}
+
+    def __enter__(self) -> Self:
+        self.look()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closed.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._closed.wait(LOOK_EVERY_S):
+            with suppress(StudyError):  # a database that cannot be read shows when something is to be stored
+                self.look()
+
+
+def _sha256(token: str) -> str:
+    return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()

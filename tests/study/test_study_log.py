@@ -1,0 +1,403 @@
+"""The log of a study: each command and view by person and time, and who looked at results too early."""
+
+import csv
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import sqlalchemy as sa
+from typer.testing import CliRunner, Result
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from avrgym.analysis.report.study_page import write_study_page
+from avrgym.analysis.study import analyse
+from avrgym.cli.main import app
+from avrgym.study.checking.checks import check_study
+from avrgym.study.dashboard.application import dashboard_app
+from avrgym.study.dashboard.logging import LiveLog
+from avrgym.study.dashboard.tokens import StudyTokens
+from avrgym.study.export import export_study
+from avrgym.study.export.codebook import KNOWN_BY, TABLES
+from avrgym.study.merge.merging import merge_studies
+from avrgym.study.people import experimenters
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.experimenters import (
+    Experimenters,
+    add_experimenter,
+    list_experimenters,
+    revoke_experimenter,
+)
+from avrgym.study.plan.deviations import deviations
+from avrgym.study.plan.origin import read_frozen
+from avrgym.study.sessions.storing import StoringThread
+from avrgym.study.storage import database, ledger, schema
+from avrgym.study.storage.log import ACCOUNT, OWN_TOKEN, REFUSED, SHARED_TOKEN, Actor, account, add_entry
+from avrgym.study.storage.rows import LogEntry
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Command, Hello, Problem, Welcome
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session.session import Session
+from html_page import Page
+from receipts import understand
+from sites import make_site
+from studies import make_study, run_participant, small_study, take_in
+from visit import driving, plan
+
+ADA, PATIENCE_S = Actor("ada", OWN_TOKEN), 60.0
+NAME, NOTE, REASON = "Grace Participant", "she laughed aloud", "felt unwell today"
+
+
+@pytest.fixture(autouse=True)
+def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    with Store(small_study(tmp_path / "study")) as opened:
+        yield opened
+
+
+@pytest.fixture
+def served(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[tuple[LiveServer[Session], str]]:
+    """A server of the study, and the token of the experimenter ada."""
+    monkeypatch.setattr(experimenters, "LOOK_EVERY_S", 0.05)
+    token = add_experimenter(store, "ada")
+    with StoringThread() as storing, Experimenters(store) as known:
+        log = LiveLog(store, storing, pytest.fail)
+        with LiveServer(
+            lambda send: Session(plan(), driving(plan()), tmp_path / "free", send, "test"),
+            "127.0.0.1",
+            0,
+            study=lambda tokens, _: dashboard_app(store, tokens),
+            tokens=StudyTokens.of_study(tmp_path / "tokens.json", known),
+            record=lambda _, caller, message: log.record(caller, message, "sub-001"),
+        ) as server:
+            yield server, token
+
+
+@contextmanager
+def watching(server: LiveServer[Session], token: str) -> Iterator[ClientConnection]:
+    """A socket of somebody who watches, that has said hello."""
+    with connect(f"ws://127.0.0.1:{server.port}/watch", max_size=None) as socket:
+        socket.send(messages.encode(Hello(messages.PROTOCOL, token, "test", emulated=True)))
+        yield socket
+
+
+def ask(server: LiveServer[Session], token: str, path: str, body: Any = None) -> httpx.Response:
+    url = f"http://127.0.0.1:{server.port}/study{path}"
+    method = "GET" if body is None else "POST"
+    return httpx.request(
+        method, url, json=body, headers={"authorization": f"Bearer {token}"}, timeout=PATIENCE_S
+    )
+
+
+def told(entries: list[LogEntry]) -> list[tuple[str, str, str, int | None, str]]:
+    return [(each.person, each.known_by, each.name, each.participant, each.detail) for each in entries]
+
+
+def awaited(store: Store, name: str) -> LogEntry:
+    """The entry of this name, once it is stored."""
+    give_up = time.monotonic() + PATIENCE_S
+    while time.monotonic() < give_up:
+        for entry in store.log():
+            if entry.name == name:
+                return entry
+        time.sleep(0.01)
+    raise TimeoutError(f"no entry {name}")
+
+
+def command(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+# Who did what
+
+
+def test_the_dashboard_logs_each_action_and_view_by_person(
+    store: Store, served: tuple[LiveServer[Session], str]
+) -> None:
+    server, token = served
+    new = {"sex": "woman", "name": NAME, "contact": "grace@example.org"}
+    assert ask(server, token, "/participants", new).status_code == 200
+    assert ask(server, token, "/participants/sub-001/notes", {"text": NOTE}).status_code == 204
+    assert ask(server, token, "/participants/sub-001/sessions", {}).status_code == 409
+    for _ in range(3):
+        assert ask(server, token, "/overview").json()["experimenter"] == "ada"
+        assert ask(server, token, "/participants/sub-001").status_code == 200
+    shared = server.tokens.experimenter
+    assert ask(server, shared, "/overview").json()["experimenter"] == ""
+    gone = {"reason": REASON}
+    assert ask(server, shared, "/participants/sub-001/withdrawal", gone).status_code == 204
+    assert told(store.log()) == [
+        ("ada", OWN_TOKEN, "enrol", 1, ""),
+        ("ada", OWN_TOKEN, "add note", 1, ""),
+        ("ada", OWN_TOKEN, "begin session", 1, REFUSED),
+        ("ada", OWN_TOKEN, "view dashboard", None, ""),
+        ("ada", OWN_TOKEN, "view participant", 1, ""),
+        ("unnamed", SHARED_TOKEN, "view dashboard", None, ""),
+        ("unnamed", SHARED_TOKEN, "withdraw", 1, ""),
+    ]
+    assert all(entry.at.endswith("+00:00") for entry in store.log())
+    assert not [word for word in (NAME, "grace@", NOTE, REASON) if word in repr(store.log())]
+
+
+def test_commands_of_a_running_session_are_logged_by_person(
+    store: Store, served: tuple[LiveServer[Session], str]
+) -> None:
+    server, token = served
+    with watching(server, token) as socket:
+        first = understand(socket, socket.recv(PATIENCE_S))
+        assert isinstance(first, Welcome)
+        assert first.role == "experimenter"
+        socket.send(messages.encode(Command(name="repeat")))
+        entry = awaited(store, "repeat")
+    with watching(server, server.tokens.experimenter) as socket:
+        socket.send(messages.encode(Command(name="end")))
+        awaited(store, "end")
+    assert told([entry]) == [("ada", OWN_TOKEN, "repeat", 1, "")]
+    assert told(store.log())[-2:] == [
+        ("unnamed", SHARED_TOKEN, "watch", 1, ""),
+        ("unnamed", SHARED_TOKEN, "end", 1, ""),
+    ]
+
+
+def test_a_revoked_token_opens_nothing_and_its_pages_close(
+    store: Store, served: tuple[LiveServer[Session], str]
+) -> None:
+    server, token = served
+    with watching(server, token) as socket:
+        awaited(store, "watch")
+        revoke_experimenter(store, "ada")
+        with pytest.raises(ConnectionClosed) as closed:
+            hear_on(socket)
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 4403
+    assert ask(server, token, "/overview").status_code == 401
+    with watching(server, token) as socket:
+        assert isinstance(understand(socket, socket.recv(PATIENCE_S)), Problem)
+    assert ask(server, server.tokens.experimenter, "/overview").status_code == 200
+
+
+def hear_on(socket: ClientConnection) -> None:
+    while True:
+        socket.recv(PATIENCE_S)
+
+
+def test_only_the_checksum_of_a_token_is_stored(store: Store) -> None:
+    token = add_experimenter(store, "ada")
+    with pytest.raises(StudyError, match="ada has a token"):
+        add_experimenter(store, "ada")
+    for name in ("", "unnamed", "a b", "ü"):
+        with pytest.raises(StudyError, match="no name of an experimenter"):
+            add_experimenter(store, name)
+    revoke_experimenter(store, "ada")
+    with pytest.raises(StudyError, match="has no token"):
+        revoke_experimenter(store, "ada")
+    again = add_experimenter(store, "ada")
+    assert again != token
+    assert [bool(each.revoked_at) for each in list_experimenters(store)] == [True, False]
+    store.close()
+    held = b"".join(path.read_bytes() for path in store.folder.rglob("*") if path.is_file())
+    assert token.encode() not in held
+    assert again.encode() not in held
+
+
+def test_the_command_line_logs_by_account(tmp_path: Path) -> None:
+    folder, who = small_study(tmp_path / "study"), account()
+    assert who.known_by == ACCOUNT
+    assert command("study", "enrol", folder, "--body", "woman", "--name", NAME).exit_code == 0
+    assert command("study", "withdraw", folder, "sub-001", "--reason", REASON).exit_code == 0
+    added = command("study", "add-experimenter", folder, "ada")
+    token = added.stdout.split()[1].rstrip(":")
+    assert f"#token={token}" in added.stdout
+    assert command("study", "experimenters", folder, "--json", tmp_path / "e.json").exit_code == 0
+    (row,) = json.loads((tmp_path / "e.json").read_text())
+    assert (row["name"], row["revoked_at"]) == ("ada", None)
+    assert command("study", "revoke-experimenter", folder, "ada").exit_code == 0
+    assert command("study", "export", folder, "--format", "csv", "--out", tmp_path / "out").exit_code == 0
+    assert command("study", "delete-participant", folder, "sub-001").exit_code == 0
+    with Store(folder) as store:
+        assert told(store.log()) == [
+            (who.name, ACCOUNT, "enrol", 1, ""),
+            (who.name, ACCOUNT, "withdraw", 1, ""),
+            (who.name, ACCOUNT, "add experimenter", None, "ada"),
+            (who.name, ACCOUNT, "revoke experimenter", None, "ada"),
+            (who.name, ACCOUNT, "export", None, "csv"),
+            (who.name, ACCOUNT, "delete participant", 1, ""),
+        ]
+        assert check_study(store) == []
+
+
+# Only added
+
+
+@pytest.mark.parametrize(
+    "change", ["UPDATE log SET person = 'eve' WHERE id = 1", "DELETE FROM log WHERE id = 1"]
+)
+def test_an_entry_that_something_else_changed_is_found(store: Store, change: str) -> None:
+    for name in ("stop", "repeat"):
+        add_entry(store, ADA, name)
+    assert store.database.faults() == []
+    with store.database.write() as connection:
+        connection.execute(sa.text(change))
+    assert [where for where, _ in store.database.faults()] == ["log 1"]
+
+
+def test_the_ledger_names_an_entry_that_was_written_twice(store: Store) -> None:
+    add_entry(store, ADA, "stop")
+    with store.database.write() as connection:
+        ledger.update(connection, schema.LOG, 1, person="eve")
+    assert store.database.faults() == [("log 1", "was changed or deleted: entries of the log are only added")]
+
+
+def test_entries_outlast_the_participant_whom_they_are_about(store: Store) -> None:
+    pseudonym = take_in(store)
+    add_entry(store, ADA, "view participant", pseudonym)
+    delete_participant(store, pseudonym)
+    assert told(store.log()) == [("ada", OWN_TOKEN, "view participant", 1, "")]
+    assert store.database.faults() == []
+
+
+# Exports and merged sites
+
+
+def test_the_export_has_the_log_with_a_codebook(store: Store, tmp_path: Path) -> None:
+    run_participant(store, take_in(store))
+    add_entry(store, ADA, "repeat", "sub-001")
+    add_entry(store, ADA, "export", detail="csv", shows_results=True)
+    export_study(store, "csv", tmp_path / "out")
+    rows = read_csv(tmp_path / "out" / "log.csv")
+    assert list(rows[0]) == list(TABLES["log"])
+    assert [(row["person"], row["name"], row["participant"], row["completed"]) for row in rows] == [
+        ("ada", "repeat", "sub-001", ""),
+        ("ada", "export", "", "1"),
+    ]
+    described = [
+        row["column"] for row in read_csv(tmp_path / "out" / "codebook.csv") if row["table"] == "log"
+    ]
+    assert described == list(rows[0])
+    assert {row["known_by"] for row in rows} <= set(KNOWN_BY)
+
+
+def read_csv(path: Path) -> list[dict[str, str]]:
+    with open(path, encoding="utf-8-sig", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_logs_of_sites_are_merged_once(tmp_path: Path) -> None:
+    folders = [make_site(tmp_path / name, name, trials=(1,)) for name in ("atlanta", "berlin")]
+    for folder in folders:
+        with Store(folder) as store:
+            add_entry(store, ADA, "stop", "sub-001")
+            add_experimenter(store, "ada")
+    out = tmp_path / "all"
+    merge_studies(folders, out)
+    with Store(out) as store:
+        add_entry(store, ADA, "analyze")
+    merge_studies(folders, out)
+    with Store(out) as store:
+        assert told(store.log()) == [
+            ("ada", OWN_TOKEN, "analyze", None, ""),
+            ("ada", OWN_TOKEN, "stop", 1001, ""),
+            ("ada", OWN_TOKEN, "stop", 2001, ""),
+        ]
+        assert list_experimenters(store) == []
+        assert store.database.faults() == []
+        people = analyse(store).log.people
+    assert people == ["ada", "ada of atlanta", "ada of berlin"]
+
+
+# Results before the planned end
+
+
+@pytest.fixture
+def planned(tmp_path: Path) -> Path:
+    """A study for two participants with a frozen plan, whose first participant has finished."""
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', participants="2")
+    for _ in range(2):
+        assert command("study", "freeze", folder).exit_code == 0
+    with Store(folder) as store:
+        run_participant(store, take_in(store))
+    return folder
+
+
+def test_results_that_are_viewed_too_early_are_a_deviation(planned: Path) -> None:
+    out = planned / "analysis"
+    assert (
+        command("study", "export", planned, "--format", "csv", "--out", planned.parent / "e").exit_code == 0
+    )
+    assert command("analyze", planned).exit_code == 0
+    shown = command("study", "check", planned).stdout
+    expected = f"were viewed 2 times after 1 of 2 participants by the account {account().name}, first at "
+    assert f"deviates from the plan: {expected}" in shown
+    assert command("analyze", planned).exit_code == 0
+    page = " ".join(Page(out / "report" / "index.html").text.split())
+    assert page.count(expected) == 2  # in the plan's deviations, and in the section about the log
+    assert "The log has 3 entries" in page
+    results = json.loads((out / "results.json").read_text())
+    assert expected in " ".join(each["what"] for each in results["plan"]["deviations"])
+    methods = (out / "reporting" / "methods.md").read_text()
+    assert expected in methods
+
+
+def test_results_after_the_planned_end_or_without_any_are_no_deviation(planned: Path) -> None:
+    with Store(planned) as store:
+        run_participant(store, take_in(store))
+        add_entry(store, ADA, "view results", shows_results=True)
+        (entry,) = (each for each in store.log() if each.name == "view results")
+        assert (entry.completed, entry.planned) == (2, 2)
+        assert interim(store) == []
+        before = analyse(store).log.entries
+        add_entry(store, ADA, "analyze", shows_results=True)
+        assert analyse(store).log.entries == before
+
+
+def test_nothing_is_viewed_while_there_are_no_results(store: Store) -> None:
+    take_in(store)
+    add_entry(store, ADA, "analyze", shows_results=True)
+    assert [(each.completed, each.planned) for each in store.log()] == [(None, None)]
+    assert interim(store) == []
+
+
+def test_people_alone_count_where_there_are_some(store: Store) -> None:
+    run_participant(store, take_in(store))
+    run_participant(store, take_in(store, simulated=False), trials=3, simulated=False)
+    add_entry(store, ADA, "view results", shows_results=True)
+    (found,) = interim(store)
+    assert "after 0 of 8 participants by ada at " in found
+
+
+def interim(store: Store) -> list[str]:
+    frozen = read_frozen(store)
+    if frozen is not None:
+        listed = [each.what for each in deviations(store, frozen, {}) if "viewed" in each.what]
+        assert listed == [each.what for each in check_study(store) if "viewed" in each.what]
+    return [each.what for each in check_study(store) if "viewed" in each.what]
+
+
+def test_the_dashboard_shows_results_only_to_who_asks(
+    store: Store, served: tuple[LiveServer[Session], str], tmp_path: Path
+) -> None:
+    server, token = served
+    run_participant(store, take_in(store))
+    assert "results" not in ask(server, token, "/overview").json()
+    assert interim(store) == []
+    assert ask(server, token, "/results").json()["results"]
+    (found,) = interim(store)
+    assert "after 1 of 8 participants by ada at " in found
+    assert found.endswith(": view results")
+    path = tmp_path / "report" / "index.html"
+    path.parent.mkdir()
+    write_study_page(path, analyse(store), [], "..")
+    assert found in " ".join(Page(path).text.split())
