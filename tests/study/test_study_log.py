@@ -24,6 +24,7 @@ from avrgym.study.dashboard.logging import LiveLog
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.export import export_study
 from avrgym.study.export.codebook import KNOWN_BY, TABLES
+from avrgym.study.export.records import Extras
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people import experimenters
 from avrgym.study.people.deletion import delete_participant
@@ -37,7 +38,16 @@ from avrgym.study.plan.deviations import deviations
 from avrgym.study.plan.origin import read_frozen
 from avrgym.study.sessions.storing import StoringThread
 from avrgym.study.storage import database, ledger, schema
-from avrgym.study.storage.log import ACCOUNT, OWN_TOKEN, REFUSED, SHARED_TOKEN, Actor, account, add_entry
+from avrgym.study.storage.log import (
+    ACCOUNT,
+    ADD_EXPERIMENTER,
+    OWN_TOKEN,
+    REFUSED,
+    SHARED_TOKEN,
+    Actor,
+    account,
+    add_entry,
+)
 from avrgym.study.storage.rows import LogEntry
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -276,13 +286,23 @@ def test_the_export_has_the_log_with_a_codebook(store: Store, tmp_path: Path) ->
     run_participant(store, take_in(store))
     add_entry(store, ADA, "repeat", "sub-001")
     add_entry(store, ADA, "export", detail="csv", shows_results=True)
+    add_entry(store, ADA, ADD_EXPERIMENTER, detail="eve")
     export_study(store, "csv", tmp_path / "out")
+    named = tmp_path / "named"
+    export_study(store, "csv", named, extras=Extras(free_text=True))
+    assert [(row["person"], row["detail"]) for row in read_csv(named / "log.csv")] == [
+        ("ada", ""),
+        ("ada", "csv"),
+        ("ada", "eve"),
+    ]
     rows = read_csv(tmp_path / "out" / "log.csv")
     assert list(rows[0]) == list(TABLES["log"])
     assert [(row["person"], row["name"], row["participant"], row["completed"]) for row in rows] == [
-        ("ada", "repeat", "sub-001", ""),
-        ("ada", "export", "", "1"),
+        ("person 1", "repeat", "sub-001", ""),
+        ("person 1", "export", "", "1"),
+        ("person 1", ADD_EXPERIMENTER, "", ""),
     ]
+    assert not {"ada", "eve"} & {value for row in rows for value in row.values()}
     described = [
         row["column"] for row in read_csv(tmp_path / "out" / "codebook.csv") if row["table"] == "log"
     ]

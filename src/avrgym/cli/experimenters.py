@@ -18,11 +18,12 @@ def add_experimenter(folder: Folder, name: Name) -> None:
     The token is printed once; the study stores only its checksum.
     """
     from avrgym.study.people.experimenters import add_experimenter as add
+    from avrgym.study.storage.log import ADD_EXPERIMENTER
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
         token = add(store, name)
-        log(store, "add experimenter", detail=name)
+        log(store, ADD_EXPERIMENTER, detail=name)
     say(f"token     {token}: it is shown this once")
     say(
         f"dashboard http://localhost:{PORT}/dashboard#token={token} while `avrgym serve --study {folder}` runs"
@@ -51,9 +52,10 @@ def experimenters(folder: Folder, json_file: JsonFile = None) -> None:
 def revoke_experimenter(folder: Folder, name: Name) -> None:
     """End the token of an experimenter; pages that use it are closed within seconds."""
     from avrgym.study.people.experimenters import revoke_experimenter as revoke
+    from avrgym.study.storage.log import REVOKE_EXPERIMENTER
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
         revoke(store, name)
-        log(store, "revoke experimenter", detail=name)
+        log(store, REVOKE_EXPERIMENTER, detail=name)
     say(f"{name} has no token any more")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from avrgym.cli.logged import log
 from avrgym.cli.plan import Folder
 from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, say, write_json
 
@@ -75,6 +76,7 @@ def record_adverse_event(
         number = adverse_events.record_adverse_event(
             store, participant, report, follows=follow_up, recorded_by=by
         )
+        log(store, "record adverse event", participant)
     if follow_up is None:
         say(f"recorded  adverse event {number} of {participant}")
     else:
@@ -124,6 +126,7 @@ def adverse_events(
             ]
             if out is not None:
                 write_adverse_events(store, out)
+                log(store, "export", detail="adverse events")
         write_json(json_file, {"adverse_events": rows, "safety_events": noticed})
     latest = {row["event"]: row for row in rows}
     say(f"{len(latest)} adverse events" if latest else "No adverse events were recorded.")

@@ -1,7 +1,7 @@
 """What the log says of those who watch and lead a study's sessions, and use its dashboard."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -52,7 +52,7 @@ class DashboardLog:
             raise
 
     @contextmanager
-    def command(self, caller: Caller, name: str, pseudonym: str) -> Iterator[None]:
+    def command(self, caller: Caller, name: str, pseudonym: str) -> Generator[None]:
         """Add an entry for what is done within, also where it is refused."""
         at = now()
         try:

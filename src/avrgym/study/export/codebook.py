@@ -192,7 +192,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "entry": Column("Number of the entry; those of a site that was merged begin at a multiple of 10^9.", WHOLE),
         "site": SITE,
         "at": Column("When it was done.", TIME, "UTC", _UTC),
-        "person": Column("Who did it: the name of an experimenter's token, or an account of the computer.", TEXT),
+        "person": Column("Who did it, by number; with --free-text by the name of a token or account.", TEXT),
         "known_by": Column("How the person is known.", TEXT, allowed=_one_of(*KNOWN_BY)),
         "name": Column("What was done or viewed.", TEXT, allowed="see The log in docs/study.md"),
         "participant": Column("Pseudonym of the participant whom it is about.", TEXT, "", "", "it is about nobody"),

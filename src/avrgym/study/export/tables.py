@@ -11,13 +11,11 @@ from msgspec.structs import asdict
 from avrgym.study.design.design import Design
 from avrgym.study.export import NOTICE
 from avrgym.study.export.codebook import OF_INSTRUMENTS, RECORDS, TABLES, codebook, most_joints, reward_terms
+from avrgym.study.export.log import log_rows
 from avrgym.study.export.records import WITHOUT, Extras, records_of
 from avrgym.study.export.scores import scales, scores_of, uses_instruments
 from avrgym.study.export.separated import neutral
 from avrgym.study.export.trials import ExportedAttempt, all_attempts, answers_of
-from avrgym.study.storage.log import site_names
-from avrgym.study.storage.rows import pseudonym_of
-from avrgym.study.storage.sites import ROWS_PER_SITE
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.user_text import new_table
@@ -43,7 +41,7 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extr
     else:
         left_out |= set(OF_INSTRUMENTS)
     if store.log():
-        write_csv(folder / "log.csv", _log(store))
+        write_csv(folder / "log.csv", log_rows(store, extras))
     else:
         left_out |= {"log"}
     write_csv(folder / "control_steps.csv", _control_steps(store, completed))
@@ -159,24 +157,6 @@ def _scores(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str,
     for participant in store.participants():
         answers = answers_of(store, participant, attempts)
         yield from (score.columns() for score in scores_of(store, participant, answers))
-
-
-def _log(store: Store) -> Iterator[dict[str, Any]]:
-    """Who did what; participants by pseudonym alone."""
-    sites = site_names(store)
-    for entry in store.log():
-        yield {
-            "entry": entry.id,
-            "site": sites.get(entry.id // ROWS_PER_SITE) or store.design.site or None,
-            "at": entry.at,
-            "person": entry.person,
-            "known_by": entry.known_by,
-            "name": entry.name,
-            "participant": None if entry.participant is None else pseudonym_of(entry.participant),
-            "detail": entry.detail or None,
-            "completed": entry.completed,
-            "planned": entry.planned,
-        }
 
 
 def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterator[dict[str, Any]]:

@@ -27,6 +27,8 @@ KNOWN_BY = (OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT)
 """How a person is known: by a token of their own, by one that several use, or by their account on the computer."""
 UNNAMED = "unnamed"
 """The name of a person whose token names nobody."""
+ADD_EXPERIMENTER, REVOKE_EXPERIMENTER = "add experimenter", "revoke experimenter"
+"""Commands whose detail names an experimenter."""
 REFUSED = "refused"
 """The detail of a command that changed nothing."""
 
