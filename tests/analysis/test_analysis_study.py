@@ -337,7 +337,7 @@ def test_the_results_file_holds_the_tables(out: Path, tables: dict[str, Frame]) 
     p = np.array([row["p"] for row in results["tests"]], float)
     assert np.allclose(p, tables["tests"]["p"], rtol=1e-12, atol=0, equal_nan=True)
     pack = len(list((out / "reporting").iterdir())) + 1
-    assert len(results["files"]) == len(tables) + 12 + 1 + pack
+    assert len(results["files"]) == len(tables) + 24 + 1 + pack
 
 
 # The page and the files

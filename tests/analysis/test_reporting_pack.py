@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 
 from analysed import run_trials, take_part
+from avrgym.analysis.figures.drawing import Drawing
 from avrgym.analysis.reading.flow import Flow
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.report.pack.checklist import checklist
@@ -21,6 +22,7 @@ from avrgym.analysis.report.pack.codebook import UNDESCRIBED, meaning
 from avrgym.analysis.report.pack.flow_chart import flow_chart, steps
 from avrgym.analysis.report.pack.latex import latex_table
 from avrgym.analysis.report.pack.methods import main_flow, methods
+from avrgym.analysis.report.pack.tables import shown_tables
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
@@ -38,7 +40,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
             run_trials(opened, take_part(opened, "man" if number % 2 else "woman", simulated=False))
         gone = take_part(opened, simulated=False)
         run_trials(opened, gone, 2)
-        withdraw(opened, gone)
+        withdraw(opened, gone, "felt sick")
         excluded = enrol(opened, "man", age_years=30)
         record_consent(opened, excluded)
         record_inclusion(opened, excluded, {name: not fits for name, fits in fitting_answers(opened).items()})
@@ -62,6 +64,10 @@ def out(store: Store, analysis: Analysis, tmp_path_factory: pytest.TempPathFacto
 
 
 # The flow
+
+
+def words_of(drawing: Drawing) -> str:
+    return " ".join(" ".join(ET.fromstring(drawing.svg()).itertext()).split())
 
 
 def test_everybody_is_somewhere_in_the_flow(analysis: Analysis) -> None:
@@ -88,13 +94,15 @@ def test_everybody_is_somewhere_in_the_flow(analysis: Analysis) -> None:
 def test_the_chart_shows_each_step_and_who_left(analysis: Analysis, out: Path) -> None:
     for name in ("people", "simulated"):
         ET.fromstring((out / "reporting" / f"flow-{name}.svg").read_text())
-    shown = " ".join(ET.fromstring(flow_chart(analysis.flows[0])).itertext())
+    shown = words_of(flow_chart(analysis.flows[0]))
     for words, left in steps(analysis.flows[0]):
         assert words in shown
         assert all(each in shown for each in left)
     assert "1 excluded by the inclusion questions" in shown
     assert "SIMULATED" not in shown
-    assert "SIMULATED PARTICIPANTS" in flow_chart(analysis.flows[1])
+    assert "SIMULATED PARTICIPANTS" in words_of(flow_chart(analysis.flows[1]))
+    for name in ("people", "simulated"):
+        assert (out / "reporting" / f"flow-{name}.pdf").read_bytes().startswith(b"%PDF")
 
 
 # Words
@@ -102,11 +110,12 @@ def test_the_chart_shows_each_step_and_who_left(analysis: Analysis, out: Path) -
 
 def test_the_methods_say_what_is_known_and_what_is_missing(analysis: Analysis, out: Path) -> None:
     text = (out / "reporting" / "methods.md").read_text()
-    assert (
-        "9 participants enrolled, 6 were given an order of trials, 5 completed the study and 5 entered"
-        in text
-    )
-    assert "Age: 22 to 30 years" in text
+    enrolled, _, _, analysed = steps(analysis.flows[0])
+    assert f"9 participants enrolled (left: {', '.join(enrolled[1])})." in text
+    assert "6 were given an order of trials (left: 1 withdrew (felt sick: 1))." in text
+    assert f"5 completed the study. {analysed[0]}." in text
+    assert "Of the 5 participants in the analysis: Age: 22 to 22 years" in text
+    assert "3 were represented by a woman's body model, 2 by a man's" in text
     missing = re.findall(r"\[MISSING: ([^\]]*)\]", text)
     assert len(missing) == 7
     assert "board and number of the approval" in missing
@@ -233,3 +242,41 @@ def test_a_flow_without_anybody_leaving_tells_of_nobody() -> None:
         first_day=None, last_day=None,
     )  # fmt: skip
     assert [left for _, left in steps(flow)] == [[], [], [], []]
+
+
+# Who is in the analysis
+
+
+def test_the_flow_names_why_people_left_and_who_is_analysed(tmp_path: Path) -> None:
+    """One finished, one has a trial left, one left in the first; one was too young, and one changed their mind."""
+    with Store(small_study(tmp_path)) as store:
+        run_trials(store, take_part(store, "man", simulated=False))
+        run_trials(store, take_part(store, "woman", simulated=False), 3)
+        take_part(store, "woman", simulated=False)
+        young = enrol(store, "woman", age_years=17)
+        record_consent(store, young)
+        record_inclusion(store, young, fitting_answers(store) | {"adult": False})
+        withdraw(store, enrol(store, "man", age_years=70), "no time")
+        found = analyse(store)
+    (flow,) = found.flows
+    assert flow.excluded_by == {"Are you 18 years old or older? No": 1}
+    assert (flow.withdrew_before_for, flow.withdrew_for) == ({"no time": 1}, {})
+    assert (flow.completed, flow.analysed, flow.analysed_unfinished) == (1, 2, 1)
+    assert steps(flow)[-1] == ("In the analysis: 2, of them 1 not finished yet", [])
+    about = " ".join(methods(found, flow)["Participants"])
+    assert "Of the 2 participants in the analysis: Age: 22 to 22 years" in about
+    assert "1 were represented by a woman's body model, 1 by a man's" in about
+    tables = {table.name: table for table in shown_tables(found, simulated=False)}
+    assert [row[:3] for row in tables["participants"].rows] == [
+        ("man", 1, "22.0 (22 to 22)"),
+        ("woman", 1, "22.0 (22 to 22)"),
+    ]
+
+
+def test_who_completed_a_study_without_data_that_count_is_not_analysed() -> None:
+    flow = Flow(
+        simulated=False, enrolled=2, deleted=0, no_consent=0, excluded=0, withdrew_before=0, waiting=0, allocated=2,
+        withdrew=0, unfinished=0, completed=2, analysed=1, orders={1: 2}, consents={"1": 2},
+        first_day=None, last_day=None, completed_without_data=1,
+    )  # fmt: skip
+    assert steps(flow)[2] == ("Completed the study: 2", ["1 without a trial or answer that counts"])

@@ -75,7 +75,7 @@ def texts(svg: str) -> list[str]:
 
 @pytest.mark.slow
 def test_figures_of_men_name_no_woman(analysis: tuple[Analysis, Path]) -> None:
-    drawings = {each.name: texts(each.file().decode()) for each in draw_study(analysis[0])}
+    drawings = {each.name: texts(each.svg().decode()) for each in draw_study(analysis[0])}
     heights = next(shown for name, shown in drawings.items() if name.startswith("torso-heights"))
     assert "a man" in heights
     assert "a woman" not in heights

@@ -180,7 +180,7 @@ def analyse(
         design=store.design,
         plan=plan,
         observed=observed,
-        flows=flows(store, observed.trials),
+        flows=flows(store, observed),
         headsets=headset_rows(store),
         groups=groups,
         people=people,

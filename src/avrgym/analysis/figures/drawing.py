@@ -5,35 +5,41 @@
 
 import io
 import re
-from collections.abc import Mapping
+from collections.abc import Sequence
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from avrgym.analysis.page import Markup
+from avrgym.analysis.rows import TestedRow
 
-# Colours that matplotlib writes; a file has those of a white page, a page its own, light or dark.
-INK, GROUND, RULE, WARNING = "#00000a", "#00000b", "#00000c", "#00000d"
-LINES = tuple(f"#00001{index}" for index in range(1, 7))
-_ON_WHITE = {INK: "#1c2024", GROUND: "#ffffff", RULE: "#d5dae0", WARNING: "#8a3b00"} | dict(
-    zip(LINES, ("#0b62a8", "#b1560f", "#1b7a43", "#8b3a8f", "#6b6b00", "#b3263a"), strict=True)
-)
+INK, GROUND, RULE, WARNING = "#1c2024", "#ffffff", "#d5dae0", "#8a3b00"
+LINES = ("#0b62a8", "#b1560f", "#1b7a43", "#8b3a8f", "#6b6b00", "#b3263a")
+ON_DARK, ON_LIGHT = "#fffffe", "#1c2025"
+"""Numbers on coloured bars, which look the same on every page."""
 _IN_PAGE = {INK: "currentColor", GROUND: "none", RULE: "var(--rule)", WARNING: "var(--warning)"} | {
     colour: f"var(--line-{index})" for index, colour in enumerate(LINES, start=1)
 }
+"""What a page, light or dark, has instead of the colours of a file."""
 WIDTH_IN = 5.0
+LETTER_IN = 0.066
+"""The width of a letter of ticks, legends and items, rather more than the mean."""
 GROUP_WIDTH = 0.8
 """What the bars of one group take of the space from one group to the next."""
 STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "avrgym",
+    "pdf.fonttype": 42,
     "font.family": "sans-serif",
     "font.size": 9,
     "text.color": INK,
+    "text.parse_math": False,
     "axes.labelcolor": INK,
     "axes.edgecolor": INK,
     "axes.titlesize": 9,
@@ -51,33 +57,39 @@ STYLE: Any = {
 
 
 class Drawing:
-    """A figure as SVG, whose colours are still to be chosen."""
+    """A figure with its name and caption; as SVG its text is text, as PDF its fonts are embedded."""
 
     def __init__(self, name: str, caption: str, figure: Figure) -> None:
-        """Take what was drawn; ``name`` is the file's, ``caption`` says in words what is to be seen."""
-        self.name, self.caption = name, caption
-        buffer = io.StringIO()
-        nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        with matplotlib.rc_context(STYLE):
-            figure.savefig(buffer, format="svg", metadata=nothing)
-        self._svg = buffer.getvalue()
+        """Take what was drawn; ``name`` is the file's, ``caption`` describes it in words."""
+        self.name, self.caption, self.figure = name, caption, figure
+        self._svg = self._saved("svg", Creator=None, Date=None, Format=None, Type=None)
 
-    def file(self) -> bytes:
-        """The file, in the colours of a white page."""
-        return _coloured(self._svg, _ON_WHITE).encode()
+    def svg(self) -> bytes:
+        """The file as SVG, in the colours of a white page."""
+        return self._svg
+
+    def pdf(self) -> bytes:
+        """The file as PDF, without a date: the same figure gives the same bytes."""
+        return self._saved("pdf", Creator=None, Producer=None, CreationDate=None)
+
+    def write(self, folder: Path) -> None:
+        """Write both files into a folder."""
+        (folder / f"{self.name}.svg").write_bytes(self.svg())
+        (folder / f"{self.name}.pdf").write_bytes(self.pdf())
 
     def inline(self) -> Markup:
         """The figure as part of a page: its own ids, the page's colours, a name for screen readers."""
-        svg = self._svg[self._svg.index("<svg") :]
-        svg = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>{self.name}-", svg)
-        svg = _coloured(svg, _IN_PAGE)
+        svg = self._svg.decode()
+        svg = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>{self.name}-", svg[svg.index("<svg") :])
+        for colour, shown in _IN_PAGE.items():
+            svg = svg.replace(colour, shown)
         return Markup(svg.replace("<svg", f'<svg role="img" aria-label="{escape(self.caption)}"', 1))
 
-
-def _coloured(svg: str, colours: Mapping[str, str]) -> str:
-    for colour, shown in colours.items():
-        svg = svg.replace(colour, shown)
-    return svg
+    def _saved(self, kind: str, **metadata: None) -> bytes:
+        buffer = io.BytesIO()
+        with matplotlib.rc_context(STYLE):
+            self.figure.savefig(buffer, format=kind, metadata=metadata)
+        return buffer.getvalue()
 
 
 def name_marks(figure: Figure, columns: int) -> None:
@@ -88,7 +100,23 @@ def name_marks(figure: Figure, columns: int) -> None:
             if not isinstance(handle, Line2D) or np.size(handle.get_xdata()):
                 named.setdefault(label, handle)
     if named:
-        figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=columns)
+        room = figure.get_figwidth() / (0.6 + LETTER_IN * max(map(len, named)))
+        ncols = max(1, min(columns, int(room)))
+        figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=ncols)
+
+
+def name_places(axes: Axes, names: Sequence[str], width_in: float) -> None:
+    """Label the places 0, 1, … along the x axis; upright where their names do not fit side by side."""
+    longest = LETTER_IN * (1 + max(map(len, names)))
+    axes.set_xticks(range(len(names)), names, rotation=90 if longest * len(names) > width_in else 0)
+
+
+def p_words(row: TestedRow) -> str:
+    """The result of a test beside the bars that it compares."""
+    if row.p_holm is None:
+        return "no test"
+    shown = "p < 0.001" if row.p_holm < 0.001 else f"p = {row.p_holm:.3f}"
+    return f"{shown}\n{row.mark}" if row.mark else shown
 
 
 def finished(simulated: bool, kind: str, caption: str, figure: Figure) -> Drawing:

@@ -26,6 +26,7 @@ from avrgym.analysis.figures.drawing import (
     Drawing,
     finished,
     name_marks,
+    name_places,
 )
 from avrgym.analysis.reading.trained_people import HEIGHTS_OF, head_of
 from avrgym.analysis.rows import ObjectiveRow, PersonRow
@@ -37,6 +38,7 @@ from avrgym.study.design.design import Design
 SHOWN_PEOPLE = 150
 """How many of the people drawn for each distribution and posture a figure shows."""
 BIN_M = 0.01
+PERCENTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 SIMULATION = "simulation"
 """The name of the marks of policies in simulation."""
 
@@ -90,16 +92,20 @@ def _objective_figure(
     mean: str,
     caption: str,
 ) -> Drawing:
-    lines = -(-len(design.tasks) // 2)
+    columns = min(2, len(design.tasks))
+    lines = -(-len(design.tasks) // columns)
+    label = {"success": "success / %", "reward": "mean reward"}[kind]
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.6 + 1.9 * lines), layout="constrained")
+        figure = Figure(figsize=(WIDTH_IN, 0.6 + 2.1 * lines), layout="constrained")
         for place, task in enumerate(design.tasks):
-            axes = figure.add_subplot(lines, min(2, len(design.tasks)), place + 1)
+            axes = figure.add_subplot(lines, columns, place + 1)
             own = [row for row in rows if (row.simulated, row.task) == (simulated, task)]
             _conditions(axes, design, own, interval, mean)
-            axes.set_title(task)
+            name_places(axes, design.robots, 0.8 * WIDTH_IN / columns)
+            axes.set(title=task, xlabel="robot", ylabel=label)
             if interval == "success":
                 axes.set_ylim(0.0, 1.05)
+                axes.set_yticks(PERCENTS, [f"{100 * share:g}" for share in PERCENTS])
         name_marks(figure, columns=3)
     return finished(simulated, kind, caption, figure)
 
@@ -118,13 +124,12 @@ def _conditions(axes: Axes, design: Design, rows: Sequence[ObjectiveRow], interv
             axes.plot(x + 0.2 * width, value, "D", color=INK, markersize=4, label=SIMULATION)
             _interval(axes, x + 0.2 * width, row, interval, "simulation_")
     axes.axhline(0.0, color=INK, linewidth=0.6)
-    axes.set_xticks(range(len(design.robots)), design.robots)
 
 
 def _interval(axes: Axes, x: float, row: ObjectiveRow, interval: str, prefix: str) -> None:
     low, high = getattr(row, f"{prefix}{interval}_low"), getattr(row, f"{prefix}{interval}_high")
     if low is not None and high is not None:
-        axes.plot([x, x], [low, high], color=INK, linewidth=1.0)
+        axes.plot([x, x], [low, high], color=INK, linewidth=1.0, label="95 % interval")
 
 
 # Biomechanics
@@ -139,7 +144,7 @@ def height_figure(group: Measures, people: Sequence[PersonRow]) -> Drawing:
         min(map(min, samples.values())) - 2 * BIN_M, max(map(max, samples.values())) + 2 * BIN_M, BIN_M
     )
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 2.8), layout="constrained")
+        figure = Figure(figsize=(WIDTH_IN, 3.0), layout="constrained")
         axes = figure.add_subplot()
         for (name, values), colour in zip(samples.items(), (INK, LINES[0], LINES[1]), strict=True):
             label = name if name == "participants" else f"{name} people (simulation)"
@@ -150,7 +155,7 @@ def height_figure(group: Measures, people: Sequence[PersonRow]) -> Drawing:
             label = {"man": "a man", "woman": "a woman"}[sex]
             axes.plot(marks, [-0.05] * len(marks), marker, color=INK, markersize=5, alpha=0.7, label=label)
         axes.axhline(0.0, color=INK, linewidth=0.6)
-        axes.set(xlabel="torso height / m", ylabel="share per centimetre")
+        axes.set(xlabel="torso height / m", ylabel="share per cm")
         name_marks(figure, columns=2)
     return finished(
         group.simulated, "torso-heights", "Torso heights of participants and of the training's people", figure

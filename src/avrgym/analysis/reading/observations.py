@@ -52,6 +52,18 @@ class Observations:
     latencies: dict[TrialKey, list[Latency]] = field(default_factory=dict[TrialKey, list[Latency]])
     plugins: list[RecordedPlugin] = field(default_factory=list[RecordedPlugin])
 
+    @property
+    def analysed(self) -> set[str]:
+        """The pseudonyms of those who have a trial or an answer that counts."""
+        return {row.participant for row in (*self.trials, *self.answers) if row.counted}
+
+    def analysed_people(self, *, simulated: bool) -> list[ParticipantRow]:
+        """Those of them who are people, or simulated."""
+        analysed = self.analysed
+        return [
+            row for row in self.participants if row.simulated is simulated and row.participant in analysed
+        ]
+
 
 def observe(
     store: Store,

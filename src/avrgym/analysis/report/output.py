@@ -56,7 +56,7 @@ def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
         table.write(made / "tables")
     drawings = draw_study(analysis)
     for drawing in drawings:
-        (made / "figures" / f"{drawing.name}.svg").write_bytes(drawing.file())
+        drawing.write(made / "figures")
     write_study_page(made / REPORT, analysis, drawings, study_link)
     write_pack(analysis, made / PACK, made / "tables")
 

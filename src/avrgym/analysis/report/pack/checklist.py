@@ -34,7 +34,7 @@ def _reporting(field: str, text: str, name: str) -> Asked:
 
 def _about_people(analysis: Analysis, flow: Flow) -> list[Asked]:
     about = analysis.design.reporting
-    people = [row for row in analysis.observed.participants if row.simulated is flow.simulated]
+    people = analysis.observed.analysed_people(simulated=flow.simulated)
     ages = sum(row.age_years is not None for row in people)
     left = (
         f"{flow.excluded} excluded, {flow.withdrew_before + flow.withdrew} withdrew, {flow.deleted} deleted"
@@ -46,7 +46,11 @@ def _about_people(analysis: Analysis, flow: Flow) -> list[Asked]:
             "Number of participants",
             f"{flow.enrolled} enrolled, {flow.analysed} analysed" if flow.enrolled else "",
         ),
-        Asked("Age", f"known of {ages} of {len(people)}" if ages else "", "--age of `avrgym study enrol`"),
+        Asked(
+            "Age",
+            f"known of {ages} of {len(people)} in the analysis" if ages else "",
+            "--age of `avrgym study enrol`",
+        ),
         _reporting("Gender, as participants described it", about.gender, "gender"),
         _reporting("Experience with robots and VR", about.experience, "experience"),
         _reporting("Recruitment", about.recruitment, "recruitment"),

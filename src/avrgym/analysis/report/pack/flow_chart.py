@@ -1,24 +1,36 @@
 """The flow of participants as a picture, after CONSORT (Schulz et al., BMJ 340, 2010, c332): who left, and when."""
 
-from collections.abc import Sequence
-from html import escape
+# Matplotlib's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
 
-from avrgym.analysis.page import Markup
+from collections.abc import Mapping, Sequence
+from textwrap import wrap
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from avrgym.analysis.figures.drawing import INK, STYLE, Drawing, finished
 from avrgym.analysis.reading.flow import Flow
 
-WIDTH, HEIGHT, GAP, SIDE = 260, 44, 44, 330
-LINE = 18
+BOX_IN, SIDE_IN, GAP_IN, LINE_IN = 2.9, 2.9, 0.22, 0.17
+"""Widths of the boxes of steps and of those who leave, the space between boxes, and the height of a line."""
+LETTERS = 42
+"""How many letters fit a line of a box."""
 
 
 def steps(flow: Flow) -> list[tuple[str, list[str]]]:
     """Each step with those who leave after it; nobody is told of where nobody left."""
+    before = f"withdrew before the first trial was planned{_why(flow.withdrew_before_for)}"
+    unfinished = f", of them {flow.analysed_unfinished} not finished yet" if flow.analysed_unfinished else ""
     return [
         (
             f"Enrolled: {flow.enrolled}",
             _some(
                 {
-                    "excluded by the inclusion questions": flow.excluded,
-                    "withdrew before the first trial was planned": flow.withdrew_before,
+                    f"excluded by the inclusion questions{_why(flow.excluded_by)}": flow.excluded,
+                    before: flow.withdrew_before,
                     "no consent yet": flow.no_consent,
                     "inclusion questions not answered yet": flow.waiting,
                     "deleted with all data": flow.deleted,
@@ -27,59 +39,64 @@ def steps(flow: Flow) -> list[tuple[str, list[str]]]:
         ),
         (
             f"Given an order of trials: {flow.allocated}",
-            _some({"withdrew": flow.withdrew, "not finished yet": flow.unfinished}),
+            _some({f"withdrew{_why(flow.withdrew_for)}": flow.withdrew, "not finished yet": flow.unfinished}),
         ),
-        (f"Completed the study: {flow.completed}", []),
-        (f"In the analysis: {flow.analysed}", []),
+        (
+            f"Completed the study: {flow.completed}",
+            _some({"without a trial or answer that counts": flow.completed_without_data}),
+        ),
+        (f"In the analysis: {flow.analysed}{unfinished}", []),
     ]
+
+
+def _why(reasons: Mapping[str, int]) -> str:
+    """How often each reason was given, in brackets."""
+    return f" ({'; '.join(f'{reason}: {number}' for reason, number in reasons.items())})" if reasons else ""
 
 
 def _some(left: dict[str, int]) -> list[str]:
     return [f"{number} {why}" for why, number in left.items() if number]
 
 
-def flow_chart(flow: Flow) -> Markup:
-    """The flow as SVG; simulated participants are named as such in the picture."""
-    title = "SIMULATED PARTICIPANTS" if flow.simulated else "Participants"
-    parts = [f'<text x="10" y="20" font-weight="bold">{title}</text>']
-    top, last = 34, -1
-    for words, left in steps(flow):
-        if last >= 0:
-            parts.append(_arrow(10 + WIDTH / 2, last, 10 + WIDTH / 2, top))
-        parts.append(_box(10, top, WIDTH, HEIGHT, [words]))
-        last = top + HEIGHT
-        if left:
-            tall = 14 + LINE * len(left)
-            aside = last + 12
-            parts.append(_arrow(10 + WIDTH / 2, aside + tall / 2, 10 + WIDTH + 40, aside + tall / 2))
-            parts.append(_box(10 + WIDTH + 40, aside, SIDE, tall, left))
-            top = int(aside + tall + 14)
-        else:
-            top = last + GAP
-    return Markup(
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH + SIDE + 60} {last + 10}" role="img" '
-        f'aria-label="Flow of participants" font-family="system-ui, sans-serif" font-size="14" fill="currentColor">'
-        f"{''.join(parts)}</svg>"
-    )
+def flow_chart(flow: Flow) -> Drawing:
+    """The flow as a figure; one of simulated participants names them as such."""
+    width_in, shown = BOX_IN + SIDE_IN + 3 * GAP_IN, steps(flow)
+    boxes = [_tall(_lines([words])) for words, _ in shown]
+    beside = [_tall(lines) + GAP_IN if (lines := _lines(left)) else 0.0 for _, left in shown]
+    height_in = 0.3 + sum(boxes) + sum(beside) + GAP_IN * len(shown)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(width_in, height_in))
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.set(xlim=(0.0, width_in), ylim=(height_in, 0.0))
+        axes.set_axis_off()
+        top, middle = 0.3, GAP_IN + BOX_IN / 2
+        for (words, left), tall, aside in zip(shown, boxes, beside, strict=True):
+            _box(axes, GAP_IN, top, BOX_IN, _lines([words]))
+            below = top + tall
+            if left:
+                at = below + GAP_IN / 2 + aside / 2
+                _box(axes, BOX_IN + 2 * GAP_IN, at - (aside - GAP_IN) / 2, SIDE_IN, _lines(left))
+                _arrow(axes, (middle, at), (BOX_IN + 2 * GAP_IN, at))
+            top = below + aside + GAP_IN
+            if words != shown[-1][0]:
+                _arrow(axes, (middle, below), (middle, top))
+    return finished(flow.simulated, "flow", "Flow of participants", figure)
 
 
-def _box(x: float, y: float, width: float, height: float, lines: Sequence[str]) -> str:
-    first = y + (height - LINE * len(lines)) / 2 + 13
-    words = "".join(
-        f'<text x="{x + 10:g}" y="{first + LINE * number:g}">{escape(line)}</text>'
-        for number, line in enumerate(lines)
-    )
-    return f'<rect x="{x:g}" y="{y:g}" width="{width}" height="{height}" fill="none" stroke="currentColor"/>{words}'
+def _lines(texts: Sequence[str]) -> list[str]:
+    return [line for text in texts for line in wrap(text, LETTERS)]
 
 
-def _arrow(x1: float, y1: float, x2: float, y2: float) -> str:
-    across = y1 == y2
-    tip = (
-        f"{x2 - 7:g},{y2 - 4:g} {x2 - 7:g},{y2 + 4:g}"
-        if across
-        else f"{x2 - 4:g},{y2 - 7:g} {x2 + 4:g},{y2 - 7:g}"
-    )
-    return (
-        f'<line x1="{x1:g}" y1="{y1:g}" x2="{x2:g}" y2="{y2:g}" stroke="currentColor"/>'
-        f'<polygon points="{x2:g},{y2:g} {tip}"/>'
-    )
+def _tall(lines: Sequence[str]) -> float:
+    """The height of a box with these lines."""
+    return LINE_IN * (len(lines) + 1)
+
+
+def _box(axes: Axes, x: float, y: float, width: float, lines: Sequence[str]) -> None:
+    tall = _tall(lines)
+    axes.add_patch(Rectangle((x, y), width, tall, fill=False, edgecolor=INK, linewidth=0.8))
+    axes.text(x + 0.1, y + tall / 2, "\n".join(lines), fontsize=8, va="center", linespacing=1.2)
+
+
+def _arrow(axes: Axes, begin: tuple[float, float], end: tuple[float, float]) -> None:
+    axes.annotate("", end, begin, arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 0.8})

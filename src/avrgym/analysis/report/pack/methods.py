@@ -9,6 +9,7 @@ from avrgym.analysis.latency_rows import total_of
 from avrgym.analysis.page import count
 from avrgym.analysis.reading.flow import Flow
 from avrgym.analysis.report.models import METHODS as OF_MODELS
+from avrgym.analysis.report.pack.flow_chart import steps
 from avrgym.analysis.rows import ParticipantRow
 from avrgym.analysis.statistics.sites import site_of
 from avrgym.analysis.study import Analysis
@@ -60,13 +61,11 @@ def markdown(title: str, sections: Sections) -> str:
 
 def _participants(analysis: Analysis, flow: Flow) -> Iterator[str]:
     about = analysis.design.reporting
-    people = [row for row in analysis.observed.participants if row.simulated is flow.simulated]
-    who = "simulated participant" if flow.simulated else "participant"
-    yield (
-        f"{count(flow.enrolled, who)} enrolled, {flow.allocated} were given an order of trials, {flow.completed} "
-        f"completed the study and {flow.analysed} entered the analysis. "
-        f"{_ages(people)} {_bodies(people)} {_languages(people)}"
-    )
+    people = analysis.observed.analysed_people(simulated=flow.simulated)
+    yield " ".join(_came_how_far(flow))
+    if people:
+        words = f"{_ages(people)} {_bodies(people)} {_languages(people)}"
+        yield f"Of the {count(len(people), _who(flow))} in the analysis: {words}"
     if any(row.site for row in people):
         yield _sites(people)
     if flow.simulated:
@@ -78,6 +77,23 @@ def _participants(analysis: Analysis, flow: Flow) -> Iterator[str]:
     yield f"Ethics approval: {about.ethics_approval or missing('board and number of the approval')}"
     agreed = ", ".join(f"version {version} by {number}" for version, number in flow.consents.items())
     yield f"Participants gave informed consent before anything else (text: {agreed or 'by nobody yet'})."
+
+
+def _who(flow: Flow) -> str:
+    return "simulated participant" if flow.simulated else "participant"
+
+
+def _came_how_far(flow: Flow) -> Iterator[str]:
+    """The steps of the flow chart in words, each with those who left after it."""
+    came = (
+        f"{count(flow.enrolled, _who(flow))} enrolled",
+        f"{flow.allocated} were given an order of trials",
+        f"{flow.completed} completed the study",
+    )
+    *_, (analysed, _) = steps(flow)
+    for words, (_, left) in zip(came, steps(flow), strict=False):
+        yield f"{words} (left: {', '.join(left)})." if left else f"{words}."
+    yield f"{analysed}."
 
 
 def _ages(people: Sequence[ParticipantRow]) -> str:

@@ -36,7 +36,7 @@ def _marked(caption: str, simulated: bool) -> str:
 
 
 def _participants(analysis: Analysis, simulated: bool) -> ShownTable:
-    people = [row for row in analysis.observed.participants if row.simulated is simulated]
+    people = analysis.observed.analysed_people(simulated=simulated)
     rows: list[tuple[object, ...]] = []
     for sex in dict.fromkeys(row.sex for row in people):
         own = [row for row in people if row.sex == sex]
@@ -46,7 +46,9 @@ def _participants(analysis: Analysis, simulated: bool) -> ShownTable:
             (sex, len(own), _spread(ages, 0), _spread(heights, 3), sum(row.trials_completed for row in own))
         )
     heads = ("Body model", "n", "Age / years", "Torso / m", "Trials completed")
-    return ShownTable("participants", _marked("Participants", simulated), heads, rows, (1, 2, 3, 4))
+    return ShownTable(
+        "participants", _marked("Participants in the analysis", simulated), heads, rows, (1, 2, 3, 4)
+    )
 
 
 def _spread(values: Sequence[float], digits: int) -> str:

@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from avrgym.analysis.page import Markup, badge, join, notice, table, tag, write_page
+from avrgym.analysis.page import Markup, badge, figure, join, notice, table, tag, write_page
 from avrgym.analysis.reading.flow import Flow
 from avrgym.analysis.report.pack.checklist import Asked, checklist
 from avrgym.analysis.report.pack.codebook import codebook, data_package, json_schema
@@ -23,9 +23,9 @@ DATA_PACKAGE = "datapackage.json"
 MISSING = re.compile(r"(\[MISSING: [^\]]*\])")
 NOBODY = "Nobody has taken part yet: there is nothing to report."
 FILES = (
-    "In this folder: methods.md, the same text; flow-*.svg; *.tex, the tables for LaTeX with the package booktabs (the "
-    "tables below can be pasted into Word); codebook.csv and schema.json on every column of the tables of the "
-    "analysis, which datapackage.json beside them describes for Frictionless; checklist.csv."
+    "In this folder: methods.md, the same text; flow-*.svg and flow-*.pdf; *.tex, the tables for LaTeX with the "
+    "package booktabs (the tables below can be pasted into Word); codebook.csv and schema.json on every column of the "
+    "tables of the analysis, which tables/datapackage.json describes for Frictionless; checklist.csv."
 )
 
 
@@ -43,7 +43,7 @@ def write_pack(analysis: Analysis, folder: Path, tables: Path) -> None:
     shown: list[ShownTable] = []
     for each in analysis.flows:
         group = "simulated" if each.simulated else "people"
-        (folder / f"flow-{group}.svg").write_text(flow_chart(each), encoding="utf-8")
+        flow_chart(each).write(folder)
         for own in shown_tables(analysis, each.simulated):
             text = latex_table(own.caption, own.heads, own.rows, own.numbers)
             (folder / f"{own.name}-{group}.tex").write_text(text, encoding="utf-8")
@@ -111,7 +111,8 @@ def _missing(text: str) -> Markup:
 
 
 def _flow(flow: Flow) -> Markup:
-    return tag("figure", flow_chart(flow))
+    drawing = flow_chart(flow)
+    return figure(drawing.inline(), drawing.caption)
 
 
 def _asked(asked: Sequence[Asked]) -> Markup:
