@@ -8,7 +8,9 @@ import {
   type Results,
   type Study,
 } from "./dashboard-study";
+import { AdverseEventForm } from "./dashboard-adverse";
 import {
+  adverseEventsTable,
   answeredItems,
   beginWords,
   buildTable,
@@ -20,6 +22,7 @@ import {
   progressWords,
   resultsTable,
   resultsWords,
+  safetyWords,
   scoresTable,
   trialsTable,
   type Table,
@@ -58,6 +61,7 @@ export class Dashboard {
   private person: Participant | null = null;
   private readonly shown = new Map<string, string>();
   private work = Promise.resolve();
+  private readonly adverseEvent = new AdverseEventForm(element("adverse-event"));
 
   constructor(private readonly study: Study) {
     this.onSubmit("enrol", (form) => this.enrol(form));
@@ -70,6 +74,7 @@ export class Dashboard {
       text: field(form, "text"),
     }));
     element("edit-note").addEventListener("reset", () => (element("edit-note").hidden = true));
+    this.onAct("adverse-event", "adverse-events", "is stored", () => this.adverseEvent.body());
     this.onAct("identity", "identity", "are in the key file", identityIn);
     element("results-part").addEventListener("toggle", () => this.afterwards(() => this.refresh()));
     this.onAct("withdrawal", "withdrawal", "is stored", (form) => ({ reason: field(form, "reason") }));
@@ -170,6 +175,8 @@ export class Dashboard {
     this.fill("language", languages, () => Object.entries(languages).map(([tag, name]) => new Option(name, tag)));
     this.showTable("participants", participantsTable(summary.participants, live), (name) => this.chooser(name));
     this.showFurniture(furniture);
+    this.adverseEvent.offerScales(overview.scales);
+    element("scales-words").textContent = overview.scales_words;
   }
 
   private showResults({ blinded, items, results }: Results): void {
@@ -217,7 +224,19 @@ export class Dashboard {
     this.showTable("trials", trialsTable(trials));
     element("scores-part").hidden = scores.length === 0;
     this.showTable("scores", scoresTable(scores));
+    this.showAdverseEvents(person);
     this.fill("notes", notes, () => notes.map((note) => this.noteLine(note)));
+  }
+
+  /** Of people only: simulated participants have none. */
+  private showAdverseEvents({ simulated, adverse_events, safety_events, trials }: Participant): void {
+    element("adverse-events-part").hidden = simulated;
+    this.showTable("adverse-events", adverseEventsTable(adverse_events));
+    element("safety-words").textContent = safety_events.length
+      ? "The session reported by itself, which is no adverse event unless somebody was affected:"
+      : "";
+    this.fill("safety-events", safety_events, () => safety_events.map((each) => line(safetyWords(each))));
+    this.adverseEvent.offerEvents(adverse_events, trials);
   }
 
   private noteLine({ id, at, text }: Participant["notes"][number]): HTMLLIElement {
@@ -252,6 +271,7 @@ const NOUNS: Record<Action, string> = {
   sessions: "the session",
   notes: "the note",
   "edited-notes": "the note",
+  "adverse-events": "the report",
   identity: "name and contact",
   withdrawal: "the withdrawal",
 };

@@ -48,6 +48,9 @@ export interface Overview {
   furniture: Furniture;
   /** The name of this page's token, empty where several people use it. */
   experimenter: string;
+  /** What each grade of an adverse event may be, and where the scales come from. */
+  scales: Record<string, string[]>;
+  scales_words: string;
 }
 
 /** The results so far; the study's log contains who read them. */
@@ -80,6 +83,34 @@ export interface Score {
   most: number;
 }
 
+/** What is reported of an adverse event; `trial` is a position. */
+export interface Report {
+  began_at: string;
+  trial: number | null;
+  description: string;
+  severity: string;
+  seriousness: string;
+  relatedness: string;
+  action: string;
+  outcome: string;
+}
+
+/** An adverse event as it is known now, and how many reports there are of it. */
+export interface AdverseEvent {
+  number: number;
+  reports: number;
+  recorded_at: string;
+  report: Report;
+}
+
+/** What a session reported of safety by itself. */
+export interface SafetyEvent {
+  at: string;
+  trial: number | null;
+  name: string;
+  detail: string;
+}
+
 export interface Participant {
   participant: string;
   state: string;
@@ -98,10 +129,12 @@ export interface Participant {
   scores: Score[];
   trials: Trial[];
   notes: { id: number; at: string; text: string }[];
+  adverse_events: AdverseEvent[];
+  safety_events: SafetyEvent[];
 }
 
 /** What can be done to a participant; `study/dashboard/application.py` says what each takes. */
-export type Action = "identity" | "consent" | "inclusion" | "withdrawal" | "notes" | "edited-notes" | "sessions";
+export type Action = "identity" | "consent" | "inclusion" | "withdrawal" | "notes" | "edited-notes" | "adverse-events" | "sessions";
 
 /** Who somebody is, and whether the experimenter confirms that no participant with that name or contact is the same person. */
 export interface Identity {

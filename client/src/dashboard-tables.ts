@@ -1,4 +1,13 @@
-import type { ConditionResults, Overview, Participant, ParticipantSummary, Score, Trial } from "./dashboard-study";
+import type {
+  AdverseEvent,
+  ConditionResults,
+  Overview,
+  Participant,
+  ParticipantSummary,
+  SafetyEvent,
+  Score,
+  Trial,
+} from "./dashboard-study";
 
 /** A table as plain texts. */
 export interface Table {
@@ -63,6 +72,36 @@ export function trialsTable(trials: Trial[]): Table {
       trial.reward === null ? "–" : trial.reward.toFixed(1) + (trial.success ? ", success" : ", no success"),
     ]),
   };
+}
+
+export function adverseEventsTable(events: AdverseEvent[]): Table {
+  return {
+    caption: events.length ? "" : "No adverse events were recorded.",
+    head: ["Event", "Began", "Trial", "What happened", "Severity", "Seriousness", "Related", "Outcome", "Reports"],
+    rows: events.map(({ number, reports, report }) => [
+      String(number),
+      moment(report.began_at),
+      report.trial === null ? "–" : String(report.trial),
+      report.description,
+      report.severity,
+      report.seriousness,
+      report.relatedness,
+      report.outcome,
+      String(reports),
+    ]),
+  };
+}
+
+/** What a session reported of safety by itself, in one line. */
+export function safetyWords({ at, trial, name, detail }: SafetyEvent): string {
+  const where = trial === null ? "" : `, trial ${trial}`;
+  return `${moment(at)}${where}: ${name}${detail ? `, ${detail}` : ""}`;
+}
+
+/** A stored time as a field for local times has it. */
+export function localTime(at: string): string {
+  const time = new Date(at);
+  return new Date(time.getTime() - 60_000 * time.getTimezoneOffset()).toISOString().slice(0, 16);
 }
 
 export function scoresTable(scores: Score[]): Table {

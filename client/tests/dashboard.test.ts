@@ -41,6 +41,8 @@ const PERSON: Participant = {
   consent_version: null,
   trials: [TRIAL],
   notes: [],
+      adverse_events: [],
+      safety_events: [],
 };
 
 const RESULTS: ConditionResults = {

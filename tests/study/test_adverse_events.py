@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,9 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from avrgym.analysis.report.adverse_events import adverse_event_words
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.study import analyse
 from avrgym.cli import app
 from avrgym.study.export import FORMATS, WITH_RECORDS, export_study
 from avrgym.study.export.codebook import TABLES
@@ -225,3 +229,43 @@ def test_events_are_recorded_followed_up_and_listed_by_command(store: Store, tmp
     described = json.loads((tmp_path / "board" / "adverse_events.json").read_text())
     assert list(described) == list(TABLES["adverse_events"])
     assert (tmp_path / "board").stat().st_mode & 0o077 == 0
+
+
+# The report
+
+
+@pytest.mark.slow
+def test_the_report_counts_events_by_condition_and_says_where_there_are_none(
+    store: Store, tmp_path: Path
+) -> None:
+    write_analysis(analyse(store), store.folder, tmp_path / "none")
+    page = (tmp_path / "none" / "report" / "index.html").read_text()
+    assert "No adverse events were recorded." in page
+    assert read(tmp_path / "none" / "tables" / "adverse_events.csv") == []
+    number = record_adverse_event(store, "sub-001", changed(severity="severe", seriousness="hospitalisation"))
+    record_adverse_event(store, "sub-001", changed(severity="moderate"), follows=number)
+    record_adverse_event(store, "sub-001", changed(trial=1, relatedness="unlikely"))
+    record_adverse_event(store, "sub-002", changed(trial=None))
+    withdraw(store, "sub-001")
+    analysis = analyse(store)
+    assert adverse_event_words(analysis) == (
+        "3 adverse events in 2 of 2 people; 0 serious, 2 possibly, probably or definitely related to the study."
+    )
+    write_analysis(analysis, store.folder, tmp_path / "some")
+    page = (tmp_path / "some" / "report" / "index.html").read_text()
+    assert adverse_event_words(analysis) in (tmp_path / "some" / "reporting" / "methods.md").read_text()
+    assert SECRET not in page
+    rows = {row[0]: row[1:] for row in rows_under(page, "Adverse events by condition")}
+    trial = store.trials("sub-001")[1]
+    robot = "PR2" if "PR2" in trial.environment else "Jaco"
+    assert rows[f"{robot} {trial.policy}"] == ["1", "1", "1", "0", "1", "0", "0", "0", "0", "1"]
+    assert rows["practice"] == ["1", "1", "1", "1", "0", "0", "0", "0", "0", "0"]
+    assert rows["outside trials"] == ["–", "1", "1", "1", "0", "0", "0", "0", "0", "1"]
+    assert len(read(tmp_path / "some" / "tables" / "adverse_events.csv")) == 4
+
+
+def rows_under(page: str, caption: str) -> list[list[str]]:
+    """The cells of the table whose caption begins so."""
+    whole = next(part for part in page.split("<caption>")[1:] if part.startswith(caption))
+    body = whole.split("<tbody>")[1].split("</tbody>")[0]
+    return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in body.split("</tr>")[:-1]]

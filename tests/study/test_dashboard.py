@@ -35,6 +35,16 @@ BODIES: dict[str, Any] = {
     "withdrawal": {"reason": ""},
     "notes": {"text": "looked left"},
     "edited-notes": {"id": 1, "text": "looked right"},
+    "adverse-events": {
+        "report": {
+            "began_at": "2026-11-27T14:30:00Z",
+            "description": "dizzy",
+            "severity": "mild",
+            "seriousness": "not serious",
+            "relatedness": "possible",
+            "outcome": "recovered",
+        }
+    },
     "sessions": {},
 }
 

@@ -1,6 +1,6 @@
 """The analysis of a study: from its recordings to the paper's results."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -37,6 +37,8 @@ from avrgym.analysis.stream_rows import StreamRow
 from avrgym.analysis.tables import Table, control_steps
 from avrgym.study.checking.finding import Finding, left_out
 from avrgym.study.design.design import Design
+from avrgym.study.export.codebook import TABLES
+from avrgym.study.export.records import WITHOUT, adverse_event_rows
 from avrgym.study.export.scores import uses_instruments
 from avrgym.study.plan.deviations import deviations
 from avrgym.study.plan.origin import read_frozen
@@ -98,6 +100,7 @@ class Analysis:
     latency: list[LatencyRow]
     rebuilt_at: str | None
     log: StudyLog
+    adverse_events: list[Mapping[str, Any]]
 
     @property
     def tests(self) -> list[rows.TestedRow]:
@@ -114,6 +117,7 @@ class Analysis:
         yield Table.of("reward_terms", rows.TermRow, seen.terms)
         if seen.streams:
             yield Table.of("streams", StreamRow, seen.streams)
+        yield Table("adverse_events", list(TABLES["adverse_events"]), self.adverse_events)
         yield Table.of("problems", rows.ProblemRow, seen.problems)
         yield Table.of("objective", rows.ObjectiveRow, self.objective)
         yield from as_tables(list(paper_tables(self.design, self.objective)))
@@ -198,6 +202,7 @@ def analyse(
         latency=latency_rows(observed.trials, observed.latencies),
         rebuilt_at=store.rebuilt_at(),
         log=study_log(store),
+        adverse_events=list(adverse_event_rows(store, store.participants(), WITHOUT)),
     )
 
 

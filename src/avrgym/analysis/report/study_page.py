@@ -19,6 +19,7 @@ from avrgym.analysis.page import (
     write_page,
 )
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
+from avrgym.analysis.report.adverse_events import adverse_events
 from avrgym.analysis.report.headsets import headset_checks
 from avrgym.analysis.report.latency import METHOD as OF_LATENCY
 from avrgym.analysis.report.latency import latency
@@ -139,6 +140,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         biomechanics(analysis, simulated, own, tests),
         other_tests(tests),
         by_site(analysis, simulated),
+        *([] if simulated else [adverse_events(analysis)]),
         streams(analysis, simulated),
         latency(analysis, simulated),
         trials(analysis, simulated, study_link),

@@ -16,6 +16,7 @@ from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
 from avrgym.study.dashboard.logging import VIEW_RESULTS, DashboardLog
 from avrgym.study.dashboard.views import overview, participant_view, results_view
+from avrgym.study.people.adverse_events import Report, record_adverse_event
 from avrgym.study.people.doubles import PossibleDouble
 from avrgym.study.people.participants import (
     add_note,
@@ -127,6 +128,13 @@ class EditedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     text: Text
 
 
+class NewReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A report of an adverse event; of a new one, or of the event of the number that it ``follows``."""
+
+    report: Report
+    follows: int | None = None
+
+
 class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """That a session shall begin or go on, with other furniture than the one before if it is given."""
 
@@ -180,6 +188,10 @@ def _edit_note(board: Dashboard, pseudonym: str, note: EditedNote) -> None:
     edit_note(board.store, pseudonym, note.id, note.text)
 
 
+def _report(board: Dashboard, pseudonym: str, new: NewReport) -> None:
+    record_adverse_event(board.store, pseudonym, new.report, follows=new.follows)
+
+
 def _begin(board: Dashboard, pseudonym: str, start: SessionStart) -> None:
     if board.live is None:
         raise StudyError("no sessions are run here; `avrgym serve --study DIR` runs them")
@@ -193,6 +205,7 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
     "withdrawal": (Withdrawal, _withdraw),
     "notes": (NewNote, _note),
     "edited-notes": (EditedNote, _edit_note),
+    "adverse-events": (NewReport, _report),
     "sessions": (SessionStart, _begin),
 }
 """What is done to a participant, by the last part of the route: what is posted, and what it does."""

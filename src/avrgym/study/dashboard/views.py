@@ -2,7 +2,7 @@
 
 import shutil
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from avrgym.models.furniture.real import RealFurniture
@@ -12,6 +12,14 @@ from avrgym.study.checking.summary import StudySummary, summarise_study
 from avrgym.study.design.design import Design
 from avrgym.study.export.scores import scores_of, uses_instruments
 from avrgym.study.export.trials import answers_of, attempts_of
+from avrgym.study.people.adverse_events import (
+    SCALES,
+    SOURCES,
+    Report,
+    SafetyEvent,
+    followed,
+    safety_events,
+)
 from avrgym.study.people.participants import texts_of
 from avrgym.study.storage.answers import open_attempts
 from avrgym.study.storage.keyfile import read_key
@@ -29,7 +37,8 @@ SHORT_BYTES = 2_000_000_000
 class Overview:
     """The whole study. ``live`` is whose session runs, ``furniture`` what the next participant really sits and lies
     on. ``languages`` hold names by tag; ``warnings`` what is short, in words. ``experimenter`` is who looks, by the
-    name of their token, if it has one.
+    name of their token, if it has one. ``scales`` are those of adverse events, ``scales_words``
+    their sources.
     """
 
     summary: StudySummary
@@ -39,6 +48,8 @@ class Overview:
     live: str | None
     furniture: RealFurniture
     experimenter: str
+    scales: Mapping[str, tuple[str, ...]]
+    scales_words: str
 
 
 @dataclass(frozen=True)
@@ -83,6 +94,16 @@ class ScoreView:
 
 
 @dataclass(frozen=True)
+class AdverseEventView:
+    """An adverse event by its number: the latest report, with the trial by position, and how many there are."""
+
+    number: int
+    reports: int
+    recorded_at: str
+    report: Report
+
+
+@dataclass(frozen=True)
 class ParticipantView:
     """One participant. ``identified``: the key file says who they are; ``may_become``: what may follow.
 
@@ -105,6 +126,8 @@ class ParticipantView:
     scores: tuple[ScoreView, ...]
     trials: tuple[TrialView, ...]
     notes: tuple[Note, ...]
+    adverse_events: tuple[AdverseEventView, ...]
+    safety_events: tuple[SafetyEvent, ...]
 
 
 def overview(store: Store, live: str | None, furniture: RealFurniture, experimenter: str = "") -> Overview:
@@ -118,6 +141,8 @@ def overview(store: Store, live: str | None, furniture: RealFurniture, experimen
         live=live,
         furniture=furniture,
         experimenter=experimenter,
+        scales=SCALES,
+        scales_words=SOURCES,
     )
 
 
@@ -155,6 +180,8 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
         scores=tuple(_scores(store, participant)),
         trials=tuple(_trial(design, trial, attempts[trial.id], left) for trial in store.trials(pseudonym)),
         notes=tuple(store.notes(pseudonym)),
+        adverse_events=tuple(_adverse_events(store, pseudonym)),
+        safety_events=tuple(safety_events(store, pseudonym)),
     )
 
 
@@ -175,6 +202,15 @@ def _scores(store: Store, participant: Participant) -> Iterator[ScoreView]:
     for score in scores_of(store, participant, answers_of(store, participant, attempts)):
         row = score.columns()
         yield ScoreView(**{name: row[name] for name in ScoreView.__dataclass_fields__})
+
+
+def _adverse_events(store: Store, pseudonym: str) -> Iterator[AdverseEventView]:
+    positions = {trial.id: trial.position for trial in store.trials(pseudonym)}
+    for event in followed(store.adverse_events(pseudonym)):
+        latest = event.latest
+        known = {name: getattr(latest, name) for name in Report.__struct_fields__}
+        report = Report(**known | {"trial": positions.get(latest.trial or 0)})
+        yield AdverseEventView(event.number, len(event.reports), latest.recorded_at, report)
 
 
 def _trial(design: Design, trial: Trial, attempts: list[TrialAttempt], left: set[int]) -> TrialView:

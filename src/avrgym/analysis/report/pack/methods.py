@@ -8,6 +8,7 @@ from avrgym.analysis.headset_rows import headset_words
 from avrgym.analysis.latency_rows import total_of
 from avrgym.analysis.page import count
 from avrgym.analysis.reading.flow import Flow
+from avrgym.analysis.report.adverse_events import adverse_event_words
 from avrgym.analysis.report.models import METHODS as OF_MODELS
 from avrgym.analysis.report.pack.flow_chart import steps
 from avrgym.analysis.rows import ParticipantRow
@@ -77,6 +78,7 @@ def _participants(analysis: Analysis, flow: Flow) -> Iterator[str]:
     yield f"Ethics approval: {about.ethics_approval or missing('board and number of the approval')}"
     agreed = ", ".join(f"version {version} by {number}" for version, number in flow.consents.items())
     yield f"Participants gave informed consent before anything else (text: {agreed or 'by nobody yet'})."
+    yield adverse_event_words(analysis)
 
 
 def _who(flow: Flow) -> str:
