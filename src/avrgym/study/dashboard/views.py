@@ -4,6 +4,7 @@ import shutil
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.recording.outcomes import Metrics
@@ -208,8 +209,9 @@ def _adverse_events(store: Store, pseudonym: str) -> Iterator[AdverseEventView]:
     positions = {trial.id: trial.position for trial in store.trials(pseudonym)}
     for event in followed(store.adverse_events(pseudonym)):
         latest = event.latest
-        known = {name: getattr(latest, name) for name in Report.__struct_fields__}
-        report = Report(**known | {"trial": positions.get(latest.trial or 0)})
+        known: dict[str, Any] = {name: getattr(latest, name) for name in Report.__struct_fields__}
+        known["trial"] = positions.get(latest.trial or 0)
+        report = Report(**known)
         yield AdverseEventView(event.number, len(event.reports), latest.recorded_at, report)
 
 
