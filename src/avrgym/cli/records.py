@@ -51,13 +51,14 @@ def record_adverse_event(
         int | None,
         typer.Option("--follow-up", help="The number of the event that this follows up.", metavar="EVENT"),
     ] = None,
-    by: Annotated[str, typer.Option(help="Who records it.")] = "",
+    by: Annotated[str, typer.Option(help="Who records it; without it the account of this computer.")] = "",
 ) -> None:
     """Record an adverse event of a participant, or a follow-up of one.
 
     A follow-up is stored after the reports before it and replaces none; it states only what has changed.
     """
     from avrgym.study.people import adverse_events
+    from avrgym.study.storage.log import account
     from avrgym.study.storage.store import Store
 
     stated = {
@@ -74,7 +75,7 @@ def record_adverse_event(
     with plain_errors(), Store(folder) as store:
         report = adverse_events.Report(**_as_known(store, participant, follow_up) | given)
         number = adverse_events.record_adverse_event(
-            store, participant, report, follows=follow_up, recorded_by=by
+            store, participant, report, follows=follow_up, recorded_by=by or account().name
         )
         log(store, "record adverse event", participant)
     if follow_up is None:

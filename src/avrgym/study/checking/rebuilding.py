@@ -28,8 +28,8 @@ from avrgym.study.storage.store import Store, record_event
 Plan = tuple[PlannedTrial, ...]
 LOST = (
     "ages, the version and time of consent, the answers to inclusion questions and to questions about a session, "
-    "events, adverse events, notes, the log of who did what, tokens of experimenters, who withdrew, who was deleted, and whoever was enrolled but left neither name nor "
-    "recording"
+    "events, adverse events, notes, the log of who did what, tokens of experimenters, who withdrew, who was deleted, "
+    "and whoever was enrolled but left neither name nor recording"
 )
 """What no recording tells."""
 

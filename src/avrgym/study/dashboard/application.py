@@ -4,7 +4,7 @@ Every route needs the experimenter's token as ``Authorization: Bearer``. Names a
 """
 
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Protocol, TypeVar
 
 import msgspec
@@ -62,10 +62,11 @@ class LiveSessions(Protocol):
 
 @dataclass(frozen=True)
 class Dashboard:
-    """A study, and the sessions that this server runs, if it runs any."""
+    """A study, the sessions that this server runs, if it runs any, and the experimenter who acts, if they are named."""
 
     store: Store
     live: LiveSessions | None
+    experimenter: str = ""
 
     @property
     def participant(self) -> str | None:
@@ -189,7 +190,9 @@ def _edit_note(board: Dashboard, pseudonym: str, note: EditedNote) -> None:
 
 
 def _report(board: Dashboard, pseudonym: str, new: NewReport) -> None:
-    record_adverse_event(board.store, pseudonym, new.report, follows=new.follows)
+    record_adverse_event(
+        board.store, pseudonym, new.report, follows=new.follows, recorded_by=board.experimenter
+    )
 
 
 def _begin(board: Dashboard, pseudonym: str, start: SessionStart) -> None:
@@ -214,6 +217,7 @@ LOGGED_AS = {
     "withdrawal": "withdraw",
     "notes": "add note",
     "edited-notes": "edit note",
+    "adverse-events": "record adverse event",
     "sessions": "begin session",
 }
 """The name of an action in the log, where it is not that of the route."""
@@ -278,7 +282,7 @@ def _endpoint(
 ) -> Callable[..., Awaitable[Response]]:
     def logged(caller: Caller, pseudonym: str, body: Any) -> None:
         with log.command(caller, name, pseudonym):
-            act(board, pseudonym, body)
+            act(replace(board, experimenter=caller.name), pseudonym, body)
 
     async def endpoint(pseudonym: str, request: Request) -> Response:
         await run_in_threadpool(logged, _caller(request), pseudonym, await _body(request, kind))
