@@ -1,88 +1,25 @@
 """A questionnaire that was left open is answered in the next session; database, recording and checks agree."""
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from avrgym.recording.files import read_recording
+from avrgym.recording.records import Answer
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.rebuilding import rebuild_study
 from avrgym.study.checking.summary import summarise_study
 from avrgym.study.dashboard.views import participant_view
 from avrgym.study.people.participants import withdraw
-from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage import database
-from avrgym.study.storage.answers import open_attempts
+from avrgym.study.storage.answers import change_answer, open_attempts, reconcile_answers
 from avrgym.study.storage.store import Store
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
-from avrgym.vr.protocol.messages import (
-    Answer,
-    Back,
-    Command,
-    Entered,
-    Question,
-    Ready,
-    Scene,
-    SceneLoaded,
-    Send,
-    Sent,
-)
+from avrgym.vr.protocol.messages import Back, Command, Entered, Ready
 from avrgym.vr.protocol.received import Disconnected
-from avrgym.vr.tracking.world import TICK_S
+from days import GIVEN, Day, killed_in
 from studies import make_study, take_in
-
-GIVEN = {"L1": 1, "L2": 2, "L3": 3, "L4": 4}
-
-
-class Day:
-    """A server's day: the sessions of a study, and a participant who answers ``most`` questions at most."""
-
-    def __init__(self, store: Store, pseudonym: str) -> None:
-        self.heard: list[Sent] = []
-        send: Send = self.heard.append
-        self.sessions = StudySessions(store, send, first=pseudonym)
-        self.sessions.greet(send, "participant", 0.0)
-        self.participant = SimulatedParticipant(draw_traits("woman", 1), 1)
-        self.ticks = 0
-
-    @property
-    def phase(self) -> str:
-        session = self.sessions._session
-        return "over" if session is None or self.sessions.participant is None else session.phase
-
-    def tell(self, *told) -> None:
-        for message in told:
-            self.sessions.receive(message, self.ticks * TICK_S)
-
-    def tick(self) -> None:
-        if self.ticks % 4 == 0:
-            frame = self.participant.frame(self.ticks * TICK_S, moving=self.phase != "calibration")
-            self.tell(frame)
-        if self.phase == "loading":
-            self.tell(SceneLoaded([each for each in self.heard if isinstance(each, Scene)][-1].url))
-        if self.phase in ("calibration", "check", "ready", "paused") and self.ticks % 40 == 39:
-            self.tell(Ready())
-        self.sessions.tick(self.ticks * TICK_S)
-        self.ticks += 1
-
-    def until(self, *phases: str) -> None:
-        ends = self.ticks + 20_000
-        while self.phase not in phases:
-            assert self.ticks < ends, f"still in {self.phase}"
-            self.tick()
-
-    def question(self) -> Question:
-        return [each for each in self.heard if isinstance(each, Question)][-1]
-
-    def answer(self, count: int) -> None:
-        for _ in range(count):
-            item = self.question().item
-            self.tell(Answer(item, GIVEN[item], 1.0))
-            self.tick()
-
-    def end(self) -> None:
-        self.sessions.close(self.ticks * TICK_S)
 
 
 @pytest.fixture
@@ -111,6 +48,20 @@ def left(folder: Path) -> Iterator[Callable[[], tuple[Store, str]]]:
     yield leave
     for store in stores:
         store.close()
+
+
+@pytest.fixture
+def killed(folder: Path) -> Iterator[Callable[..., tuple[Store, str]]]:
+    """A study whose server was killed in a phase of the first trial."""
+    with ExitStack() as opened:
+
+        def kill(phase: str, answers: int = 0, stored: int = 4) -> tuple[Store, str]:
+            with Store(folder) as store:
+                pseudonym = take_in(store, simulated=False)
+            killed_in(folder, pseudonym, phase, answers, stored)
+            return opened.enter_context(Store(folder)), pseudonym
+
+        yield kill
 
 
 def values(store: Store, pseudonym: str) -> dict[str, int]:
@@ -227,3 +178,86 @@ def test_the_last_trial_waits_for_its_answers(folder: Path) -> None:
         last.end()
         assert store.participant(pseudonym).state == "completed"
         assert len(store.answers(pseudonym)) == 4 * len(store.trials(pseudonym))
+
+
+# After kill -9 -----------------------------------------------------------------------------------------------
+
+
+def assert_completed_with(store: Store, pseudonym: str, answers: dict[str, int]) -> None:
+    """The first trial counts with these answers, in the database and in its recording."""
+    (attempt,) = store.attempts(pseudonym)
+    assert (attempt.state, store.trials(pseudonym)[0].state) == ("completed", "completed")
+    assert (attempt.metrics.steps, values(store, pseudonym)) == (3, answers)
+    recording = read_recording(store.path(attempt.recording))
+    assert (recording.complete, recording.end) == (True, "completed")
+    assert {answer.item: answer.value for _, answer in recording.topics["/answers"]} == answers
+    assert [each.what for each in check_study(store) if each.wrong and "policy" not in each.where] == []
+
+
+@pytest.mark.parametrize(
+    ("phase", "answers", "stored"),
+    [
+        ("retreat", 0, 0),
+        ("free_after", 0, 0),
+        ("questionnaire", 2, 2),
+        ("questionnaire", 2, 1),
+        ("confirm", 4, 4),
+    ],
+)
+def test_a_trial_counts_that_was_killed_after_its_robot_had_finished(
+    killed: Callable[..., tuple[Store, str]], phase: str, answers: int, stored: int
+) -> None:
+    """Also where the program was killed before its last answer was stored in the database."""
+    store, pseudonym = killed(phase, answers, stored)
+    day = Day(store, pseudonym)
+    given = dict(list(GIVEN.items())[:answers])
+    if answers < len(GIVEN):
+        assert (day.phase, day.question().item) == ("questionnaire", list(GIVEN)[answers])
+    assert_completed_with(store, pseudonym, given)
+    if answers < len(GIVEN):
+        day.answer(len(GIVEN) - answers)
+        day.tell(Ready())
+    day.until("waiting")
+    assert_completed_with(store, pseudonym, GIVEN)
+    day.end()
+
+
+def test_a_trial_is_repeated_that_was_killed_before_its_robot_had_finished(
+    killed: Callable[..., tuple[Store, str]],
+) -> None:
+    store, pseudonym = killed("trial")
+    day = Day(store, pseudonym)
+    assert day.phase == "waiting"
+    assert [each.state for each in store.attempts(pseudonym)] == ["interrupted"]
+    assert store.trials(pseudonym)[0].state == "planned"
+    day.end()
+
+
+def test_a_database_is_rebuilt_from_a_killed_recording(killed: Callable[..., tuple[Store, str]]) -> None:
+    store, pseudonym = killed("questionnaire", 2)
+    folder = store.folder
+    store.close()
+    for path in folder.glob(f"{database.FILE}*"):
+        path.unlink()
+    rebuild_study(folder)
+    with Store(folder) as again:
+        assert again.trials(pseudonym)[0].state == "completed"
+        assert len(open_attempts(again, again.attempts(pseudonym))) == 1
+
+
+def test_answers_agree_after_a_kill_whichever_is_behind(left: Callable[[], tuple[Store, str]]) -> None:
+    """L1 was changed twice in the recording and L2 once in the database, then the other was to follow."""
+    store, pseudonym = left()
+    (attempt,) = store.attempts(pseudonym)
+    change_answer(store, attempt.id, Answer("L2", 4, 1.0))
+    recorded = [
+        Answer("L1", 1, 1.0),
+        Answer("L2", 2, 1.0),
+        *(Answer("L1", value, 1.0) for value in (5, 1, 3)),
+    ]
+    with store.database.write() as connection:
+        lacking = reconcile_answers(store, connection, attempt, recorded)
+    assert lacking == [Answer("L2", 4, 1.0)]
+    assert values(store, pseudonym) == {"L1": 3, "L2": 4}
+    with store.database.write() as connection:
+        assert reconcile_answers(store, connection, attempt, [*recorded, *lacking]) == []

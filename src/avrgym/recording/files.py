@@ -15,8 +15,9 @@ from typing import IO, Any, cast
 
 import msgspec
 from mcap import records as mcap_records
+from mcap.data_stream import RecordBuilder
 from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.writer import Writer
+from mcap.writer import MCAP0_MAGIC, Writer
 
 from avrgym.recording import late_answers
 from avrgym.recording.outcomes import ATTEMPT_ENDS, AttemptEnd, Metrics
@@ -31,6 +32,7 @@ CLOSE_TIMEOUT_S = 10.0
 
 _CONFIGURATION = "configuration"
 _OUTCOME = "outcome"
+_ROBOT_FINISHED = "robot_finished"
 _ORIGIN = "origin"
 """When the recording began, by the computer's calendar."""
 
@@ -53,7 +55,7 @@ class RecordingWriter:
     def __init__(self, path: str | os.PathLike[str], metadata: Mapping[str, Any]):
         self.path = Path(path)
         self._failure: Exception | None = None
-        self._queue: SimpleQueue[tuple[str, int, Record] | None] = SimpleQueue()
+        self._queue: SimpleQueue[tuple[str, int, Record] | dict[str, Any] | None] = SimpleQueue()
         self._disk = _Disk(self.path)
         self._mcap = Writer(cast(IO[bytes], self._disk), enable_data_crcs=True)
         self._written = 0
@@ -84,6 +86,13 @@ class RecordingWriter:
             self._failure = RecordingError(f"{self.path}: a record is lost: the disk is too slow")
         if self._failure is None:
             self._queue.put((topic, log_time_ns, record))
+
+    def robot_finished(self, outcome: Mapping[str, Any]) -> None:
+        """Queue the outcome of a trial whose robot has finished, without waiting.
+
+        Once it is on disk, ``end_cut_recording`` completes the file if this process is killed.
+        """
+        self._queue.put(dict(outcome))
 
     def catch_up(self) -> None:
         """Wait until little is queued, for callers faster than real time; no longer than the disk takes data."""
@@ -149,6 +158,11 @@ class RecordingWriter:
         entry = self._queue.get(timeout=timeout_s)
         if entry is None:
             return False
+        if isinstance(entry, dict):
+            self._mcap.flush()
+            self._mcap.add_metadata(_ROBOT_FINISHED, _to_text(entry))
+            self._disk.sync()
+            return True
         topic, log_time_ns, record = entry
         self._written += 1
         self._mcap.add_message(
@@ -209,7 +223,8 @@ class Recording:
     """What a file holds: its messages (topic, log_time_ns, record) in the order of writing.
 
     ``complete``: the trial ended with an outcome and nothing is missing. ``began_at``: when the trial did, in UTC;
-    recordings of earlier versions do not tell it.
+    recordings of earlier versions do not tell it. ``robot_finished`` is the outcome at the end of the last control
+    step, where the robot took all of them.
     """
 
     metadata: dict[str, Any]
@@ -217,6 +232,7 @@ class Recording:
     messages: list[tuple[str, int, Any]]
     complete: bool
     began_at: datetime | None = None
+    robot_finished: dict[str, Any] | None = None
 
     @property
     def end(self) -> AttemptEnd | None:
@@ -251,7 +267,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 
     Answers that were given after its end, see ``late_answers``, follow its messages at the time of the last one.
     """
-    records, whole = _intact_records(path)
+    records, whole, _ = _intact_records(path)
     metadata = _metadata(records)
     if _CONFIGURATION not in metadata:
         raise RecordingError(f"{path}: not a recording, or cut off before the end of its header")
@@ -265,7 +281,30 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
         messages=messages,
         complete=whole and gapless and outcome is not None,
         began_at=_began_at(metadata.get(_ORIGIN, {})),
+        robot_finished=metadata.get(_ROBOT_FINISHED) if gapless else None,
     )
+
+
+def end_cut_recording(path: str | os.PathLike[str]) -> None:
+    """Complete a recording that was cut off after the robot had finished; any other stays as it is.
+
+    The end replaces an unreadable rest. Nobody may write the recording any more.
+    """
+    recording = read_recording(path)
+    if recording.complete or recording.robot_finished is None:
+        return
+    end = RecordBuilder()
+    if recording.outcome is None:
+        outcome = {**recording.robot_finished, "cut_off": True}
+        mcap_records.Metadata(_OUTCOME, _to_text(outcome)).write(end)
+    mcap_records.DataEnd(0).write(end)
+    mcap_records.Footer(0, 0, 0).write(end)
+    with open(path, "r+b") as file:
+        file.truncate(_intact_records(path)[2])
+        file.seek(0, os.SEEK_END)
+        file.write(end.end() + MCAP0_MAGIC)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _began_at(origin: Mapping[str, Any]) -> datetime | None:
@@ -311,12 +350,13 @@ def torso_height_m(configuration: Mapping[str, Any]) -> float | None:
     return person.get("torso_height_m")
 
 
-def _intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.McapRecord], bool]:
-    """The records before the first damage, and whether there was none.
+def _intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.McapRecord], bool, int]:
+    """The records before the first damage, whether there was none, and the offset behind the last record of the data.
 
     Messages lie in chunks, each of which has a checksum: a message outside of them is damage to another record's kind.
     """
     records: list[mcap_records.McapRecord] = []
+    end_of_data, ended = 0, False
     with open(path, "rb") as file:
         reader = StreamReader(
             file, emit_chunks=True, validate_crcs=True, record_size_limit=os.path.getsize(path)
@@ -326,14 +366,16 @@ def _intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.Mca
                 if isinstance(record, mcap_records.Chunk):
                     records += breakup_chunk(record, validate_crc=True)
                 elif isinstance(record, mcap_records.Message):
-                    return records, False
+                    return records, False, end_of_data
                 else:
                     records.append(record)
+                ended = ended or isinstance(record, mcap_records.DataEnd)
+                end_of_data = end_of_data if ended else file.tell()
         except OSError:
             raise
         except Exception:  # the reader raises whatever the bytes of a cut or damaged record lead to
-            return records, False
-    return records, True
+            return records, False, end_of_data
+    return records, True, end_of_data
 
 
 def _metadata(records: list[mcap_records.McapRecord]) -> dict[str, dict[str, Any]]:

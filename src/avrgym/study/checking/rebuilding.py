@@ -10,7 +10,13 @@ from typing import Any
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.recording.files import Recording, RecordingError, read_recording
+from avrgym.recording.files import (
+    Recording,
+    RecordingError,
+    end_cut_recording,
+    read_configuration,
+    read_recording,
+)
 from avrgym.study.design.allocation import PlannedTrial, cell_orders, plan_trials
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import read_design
@@ -61,7 +67,9 @@ class _Kept:
 
 
 def rebuild_study(folder: Path) -> Rebuilt:
-    """Make a study's lost database anew; key file and recordings stay as they are.
+    """Rebuild a study's lost database; key file and recordings stay as they are.
+
+    Only a recording that was cut off after the robot had finished is completed.
 
     Raises:
         StudyError: when the database is there.
@@ -133,6 +141,8 @@ class _Rebuilding:
     def _load(self, path: Path) -> _Kept | None:
         name = path.relative_to(self._store.folder).as_posix()
         try:
+            if not read_configuration(path)["simulated"]:
+                end_cut_recording(path)
             recording = read_recording(path)
         except (OSError, RecordingError) as error:
             self._left_out.append(f"{name}: {error}")

@@ -1,6 +1,7 @@
 """Answers: what counts as one, and that none is lost: one that the participant changed stands in an event."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 import sqlalchemy as sa
@@ -121,6 +122,38 @@ def visit_of(sessions: Sequence[StudySession], session_id: int) -> list[int]:
         if session.state != "interrupted":
             ids.clear()
     return ids
+
+
+def reconcile_answers(
+    store: Store, connection: sa.Connection, attempt: TrialAttempt, recorded: Sequence[Answer]
+) -> list[Answer]:
+    """Store the recorded answers that a killed program did not; returns stored answers that the recording lacks.
+
+    Of each item, the source with more answers is newer: answers are only added or changed.
+    """
+    items, event = (
+        store.design.items_at("after_trial"),
+        {"session": attempt.session, "attempt": attempt.id},
+    )
+    before = find_all(connection, GivenAnswer, attempt=attempt.id)
+    counts = {each.item: 1 + _changes(connection, attempt, each.item) for each in before}
+    for number, answer in enumerate(recorded):
+        earlier = sum(each.item == answer.item for each in recorded[:number])
+        given = find_all(connection, GivenAnswer, attempt=attempt.id)
+        if earlier >= counts.get(answer.item, 0):
+            change = _change if any(each.item == answer.item for each in given) else _insert_answer
+            change(connection, items, given, answer, event)
+    kept = Counter(answer.item for answer in recorded)
+    return [
+        Answer(each.item, each.value, each.response_time_s)
+        for each in before
+        if counts[each.item] > kept[each.item]
+    ]
+
+
+def _changes(connection: sa.Connection, attempt: TrialAttempt, item: str) -> int:
+    changed = find_all(connection, StudyEvent, attempt=attempt.id, name=CHANGED)
+    return sum(event.detail.startswith(f"{item} from ") for event in changed)
 
 
 def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str]]:

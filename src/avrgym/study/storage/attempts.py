@@ -8,10 +8,11 @@ from pathlib import Path
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.recording.files import RecordingError, read_recording
+from avrgym.recording import late_answers
+from avrgym.recording.files import RecordingError, end_cut_recording, read_recording
 from avrgym.recording.outcomes import ATTEMPT_ENDS, AttemptEnd, Metrics
 from avrgym.study.storage import ledger, schema
-from avrgym.study.storage.answers import OPEN, unanswered
+from avrgym.study.storage.answers import OPEN, reconcile_answers, unanswered
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
@@ -139,19 +140,36 @@ def finish_attempt(
         record_event(connection, OPEN, ", ".join(missing), event)
 
 
-def whole_metrics(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> Metrics | None:
-    """The metrics of an attempt that only lacked being stored as completed; ``None`` for any other.
+def finished_metrics(
+    store: Store, connection: sa.Connection, attempt: TrialAttempt, *, writer_ended: bool
+) -> Metrics | None:
+    """The metrics of an attempt whose robot had finished when its program ended; ``None`` for any other.
 
-    Every answer that its recording holds is stored.
+    Its recording and the database then hold the same answers. If ``writer_ended``, nobody writes the recording any
+    more, and one that was cut off after the robot had finished is completed.
+
+    Raises:
+        StudyError: when the recording or its answers cannot be completed on this disk.
     """
-    try:
-        recording = read_recording(store.path(attempt.recording))
-    except (OSError, RecordingError):
+    path = store.path(attempt.recording)
+    if not path.is_file():
         return None
-    finished = recording.complete and recording.end == "completed"
-    recorded = {answer.item for _, answer in recording.topics["/answers"]}
-    lacks_answers = recorded.intersection(unanswered(store, connection, attempt))
-    return recording.metrics if finished and not lacks_answers else None
+    try:
+        if writer_ended:
+            end_cut_recording(path)
+        recording = read_recording(path)
+        if not (recording.complete and recording.end == "completed"):
+            return None
+        answers = [answer for _, answer in recording.topics["/answers"]]
+        for answer in reconcile_answers(store, connection, attempt, answers):
+            late_answers.append(path, answer)
+    except RecordingError:
+        return None
+    except OSError as error:
+        raise StudyError(
+            f"{attempt.recording} cannot be completed: {error}; repair that and begin again"
+        ) from error
+    return recording.metrics
 
 
 def sha256_of(store: Store, recording: str) -> str | None:

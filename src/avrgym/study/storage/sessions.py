@@ -9,7 +9,7 @@ from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.recording.outcomes import AttemptEnd
 from avrgym.study.storage import ledger, schema
 from avrgym.study.storage.answers import is_open
-from avrgym.study.storage.attempts import NOTHING, finish_attempt, whole_metrics
+from avrgym.study.storage.attempts import NOTHING, finish_attempt, finished_metrics
 from avrgym.study.storage.rows import Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
@@ -31,8 +31,8 @@ from avrgym.system.processes import is_running
 def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> StudySession:
     """Begin a session of a participant at this station.
 
-    What a session that crashed left open is ended first: an attempt whose recording and answers are whole
-    completes its trial, any other is kept as interrupted.
+    What a session that crashed left open is ended first: an attempt whose robot had finished completes its trial, any
+    other is kept as interrupted.
 
     Args:
         store: the study.
@@ -111,7 +111,8 @@ def end_open_sessions(
 ) -> None:
     """End all of a participant's open sessions within a transaction, and what runs in them, in these states.
 
-    With attempts ``interrupted`` nobody writes their recordings any more, and whole ones complete their trials.
+    With attempts ``interrupted`` nobody writes their recordings any more, and those whose robot had finished complete
+    their trials.
     """
     for session in find_all(connection, StudySession, participant=participant.number, state="open"):
         _end_session(store, connection, session, attempts=attempts, after=sessions)
@@ -144,9 +145,15 @@ def _insert_session(
 def _end_session(
     store: Store, connection: sa.Connection, session: StudySession, *, attempts: AttemptEnd, after: str
 ) -> None:
+    """End a session and what runs in it.
+
+    Simulated participants repeat a trial that was cut off: what a dry run gives follows from its seeds alone.
+    """
+    participant = find(connection, Participant, "participant", number=session.participant)
+    writer_ended = not participant.simulated and not may_run(store, session)
     for attempt in find_all(connection, TrialAttempt, session=session.id, state="running"):
         closed = attempts == "interrupted"
-        metrics = whole_metrics(store, connection, attempt) if closed else None
+        metrics = finished_metrics(store, connection, attempt, writer_ended=writer_ended) if closed else None
         ended = attempts if metrics is None else "completed"
         finish_attempt(store, connection, attempt, ended, metrics or NOTHING, closed=closed)
     change_state(connection, session, after, about(session), closed_at=now())

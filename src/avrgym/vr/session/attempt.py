@@ -84,6 +84,7 @@ class Attempt:
         self._told_of_stall = False
         self._targets_rad: Array | None = None
         self._records: list[tuple[str, int, records.Record]] = []
+        self._finished: dict[str, Any] | None = None
         self.number, self._recording = _open(folder, trial, configuration, first_number)
 
     @property
@@ -127,6 +128,9 @@ class Attempt:
         recorded, self._records = self._records, []
         for record in recorded:
             self._recording.write(*record)
+        if self._finished is not None:
+            self._recording.robot_finished(self._finished)
+            self._finished = None
 
     def record_physics(self, world: LiveWorld, now_s: float) -> None:
         """Record the simulator's whole state, and before it the action that this tick began with."""
@@ -149,6 +153,10 @@ class Attempt:
         self.reward += float(outcome.reward[0])
         self.experience = self.experience.after(step, self.steps)
         self.record("/control", control_record(self.steps, step, driver, idle), now_s)
+
+    def robot_finished(self, now_s: float) -> None:
+        """Store with the next ``hand_over`` that the robot has finished: the attempt counts even after a kill."""
+        self._finished = self._outcome("completed", now_s)
 
     def record_frames(self, followed: Followed) -> None:
         """Record tracking frames in the order they came; the person moved to the newest, but for what is held."""
@@ -173,19 +181,21 @@ class Attempt:
 
     def close(self, result: str, now_s: float) -> RecordingError | None:
         """End the recording; what keeps it from being complete, if anything does."""
-        outcome = {
+        self.hand_over()
+        try:
+            self._recording.close(self._outcome(result, now_s))
+        except RecordingError as error:
+            return error
+        return None
+
+    def _outcome(self, result: str, now_s: float) -> dict[str, Any]:
+        return {
             "result": result,
             "steps": self.steps,
             "reward": self.reward,
             "success": self.success,
             "seconds": now_s - self.began_s,
         }
-        self.hand_over()
-        try:
-            self._recording.close(outcome)
-        except RecordingError as error:
-            return error
-        return None
 
 
 def control_record(number: int, step: ControlStep, driver: str, idle: bool) -> records.Control:

@@ -72,6 +72,7 @@ class Trial(Stoppable):
         attempt.record_step(step, driver, idle, self.state.now_s)
         if attempt.steps < self.state.plan.trial_steps:
             return self
+        attempt.robot_finished(self.state.now_s)
         return Retreat(self.state)
 
 

@@ -1,0 +1,101 @@
+"""A server's days in a study: sessions with a participant in simulated time, some of which are killed."""
+
+import time
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from avrgym.recording.files import read_recording
+from avrgym.study.sessions import live
+from avrgym.study.sessions.serving import StudySessions
+from avrgym.study.storage.store import Store
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.protocol.messages import Answer, Entered, Question, Ready, Scene, SceneLoaded, Send, Sent
+from avrgym.vr.tracking.world import TICK_S
+
+GIVEN = {"L1": 1, "L2": 2, "L3": 3, "L4": 4}
+
+
+class Day:
+    """A server's day: the sessions of a study, and a participant who answers ``most`` questions at most."""
+
+    def __init__(self, store: Store, pseudonym: str) -> None:
+        self.heard: list[Sent] = []
+        send: Send = self.heard.append
+        self.sessions = StudySessions(store, send, first=pseudonym)
+        self.sessions.greet(send, "participant", 0.0)
+        self.participant = SimulatedParticipant(draw_traits("woman", 1), 1)
+        self.ticks = 0
+
+    @property
+    def phase(self) -> str:
+        session = self.sessions._session
+        return "over" if session is None or self.sessions.participant is None else session.phase
+
+    def tell(self, *told) -> None:
+        for message in told:
+            self.sessions.receive(message, self.ticks * TICK_S)
+
+    def tick(self) -> None:
+        if self.ticks % 4 == 0:
+            frame = self.participant.frame(self.ticks * TICK_S, moving=self.phase != "calibration")
+            self.tell(frame)
+        if self.phase == "loading":
+            self.tell(SceneLoaded([each for each in self.heard if isinstance(each, Scene)][-1].url))
+        if self.phase in ("calibration", "check", "ready", "paused") and self.ticks % 40 == 39:
+            self.tell(Ready())
+        self.sessions.tick(self.ticks * TICK_S)
+        self.ticks += 1
+
+    def until(self, *phases: str) -> None:
+        ends = self.ticks + 20_000
+        while self.phase not in phases:
+            assert self.ticks < ends, f"still in {self.phase}"
+            self.tick()
+
+    def question(self) -> Question:
+        return [each for each in self.heard if isinstance(each, Question)][-1]
+
+    def answer(self, count: int) -> None:
+        for _ in range(count):
+            item = self.question().item
+            self.tell(Answer(item, GIVEN[item], 1.0))
+            self.tick()
+
+    def end(self) -> None:
+        self.sessions.close(self.ticks * TICK_S)
+
+
+def killed_in(folder: Path, pseudonym: str, phase: str, answers: int, stored: int) -> None:
+    """Kill the server's process (`kill -9`) in a phase, after so many answers, some of them stored in the database."""
+    here, there = get_context("spawn").Pipe()
+    process = get_context("spawn").Process(
+        target=_attend, args=(folder, pseudonym, phase, answers, stored, there)
+    )
+    process.start()
+    try:
+        assert here.poll(120.0)
+    finally:
+        process.kill()
+        process.join()
+
+
+def _attend(folder: Path, pseudonym: str, phase: str, answers: int, stored: int, told: Connection) -> None:
+    """Go to a phase, tell that, and stay there."""
+    with Store(folder) as store:
+        day = Day(store, pseudonym)
+        day.tell(Entered())
+        day.until("questionnaire" if answers else phase)
+        day.answer(stored if answers else 0)
+        if stored < answers:
+            live.record_answer = lambda *_: None
+            day.answer(answers - stored)
+        day.tick()
+        (attempt,) = store.attempts(pseudonym)
+        recording = store.path(attempt.recording)
+        while phase != "trial" and read_recording(recording).robot_finished is None:
+            time.sleep(0.01)
+        while stored < answers > len(read_recording(recording).topics["/answers"]):
+            time.sleep(0.01)
+        told.send(day.phase)
+        time.sleep(600.0)
