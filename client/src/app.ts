@@ -7,12 +7,14 @@ import { FlatPlay } from "./flatplay";
 import { Immersive } from "./immersive";
 import type { Outgoing } from "./codec";
 import { LatencyMeter } from "./latency";
-import type { Body, Phase, Problem, Scene, ServerMessage, StopWay, Visibility, Welcome } from "./messages";
+import type { Body, Phase, Scene, ServerMessage, StopWay, Visibility, Welcome } from "./messages";
+import { Notice } from "./notice";
 import { Page, isStopKey } from "./page";
 import { AGAIN, BACK, DONE } from "./paint";
 import { Panel } from "./panel";
 import { Questionnaire } from "./questionnaire";
 import { createRoom } from "./room";
+import { inputOfAll, wordsFor, type Input } from "./selecting";
 import { Senses } from "./senses";
 import { ImmersiveSession, reasonAgainstVR } from "./session";
 import { StopControl } from "./stopcontrol";
@@ -24,9 +26,6 @@ import { RobotPointer, Whereabouts } from "./whereabouts";
 import { ENGLISH, firstWords, wordsOf, type Key, type Words } from "./words";
 import { World } from "./world";
 
-/** How long a problem is shown: as long as it takes to read. */
-const PROBLEM_SHOWN_MS = 6000;
-const PROBLEM_SHOWN_MS_A_LETTER = 80;
 /** As often as a headset of 72 Hz sends its poses. */
 const PLAY_INTERVAL_MS = 1000 / 72;
 
@@ -59,12 +58,12 @@ export class App {
   private link: Link = "connecting";
   private code = 0;
   private words: Words;
-  private problem: Problem | null = null;
-  private problemTimer = 0;
+  private readonly notice = new Notice(() => this.refresh());
   private contextLost = false;
   private toldVisibility: Visibility = "visible";
   private phaseEndsMs = Infinity;
   private secondsLeft: number | null = null;
+  private input: Input = "trigger";
 
   constructor(
     private readonly token: string,
@@ -185,7 +184,7 @@ export class App {
     if (message.type === "scene") void this.sceneCame(message);
     if (message.type === "phase") this.phaseCame(message);
     if (message.type === "question" && !this.watches) this.questionnaire.show(message, performance.now());
-    if (message.type === "problem") this.showProblem(message);
+    if (message.type === "problem") this.notice.show(message);
     this.refresh();
   }
 
@@ -210,8 +209,20 @@ export class App {
   private tellVisibility(): void {
     const { visibility } = this;
     this.immersive.blocked = visibility !== "visible";
+    this.watchAnswering();
     if (visibility !== this.toldVisibility && this.send({ type: "visibility_changed", visibility }))
       this.toldVisibility = visibility;
+  }
+
+  /** Whether the participant sees the questions and can point at an answer. */
+  private get canAnswer(): boolean {
+    const seen = this.presenting ? this.visibility : document.visibilityState;
+    const tracked = !this.presenting || this.lastPoses?.head !== null;
+    return this.link === "connected" && seen === "visible" && tracked;
+  }
+
+  private watchAnswering(): void {
+    this.questionnaire.block(!this.canAnswer, performance.now());
   }
 
   /** Fills the browser's cache, so that the scene is there when it is wanted. */
@@ -269,6 +280,7 @@ export class App {
   private linked(link: Link, code: number): void {
     this.link = link;
     this.code = code;
+    this.watchAnswering();
     this.refresh();
   }
 
@@ -376,6 +388,14 @@ export class App {
     if (way) this.stop(way);
   }
 
+  /** The panel's words say how to select with what the participant has. */
+  private watchInput(sources: XRInputSourceArray): void {
+    const input = inputOfAll(sources) ?? this.input;
+    if (input === this.input) return;
+    this.input = input;
+    this.refresh();
+  }
+
   private originReset(): void {
     this.panel.unplace();
     this.stopControl.sign.hide();
@@ -390,34 +410,20 @@ export class App {
 
   // Words
 
-  /** Says why something on this page failed. */
   private explain(key: Key, error?: unknown): void {
-    if (error !== undefined) console.warn(error);
-    const text = this.words.say(key, { reason: error === undefined ? "" : reasonOf(error) });
-    this.showProblem({ type: "problem", message: text, role: "participant", page_message: "" });
-  }
-
-  private showProblem(problem: Problem): void {
-    this.problem = problem;
-    clearTimeout(this.problemTimer);
-    const shownMs = Math.max(PROBLEM_SHOWN_MS, PROBLEM_SHOWN_MS_A_LETTER * problem.message.length);
-    this.problemTimer = window.setTimeout(() => this.hideProblem(), shownMs);
-    this.refresh();
-  }
-
-  private hideProblem(): void {
-    this.problem = null;
-    this.refresh();
+    this.notice.explain(this.words, key, error);
   }
 
   private refresh(): void {
-    const { words, link, code, phase, problem, secondsLeft, takesPart } = this;
+    const { words, link, code, phase, secondsLeft, takesPart, input } = this;
+    const { problem } = this.notice;
     const question = link === "connected" ? this.questionnaire.question : null;
     const { answered } = this.questionnaire;
     const body = this.welcome?.role === "spectator" ? null : this.body;
-    const message = problem?.message ?? null;
-    const display: Display = { words, link, code, phase, body, question, answered, problem: message, secondsLeft, takesPart };
-    this.page.show({ ...display, problem: problem?.page_message || message });
+    const message = problem && wordsFor(input, problem.message, problem.messages_by_input);
+    const counted = { secondsLeft, takesPart, input };
+    const display: Display = { words, link, code, phase, body, question, answered, problem: message, ...counted };
+    this.page.show({ ...display, problem: problem && (problem.page_message || problem.message) });
     this.panel.show(this.presenting ? panelContent(display) : null);
   }
 
@@ -425,10 +431,12 @@ export class App {
 
   private frame(timeMs: number, frame?: XRFrame): void {
     this.countDown();
+    this.watchAnswering();
     const space = this.view.renderer.xr.getReferenceSpace();
     if (frame && space && this.presenting) {
       this.updateWorld(timeMs, this.immersive.read(frame, space, timeMs), this.immersive.bareHands);
       this.session.watchButtons(frame.session.inputSources);
+      this.watchInput(frame.session.inputSources);
       this.immersive.frame(frame, space);
       this.watchStop(frame, space, timeMs);
     } else this.updateWorld(timeMs, this.flat.playing ? this.flat.poses : null);
@@ -492,8 +500,4 @@ function socketAddress(name: string): string {
 
 function secondsUntil(endsMs: number, nowMs: number): number | null {
   return endsMs > nowMs && endsMs < Infinity ? Math.ceil((endsMs - nowMs) / 1000) : null;
-}
-
-function reasonOf(error: unknown): string {
-  return (error instanceof Error ? error.message : String(error)).replace(/\.$/, "");
 }

@@ -1,5 +1,6 @@
 import type { Link } from "./connection";
 import { PHASES_WHERE, type Body, type Phase, type Question } from "./messages";
+import { wordsFor, type Input } from "./selecting";
 import type { Key, Words } from "./words";
 
 /** Everything that words are shown about. */
@@ -15,6 +16,8 @@ export interface Display {
   answered: number | null;
   problem: string | null;
   secondsLeft: number | null;
+  /** How the participant selects in VR. */
+  input: Input;
   /** Whether the participant is in VR, or plays without a headset. */
   takesPart: boolean;
 }
@@ -61,7 +64,7 @@ export function panelContent(display: Display): PanelContent | null {
   const { words, question, phase, answered, secondsLeft } = display;
   const notice = display.link === "connected" ? display.problem : linkWords(display);
   const label = question ? words.say("of", { number: question.number, count: question.count }) : phaseLabel(phase, words);
-  const text = question ? question.text : phaseText(phase);
+  const text = question ? question.text : phaseText(phase, display.input);
   if (!text && !notice) return null;
   const body = phase?.name === "calibration" ? display.body : null;
   const [confirms, again] = [confirmsAnswers(phase), mayRecalibrate(phase)];
@@ -76,8 +79,9 @@ export function phaseLabel(phase: Phase | null, words: Words): string {
 }
 
 /** Nothing stands between the person and the robot while it moves. */
-function phaseText(phase: Phase | null): string {
-  return phase && phase.name !== "trial" && phase.name !== "retreat" ? phase.text : "";
+function phaseText(phase: Phase | null, input: Input): string {
+  if (!phase || phase.name === "trial" || phase.name === "retreat") return "";
+  return wordsFor(input, phase.text, phase.texts_by_input);
 }
 
 /** Whether the participant confirms their answers now. */

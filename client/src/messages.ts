@@ -338,8 +338,8 @@ export interface StateChange {
 
 /** Where the session stands, with the words to show to the participant.
  *
- * `text` is for somebody in VR, `page_text` for somebody who takes part on the page, without a headset, where
- * that differs. */
+ * `text` is for somebody in VR who selects by a trigger, `texts_by_input` for other kinds of input, and
+ * `page_text` for somebody who takes part on the page, without a headset, where these differ. */
 export interface Phase {
   type: "phase";
   name: PhaseName;
@@ -349,6 +349,7 @@ export interface Phase {
   practice: boolean;
   seconds: number | null;
   page_text: string;
+  texts_by_input: Record<string, string>;
 }
 
 /** One item to show and to answer by pointing and pressing the trigger.
@@ -370,14 +371,15 @@ export interface Question {
 
 /** What was wrong with a message or a measurement, and what is allowed. The session goes on.
  *
- * `page_message` says it to somebody who takes part without a headset, where that differs. `role`: whom it
- * concerns. The participant never reads what was wrong with what the experimenter asked for; the experimenter, who
- * helps them, reads both. */
+ * `page_message` says it to somebody who takes part without a headset, `messages_by_input` to somebody in VR who
+ * selects by another input than a trigger, where these differ. `role`: whom it concerns. The participant never reads
+ * what was wrong with what the experimenter asked for; the experimenter, who helps them, reads both. */
 export interface Problem {
   type: "problem";
   message: string;
   role: Role;
   page_message: string;
+  messages_by_input: Record<string, string>;
 }
 
 /** What the participant feels and hears of one control step.

@@ -77,13 +77,25 @@ export function hitButton(buttons: readonly Button[], x: number, y: number): num
 export class Questionnaire {
   question: Question | null = null;
   answered: number | null = null;
-  private shownMs = 0;
+  /** For how long the question could be answered until `sinceMs`, from when on it can be; null while it cannot. */
+  private spentMs = 0;
+  private sinceMs: number | null = 0;
 
-  /** Shows a question; one that comes again after a lost connection keeps the time of its first appearance. */
+  /** Shows a question; one that comes again after a lost connection keeps the time that was spent on it. */
   show(question: Question, nowMs: number): void {
-    if (question.item !== this.question?.item) this.shownMs = nowMs;
+    if (question.item !== this.question?.item) {
+      this.spentMs = 0;
+      if (this.sinceMs !== null) this.sinceMs = nowMs;
+    }
     this.question = question;
     this.answered = null;
+  }
+
+  /** The response time does not count while the participant cannot see the question or answer it. */
+  block(blocked: boolean, nowMs: number): void {
+    if (blocked === (this.sinceMs === null)) return;
+    this.spentMs = this.spentUntil(nowMs);
+    this.sinceMs = blocked ? null : nowMs;
   }
 
   clear(): void {
@@ -94,7 +106,11 @@ export class Questionnaire {
   /** Gives the first answer to `send`, which says whether it went out; every later press is ignored. */
   answer(value: number, nowMs: number, send: (answer: Answer) => boolean): void {
     if (!this.question || this.answered !== null || value < 1 || value > this.question.points) return;
-    const response_time_s = Math.max(0, nowMs - this.shownMs) / 1000;
+    const response_time_s = this.spentUntil(nowMs) / 1000;
     if (send({ type: "answer", item: this.question.item, value, response_time_s })) this.answered = value;
+  }
+
+  private spentUntil(nowMs: number): number {
+    return this.spentMs + (this.sinceMs === null ? 0 : Math.max(0, nowMs - this.sinceMs));
   }
 }

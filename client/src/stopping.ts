@@ -21,7 +21,7 @@ export const WAYS: Readonly<Record<WayInVR, { words: Key; heldMs: number }>> = {
 /** A, B, X and Y of common controllers, or the menu button of others, in the WebXR gamepad mapping. */
 const MENU_BUTTONS = [4, 5];
 /** The profile that all hands have, those too of which browsers tell no joints: button 4 is then their fist. */
-const HAND_PROFILE = "generic-hand-select";
+export const HAND_PROFILE = "generic-hand-select";
 /** Tracking of hands and eyes flickers for so long. */
 const FLICKER_MS = 150;
 /** After so long without any input source a participant has only their eyes. */

@@ -75,9 +75,9 @@ export const TEXTS = {
       "brown": "braun",
       "dark": "dunkel",
       "help": "So geht es",
-      "help_sit": "Setzen Sie sich auf einen Stuhl, setzen Sie das Headset auf und nehmen Sie in jede Hand einen Controller.",
+      "help_sit": "Setzen Sie sich auf einen Stuhl, setzen Sie das Headset auf und nehmen Sie, falls es Controller hat, in jede Hand einen.",
       "help_enter": "Wählen Sie **VR betreten** und folgen Sie den Worten auf der Tafel vor Ihnen.",
-      "help_answer": "Eine Frage beantworten: Zeigen Sie auf eine Antwort und drücken Sie den Abzug.",
+      "help_answer": "Eine Frage beantworten: Zeigen Sie auf eine Antwort und drücken Sie den Abzug; mit bloßen Händen führen Sie Daumen und Zeigefinger zusammen, auf einem Bildschirm tippen Sie, eine einzige Taste drücken Sie.",
       "help_stop": "Halten Sie den Roboter jederzeit an. Ein rotes Schild in VR zeigt, wie das mit Ihrem Headset geht: A, B, X, Y oder die Menütaste drücken; ohne diese beide Abzüge halten, oder die einzige Taste; mit bloßen Händen eine offene Handfläche heben; sonst das Schild ansehen. Hier drücken Sie `Esc` oder die `Leertaste`."
     }
   },
@@ -155,9 +155,9 @@ export const TEXTS = {
       "brown": "brown",
       "dark": "dark",
       "help": "How it works",
-      "help_sit": "Sit on a chair, put the headset on and take a controller in each hand.",
+      "help_sit": "Sit on a chair, put the headset on and take a controller in each hand, if it has controllers.",
       "help_enter": "Choose **Enter VR** and follow the words on the panel in front of you.",
-      "help_answer": "Answer a question: point at an answer and pull the trigger.",
+      "help_answer": "Answer a question: point at an answer and pull the trigger; with bare hands pinch, on a screen tap, with one button press it.",
       "help_stop": "Stop the robot at any time. A red sign in VR shows how with your headset: press A, B, X, Y or the menu button; without these, hold both triggers, or the only button; with bare hands, hold up an open palm; otherwise look at the sign. Here, press `Esc` or `Space`."
     }
   }

@@ -98,7 +98,7 @@ describe("words", () => {
   });
 
   it("tell where the session stands", () => {
-    const phase = { type: "phase", name: "free_before", text: "Move.", trial: 2, trials: 5, page_text: "" } as const;
+    const phase = { type: "phase", name: "free_before", text: "Move.", trial: 2, trials: 5, page_text: "", texts_by_input: {} } as const;
     expect(sessionWords({ ...phase, practice: false, seconds: 5 })).toBe("Free movement before the robot starts.");
     for (const none of [null, { ...phase, trials: 0, practice: false, seconds: null }])
       expect(sessionWords(none)).toBe("No session runs here.");

@@ -31,12 +31,12 @@ const BODY: Body = {
 };
 
 function phase(name: Phase["name"], text = "Words"): Phase {
-  return { type: "phase", name, text, trial: 3, trials: 8, practice: false, seconds: null, page_text: "" };
+  return { type: "phase", name, text, trial: 3, trials: 8, practice: false, seconds: null, page_text: "", texts_by_input: {} };
 }
 
 function display(changes: Partial<Display>): Display {
   const nothing = { phase: null, body: null, question: null, answered: null, problem: null, secondsLeft: null, takesPart: true };
-  return { words: ENGLISH, link: "connected", code: 0, ...nothing, ...changes };
+  return { words: ENGLISH, link: "connected", code: 0, input: "trigger", ...nothing, ...changes };
 }
 
 describe("the panel", () => {
@@ -66,6 +66,12 @@ describe("the panel", () => {
     expect(panelContent(display({ phase: phase("trial"), link: "lost" }))?.notice).toContain(
       "Connection lost",
     );
+  });
+
+  it("says how to select with what the participant has", () => {
+    const pressing = { ...phase("ready", "Press the trigger."), texts_by_input: { pinch: "Pinch." } };
+    const texts = (["trigger", "pinch", "tap"] as const).map((input) => panelContent(display({ phase: pressing, input }))?.text);
+    expect(texts).toEqual(["Press the trigger.", "Pinch.", "Press the trigger."]);
   });
 
   it("puts the question in the place of the phase's words", () => {

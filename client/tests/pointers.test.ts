@@ -23,7 +23,7 @@ beforeAll(() => {
 function askingPanel(): Panel {
   const panel = new Panel(1);
   const display = { phase: null, body: null, answered: null, problem: null, secondsLeft: null, takesPart: true };
-  panel.show(panelContent({ words: ENGLISH, link: "connected", code: 0, question: QUESTION, ...display }));
+  panel.show(panelContent({ words: ENGLISH, link: "connected", code: 0, input: "trigger", question: QUESTION, ...display }));
   panel.place(EYES, new Vector3(0, 0, -1), NOBODY);
   panel.mesh.updateMatrixWorld();
   return panel;

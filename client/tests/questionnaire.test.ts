@@ -127,6 +127,23 @@ describe("answering", () => {
     expect(sent.splice(0).map(({ response_time_s }) => response_time_s)).toEqual([1, 5]);
   });
 
+  it("does not count the time in which the question cannot be seen or answered", () => {
+    const questionnaire = new Questionnaire();
+    questionnaire.show(question("L1"), 1000);
+    questionnaire.block(true, 2000);
+    questionnaire.block(true, 3000);
+    questionnaire.show(question("L1"), 8000);
+    questionnaire.block(false, 9000);
+    questionnaire.block(false, 9500);
+    questionnaire.answer(3, 10000, send);
+    expect(sent.splice(0)[0]).toMatchObject({ item: "L1", response_time_s: 2 });
+    questionnaire.block(true, 10500);
+    questionnaire.show(question("L2"), 11000);
+    questionnaire.block(false, 20000);
+    questionnaire.answer(3, 20500, send);
+    expect(sent.splice(0)[0]).toMatchObject({ item: "L2", response_time_s: 0.5 });
+  });
+
   it("counts every new question from its own appearance", () => {
     const questionnaire = new Questionnaire();
     questionnaire.show(question("L1"), 1000);

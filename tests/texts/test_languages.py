@@ -8,7 +8,17 @@ from pathlib import Path
 import pytest
 
 from avrgym.models.human import SKIN_TONES
-from avrgym.texts.texts import ENGLISH, FOLDER, ON_PAGE, Said, TextsError, normal, read_texts, shipped
+from avrgym.texts.texts import (
+    ENGLISH,
+    FOLDER,
+    ON_PAGE,
+    SELECT_BY,
+    Said,
+    TextsError,
+    normal,
+    read_texts,
+    shipped,
+)
 from avrgym.vr.protocol.messages import Language, Phase, Problem, Ready, Stop
 from avrgym.vr.server.access import Tokens
 from visit import Visit, plan
@@ -18,7 +28,9 @@ ALIKE = {"anchor", "one_after_another", "seconds"}
 """What has no words."""
 IN_VR_ALONE = ("wrong_height", "reach_")
 """Beginnings of the names of what nobody without a headset is told."""
-CONTROLLER = re.compile(r"trigger|menu|\bA, B|Abzug|Menü", re.IGNORECASE)
+INPUTS = {"trigger", "button", "touchpad", "pinch", "tap", "gaze"}
+SELECTS = re.compile(r"trigger|pinch|Abzug|Zeigefinger", re.IGNORECASE)
+CONTROLLER = re.compile(r"\{select\}|trigger|menu|\bA, B|Abzug|Menü", re.IGNORECASE)
 
 
 def whole_file(direction: str = "rtl") -> str:
@@ -47,9 +59,53 @@ def test_every_language_is_whole_and_its_own(language: str) -> None:
         alike = {key for key in english if found[key] == english[key]}
         assert language == "en" or alike <= ALIKE
     for key, text in texts.session.items():
-        if CONTROLLER.search(text) and not key.endswith(ON_PAGE):
+        if CONTROLLER.search(text) and not key.endswith(ON_PAGE) and not key.startswith(SELECT_BY):
             on_page = texts.session.get(key + ON_PAGE, "" if key.startswith(IN_VR_ALONE) else text)
             assert not CONTROLLER.search(on_page), key
+
+
+@pytest.mark.parametrize("language", shipped())
+def test_nobody_reads_of_an_input_that_they_do_not_have(language: str) -> None:
+    """Each kind of input has its own words, in VR and in what is put into other words."""
+    texts = read_texts(language)
+    kinds = [key.removeprefix(SELECT_BY) for key in texts.session if key.startswith(SELECT_BY)]
+    assert set(kinds) == INPUTS
+    values = {name: "x" for name in ("trial", "goal", "seconds", "faults", "moved_cm", "most_cm")}
+    for key, text in texts.session.items():
+        if "{select}" not in text.lower() or key.endswith(ON_PAGE):
+            assert key.startswith(SELECT_BY) or not SELECTS.search(text), key
+            continue
+        said = Said("more_faults", {"faults": Said(key, values), "more": "1"})
+        by_input = texts.say_by_input(said)
+        assert set(by_input) == INPUTS - {"trigger"}
+        assert len({texts.say(said), *by_input.values()}) == len(INPUTS)
+        for kind, told in by_input.items():
+            words = texts.session[SELECT_BY + kind]
+            assert words[1:] in told
+            assert texts.session[f"{SELECT_BY}trigger"][1:] not in told
+
+
+def test_a_language_of_an_earlier_version_has_one_way_to_select(tmp_path: Path) -> None:
+    lines = whole_file().replace("{select}", "reggirt").replace("{Select}", "reggirT").splitlines()
+    old = "\n".join(line for line in lines if not line.startswith(SELECT_BY))
+    texts = read_texts("xx", own(tmp_path, "xx", old))
+    assert "reggirt" in texts.say(Said("questionnaire"))
+    assert texts.say_by_input(Said("questionnaire")) == {}
+    with pytest.raises(TextsError, match="lacks select_by_trigger"):
+        read_texts("yy", own(tmp_path, "yy", old.replace("reggirt", "{select}")))
+
+
+def test_the_participant_hears_of_their_input_wherever_they_are_spoken_to(tmp_path: Path) -> None:
+    visit = Visit(tmp_path, plan())
+    visit.go_to("calibration")
+    assert "Then pinch" in visit.said(Phase)[-1].texts_by_input["pinch"]
+    visit.session.greet(visit.heard.append, "participant", 0.0)
+    assert "Then pinch" in visit.said(Phase)[-1].texts_by_input["pinch"]
+    visit.tracking = False
+    visit.tick(100)
+    visit.tell(Ready())
+    assert "then pinch" in visit.said(Problem)[-1].messages_by_input["pinch"]
+    visit.leave()
 
 
 def test_a_study_brings_a_language_written_from_right_to_left(tmp_path: Path) -> None:
@@ -107,7 +163,7 @@ def test_a_session_speaks_one_language(tmp_path: Path) -> None:
     german = {text.split("{")[0] for text in GERMAN.session.values() if text.split("{")[0]}
     for texts in said:
         assert all(any(text.startswith(begin) for begin in german) for text in texts)
-    assert said[-1] == (GERMAN.session["stopped"], GERMAN.session["stopped_page"])
+    assert said[-1] == (GERMAN.say(Said("stopped")), GERMAN.session["stopped_page"])
     problem = visit.said(Problem)[-1]
     assert (problem.message, problem.role) == (GERMAN.session["nothing_to_begin"], "participant")
     assert "Essen Sie das Essen vom Löffel." in said[-4][0]

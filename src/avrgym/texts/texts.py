@@ -27,6 +27,9 @@ _NUMBER = re.compile(r"^(\d+)\.(\d+)$")
 ON_PAGE = "_page"
 """A text whose key ends so is for somebody who takes part on the page, without a headset; every key under
 ``session`` may have one."""
+SELECT, SELECT_BY = "select", "select_by_"
+"""The name in braces of what a participant does to select, and what the keys of these texts begin with."""
+DEFAULT_INPUT = "trigger"
 
 
 class TextsError(ValueError):
@@ -68,14 +71,23 @@ class Texts:
     page: Mapping[str, str]
     sentences: Mapping[str, str]
 
-    def say(self, said: Said) -> str:
-        """What is said to somebody in VR."""
-        return self.session[said.key].format_map(
-            {name: self._put(value) for name, value in said.values.items()}
-        )
+    def say(self, said: Said, select_by: str = DEFAULT_INPUT) -> str:
+        """What is said to somebody in VR who selects by this kind of input."""
+        select = self.session.get(SELECT_BY + select_by, "")
+        values = {name: self._put(value, select_by) for name, value in said.values.items()}
+        values |= {SELECT: select, SELECT.capitalize(): select[:1].upper() + select[1:]}
+        return self.session[said.key].format_map(values)
 
-    def _put(self, value: str | Said) -> str:
-        return self.say(value) if isinstance(value, Said) else _NUMBER.sub(rf"\1{self.decimal}\2", value)
+    def _put(self, value: str | Said, select_by: str) -> str:
+        if isinstance(value, Said):
+            return self.say(value, select_by)
+        return _NUMBER.sub(rf"\1{self.decimal}\2", value)
+
+    def say_by_input(self, said: Said) -> dict[str, str]:
+        """What is said to somebody in VR by kind of input, where it differs from ``say``."""
+        kinds = [key.removeprefix(SELECT_BY) for key in self.session if key.startswith(SELECT_BY)]
+        texts = {kind: self.say(said, kind) for kind in kinds}
+        return {kind: text for kind, text in texts.items() if text != self.say(said)}
 
     def say_on_page(self, said: Said) -> str:
         """What is said to somebody who has no headset."""
@@ -166,14 +178,16 @@ def _read(text: str, name: str) -> File:
 def _check(texts: Texts, where: str) -> None:
     """Raise ``TextsError`` unless these are all the texts that English has, with the same names in their braces.
 
-    Those for the page alone may be more.
+    Those for the page alone may be more. A language that nowhere says how to select needs no words for it.
     """
     if texts.direction not in DIRECTIONS:
         raise TextsError(f"{where}: direction {texts.direction!r}; allowed: {', '.join(DIRECTIONS)}")
     for table in ("session", "page"):
         wanted: Mapping[str, str] = getattr(_ENGLISH, table)
         found: Mapping[str, str] = getattr(texts, table)
-        missing = [key for key in wanted if not found.get(key, "").strip()]
+        selects = any(_SELECTS & _names(text) for text in found.values())
+        needed = [key for key in wanted if selects or not key.startswith(SELECT_BY)]
+        missing = [key for key in needed if not found.get(key, "").strip()]
         like = {key: key if key in wanted else key.removesuffix(ON_PAGE) for key in found}
         unknown = [key for key, english in like.items() if english not in wanted]
         if missing:
@@ -183,11 +197,15 @@ def _check(texts: Texts, where: str) -> None:
         if unknown:
             raise TextsError(f"{where}: unknown {unknown[0]} in [{table}]; allowed: {', '.join(wanted)}")
         for key, text in found.items():
-            if _names(text) != (names := _names(wanted[like[key]])):
+            names = _names(wanted[like[key]]) - _SELECTS
+            if _names(text) - _SELECTS != names:
                 allowed = ", ".join(f"{{{name}}}" for name in sorted(names)) or "none"
                 raise TextsError(
                     f"{where}: {key} in [{table}] has other names in braces than English; allowed: {allowed}"
                 )
+
+
+_SELECTS = {SELECT, SELECT.capitalize()}
 
 
 def _names(text: str) -> set[str]:

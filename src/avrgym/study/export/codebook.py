@@ -141,7 +141,14 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "least": Column("The lowest value of the item's scale.", WHOLE, empty="no longer in the design"),
         "most": Column("The highest value of the item's scale.", WHOLE, empty="no longer in the design"),
         "points": Column("How many values the scale has.", WHOLE, "", "2 to 101", "no longer in the design"),
-        "response_time_s": Column("From the appearance of the item to the answer.", NUMBER, "s", _FROM_0),
+        "response_time_s": Column(
+            "From the appearance of the item to the answer, without the time in which the participant could not see or "
+            "answer it: a menu over VR, a removed headset, a page in the background, lost tracking or connection. "
+            "Sessions of version 0.1.0 counted that time.",
+            NUMBER,
+            "s",
+            _FROM_0,
+        ),
         "answered_at": Column("When it was stored.", TIME, "UTC", _UTC),
     },
     "items": {

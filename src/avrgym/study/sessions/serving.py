@@ -276,4 +276,4 @@ def _copy(stored: Future[None], done: Future[None]) -> None:
 def _phase(name: PhaseName, key: str, texts: Texts) -> Phase:
     """A phase outside the trials."""
     said = Said(key)
-    return Phase(name, texts.say(said), 0, 0, False, None, texts.say_on_page(said))
+    return Phase(name, texts.say(said), 0, 0, False, None, texts.say_on_page(said), texts.say_by_input(said))

@@ -96,7 +96,9 @@ class SessionQuestions:
             ("confirm", Said("confirm")) if self._questions.done else ("questionnaire", WORDS[self.when])
         )
         texts = self._visit.texts
-        send(Phase(name, texts.say(said), 0, 0, False, None, texts.say_on_page(said)))
+        send(
+            Phase(name, texts.say(said), 0, 0, False, None, texts.say_on_page(said), texts.say_by_input(said))
+        )
         if not self._questions.done:
             send(self._questions.question())
 
@@ -158,4 +160,4 @@ class SessionQuestions:
 
     def _explain(self, key: str) -> None:
         texts, said = self._visit.texts, Said(key)
-        self._send(Problem(texts.say(said), "participant", texts.say_on_page(said)))
+        self._send(Problem(texts.say(said), "participant", texts.say_on_page(said), texts.say_by_input(said)))

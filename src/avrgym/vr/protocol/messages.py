@@ -402,8 +402,8 @@ class Passed(Message, frozen=True, tag="passed"):
 class Phase(Message, frozen=True, tag="phase"):
     """Where the session stands, with the words to show to the participant.
 
-    ``text`` is for somebody in VR, ``page_text`` for somebody who takes part on the page, without a headset, where
-    that differs.
+    ``text`` is for somebody in VR who selects by a trigger, ``texts_by_input`` for other kinds of input, and
+    ``page_text`` for somebody who takes part on the page, without a headset, where these differ.
     """
 
     name: PhaseName
@@ -413,6 +413,7 @@ class Phase(Message, frozen=True, tag="phase"):
     practice: bool
     seconds: float | None
     page_text: str = ""
+    texts_by_input: dict[str, str] = {}
 
 
 class Question(Message, frozen=True, tag="question"):
@@ -436,14 +437,15 @@ class Question(Message, frozen=True, tag="question"):
 class Problem(Message, frozen=True, tag="problem"):
     """What was wrong with a message or a measurement, and what is allowed. The session goes on.
 
-    ``page_message`` says it to somebody who takes part without a headset, where that differs. ``role``: whom it
-    concerns. The participant never reads what was wrong with what the experimenter asked for; the experimenter, who
-    helps them, reads both.
+    ``page_message`` says it to somebody who takes part without a headset, ``messages_by_input`` to somebody in VR who
+    selects by another input than a trigger, where these differ. ``role``: whom it concerns. The participant never reads
+    what was wrong with what the experimenter asked for; the experimenter, who helps them, reads both.
     """
 
     message: str
     role: Role = "participant"
     page_message: str = ""
+    messages_by_input: dict[str, str] = {}
 
 
 class Feedback(Message, frozen=True, tag="feedback"):

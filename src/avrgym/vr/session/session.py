@@ -258,6 +258,7 @@ class Session:
             state.current.practice,
             phase.seconds,
             texts.say_on_page(phase.says),
+            texts.say_by_input(phase.says),
         )
         state.record_event("phase", phase.name)
         state.sink.tell(events.PhaseEntered(state.now_s, phase.name, trial))

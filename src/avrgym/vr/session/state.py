@@ -111,7 +111,8 @@ class SessionState:
     def explain(self, said: Said) -> None:
         """Tell the participant, in their language, why something is not done; the experimenter reads it too."""
         texts = self.plan.texts
-        self.send(messages.Problem(texts.say(said), "participant", texts.say_on_page(said)))
+        by_input = texts.say_by_input(said)
+        self.send(messages.Problem(texts.say(said), "participant", texts.say_on_page(said), by_input))
 
     def report(self, problem: str) -> None:
         """Tell the experimenter what is wrong."""
