@@ -243,6 +243,43 @@ def test_the_robot_holds_within_a_tick_once_tracking_is_stale_and_goes_on_with_i
     assert verify(recording).identical
 
 
+def way_to_rest_m(stopping: Visit, lose: Callable[[Visit], None]) -> float:
+    """How far the tool of a robot at full speed goes on after the tick in which it is held."""
+    stopping.go_to("trial")
+    stopping.tick(FRAME_EVERY_TICKS * 20 - stopping._ticks % FRAME_EVERY_TICKS + 1)
+    stopping.tracking = False
+    stopping.tick(round(STALE_S / TICK_S) - 1)
+    assert speed_m_s(stopping) > 0.1
+    lose(stopping)
+    simulation = stopping.session.world.simulation
+    places_w = [simulation.state().tool_pos_w[0].copy()]
+    for _ in range(30):
+        stopping.tick()
+        places_w.append(simulation.state().tool_pos_w[0].copy())
+    assert speed_m_s(stopping) < 0.005
+    return float(np.linalg.norm(np.diff(places_w, axis=0), axis=1).sum())
+
+
+@pytest.mark.parametrize("environment", [FEW, *OTHERS])
+def test_stale_tracking_stops_the_robot_as_its_brakes_do(
+    visit: Callable[..., Visit], environment: str
+) -> None:
+    """In free motion at full speed; a stop of the participant is the measure."""
+
+    def stop(stopping: Visit) -> None:
+        stopping.tell(Stop())
+
+    def wait(stopping: Visit) -> None:
+        while stopping.session.world._steps.moving:
+            stopping.tick()
+
+    stopped, stale = (
+        way_to_rest_m(visit(trial_steps=60, environments=(environment,)), lose) for lose in (stop, wait)
+    )
+    print(f"\nstopped after {1000 * stopped:.1f} mm, with stale tracking after {1000 * stale:.1f} mm")
+    assert stale < stopped + 0.003
+
+
 # On its way through the server -------------------------------------------------------------------------------
 
 

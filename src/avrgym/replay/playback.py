@@ -74,7 +74,7 @@ class Playback:
             raise ReplayError("; ".join([str(error), *changed_plugins(recording)])) from error
         self._control = ControlSteps(self.episodes)
         self._action: Array | None = None
-        self._told = False
+        self._told = self._brakes = False
         self._step: ControlStep | None = None
         self.phase = ""
         self.driven = False
@@ -106,6 +106,7 @@ class Playback:
                 self.episodes.simulation.command_person(np.array([record.joint_targets]))
             elif topic == "/commands":
                 self._action, self._told = np.array([record.action]), True
+                self._brakes = record.brakes
 
     def _advance(self, time_s: float, physics: Physics) -> StateAgain:
         simulation, recorded = self.episodes.simulation, np.array(physics.state, float)
@@ -120,9 +121,10 @@ class Playback:
 
     def _tick(self) -> None:
         if self.phase == "retreat":
-            self._control.move(self._amend())
+            self._control.move(self._amend(), brakes=self._brakes)
         else:
-            self._step = self._control.tick(self._act if self.driven else None, self._amend)
+            act = self._act if self.driven else None
+            self._step = self._control.tick(act, self._amend, brakes=self._brakes)
 
     def _begin(self, state: Array) -> None:
         size = len(self.episodes.simulation.integration_state())

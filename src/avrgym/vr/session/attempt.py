@@ -135,7 +135,8 @@ class Attempt:
     def record_physics(self, world: LiveWorld, now_s: float) -> None:
         """Record the simulator's whole state, and before it the action that this tick began with."""
         if world.action_begun is not None:
-            self.record("/commands", records.Command(self.steps + 1, world.action_begun.tolist()), now_s)
+            action = world.action_begun.tolist()
+            self.record("/commands", records.Command(self.steps + 1, action, world.braked), now_s)
         state = records.Physics(self.steps, world.time_s, world.state_vector().tolist())
         self.record("/physics", state, now_s)
 

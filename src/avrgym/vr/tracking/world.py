@@ -56,17 +56,22 @@ class ControlSteps:
         """The observation (1, O) of the present state, where the last control step ended with it."""
         self.begun: Array | None = None
         """The action (7,) that the latest tick began with, if it gave the robot one."""
+        self.braked = False
+        """Whether the brakes hold the robot where its latest action is zero."""
 
-    def tick(self, act: Act | None, amend: Amend = lambda: None) -> ControlStep | None:
+    def tick(
+        self, act: Act | None, amend: Amend = lambda: None, *, brakes: bool = False
+    ) -> ControlStep | None:
         """Advance by 10 ms. With ``act``, from observations to actions, every tenth tick gives a control step.
 
-        At the ticks between, ``amend`` may give another action (1, 7) for what is left of the step.
+        At the ticks between, ``amend`` may give another action (1, 7) for what is left of the step. With ``brakes`` an
+        action of zeros brakes the robot.
         """
         self.begun = None
         if act is not None and self._substep == 0:
-            self._begin_step(act)
+            self._begin_step(act, brakes)
         elif act is not None:
-            self._amend_step(amend)
+            self._amend_step(amend, brakes)
         self._seen = None
         self._episodes.simulation.step(1)
         if act is None:
@@ -78,30 +83,33 @@ class ControlSteps:
         self._seen = outcome.observation
         return ControlStep(self._observation[0], self._action[0], outcome)
 
-    def move(self, action: Array | None) -> None:
+    def move(self, action: Array | None, *, brakes: bool = False) -> None:
         """Advance by 10 ms outside all control steps; with an action (1, A) the robot goes so from now on."""
         self.begun = None
         if action is not None:
-            self._command(action)
+            self._command(action, brakes)
         self._seen = None
         self._episodes.simulation.step(1)
 
-    def _begin_step(self, act: Act) -> None:
+    def _begin_step(self, act: Act, brakes: bool) -> None:
         self._observation = self._episodes.observe() if self._seen is None else self._seen
-        self._command(act(self._observation).astype(float))
+        self._command(act(self._observation).astype(float), brakes)
 
-    def _amend_step(self, amend: Amend) -> None:
+    def _amend_step(self, amend: Amend, brakes: bool) -> None:
         action = amend()
         if action is not None:
             self._episodes.command_robot(action)
-            self._note(action)
+            self._note(action, brakes)
 
-    def _command(self, action: Array) -> None:
+    def _command(self, action: Array, brakes: bool) -> None:
         self._episodes.command(action)
-        self._note(action)
+        self._note(action, brakes)
 
-    def _note(self, action: Array) -> None:
+    def _note(self, action: Array, brakes: bool) -> None:
         self._action, self.begun = action, action[0]
+        self.braked = brakes and not action.any()
+        if self.braked:
+            self._episodes.simulation.halt_robot()
 
     @property
     def moving(self) -> bool:
@@ -142,6 +150,11 @@ class LiveWorld:
     def action_begun(self) -> Array | None:
         """The action (7,) that the latest tick began with, if it gave the robot one."""
         return self._steps.begun
+
+    @property
+    def braked(self) -> bool:
+        """Whether the brakes hold the robot where its latest action is zero."""
+        return self._steps.braked
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -228,7 +241,8 @@ class LiveWorld:
 
         ``guarded``: what the driver asks for goes through ``guard``, and what that makes of it counts as the action.
         ``withdraws``: after success in a task that ends with it the robot withdraws in place of the driver.
-        ``held``: the robot holds still in place of what the driver asks for, and in its retreat.
+        ``held``: the brakes hold the robot in place of what the driver asks for, and in its retreat. A guard that acts
+        moves it.
         """
         self.ticks += 1
         if self._retreated_ticks is not None:
@@ -240,9 +254,11 @@ class LiveWorld:
         act, amend = (self._withdraw, _nothing) if withdrew else (driver.act, driver.amend)
         act, amend = self._unless_held(act, amend, held=held)
         if guarded:
-            step = self._steps.tick(lambda seen: self.guard.act(act(seen)), lambda: self._amended(amend()))
+            step = self._steps.tick(
+                lambda seen: self.guard.act(act(seen)), lambda: self._amended(amend()), brakes=held
+            )
         else:
-            step = self._steps.tick(act, amend)
+            step = self._steps.tick(act, amend, brakes=held)
         self._held = held
         if step is None or not (withdraws and self.task.ends_with_success):
             return step
@@ -274,7 +290,7 @@ class LiveWorld:
     def _tick_retreat(self, ticks: int, *, held: bool) -> None:
         """Every 0.1 s the robot is told where to go on; when it is told nothing more it has left."""
         if held:
-            self._steps.move(still(self._episodes) if self._steps.moving else None)
+            self._steps.move(still(self._episodes) if self._steps.moving else None, brakes=True)
             return
         due = ticks >= BRAKED_TICKS and (ticks - BRAKED_TICKS) % SUBSTEPS == 0
         action = self._retreat.action() if due else None
