@@ -1,5 +1,6 @@
 """Whether sessions begin with a check of the headset stands in the design; what it measured stays with the session."""
 
+import csv
 from pathlib import Path
 
 import msgspec
@@ -83,6 +84,30 @@ def test_a_check_is_stored_with_its_session_and_printed_in_the_methods(tmp_path:
     pack = (tmp_path / "out/reporting/methods.md").read_text()
     assert "checked at the beginning of 1 session and found ready in 1 (medians: 72 frames a second" in pack
     assert (tmp_path / "out/tables/headset_checks.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("stop", "after_s", "row", "shown"),
+    [
+        ("palm", 2.5, ["palm", "true", "2.5"], ">palm</td>"),
+        ("none", None, ["", "false", ""], ">not tried</td>"),
+        (None, None, ["", "", ""], ">not asked</td>"),
+    ],
+)
+def test_the_stop_that_was_tried_is_in_table_and_report(
+    tmp_path: Path, stop: str | None, after_s: float | None, row: list[str], shown: str
+) -> None:
+    """A check of an earlier version has neither a stop nor its time."""
+    with Store(make_study(tmp_path / "study")) as store:
+        with StudyVisit(store, take_part(store, simulated=False)) as visit:
+            check = msgspec.structs.replace(CHECK, stop=stop, stop_after_s=after_s)
+            visit._observer()(events.HeadsetChecked(1.0, check))
+        write_analysis(analyse(store), store.folder, tmp_path / "out")
+    with open(tmp_path / "out/tables/headset_checks.csv", encoding="utf-8-sig", newline="") as file:
+        (read,) = csv.DictReader(file)
+    assert [read[name] for name in ("stop_with", "stop_worked", "stop_after_s")] == row
+    page = (tmp_path / "out/report/index.html").read_text()
+    assert shown in page[page.index("Checks of the headset") :]
 
 
 def test_a_study_without_checks_says_nothing_of_them(tmp_path: Path) -> None:

@@ -134,12 +134,13 @@ def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way
     assert "headset_stop" in where("can_be_stopped")
     visit.tell(Command("stop"))
     assert visit.phase == "headset_stop"
+    visit.tick(25)
     visit.tell(Stop(way=way))
     assert visit.phase == "headset_check"
     answer(visit)
     (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
-    assert result.stop == way
-    assert way in result.figures()
+    assert (result.stop, result.stop_after_s) == (way, pytest.approx(0.25, abs=0.02))
+    assert f"{way} after 0." in result.figures()
     assert result.go, result.words()
 
 

@@ -14,6 +14,8 @@ class HeadsetRow:
     """The latest check of the headset in one session; see ``recording.headset_check``.
 
     ``latency_p50_ms`` and ``latency_p95_ms`` are from pose to picture; ``faults`` in words, empty where it was ready.
+    ``stop_with`` is how the participant stopped the robot in the check (``StopWay``), ``stop_worked`` whether they did
+    within the time, ``stop_after_s`` the seconds from the request to the stop; all empty where no stop was requested.
     """
 
     participant: str
@@ -36,6 +38,9 @@ class HeadsetRow:
     right_reach_m: float | None
     haptics: bool | None
     sound: bool | None
+    stop_with: str
+    stop_worked: bool | None
+    stop_after_s: float | None
     go: bool
     faults: str
 
@@ -52,6 +57,7 @@ def headset_rows(store: Store) -> list[HeadsetRow]:
 
 def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -> HeadsetRow:
     total = check.latency_ms.get("total_ms", {})
+    stopped = check.stop not in (None, "none")
     return HeadsetRow(
         participant=participant.pseudonym,
         simulated=participant.simulated,
@@ -73,6 +79,9 @@ def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -
         right_reach_m=check.right.reach_m,
         haptics=check.haptics,
         sound=check.sound,
+        stop_with=check.stop or "" if stopped else "",
+        stop_worked=None if check.stop is None else stopped,
+        stop_after_s=check.stop_after_s,
         go=check.go,
         faults=check.fault_words,
     )

@@ -43,6 +43,7 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
     as of ``recording.latency``. ``haptics`` and ``sound``: the participant felt and heard them; ``None`` where nobody
     asked.
     ``stop``: how the participant tried the stop, ``none`` where they did not; ``None`` where nobody asked them to.
+    ``stop_after_s``: the time from the request to the stop; ``None`` where there was no stop.
     """
 
     device: str
@@ -60,6 +61,7 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
     haptics: bool | None = None
     sound: bool | None = None
     stop: str | None = None
+    stop_after_s: float | None = None
 
     @property
     def go(self) -> bool:
@@ -102,9 +104,13 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
                 else f"pose to picture {total['p50']:.0f} ms, 95 % within {total['p95']:.0f} ({_stages(self)})",
                 *(_part_words(name, part) for name, part in _parts(self)),
                 f"buzz {_felt(self.haptics, 'felt')}, chime {_felt(self.sound, 'heard')}",
-                *([] if self.stop is None else [f"stop tried with: {self.stop}"]),
+                *([] if self.stop is None else [f"stop tried with: {self.stop}{_after(self.stop_after_s)}"]),
             ]
         )
+
+
+def _after(seconds: float | None) -> str:
+    return "" if seconds is None else f" after {seconds:.1f} s"
 
 
 def _in_a_row(said: Sequence[Said]) -> Said:

@@ -7,7 +7,7 @@ from avrgym.analysis.page import Markup, join, quantity, table, tag
 
 HEADS = (
     "Participant", "Session", "Ready", "Headset", "Frames / s", "of", "Dropped", "Pose to picture, ms", "95 % within",
-    "Jitter of head", "left hand", "right hand, mm", "Buzz", "Chime",
+    "Jitter of head", "left hand", "right hand, mm", "Buzz", "Chime", "Stop", "after, s",
 )  # fmt: skip
 
 
@@ -15,7 +15,7 @@ def headset_checks(rows: Sequence[HeadsetRow]) -> Markup:
     """What they measured; nothing where no session began with one."""
     if not rows:
         return Markup()
-    shown = table("Checks of the headset", HEADS, [_cells(row) for row in rows], numbers=range(4, 12))
+    shown = table("Checks of the headset", HEADS, [_cells(row) for row in rows], numbers=[*range(4, 12), 15])
     return join([tag("p", headset_words(rows)), shown])
 
 
@@ -35,6 +35,8 @@ def _cells(row: HeadsetRow) -> tuple[object, ...]:
         _hand(row.right_with, row.right_jitter_mm),
         _felt(row.haptics),
         _felt(row.sound),
+        "not asked" if row.stop_worked is None else row.stop_with if row.stop_worked else "not tried",
+        quantity(row.stop_after_s, absent="–"),
     )
 
 

@@ -34,6 +34,7 @@ class HeadsetMeasurement:
         self._drawn: list[HeadsetFrames] = []
         self._latencies: list[Latency] = []
         self._stop: str | None = None
+        self._stop_after_s: float | None = None
 
     def take_tracking(self, tracking: Tracking, *, at_rest: bool, stretching: bool) -> None:
         """Take a tracking frame."""
@@ -51,9 +52,9 @@ class HeadsetMeasurement:
         """Take when frames were drawn."""
         self._drawn.append(drawn)
 
-    def take_stop(self, way: StopWay | Literal["none"]) -> None:
-        """Take how the participant tried the stop; ``none``: they did not within the time."""
-        self._stop = way
+    def take_stop(self, way: StopWay | Literal["none"], after_s: float | None = None) -> None:
+        """Take how the participant tried the stop, and how long after the request; ``none``: not within the time."""
+        self._stop, self._stop_after_s = way, after_s
 
     @property
     def has_motors(self) -> bool:
@@ -83,6 +84,7 @@ class HeadsetMeasurement:
             haptics=haptics,
             sound=sound,
             stop=self._stop,
+            stop_after_s=self._stop_after_s,
         )
 
     def _part(self, modality: str, take: Take, *, hand: bool = False) -> TrackedPart:

@@ -162,12 +162,13 @@ class CheckStop(Checking):
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
         self.seconds = self._durations.stop_s
+        self._asked_s = state.now_s
 
     def stop(self, by: events.Who, way: messages.StopWay | None = None) -> CheckSenses | CheckResult | Self:
         """Take note of the participant's stop, and go on; the experimenter cannot try it for them."""
         if by == "experimenter":
             return self._report("the participant tries the stop; skip the check to go on without")
-        self._measurement.take_stop(way or "page")
+        self._measurement.take_stop(way or "page", self.state.now_s - self._asked_s)
         return self._ask_senses()
 
     def time_over(self) -> CheckSenses | CheckResult:
