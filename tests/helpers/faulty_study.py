@@ -5,11 +5,14 @@ from collections import Counter
 from dataclasses import dataclass
 
 import msgspec
+import numpy as np
 
+from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.recording.files import read_recording
 from avrgym.study.checking.checks import check_study
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage.answers import open_attempts
+from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
@@ -28,6 +31,7 @@ from avrgym.vr.protocol.messages import (
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.tracking.world import TICK_S
 from studies import take_in
+from switch_examples import SIDES, measured, misjudged
 
 RUNNING = ("free_before", "countdown", "trial")
 HELPED = ("retreat", "free_after", "questionnaire", "confirm")
@@ -35,8 +39,10 @@ PARTS = ("head", "left", "right")
 AT_ONCE = ("menu", "network", "reload", "leave", "restart")
 """What breaks off an attempt in the tick in which it happens, before the robot has finished."""
 KINDS = ("none", "limb", "limb", "frames", "switch", *AT_ONCE)
-LOST_S, EDGE_S = 1.0, 0.2
+LOST_S, EDGE_S = 1.0, CONTROL_STEP_S
 """So long a part must be missing, and within what of a limit either outcome is right."""
+MISJUDGED_M, MISJUDGED_DEG = 0.1, 60.0
+"""By so much at most a camera sees a hand elsewhere than a controller does."""
 LIMIT_TICKS = 60_000
 
 
@@ -81,6 +87,7 @@ class FaultyStudy:
 
     def __init__(self, store: Store, seed: int) -> None:
         self.store, self.rng = store, random.Random(seed)
+        self.devices = np.random.default_rng(seed)
         self.attempts: dict[str, list[Expected]] = {}
         self.heard: list[Sent] = []
         self.ticks = 0
@@ -190,6 +197,14 @@ class FaultyStudy:
             self._open()
         elif fault.kind == "switch":
             self._switched = True
+            self._errors = {
+                side: misjudged(
+                    self.devices,
+                    self.devices.uniform(0.0, MISJUDGED_M),
+                    self.devices.uniform(0.0, MISJUDGED_DEG),
+                )
+                for side in SIDES
+            }
         elif fault.kind != "none":
             self._missing = {fault.part} if fault.kind == "limb" else set(PARTS)
 
@@ -237,7 +252,13 @@ class FaultyStudy:
         for hand in {"left", "right"} & self._missing:
             changes[f"{hand}_modality"] = "none"
         if self._switched:
-            changes |= {"left_modality": "hand", "right_modality": "hand"}
+            for side in SIDES:
+                grip = frame.left if side == "left" else frame.right
+                assert grip is not None
+                changes |= {
+                    f"{side}_modality": "hand",
+                    side: measured(grip, side, "hand", self._errors[side]),
+                }
         return msgspec.structs.replace(frame, **changes)
 
     def faults(self) -> list[str]:
@@ -248,12 +269,22 @@ class FaultyStudy:
             if len(stored) != len(expected):
                 found.append(f"{pseudonym}: {len(stored)} attempts, {len(expected)} began")
             for attempt, each in zip(stored, expected, strict=False):
+                if each.fault.kind == "switch" and (held := self._held_after(attempt, each)):
+                    found.append(f"{attempt}: {held} frames are held after a switch, {each}")
                 if each.counts is not None and each.counts != (attempt.state == "completed"):
                     found.append(f"{attempt} is {attempt.state}, counts: {each.counts}, {each}")
             found += self._faults_of_trials(pseudonym)
         return found + [
             str(each) for each in check_study(self.store) if each.wrong and "policy" not in each.where
         ]
+
+    def _held_after(self, attempt: TrialAttempt, switch: Expected) -> int:
+        """How many frames were held because of another device; none should be."""
+        if switch.happened_s is None:
+            return 0
+        recording = read_recording(self.store.path(attempt.recording))
+        frames = [frame for _, frame in recording.topics["/tracking"]]
+        return sum(frame.held or bool(frame.held_parts) for frame in frames)
 
     def _faults_of_trials(self, pseudonym: str) -> list[str]:
         found: list[str] = []
