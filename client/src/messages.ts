@@ -372,8 +372,8 @@ export interface Question {
 /** What was wrong with a message or a measurement, and what is allowed. The session goes on.
  *
  * `page_message` says it to somebody who takes part without a headset, `messages_by_input` to somebody in VR who
- * selects by another input than a trigger, where these differ. `role`: whom it concerns. The participant never reads
- * what was wrong with what the experimenter asked for; the experimenter, who helps them, reads both. */
+ * selects by another input than a trigger, where these differ. `role`: the person that it concerns. The participant
+ * never reads what was wrong with what the experimenter asked for; the experimenter, who helps them, reads both. */
 export interface Problem {
   type: "problem";
   message: string;

@@ -86,7 +86,7 @@ def _attend(folder: Path, pseudonym: str, phase: str, answers: int, stored: int,
         day = Day(store, pseudonym)
         day.tell(Entered())
         day.until("questionnaire" if answers else phase)
-        day.answer(stored if answers else 0)
+        day.answer(min(stored, answers))
         if stored < answers:
             live.record_answer = lambda *_: None
             day.answer(answers - stored)

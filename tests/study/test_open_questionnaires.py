@@ -234,7 +234,7 @@ def test_a_trial_is_repeated_that_was_killed_before_its_robot_had_finished(
 
 
 def test_a_database_is_rebuilt_from_a_killed_recording(killed: Callable[..., tuple[Store, str]]) -> None:
-    store, pseudonym = killed("questionnaire", 2)
+    store, pseudonym = killed("questionnaire", 2, 1)
     folder = store.folder
     store.close()
     for path in folder.glob(f"{database.FILE}*"):

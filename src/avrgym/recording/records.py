@@ -76,8 +76,8 @@ class Command(Record, frozen=True):
     """What the robot is told when control step ``step`` begins; a step that is broken off leaves only this.
 
     A driver that answers later, or a person, gives further commands during the step. In the phase ``retreat``, in which
-    there are no control steps, these are the commands by which the robot takes its tool away. ``brakes``: the action
-    is zero, and the brakes hold the robot.
+    there are no control steps, these are the commands of the motion away from the person. ``brakes``: the action is
+    zero, and the brakes hold the robot.
     """
 
     step: int
