@@ -1,6 +1,7 @@
 import type { BareHandsTracked } from "./barehands";
 import { Connection, type Link } from "./connection";
 import { awaitsReady, canBeStopped, confirmsAnswers, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
+import { Countdown } from "./countdown";
 import { DrawnFrames } from "./drawnframes";
 import { fetchBytes } from "./fetching";
 import { FlatPlay } from "./flatplay";
@@ -61,8 +62,7 @@ export class App {
   private readonly notice = new Notice(() => this.refresh());
   private contextLost = false;
   private toldVisibility: Visibility = "visible";
-  private phaseEndsMs = Infinity;
-  private secondsLeft: number | null = null;
+  private readonly countdown = new Countdown();
   private input: Input = "trigger";
 
   constructor(
@@ -263,8 +263,7 @@ export class App {
     this.phase = phase;
     this.panel.review();
     this.page.setOnShow(this.onShow);
-    this.phaseEndsMs = phase.seconds === null ? Infinity : performance.now() + phase.seconds * 1000;
-    this.secondsLeft = secondsUntil(this.phaseEndsMs, performance.now());
+    this.countdown.begin(phase.seconds, performance.now());
     if (phase.name !== "questionnaire") this.questionnaire.clear();
     if (phase.name === "headset" || phase.name === "calibration") this.world.forgetHands();
   }
@@ -415,7 +414,8 @@ export class App {
   }
 
   private refresh(): void {
-    const { words, link, code, phase, secondsLeft, takesPart, input } = this;
+    const { words, link, code, phase, takesPart, input } = this;
+    const { secondsLeft } = this.countdown;
     const { problem } = this.notice;
     const question = link === "connected" ? this.questionnaire.question : null;
     const { answered } = this.questionnaire;
@@ -430,7 +430,7 @@ export class App {
   // Frames
 
   private frame(timeMs: number, frame?: XRFrame): void {
-    this.countDown();
+    if (this.countdown.goOn(performance.now())) this.refresh();
     this.watchAnswering();
     const space = this.view.renderer.xr.getReferenceSpace();
     if (frame && space && this.presenting) {
@@ -482,13 +482,6 @@ export class App {
     const nowMs = performance.now();
     this.immersive.track(this.flat.frame(nowMs), nowMs);
   }
-
-  private countDown(): void {
-    const secondsLeft = secondsUntil(this.phaseEndsMs, performance.now());
-    if (secondsLeft === this.secondsLeft) return;
-    this.secondsLeft = secondsLeft;
-    this.refresh();
-  }
 }
 
 /** The server's socket beside this page; the token stays out of the address. */
@@ -496,8 +489,4 @@ function socketAddress(name: string): string {
   const address = new URL(name, location.origin + location.pathname);
   address.protocol = location.protocol.replace("http", "ws");
   return address.href;
-}
-
-function secondsUntil(endsMs: number, nowMs: number): number | null {
-  return endsMs > nowMs && endsMs < Infinity ? Math.ceil((endsMs - nowMs) / 1000) : null;
 }

@@ -141,7 +141,7 @@ class _Rebuilding:
     def _load(self, path: Path) -> _Kept | None:
         name = path.relative_to(self._store.folder).as_posix()
         try:
-            if not read_configuration(path)["simulated"]:
+            if not read_configuration(path).get("simulated"):
                 end_cut_recording(path)
             recording = read_recording(path)
         except (OSError, RecordingError) as error:
