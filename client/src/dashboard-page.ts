@@ -66,6 +66,7 @@ export class Dashboard {
   constructor(private readonly study: Study) {
     this.onSubmit("enrol", (form) => this.enrol(form));
     this.onAct("consent", "consent", "is recorded", () => ({ version: this.overview!.consent_version }));
+    this.onAct("decline", "declined-consent", "is stored", () => ({ version: this.overview!.consent_version }));
     this.onAct("inclusion", "inclusion", "are recorded", (form) => ({ answers: this.inclusionAnswers(form) }));
     this.onAct("begin", "sessions", "has begun", (form) => ({ furniture: this.furnitureIn(form) }));
     this.onAct("note", "notes", "is stored", (form) => ({ text: field(form, "text") }));
@@ -206,7 +207,7 @@ export class Dashboard {
   }
 
   private showParticipant(person: Participant): void {
-    const { participant, state, trials, notes, scores, language, direction } = person;
+    const { participant, state, trials, notes, scores, language, direction, must_reconsent } = person;
     this.person = person;
     const inSession = this.overview?.live === participant;
     element("participant").hidden = false;
@@ -216,9 +217,10 @@ export class Dashboard {
     for (const id of ["consent-text", "questions"]) Object.assign(element(id), { lang: language, dir: direction });
     this.fill("questions", person.inclusion, () => Object.entries(person.inclusion).map(yesOrNo));
     element("begin-button").textContent = beginWords(person);
-    element("consent").hidden = state !== "enrolled";
-    element("inclusion").hidden = state !== "consented";
-    element("begin").hidden = state !== "allocated" || inSession;
+    element("consent").hidden = state !== "enrolled" && !must_reconsent;
+    element("decline").hidden = !must_reconsent;
+    element("inclusion").hidden = state !== "consented" || must_reconsent;
+    element("begin").hidden = state !== "allocated" || inSession || must_reconsent;
     element("trials-part").hidden = trials.length === 0;
     element("withdrawal-part").hidden = !person.may_become.includes("withdrawn");
     this.showTable("trials", trialsTable(trials));
@@ -267,6 +269,7 @@ export class Dashboard {
 /** What an action is about, for the words that follow it. */
 const NOUNS: Record<Action, string> = {
   consent: "consent",
+  "declined-consent": "the withdrawal",
   inclusion: "the answers",
   sessions: "the session",
   notes: "the note",

@@ -126,6 +126,8 @@ export interface Participant {
   inclusion: Record<string, string>;
   consented_at: string | null;
   consent_version: string | null;
+  /** They agreed to another version of the consent text than the study's. */
+  must_reconsent: boolean;
   scores: Score[];
   trials: Trial[];
   notes: { id: number; at: string; text: string }[];
@@ -134,7 +136,7 @@ export interface Participant {
 }
 
 /** What can be done to a participant; `study/dashboard/application.py` says what each takes. */
-export type Action = "identity" | "consent" | "inclusion" | "withdrawal" | "notes" | "edited-notes" | "adverse-events" | "sessions";
+export type Action = "identity" | "consent" | "declined-consent" | "inclusion" | "withdrawal" | "notes" | "edited-notes" | "adverse-events" | "sessions";
 
 /** Who somebody is, and whether the experimenter confirms that no participant with that name or contact is the same person. */
 export interface Identity {

@@ -175,7 +175,8 @@ export function participantWords(person: Participant, inSession: boolean): strin
   return `${facts.filter(Boolean).join("; ")}. ${inSession ? "Their session runs." : nextWords(person)}`;
 }
 
-function nextWords({ state, trials }: Participant): string {
+function nextWords({ state, trials, must_reconsent }: Participant): string {
+  if (must_reconsent) return "Next: ask for consent to the new version of the text.";
   if (state === "enrolled") return "Next: record their consent.";
   if (state === "consented") return "Next: ask the inclusion questions.";
   if (state === "allocated") return trials.some((t) => t.state === "completed") ? "Next: go on." : "Next: begin.";

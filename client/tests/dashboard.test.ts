@@ -39,6 +39,7 @@ const PERSON: Participant = {
   scores: [],
   consented_at: null,
   consent_version: null,
+  must_reconsent: false,
   trials: [TRIAL],
   notes: [],
       adverse_events: [],
@@ -87,6 +88,7 @@ describe("words", () => {
       "allocated; woman; 22 years; reads en; name stored; no consent yet. Next: begin.",
     );
     expect(participantWords({ ...PERSON, state: "enrolled" }, false)).toMatch(/record their consent\.$/);
+    expect(participantWords({ ...PERSON, must_reconsent: true }, false)).toMatch(/consent to the new version of the text\.$/);
     expect(participantWords(PERSON, true)).toMatch(/Their session runs\.$/);
     expect(beginWords(PERSON)).toBe("Begin session");
     expect(beginWords({ ...PERSON, trials: [{ ...TRIAL, state: "completed" }] })).toMatch(/^Continue/);

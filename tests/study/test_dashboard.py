@@ -31,6 +31,7 @@ ROUTES = [*(("GET", path) for path in READING), *(("POST", path) for path in ACT
 BODIES: dict[str, Any] = {
     "identity": {"name": "Ada Example", "contact": "ada@example.org"},
     "consent": {"version": "1"},
+    "declined-consent": {"version": "1"},
     "inclusion": {"answers": {}},
     "withdrawal": {"reason": ""},
     "notes": {"text": "looked left"},

@@ -569,7 +569,9 @@ def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_led
     run_participant(store, pseudonym, trials=2)
     with store.database.write() as connection:
         ledger.update(connection, schema.PARTICIPANT, 1, language=None)  # nobody said, in those days
-    before = contents(store)
+        ledger.delete(connection, schema.CONSENT_TEXT)
+        ledger.update(connection, schema.CONSENT, 1, language=None)
+    before, consents = contents(store), store.consents(pseudonym)
     with store.database.write() as connection:
         for change in (
             "ALTER TABLE attempt DROP COLUMN torso_height_m",
@@ -582,12 +584,16 @@ def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_led
             "DROP TABLE log",
             "DROP TABLE experimenter",
             "ALTER TABLE session DROP COLUMN headset_check",
+            "DROP TABLE consent_text",
+            "DROP TABLE consent",
             "UPDATE alembic_version SET version_num = '0002_ledger'",
         ):
             connection.execute(sa.text(change))
     store.close()
+    newly_written: dict[str, list] = {"consent": [], "ledger": []}
     with Store(store.folder) as again:
-        assert contents(again) == before
+        assert {**contents(again), **newly_written} == {**before, **newly_written}
+        assert again.consents(pseudonym) == consents
         assert again.database.faults() == []
         assert [attempt.torso_height_m for attempt in again.attempts(pseudonym)] == [None, None]
         session = open_session(again, pseudonym)

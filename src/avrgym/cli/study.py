@@ -28,6 +28,7 @@ from avrgym.models.sexes import SEXES
 
 if TYPE_CHECKING:
     from avrgym.study.checking.summary import ParticipantSummary
+    from avrgym.study.storage.rows import Participant
     from avrgym.study.storage.store import Store
 
 app = typer.Typer(no_args_is_help=True, help="Lead a study from its design to the export of its data.")
@@ -138,33 +139,64 @@ def enrol(
 def consent(folder: Folder, participant: Pseudonym) -> None:
     """Ask a participant for consent.
 
-    Then the inclusion questions are asked; who can take part is given an order.
+    Then the inclusion questions are asked; who can take part is given an order. After a new version of the text
+    participants re-consent.
     """
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
-        if store.participant(participant).state != "consented":
-            _ask_for_consent(store, participant)
-        _ask_for_inclusion(store, participant)
+        person = store.participant(participant)
+        if person.must_reconsent(store.design.consent.version):
+            if not _ask_again(store, person):
+                return
+        elif person.state != "consented":
+            _ask_for_consent(store, person)
+        if person.state != "allocated":
+            _ask_for_inclusion(store, person)
 
 
-def _ask_for_consent(store: "Store", participant: str) -> None:
+def _ask_for_consent(store: "Store", person: "Participant") -> None:
     from avrgym.study.people.participants import record_consent
     from avrgym.study.storage.states import check_transition
 
-    person, text = store.participant(participant), store.design.consent
-    check_transition("participant", participant, person.state, "consented")
-    say(f"Consent, version {text.version}\n\n{text.text.strip()}\n")
-    if not confirm("Do you agree?"):
-        raise RuntimeError(f"{participant} does not agree; nothing was stored")
-    record_consent(store, participant)
-    log(store, "consent", participant)
+    check_transition("participant", person.pseudonym, person.state, "consented")
+    if not _agrees(store, person):
+        raise RuntimeError(f"{person} does not agree; nothing was stored")
+    record_consent(store, person.pseudonym)
+    log(store, "consent", person.pseudonym)
 
 
-def _ask_for_inclusion(store: "Store", participant: str) -> None:
-    from avrgym.study.people.participants import record_inclusion
+def _ask_again(store: "Store", person: "Participant") -> bool:
+    """Ask for re-consent to another version of the text; whether the participant still takes part."""
+    from avrgym.study.people.participants import decline_consent, record_consent
 
-    answers = {question.id: confirm(question.text) for question in store.design.inclusion}
+    say(f"{person} agreed to version {person.consent_version} at {person.consented_at}")
+    if _agrees(store, person):
+        record_consent(store, person.pseudonym)
+        log(store, "consent", person.pseudonym)
+        say(f"{person} agrees to version {store.design.consent.version}")
+        return True
+    if not confirm(f"Store that {person} does not agree and takes part no longer? This is final."):
+        raise RuntimeError(f"{person} has not decided; nothing was stored")
+    decline_consent(store, person.pseudonym)
+    log(store, "declined-consent", person.pseudonym)
+    say(f"{person} takes part no longer; `avrgym study delete-participant` deletes their data")
+    return False
+
+
+def _agrees(store: "Store", person: "Participant") -> bool:
+    from avrgym.study.people.participants import consent_text
+
+    shown = consent_text(store, person)
+    say(f"Consent, version {shown.version}\n\n{shown.text.strip()}\n")
+    return confirm("Do you agree?")
+
+
+def _ask_for_inclusion(store: "Store", person: "Participant") -> None:
+    from avrgym.study.people.participants import record_inclusion, texts_of
+
+    participant, texts = person.pseudonym, texts_of(store, person)
+    answers = {question.id: confirm(texts.translate(question.text)) for question in store.design.inclusion}
     fits = record_inclusion(store, participant, answers)
     log(store, "inclusion", participant)
     say(f"{participant} takes part" if fits else f"{participant} cannot take part")

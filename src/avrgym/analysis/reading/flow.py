@@ -22,8 +22,9 @@ class Flow:
     inclusion question excluded somebody, ``withdrew_before_for`` and ``withdrew_for`` how often each reason was given.
 
     ``enrolled`` counts also those whose data were ``deleted``, of whom nothing else is known. ``orders`` says how
-    many were given each order of trials, ``consents`` how many agreed to each version of the consent text. Days are
-    those of sessions, ISO 8601.
+    many were given each order of trials, ``consents`` how many agreed to each version of the consent text as their
+    latest one. ``reconsented`` and ``declined`` count re-consents to another version. Days
+    are those of sessions, ISO 8601.
     """
 
     simulated: bool
@@ -40,6 +41,8 @@ class Flow:
     analysed: int
     orders: Mapping[int, int]
     consents: Mapping[str, int]
+    reconsented: int
+    declined: int
     first_day: str | None
     last_day: str | None
     analysed_unfinished: int = 0
@@ -67,6 +70,7 @@ def _flow(
     without = [each for each in own if each.cell is None]
     analysed = [each for each in own if each.pseudonym in seen.analysed]
     completed = [each for each in with_order if each.state == "completed"]
+    decisions = [store.consents(each.pseudonym) for each in own]
     days = sorted(session.opened_at[:10] for each in own for session in store.sessions(each.pseudonym))
     return Flow(
         simulated=simulated,
@@ -83,6 +87,8 @@ def _flow(
         analysed=len(analysed),
         orders=dict(sorted(Counter(each.cell + 1 for each in with_order if each.cell is not None).items())),
         consents=dict(sorted(Counter(each.consent_version for each in own if each.consent_version).items())),
+        reconsented=sum(any(each.agreed for each in made[1:]) for made in decisions),
+        declined=sum(any(not each.agreed for each in made) for made in decisions),
         first_day=days[0] if days else None,
         last_day=days[-1] if days else None,
         analysed_unfinished=len(analysed) - _in(analysed, "completed"),

@@ -11,6 +11,7 @@ from avrgym.recording.outcomes import Metrics
 from avrgym.recording.questionnaire import SESSION_MOMENTS
 from avrgym.recording.stream_clocks import SampleTimes
 from avrgym.recording.streams import described_streams, times_of
+from avrgym.study.checking.consent_checks import check_consents
 from avrgym.study.checking.database_checks import check_database, check_private
 from avrgym.study.checking.finding import Finding, left_out
 from avrgym.study.checking.held import too_much_held
@@ -262,6 +263,7 @@ CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_policies,
     check_starts,
     check_private,
+    check_consents,
     check_participants,
     check_plugins,
     check_interim_looks,

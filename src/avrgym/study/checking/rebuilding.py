@@ -20,6 +20,7 @@ from avrgym.recording.files import (
 from avrgym.study.design.allocation import PlannedTrial, cell_orders, plan_trials
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import read_design
+from avrgym.study.people.consents import restore_consents
 from avrgym.study.storage import ledger, schema
 from avrgym.study.storage.answers import OPEN
 from avrgym.study.storage.attempts import BROKEN_OFF, sha256_of
@@ -33,7 +34,7 @@ from avrgym.study.storage.store import Store, record_event
 
 Plan = tuple[PlannedTrial, ...]
 LOST = (
-    "ages, the version and time of consent, the answers to inclusion questions and to questions about a session, "
+    "ages, consents that no recording stores, the answers to inclusion questions and to questions about a session, "
     "events, adverse events, notes, the log of who did what, tokens of experimenters, who withdrew, who was deleted, "
     "and whoever was enrolled but left neither name nor recording"
 )
@@ -208,6 +209,10 @@ class _Rebuilding:
             cell=cell,
             enrolled_at=first,
             consented_at=first,
+        )
+        recorded = [each.recording.metadata.get("consent") for each in kept]
+        restore_consents(
+            self._store, connection, number, [each for each in recorded if each] or [{"at": first}]
         )
         record_event(connection, "participant rebuilt", "consent was before this", {"participant": number})
         return {

@@ -20,6 +20,7 @@ from avrgym.study.people.adverse_events import Report, record_adverse_event
 from avrgym.study.people.doubles import PossibleDouble
 from avrgym.study.people.participants import (
     add_note,
+    decline_consent,
     edit_note,
     enrol,
     record_consent,
@@ -99,7 +100,7 @@ class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Agreement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The version of the consent text that was read and agreed to."""
+    """The version of the consent text that was read, and agreed to or declined."""
 
     version: str
 
@@ -160,12 +161,21 @@ def _identify(board: Dashboard, pseudonym: str, who: Identification) -> None:
 
 
 def _consent(board: Dashboard, pseudonym: str, agreement: Agreement) -> None:
+    _check_version(board, agreement)
+    record_consent(board.store, pseudonym)
+
+
+def _decline(board: Dashboard, pseudonym: str, refusal: Agreement) -> None:
+    _check_version(board, refusal)
+    decline_consent(board.store, pseudonym)
+
+
+def _check_version(board: Dashboard, agreement: Agreement) -> None:
     present = board.store.design.consent.version
     if agreement.version != present:
         raise StudyError(
             f"version {agreement.version!r} of the consent text was shown; the study's is {present!r}"
         )
-    record_consent(board.store, pseudonym)
 
 
 def _include(board: Dashboard, pseudonym: str, inclusion: InclusionAnswers) -> None:
@@ -204,6 +214,7 @@ def _begin(board: Dashboard, pseudonym: str, start: SessionStart) -> None:
 ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any], None]]] = {
     "identity": (Identification, _identify),
     "consent": (Agreement, _consent),
+    "declined-consent": (Agreement, _decline),
     "inclusion": (InclusionAnswers, _include),
     "withdrawal": (Withdrawal, _withdraw),
     "notes": (NewNote, _note),

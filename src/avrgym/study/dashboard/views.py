@@ -21,7 +21,7 @@ from avrgym.study.people.adverse_events import (
     followed,
     safety_events,
 )
-from avrgym.study.people.participants import texts_of
+from avrgym.study.people.participants import consent_text, texts_of
 from avrgym.study.storage.answers import open_attempts
 from avrgym.study.storage.keyfile import read_key
 from avrgym.study.storage.rows import Note, Participant, Trial, TrialAttempt
@@ -108,7 +108,8 @@ class AdverseEventView:
 class ParticipantView:
     """One participant. ``identified``: the key file says who they are; ``may_become``: what may follow.
 
-    ``consent`` and ``inclusion``, texts by id, are in their ``language``.
+    ``consent`` and ``inclusion``, texts by id, are in their ``language``. ``must_reconsent``: they agreed to another
+    version of the consent text than the design's.
     """
 
     participant: str
@@ -124,6 +125,7 @@ class ParticipantView:
     inclusion: dict[str, str]
     consented_at: str | None
     consent_version: str | None
+    must_reconsent: bool
     scores: tuple[ScoreView, ...]
     trials: tuple[TrialView, ...]
     notes: tuple[Note, ...]
@@ -174,10 +176,11 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
         identified=pseudonym in read_key(store.folder),
         language=texts.language,
         direction=texts.direction,
-        consent=texts.translate(design.consent.text),
+        consent=consent_text(store, participant).text,
         inclusion={question.id: texts.translate(question.text) for question in design.inclusion},
         consented_at=participant.consented_at,
         consent_version=participant.consent_version,
+        must_reconsent=participant.must_reconsent(design.consent.version),
         scores=tuple(_scores(store, participant)),
         trials=tuple(_trial(design, trial, attempts[trial.id], left) for trial in store.trials(pseudonym)),
         notes=tuple(store.notes(pseudonym)),

@@ -97,6 +97,18 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "consent_version": Column("Version of the consent text that was agreed to.", TEXT, empty="no consent"),
         "consented_at": Column("When consent was given.", TIME, "UTC", _UTC, "no consent"),
     },
+    "consents": {
+        "participant": PARTICIPANT_COLUMN,
+        "site": SITE,
+        "simulated": SIMULATED,
+        "decision": Column("Number of the participant's decision about a consent text.", WHOLE, allowed=_FROM_1),
+        "agreed": Column("Whether the participant agreed.", TRUTH, allowed=_TRUTH),
+        "version": Column("Version of the consent text.", TEXT, empty="not stored by the version of AVR Gym"),
+        "language": Column("Language of the consent text.", TEXT, "", "a language tag", "the design's first"),
+        "decided_at": Column("When the decision was stored.", TIME, "UTC", _UTC),
+        "sha256": Column("Checksum of the consent text.", TEXT, "", "64 hexadecimal digits", "not stored"),
+        "text": Column("File of the consent text in the export.", TEXT, empty="text not archived"),
+    },
     "trials": {
         "participant": PARTICIPANT_COLUMN,
         "site": SITE,

@@ -11,6 +11,7 @@ from msgspec.structs import asdict
 from avrgym.study.design.design import Design
 from avrgym.study.export import NOTICE
 from avrgym.study.export.codebook import OF_INSTRUMENTS, RECORDS, TABLES, codebook, most_joints, reward_terms
+from avrgym.study.export.consents import consent_rows, write_consent_texts
 from avrgym.study.export.log import log_rows
 from avrgym.study.export.records import WITHOUT, Extras, records_of
 from avrgym.study.export.scores import scales, scores_of, uses_instruments
@@ -27,6 +28,8 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extr
     attempts = list(all_attempts(store))
     heights = {exported.attempt.id: exported.torso_height_m() for exported in completed}
     write_csv(folder / "participants.csv", _participants(store, _medians(completed, heights)))
+    write_csv(folder / "consents.csv", consent_rows(store))
+    write_consent_texts(store, folder)
     write_csv(folder / "trials.csv", _trials(store, attempts))
     write_csv(folder / "attempts.csv", (_attempt(exported, heights) for exported in attempts))
     write_csv(folder / "answers.csv", _answers(store, attempts))

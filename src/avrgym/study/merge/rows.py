@@ -36,7 +36,9 @@ def _whose(row: Row, sessions: Mapping[int, int]) -> int | None:
     """The number of the participant whom a row is about, if it is about one."""
     if "enrolled_at" in row:
         return row["number"]
-    return row["participant"] if "participant" in row else sessions[row["session"]]
+    if "participant" in row:
+        return row["participant"]
+    return sessions[row["session"]] if "session" in row else None
 
 
 def _moved(table: sa.Table, row: Row, source: Source, site: int) -> Row:

@@ -1,6 +1,5 @@
 """Participants: enrolment, consent, inclusion, allocation, withdrawal."""
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict
 
@@ -10,16 +9,20 @@ from avrgym.models.human import SEXES, Sex
 from avrgym.study.design.allocation import least_filled_cell, order_of_cells, plan_trials
 from avrgym.study.design.design import Design
 from avrgym.study.design.wrong import NAME
+from avrgym.study.people.consents import ShownText, store_consent
 from avrgym.study.people.doubles import confirmed_doubles
 from avrgym.study.storage import keyfile, ledger, schema
 from avrgym.study.storage.remains import known_numbers
-from avrgym.study.storage.rows import Note, Participant, StudySession, pseudonym_of
+from avrgym.study.storage.rows import Consent, Note, Participant, StudySession, pseudonym_of
 from avrgym.study.storage.schema import now
-from avrgym.study.storage.sessions import end_open_sessions
-from avrgym.study.storage.states import TAKES_PART, StudyError
+from avrgym.study.storage.sessions import check_consent, end_open_sessions
+from avrgym.study.storage.states import TAKES_PART, StudyError, check_transition
 from avrgym.study.storage.store import Store, change_state, find_all, find_participant, record_event
 from avrgym.study.storage.texts import check_line, check_note
 from avrgym.texts.texts import Texts, TextsError, read_texts
+
+CONSENTED_AGAIN = "participant consented again"
+"""The event of a consent to another version than before."""
 
 
 def enrol(
@@ -108,22 +111,57 @@ def texts_of(store: Store, participant: Participant) -> Texts:
         raise StudyError(str(error)) from None
 
 
+def consent_text(store: Store, participant: Participant) -> ShownText:
+    """The consent text of the study's design in a participant's language."""
+    texts, consent = texts_of(store, participant), store.design.consent
+    return ShownText(consent.version, texts.language, texts.translate(consent.text))
+
+
 def record_consent(store: Store, pseudonym: str) -> None:
-    """Store that a participant agreed to the consent text of the study's design, in their language."""
-    consent = store.design.consent
+    """Store that a participant agreed to the consent text of the study's design, in their language.
+
+    A participant who agreed to another version before keeps their state, order and earlier consents.
+
+    Raises:
+        StudyError: when their state does not allow it, or somebody agreed to other words under the same version.
+    """
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
-        read = texts_of(store, participant).translate(consent.text)
-        change_state(
-            connection,
-            participant,
-            "consented",
-            {"participant": participant.number},
-            f"version {consent.version}",
-            consented_at=now(),
-            consent_version=consent.version,
-            consent_sha256=hashlib.sha256(read.encode()).hexdigest(),
-        )
+        again = participant.must_reconsent(store.design.consent.version)
+        if not again:
+            check_transition("participant", pseudonym, participant.state, "consented")
+        given = _store_consent(store, connection, participant, agreed=True)
+        about, detail = {"participant": participant.number}, f"version {given.version}"
+        values = {
+            "consented_at": given.at,
+            "consent_version": given.version,
+            "consent_sha256": given.sha256,
+        }
+        if again:
+            ledger.update(connection, schema.PARTICIPANT, participant.number, **values)
+            record_event(connection, CONSENTED_AGAIN, detail, about)
+        else:
+            change_state(connection, participant, "consented", about, detail, **values)
+
+
+def decline_consent(store: Store, pseudonym: str) -> None:
+    """Store that a participant does not re-consent to the new version: they withdraw.
+
+    ``StudyError`` for anybody else.
+    """
+    with store.write() as connection:
+        participant = find_participant(connection, pseudonym)
+        if not participant.must_reconsent(store.design.consent.version):
+            raise StudyError(f"{pseudonym} has no re-consent to give; withdraw them instead")
+        declined = _store_consent(store, connection, participant, agreed=False)
+        _withdraw(store, connection, participant, f"does not agree to version {declined.version}")
+
+
+def _store_consent(
+    store: Store, connection: sa.Connection, participant: Participant, *, agreed: bool
+) -> Consent:
+    shown = consent_text(store, participant)
+    return store_consent(connection, participant, shown, store.design.languages[0], agreed=agreed)
 
 
 def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) -> bool:
@@ -141,6 +179,7 @@ def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) 
     fits = all(answers[question] == required for question, required in questions.items())
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
+        check_consent(store, participant)
         about, given = {"participant": participant.number}, dict(answers)
         if not fits:
             change_state(connection, participant, "excluded", about, inclusion=given)
@@ -158,9 +197,12 @@ def withdraw(store: Store, pseudonym: str, reason: str = "") -> None:
     """
     check_line("the reason", reason)
     with store.write() as connection:
-        participant = find_participant(connection, pseudonym)
-        change_state(connection, participant, "withdrawn", {"participant": participant.number}, reason)
-        end_open_sessions(store, connection, participant, attempts="stopped", sessions="closed")
+        _withdraw(store, connection, find_participant(connection, pseudonym), reason)
+
+
+def _withdraw(store: Store, connection: sa.Connection, participant: Participant, reason: str) -> None:
+    change_state(connection, participant, "withdrawn", {"participant": participant.number}, reason)
+    end_open_sessions(store, connection, participant, attempts="stopped", sessions="closed")
 
 
 def add_note(store: Store, pseudonym: str, text: str, session: int | None = None) -> None:

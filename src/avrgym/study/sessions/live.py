@@ -16,6 +16,7 @@ from avrgym.recording.questionnaire import Item, translate
 from avrgym.recording.records import Answer
 from avrgym.simulation.room import NoRoomError
 from avrgym.study.checking.preflight import load_study_policy
+from avrgym.study.people.consents import latest_consent
 from avrgym.study.people.participants import texts_of, withdraw
 from avrgym.study.sessions.storing import Storing
 from avrgym.study.sessions.watch import Watch
@@ -254,6 +255,7 @@ def plan_session(
         headset_check=HeadsetCheckPlan() if checked and not participant.simulated else None,
         first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
         open_questionnaire=_open_questionnaire(store, pseudonym, trials),
+        consent=latest_consent(store.consents(pseudonym)),
     )
 
 

@@ -201,7 +201,8 @@ def _admit(store: Store, pseudonym: str, cast: Cast) -> None:
         raise StudyError(
             f"{pseudonym} is {notes[0]!r}; a run with another seed or other people does not go on with them"
         )
-    if store.participant(pseudonym).state == "enrolled":
+    participant = store.participant(pseudonym)
+    if participant.state == "enrolled" or participant.must_reconsent(store.design.consent.version):
         record_consent(store, pseudonym)
     if store.participant(pseudonym).state == "consented":
         record_inclusion(store, pseudonym, {each.id: each.required for each in store.design.inclusion})

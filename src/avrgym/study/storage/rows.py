@@ -58,6 +58,10 @@ class Participant:
     def pseudonym(self) -> str:
         return pseudonym_of(self.number)
 
+    def must_reconsent(self, version: str) -> bool:
+        """Whether they agreed to another version of the consent text and may still have sessions."""
+        return self.state in ("consented", "allocated") and self.consent_version not in (None, version)
+
     @property
     def site_pseudonym(self) -> str | None:
         """What they go by at their site, where this study was merged from sites."""
@@ -189,6 +193,31 @@ class AdverseEvent:
     relatedness: str
     action: str
     outcome: str
+
+
+@dataclass(frozen=True)
+class ConsentText:
+    """A consent text as participants read it in one language, ``at`` its first use."""
+
+    id: int
+    at: str
+    sha256: str
+    version: str
+    language: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Consent:
+    """A participant's decision about a consent text; ``None`` stands for what an earlier version did not store."""
+
+    id: int
+    at: str
+    participant: int
+    agreed: bool
+    version: str | None
+    language: str | None
+    sha256: str | None
 
 
 @dataclass(frozen=True)

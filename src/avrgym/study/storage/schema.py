@@ -189,6 +189,36 @@ ADVERSE_EVENT = Table(
 )
 """Reports of adverse events. ``follows`` is the first report of the same event; a follow-up replaces nothing."""
 
+CONSENT_TEXT = Table(
+    "consent_text",
+    METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("at", String, nullable=False),
+    Column("sha256", String, nullable=False),
+    Column("version", String, nullable=False),
+    Column("language", String, nullable=False),
+    Column("text", String, nullable=False),
+    _salt(),
+)
+"""The archive of consent texts: each as participants read it, stored ``at`` its first use and never changed."""
+
+CONSENT = Table(
+    "consent",
+    METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("at", String, nullable=False),
+    Column("participant", Integer, ForeignKey("participant.number"), nullable=False),
+    Column("agreed", Boolean, nullable=False),
+    Column("version", String),
+    Column("language", String),
+    Column("sha256", String),
+    _salt(),
+)
+"""Every decision of a participant about a consent text, in order; ``sha256`` is that of the text.
+
+The participant's own row repeats the latest text that they agreed to.
+"""
+
 TOMBSTONE = Table(
     "tombstone",
     METADATA,

@@ -40,12 +40,13 @@ def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> St
         take_over: also end a session that may still run elsewhere.
 
     Raises:
-        StudyError: without consent and an allocated order, or while another session runs.
+        StudyError: without consent to the present version and an allocated order, or while another session runs.
     """
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.state != "allocated" or participant.consented_at is None:
             raise StudyError(f"{participant} is {participant.state}; only the allocated have sessions")
+        check_consent(store, participant)
         own = find_all(connection, StudySession, participant=participant.number)
         for session in own:
             if session.state == "open" and not take_over and may_run(store, session):
@@ -54,6 +55,16 @@ def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> St
                 )
         end_open_sessions(store, connection, participant, attempts="interrupted", sessions="interrupted")
         return _insert_session(store, connection, participant, len(own) + 1)
+
+
+def check_consent(store: Store, participant: Participant) -> None:
+    """``StudyError`` for a participant who agreed to another version of the consent text than the design's."""
+    present = store.design.consent.version
+    if participant.must_reconsent(present):
+        raise StudyError(
+            f"{participant} agreed to version {participant.consent_version} of the consent text, and the study's is "
+            f"{present}: ask again with `avrgym study consent {store.folder} {participant}` or on the dashboard"
+        )
 
 
 def close_session(store: Store, session_id: int) -> None:

@@ -21,6 +21,8 @@ from avrgym.study.storage.database import REBUILT, Database, database_url
 from avrgym.study.storage.rows import (
     RECORDINGS,
     AdverseEvent,
+    Consent,
+    ConsentText,
     Experimenter,
     GivenAnswer,
     LogEntry,
@@ -49,6 +51,8 @@ TABLES: Mapping[type, sa.Table] = {
     StudyEvent: schema.EVENT,
     Note: schema.NOTE,
     AdverseEvent: schema.ADVERSE_EVENT,
+    ConsentText: schema.CONSENT_TEXT,
+    Consent: schema.CONSENT,
     Tombstone: schema.TOMBSTONE,
     Site: schema.SITE,
     Experimenter: schema.EXPERIMENTER,
@@ -199,6 +203,14 @@ class Store:
     def adverse_events(self, pseudonym: str) -> list[AdverseEvent]:
         """All reports of adverse events of a participant, in the order they were recorded."""
         return self._rows(AdverseEvent, participant=participant_number(pseudonym))
+
+    def consents(self, pseudonym: str) -> list[Consent]:
+        """A participant's decisions about consent texts, in order."""
+        return self._rows(Consent, participant=participant_number(pseudonym))
+
+    def consent_texts(self) -> list[ConsentText]:
+        """The archive of consent texts, in the order of their first use."""
+        return self._rows(ConsentText)
 
     def tombstones(self) -> list[Tombstone]:
         """The participants whose data were deleted."""

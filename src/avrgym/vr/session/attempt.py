@@ -234,7 +234,8 @@ def configuration(
     """All that an attempt at the plan's trial ``index`` is run with, in plain values.
 
     ``start_rad`` are the joint angles of the person that the episode began with, ``start`` is all else that it
-    began with: replay draws nothing. ``headset_check`` stands there where the headset was checked before.
+    began with: replay draws nothing. ``headset_check`` stands there where the headset was checked before, ``consent``
+    where a study stored one.
     """
     trial = plan.trials[index]
     checked = {} if headset is None else {"headset_check": msgspec.to_builtins(headset)}
@@ -265,6 +266,7 @@ def configuration(
         "force_guard": plan.force_guard,
         "withdraw_after_success": plan.withdraw_after_success,
         **checked,
+        **({} if plan.consent is None else {"consent": dict(plan.consent)}),
         "furniture": msgspec.to_builtins(plan.furniture),
         "reward_weights": dict(world.task.weights),
         "items": [msgspec.to_builtins(item) for item in plan.items_after(trial)],

@@ -70,6 +70,8 @@ class SessionPlan:
     pauses or ends. ``texts``: what the participant reads, in their language, in which goals and items stand already.
     ``headset_check``: before all else the headset is checked so. ``measure_reach``: who is measured also stretches
     their arms, which become as long as theirs. ``open_questionnaire`` comes before all else.
+    ``consent``: what a study stored of the participant's consent, for the recordings (``version``, ``language``,
+    ``sha256`` of the text, ``at``).
     """
 
     trials: Sequence[TrialPlan]
@@ -90,6 +92,7 @@ class SessionPlan:
     headset_check: HeadsetCheckPlan | None = None
     measure_reach: bool = False
     open_questionnaire: OpenQuestionnaire | None = None
+    consent: Mapping[str, str] | None = None
 
     def __post_init__(self) -> None:
         last = len(self.trials) + (self.open_questionnaire is not None)

@@ -41,6 +41,8 @@ def _about_people(analysis: Analysis, flow: Flow) -> list[Asked]:
     )
     inclusion = " ".join(each.text for each in analysis.design.inclusion)
     consent = ", ".join(f"version {version}: {number}" for version, number in flow.consents.items())
+    if flow.reconsented or flow.declined:
+        consent += f"; re-consent: {flow.reconsented} agreed, {flow.declined} declined"
     return [
         Asked(
             "Number of participants",

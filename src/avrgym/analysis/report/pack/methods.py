@@ -78,6 +78,11 @@ def _participants(analysis: Analysis, flow: Flow) -> Iterator[str]:
     yield f"Ethics approval: {about.ethics_approval or missing('board and number of the approval')}"
     agreed = ", ".join(f"version {version} by {number}" for version, number in flow.consents.items())
     yield f"Participants gave informed consent before anything else (text: {agreed or 'by nobody yet'})."
+    if flow.reconsented or flow.declined:
+        yield (
+            "Re-consent to another version of the text, before the next session: "
+            f"{flow.reconsented} agreed, {flow.declined} declined and withdrew."
+        )
     yield adverse_event_words(analysis)
 
 

@@ -1,0 +1,60 @@
+"""Checking consents: whether each was given to the text that its version has, and whether that text is archived."""
+
+import hashlib
+from collections import defaultdict
+from collections.abc import Iterator
+
+from avrgym.study.checking.finding import Finding
+from avrgym.study.design.design import FILE
+from avrgym.study.people.consents import named, present_text, to_other_words
+from avrgym.study.storage.rows import Consent, ConsentText
+from avrgym.study.storage.sites import site_of
+from avrgym.study.storage.store import Store, find_all
+from avrgym.texts.texts import normal
+
+
+def check_consents(store: Store) -> Iterator[Finding]:
+    """Consents to another text under the version of the design's, texts that changed, and consents without a text."""
+    with store.database.read() as connection:
+        consents, archive = find_all(connection, Consent), find_all(connection, ConsentText)
+    for kept in archive:
+        if hashlib.sha256(kept.text.encode()).hexdigest() != kept.sha256:
+            yield Finding(f"consent_text {kept.id}", "does not have the checksum that it was archived with")
+    if store.sites():
+        yield from _check_sites(consents, archive)
+    else:
+        yield from _check_present_texts(store, consents, archive)
+    archived = {kept.sha256 for kept in archive}
+    without = [each for each in consents if each.sha256 not in archived]
+    if without:
+        yield Finding("consent", f"text not archived: that of {named(without)}", wrong=False)
+
+
+def _check_present_texts(
+    store: Store, consents: list[Consent], archive: list[ConsentText]
+) -> Iterator[Finding]:
+    """The design's text in each language, compared with what was read under its version."""
+    first = store.design.languages[0]
+    for language in sorted({each.language or first for each in consents}):
+        shown = present_text(store, language)
+        others = to_other_words(shown, consents, archive, first) if shown else []
+        if others:
+            yield Finding(
+                FILE,
+                f"[consent] in {language} is not the text that {named(others)} read as version "
+                f"{store.design.consent.version}; raise version, or put their text back",
+            )
+
+
+def _check_sites(consents: list[Consent], archive: list[ConsentText]) -> Iterator[Finding]:
+    """Texts of one site that differ under one version; sites may have texts of their own."""
+    words = {kept.sha256: normal(kept.text) for kept in archive}
+    read = defaultdict[tuple[int, str, str], dict[str, list[Consent]]](lambda: defaultdict(list))
+    for each in consents:
+        if each.sha256 in words and each.version is not None:
+            use = site_of(each.participant), each.version, each.language or ""
+            read[use][words[each.sha256]].append(each)
+    for (_, version, _), texts in read.items():
+        if len(texts) > 1:
+            who = " and ".join(named(each) for each in texts.values())
+            yield Finding("consent", f"{who} read different texts as version {version}")

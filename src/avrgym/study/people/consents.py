@@ -1,0 +1,126 @@
+"""Decisions about consent texts: each is stored with its text, which the archive keeps by its checksum."""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import sqlalchemy as sa
+
+from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.rows import Consent, ConsentText, Participant, pseudonym_of
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find_all
+from avrgym.texts.texts import TextsError, normal, read_texts
+
+RECORDED = ("version", "language", "sha256", "at")
+"""What recordings store of a consent."""
+
+
+@dataclass(frozen=True)
+class ShownText:
+    """The consent text of the study's design as it is shown in one language."""
+
+    version: str
+    language: str
+    text: str
+
+    @property
+    def sha256(self) -> str:
+        """The checksum of the text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+
+def to_other_words(
+    shown: ShownText, consents: Iterable[Consent], archive: Iterable[ConsentText], first_language: str
+) -> list[Consent]:
+    """The consents to the same version in the same language whose text has other words; line breaks do not count.
+
+    ``first_language`` is that of consents that name none.
+    """
+    same = {kept.sha256 for kept in archive if normal(kept.text) == normal(shown.text)}
+    return [
+        each
+        for each in consents
+        if (each.version, each.language or first_language) == (shown.version, shown.language)
+        and each.sha256 not in (None, shown.sha256, *same)
+    ]
+
+
+def store_consent(
+    connection: sa.Connection,
+    participant: Participant,
+    shown: ShownText,
+    first_language: str,
+    *,
+    agreed: bool,
+) -> Consent:
+    """Store a participant's decision about a text, and the text in the archive if it is new there.
+
+    Raises:
+        StudyError: when somebody agreed to other words under the same version.
+    """
+    archive = find_all(connection, ConsentText)
+    others = to_other_words(shown, find_all(connection, Consent), archive, first_language)
+    if others:
+        raise StudyError(
+            f"{named(others)} read another consent text under version {shown.version} ({shown.language}): raise "
+            "version under [consent] in study.toml, or put their text back"
+        )
+    at, sha256 = now(), _archived(connection, shown, archive)
+    row = {"at": at, "agreed": agreed, "version": shown.version, "language": shown.language, "sha256": sha256}
+    key = ledger.insert(connection, schema.CONSENT, participant=participant.number, **row)
+    return Consent(key, at, participant.number, agreed, shown.version, shown.language, sha256)
+
+
+def latest_consent(consents: Iterable[Consent]) -> dict[str, str] | None:
+    """What recordings store of the latest consent, without what an earlier version of AVR Gym did not store."""
+    agreed = [each for each in consents if each.agreed]
+    if not agreed:
+        return None
+    stored = {name: getattr(agreed[-1], name) for name in RECORDED}
+    return {name: value for name, value in stored.items() if value is not None}
+
+
+def restore_consents(
+    store: Store, connection: sa.Connection, number: int, recorded: Iterable[Mapping[str, str]]
+) -> None:
+    """Store the consents of a participant that recordings hold, in order, and the latest with their row.
+
+    The design's text is archived again if they agreed to it.
+    """
+    consents = {each["at"]: each for each in recorded}
+    for _, each in sorted(consents.items()):
+        values = {name: each.get(name) for name in RECORDED}
+        ledger.insert(connection, schema.CONSENT, participant=number, agreed=True, **values)
+        stored = {f"consent_{name}": each.get(name) for name in ("version", "sha256")}
+        ledger.update(connection, schema.PARTICIPANT, number, consented_at=each["at"], **stored)
+        shown = present_text(store, each.get("language", ""))
+        if shown and (shown.version, shown.sha256) == (each.get("version"), each.get("sha256")):
+            _archived(connection, shown, find_all(connection, ConsentText))
+
+
+def present_text(store: Store, language: str) -> ShownText | None:
+    """The design's text in a language; ``None`` for one without texts."""
+    consent = store.design.consent
+    try:
+        text = read_texts(language, store.folder).translate(consent.text)
+    except TextsError:
+        return None
+    return ShownText(consent.version, language, text)
+
+
+def named(consents: Iterable[Consent]) -> str:
+    """The participants of these consents, each once."""
+    return ", ".join(pseudonym_of(number) for number in sorted({each.participant for each in consents}))
+
+
+def _archived(connection: sa.Connection, shown: ShownText, archive: Iterable[ConsentText]) -> str:
+    """The checksum of the archived text with these words, which is this one if there was none."""
+    for kept in archive:
+        same_use = (kept.version, kept.language) == (shown.version, shown.language)
+        if same_use and normal(kept.text) == normal(shown.text):
+            return kept.sha256
+    row = {"version": shown.version, "language": shown.language, "text": shown.text}
+    ledger.insert(connection, schema.CONSENT_TEXT, at=now(), sha256=shown.sha256, **row)
+    return shown.sha256

@@ -1,0 +1,472 @@
+"""Consent: which text was read is kept, a text that changed is noticed, and another version is asked for again."""
+
+import csv
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+from playwright.sync_api import expect, sync_playwright
+from typer.testing import CliRunner, Result
+
+import studies
+from avrgym.analysis.reading.flow import flows
+from avrgym.cli.main import app
+from avrgym.recording.files import read_recording
+from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.finding import Finding
+from avrgym.study.checking.rebuilding import rebuild_study
+from avrgym.study.dashboard.application import dashboard_app
+from avrgym.study.export import export_study
+from avrgym.study.merge.merging import merge_studies
+from avrgym.study.people.consents import latest_consent
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import (
+    decline_consent,
+    enrol,
+    record_consent,
+    record_inclusion,
+    texts_of,
+    withdraw,
+)
+from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.sessions.simulation import Cast, simulated_participant
+from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.sessions import open_session
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.server.server import LiveServer
+from avrgym.vr.session.session import Session
+from studies import fitting_answers, make_study, plugins_in, run_participant, small_study, take_in
+from visit import Visit, driving, plan
+
+PATIENCE_MS = 120_000
+GERMAN = "Ich bin einverstanden."
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return small_study(tmp_path / "study")
+
+
+@pytest.fixture
+def store(folder: Path) -> Iterator[Store]:
+    with Store(folder) as opened:
+        yield opened
+
+
+def study(*arguments: str | Path, answers: str = "") -> Result:
+    return CliRunner().invoke(app, ["study", *map(str, arguments)], input=answers)
+
+
+def reword(folder: Path, old: str, new: str, version: str = "1") -> None:
+    """Change the consent text, and give it a version."""
+    path = folder / "study.toml"
+    text = path.read_text()
+    assert old in text
+    text = re.sub(r'(?m)^version = ".*"', f'version = "{version}"', text.replace(old, new, 1), count=1)
+    path.write_text(text)
+
+
+def raise_version(folder: Path, version: str = "2") -> None:
+    reword(folder, "You take part", "You fully take part", version)
+
+
+def about_consent(folder: Path) -> list[Finding]:
+    with Store(folder) as store:
+        return [each for each in check_study(store) if "consent" in f"{each.where} {each.what}"]
+
+
+def wrong_about_consent(folder: Path) -> list[str]:
+    return [each.what for each in about_consent(folder) if each.wrong]
+
+
+def decisions(store: Store, pseudonym: str) -> list[tuple[bool, str | None]]:
+    return [(each.agreed, each.version) for each in store.consents(pseudonym)]
+
+
+# The archive -------------------------------------------------------------------------------------------------
+
+
+def test_the_text_that_was_read_is_archived_once_and_named_by_each_consent(store: Store) -> None:
+    first, second = take_in(store), take_in(store)
+    (kept,) = store.consent_texts()
+    assert kept.text == store.design.consent.text
+    assert kept.sha256 == hashlib.sha256(kept.text.encode()).hexdigest()
+    assert (kept.version, kept.language) == ("1", "en")
+    for pseudonym in (first, second):
+        (given,) = store.consents(pseudonym)
+        assert (given.agreed, given.version, given.language, given.sha256) == (True, "1", "en", kept.sha256)
+        assert given.at == store.participant(pseudonym).consented_at
+    assert about_consent(store.folder) == []
+
+
+def test_each_language_has_its_own_text(tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
+    with Store(folder) as store:
+        for language in ("en", "de"):
+            record_consent(store, enrol(store, "man", language=language))
+        texts = {kept.language: kept.text for kept in store.consent_texts()}
+        for person in store.participants():
+            assert texts[str(person.language)] == texts_of(store, person).translate(store.design.consent.text)
+        assert texts["de"] != texts["en"]
+    assert about_consent(folder) == []
+
+
+def test_another_text_under_the_same_version_is_an_error_that_names_participants(folder: Path) -> None:
+    with Store(folder) as store:
+        first, second = take_in(store), take_in(store)
+    reword(folder, "You take part", "You do not take part")
+    (wrong,) = wrong_about_consent(folder)
+    assert f"{first}, {second} read as version 1" in wrong
+    assert study("check", folder).exit_code == 1
+    with Store(folder) as store:
+        pseudonym = enrol(store, "woman")
+        with pytest.raises(StudyError, match=f"{first}, {second} read another consent text under version 1"):
+            record_consent(store, pseudonym)
+        assert store.participant(pseudonym).state == "enrolled"
+        assert len(store.consent_texts()) == 1
+    reword(folder, "You do not take part", "You take part")
+    assert about_consent(folder) == []
+
+
+def test_a_translation_that_changed_names_only_those_who_read_it(tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
+    with Store(folder) as store:
+        take_in(store)
+        german = enrol(store, "man", language="de")
+        record_consent(store, german)
+        text = " ".join(store.design.consent.text.split())
+    (folder / "texts").mkdir()
+    (folder / "texts" / "de.toml").write_text(f"[sentences]\n{json.dumps(text)} = {json.dumps(GERMAN)}\n")
+    (wrong,) = wrong_about_consent(folder)
+    assert wrong.startswith(f"[consent] in de is not the text that {german} read")
+
+
+def test_broken_lines_are_no_other_text(folder: Path) -> None:
+    with Store(folder) as store:
+        take_in(store)
+    reword(folder, "You take part", "You\ntake part")
+    assert about_consent(folder) == []
+    with Store(folder) as store:
+        take_in(store)
+        assert (
+            len({each.sha256 for person in store.participants() for each in store.consents(str(person))}) == 1
+        )
+
+
+def test_another_text_under_another_version_is_no_error(folder: Path) -> None:
+    with Store(folder) as store:
+        take_in(store)
+    raise_version(folder)
+    assert about_consent(folder) == []
+    with Store(folder) as store:
+        take_in(store)
+        assert [kept.version for kept in store.consent_texts()] == ["1", "2"]
+    assert about_consent(folder) == []
+
+
+def test_a_changed_archive_is_noticed(store: Store) -> None:
+    take_in(store)
+    with store.database.write() as connection:
+        ledger.update(connection, schema.CONSENT_TEXT, 1, text="I agree to everything")
+    assert "does not have the checksum that it was archived with" in [
+        each.what for each in about_consent(store.folder) if each.where == "consent_text 1"
+    ]
+
+
+# Asking again ------------------------------------------------------------------------------------------------
+
+
+def test_an_allocated_participant_must_reconsent_before_the_next_session(folder: Path) -> None:
+    with Store(folder) as store:
+        pseudonym = take_in(store)
+        run_participant(store, pseudonym, trials=2)
+        before = store.participant(pseudonym)
+    raise_version(folder)
+    with Store(folder) as store:
+        for begin in (open_session, StudyVisit):
+            with pytest.raises(StudyError, match=r"agreed to version 1 .*, and the study's is 2: ask again"):
+                begin(store, pseudonym)
+        assert len(store.sessions(pseudonym)) == 1
+        record_consent(store, pseudonym)
+        after = store.participant(pseudonym)
+        assert (after.state, after.cell, after.consent_version) == ("allocated", before.cell, "2")
+        assert decisions(store, pseudonym) == [(True, "1"), (True, "2")]
+        assert [each.text for each in store.consent_texts()][1] == store.design.consent.text
+        run_participant(store, pseudonym)
+        assert store.participant(pseudonym).state == "completed"
+        with pytest.raises(StudyError, match="is completed and cannot become consented"):
+            record_consent(store, pseudonym)
+        assert [(flow.consents, flow.reconsented, flow.declined) for flow in flows(store, [])] == [
+            ({"2": 1}, 1, 0)
+        ]
+    assert about_consent(folder) == []
+
+
+def test_who_declines_withdraws_and_keeps_or_deletes_their_data(folder: Path) -> None:
+    with Store(folder) as store:
+        pseudonym = take_in(store)
+        run_participant(store, pseudonym, trials=2)
+    raise_version(folder)
+    with Store(folder) as store:
+        decline_consent(store, pseudonym)
+        assert store.participant(pseudonym).state == "withdrawn"
+        assert store.participant(pseudonym).consent_version == "1"
+        assert decisions(store, pseudonym) == [(True, "1"), (False, "2")]
+        assert len(store.attempts(pseudonym)) == 2
+        assert store.events()[-1].detail == "does not agree to version 2"
+        (flow,) = flows(store, [])
+        assert (flow.consents, flow.reconsented, flow.declined) == ({"1": 1}, 0, 1)
+        delete_participant(store, pseudonym)
+        assert store.consents(pseudonym) == []
+        assert len(store.consent_texts()) == 2
+    assert about_consent(folder) == []
+
+
+def test_nobody_must_reconsent_without_another_version(store: Store) -> None:
+    enrolled, allocated = enrol(store, "man"), take_in(store)
+    for pseudonym in (enrolled, allocated):
+        with pytest.raises(StudyError, match="has no re-consent to give"):
+            decline_consent(store, pseudonym)
+    with pytest.raises(StudyError, match="is allocated and cannot become consented"):
+        record_consent(store, allocated)
+
+
+def test_who_consented_and_has_no_order_yet_must_reconsent_first(folder: Path) -> None:
+    with Store(folder) as store:
+        pseudonym = enrol(store, "woman")
+        record_consent(store, pseudonym)
+    raise_version(folder)
+    with Store(folder) as store:
+        with pytest.raises(StudyError, match="ask again"):
+            record_inclusion(store, pseudonym, fitting_answers(store))
+        record_consent(store, pseudonym)
+        assert record_inclusion(store, pseudonym, fitting_answers(store))
+
+
+def test_the_command_asks_again(folder: Path) -> None:
+    with Store(folder) as store:
+        agreeing, declining = take_in(store, simulated=False), take_in(store, simulated=False)
+    raise_version(folder)
+    agreed = study("consent", folder, agreeing, answers="y\n")
+    assert agreed.exit_code == 0
+    assert "You fully take part" in agreed.stdout
+    assert f"{agreeing} agrees to version 2" in agreed.stdout
+    undecided = study("consent", folder, declining, answers="n\nn\n")
+    assert (undecided.exit_code, undecided.stderr.count("nothing was stored")) == (1, 1)
+    declined = study("consent", folder, declining, answers="n\ny\n")
+    assert declined.exit_code == 0
+    with Store(folder) as store:
+        assert [person.state for person in store.participants()] == ["allocated", "withdrawn"]
+
+
+def test_the_command_shows_the_participants_language(tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
+    with Store(folder) as store:
+        german = enrol(store, "man", language="de")
+        shown = texts_of(store, store.participant(german)).translate(store.design.consent.text)
+    asked = study("consent", folder, german, answers="y\n" * 6)
+    assert shown.strip().splitlines()[0] in asked.stdout
+    assert "Hatten Sie schon einmal Epilepsie?" in asked.stdout
+
+
+def test_a_dry_run_goes_on_under_another_version(folder: Path) -> None:
+    with Store(folder) as store:
+        pseudonym = simulated_participant(store, 0, Cast(1))
+    raise_version(folder)
+    with Store(folder) as store:
+        assert simulated_participant(store, 0, Cast(1)) == pseudonym
+        assert decisions(store, pseudonym) == [(True, "1"), (True, "2")]
+        open_session(store, pseudonym)
+
+
+# Where consents go -------------------------------------------------------------------------------------------
+
+
+def test_exports_hold_every_decision_and_every_text(folder: Path, tmp_path: Path) -> None:
+    with Store(folder) as store:
+        again, declining = take_in(store), take_in(store)
+    raise_version(folder)
+    with Store(folder) as store:
+        record_consent(store, again)
+        decline_consent(store, declining)
+        export_study(store, "csv", tmp_path / "csv")
+        kept = {each.sha256: each.text for each in store.consent_texts()}
+    with open(tmp_path / "csv" / "consents.csv", encoding="utf-8-sig", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["participant"], row["decision"], row["version"], row["agreed"]) for row in rows] == [
+        (again, "1", "1", "true"),
+        (again, "2", "2", "true"),
+        (declining, "1", "1", "true"),
+        (declining, "2", "2", "false"),
+    ]
+    for row in rows:
+        data = (tmp_path / "csv" / row["text"]).read_bytes()
+        assert hashlib.sha256(data).hexdigest() == row["sha256"]
+        assert data.decode() == kept[row["sha256"]]
+
+
+def before_the_archive(store: Store) -> None:
+    """Make a study like one of the version that stored version and checksum of each consent, and no text."""
+    with store.database.write() as connection:
+        ledger.delete(connection, schema.CONSENT_TEXT)
+        ledger.delete(connection, schema.CONSENT)
+    with store.database.write() as connection:
+        for table in ("consent", "consent_text"):
+            connection.execute(sa.text(f"DROP TABLE {table}"))
+        connection.execute(sa.text("UPDATE alembic_version SET version_num = '0008_log'"))
+    store.close()
+
+
+def test_consents_of_earlier_versions_are_named_and_no_error(folder: Path) -> None:
+    store = Store(folder)
+    pseudonym = take_in(store)
+    given = store.consents(pseudonym)
+    before_the_archive(store)
+    with Store(folder) as store:
+        assert store.consents(pseudonym) == given
+        (found,) = [each for each in check_study(store) if each.where == "consent"]
+        assert (found.what, found.wrong) == (f"text not archived: that of {pseudonym}", False)
+        record_consent(store, enrol(store, "man"))
+    assert about_consent(folder) == []
+    reword(folder, "You take part", "You never take part")
+    assert pseudonym in wrong_about_consent(folder)[0]
+
+
+def test_an_earlier_consent_to_another_text_is_an_error_though_no_text_is_archived(folder: Path) -> None:
+    store = Store(folder)
+    pseudonym = take_in(store)
+    before_the_archive(store)
+    reword(folder, "You take part", "You never take part")
+    assert [each.wrong for each in about_consent(folder)] == [True, False]
+    assert pseudonym in wrong_about_consent(folder)[0]
+    with Store(folder) as store, pytest.raises(StudyError, match=f"{pseudonym} read another consent text"):
+        record_consent(store, enrol(store, "man"))
+
+
+def test_recordings_store_the_consent(folder: Path) -> None:
+    with Store(folder) as store:
+        pseudonym = take_in(store)
+    raise_version(folder)
+    with Store(folder) as store:
+        record_consent(store, pseudonym)
+        latest = store.consents(pseudonym)[-1]
+        with StudyVisit(store, pseudonym) as visit:
+            attended = Visit(Path(), visit.plan(), make=lambda send: visit.session(visit.plan(), send))
+            attended.go_to("trial")
+            attended.leave()
+    (recording,) = sorted(folder.rglob("*.mcap"))
+    assert read_recording(recording).metadata["consent"] == {
+        "version": "2", "language": "en", "sha256": latest.sha256, "at": latest.at
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_a_rebuilt_study_has_the_consents_that_recordings_store(
+    folder: Path, recorded: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Store(folder) as store:
+        pseudonym = take_in(store)
+        before = store.consents(pseudonym)
+        if recorded:
+            stored = {"consent": latest_consent(before)}
+            monkeypatch.setattr(studies, "plugins_in", lambda trial: plugins_in(trial) | stored)
+        run_participant(store, pseudonym, trials=4)
+    for name in ("study.db", "study.db.sha256"):
+        (folder / name).unlink()
+    rebuild_study(folder)
+    with Store(folder) as store:
+        (again,) = store.consents(pseudonym)
+        if recorded:
+            assert [again] == before
+            assert store.participant(pseudonym).consent_version == "1"
+            assert [kept.text for kept in store.consent_texts()] == [store.design.consent.text]
+        else:
+            assert (again.agreed, again.version, again.sha256) == (True, None, None)
+        run_participant(store, pseudonym)
+    not_archived = f"text not archived: that of {pseudonym}"
+    assert [each.what for each in about_consent(folder) if each.where == "consent"] == (
+        [] if recorded else [not_archived]
+    )
+    assert wrong_about_consent(folder) == []
+
+
+def test_merged_studies_hold_the_consents_of_their_sites(tmp_path: Path) -> None:
+    folders = [
+        make_study(tmp_path / site, tasks='["Feeding"]', site=f'"{site}"') for site in ("here", "there")
+    ]
+    reword(folders[1], "You take part", "You gladly take part")
+    for folder in folders:
+        with Store(folder) as store:
+            take_in(store)
+    merge_studies(folders, tmp_path / "all", accept_differences=True)
+    with Store(tmp_path / "all") as merged, Store(folders[1]) as there:
+        (given,) = merged.consents("sub-2001")
+        assert given.sha256 == there.consents("sub-001")[0].sha256
+        assert len(merged.consent_texts()) == 2
+        assert [each for each in check_study(merged) if each.where == "consent"] == []
+
+
+def test_different_texts_of_one_site_under_one_version_are_an_error(tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "here", tasks='["Feeding"]', site='"here"')
+    other = make_study(tmp_path / "there", tasks='["Feeding"]', site='"there"')
+    with Store(other) as store:
+        take_in(store)
+    with Store(folder) as store:
+        first = take_in(store)
+        second = take_in(store)
+        withdraw(store, second)
+        with store.database.write() as connection:
+            text = {"version": "1", "language": "en", "text": "Another", "at": "2026-01-01"}
+            sha256 = hashlib.sha256(b"Another").hexdigest()
+            ledger.insert(connection, schema.CONSENT_TEXT, sha256=sha256, **text)
+            ledger.update(connection, schema.CONSENT, store.consents(second)[0].id, sha256=sha256)
+    assert first
+    merge_studies([folder, other], tmp_path / "all")
+    (wrong,) = wrong_about_consent(tmp_path / "all")
+    assert wrong == "sub-1001 and sub-1002 read different texts as version 1"
+
+
+# In the browser ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_dashboard_asks_again(folder: Path, tmp_path: Path) -> None:
+    with Store(folder) as store:
+        agreeing, declining = take_in(store, simulated=False), take_in(store, simulated=False)
+    raise_version(folder)
+    with (
+        Store(folder) as store,
+        LiveServer(
+            lambda send: Session(plan(), driving(plan()), tmp_path / "r", send, "test"),
+            "127.0.0.1",
+            0,
+            study=lambda tokens, _session: dashboard_app(store, tokens),
+        ) as server,
+        sync_playwright() as playwright,
+    ):
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        page = browser.new_page(viewport={"width": 900, "height": 900})
+        page.set_default_timeout(PATIENCE_MS)
+        expect.set_options(timeout=PATIENCE_MS)
+        page.goto(server.urls("dashboard?detail=light", server.tokens.experimenter)[0])
+        page.get_by_role("button", name=agreeing).click()
+        expect(page.locator("#participant-words")).to_contain_text("new version of the text")
+        expect(page.locator("#consent-text")).to_contain_text("You fully take part")
+        expect(page.locator("#begin")).to_be_hidden()
+        page.locator("#participant").screenshot(path=tmp_path / "re-consent.png")
+        page.get_by_label("They have read version 2 and agree").check()
+        page.get_by_role("button", name="Record consent").click()
+        expect(page.locator("#begin")).to_be_visible()
+        page.get_by_role("button", name=declining).click()
+        page.get_by_label("do not agree").check()
+        page.get_by_role("button", name="Withdraw them").click()
+        expect(page.get_by_role("row", name=declining)).to_contain_text("withdrawn")
+        assert decisions(store, agreeing) == [(True, "1"), (True, "2")]
+        assert decisions(store, declining) == [(True, "1"), (False, "2")]
+        browser.close()
