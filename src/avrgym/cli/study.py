@@ -139,7 +139,7 @@ def enrol(
 def consent(folder: Folder, participant: Pseudonym) -> None:
     """Ask a participant for consent.
 
-    Then the inclusion questions are asked; who can take part is given an order. After a new version of the text
+    Then come the inclusion questions; who can take part is given an order. After a new version of the text
     participants re-consent.
     """
     from avrgym.study.storage.store import Store
