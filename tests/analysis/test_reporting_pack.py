@@ -239,7 +239,7 @@ def test_a_flow_without_anybody_leaving_tells_of_nobody() -> None:
     flow = Flow(
         simulated=False, enrolled=2, deleted=0, no_consent=0, excluded=0, withdrew_before=0, waiting=0, allocated=2,
         withdrew=0, unfinished=0, completed=2, analysed=2, orders={1: 2}, consents={"1": 2},
-        reconsented=0, declined=0, first_day=None, last_day=None,
+        first_day=None, last_day=None,
     )  # fmt: skip
     assert [left for _, left in steps(flow)] == [[], [], [], []]
 

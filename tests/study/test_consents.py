@@ -14,6 +14,7 @@ from typer.testing import CliRunner, Result
 
 import studies
 from avrgym.analysis.reading.flow import flows
+from avrgym.analysis.reading.observations import Observations
 from avrgym.cli.main import app
 from avrgym.recording.files import read_recording
 from avrgym.study.checking.checks import check_study
@@ -202,9 +203,9 @@ def test_an_allocated_participant_must_reconsent_before_the_next_session(folder:
         assert store.participant(pseudonym).state == "completed"
         with pytest.raises(StudyError, match="is completed and cannot become consented"):
             record_consent(store, pseudonym)
-        assert [(flow.consents, flow.reconsented, flow.declined) for flow in flows(store, [])] == [
-            ({"2": 1}, 1, 0)
-        ]
+        assert [
+            (flow.consents, flow.reconsented, flow.declined) for flow in flows(store, Observations())
+        ] == [({"2": 1}, 1, 0)]
     assert about_consent(folder) == []
 
 
@@ -220,7 +221,7 @@ def test_who_declines_withdraws_and_keeps_or_deletes_their_data(folder: Path) ->
         assert decisions(store, pseudonym) == [(True, "1"), (False, "2")]
         assert len(store.attempts(pseudonym)) == 2
         assert store.events()[-1].detail == "does not agree to version 2"
-        (flow,) = flows(store, [])
+        (flow,) = flows(store, Observations())
         assert (flow.consents, flow.reconsented, flow.declined) == ({"1": 1}, 0, 1)
         delete_participant(store, pseudonym)
         assert store.consents(pseudonym) == []

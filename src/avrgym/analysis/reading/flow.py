@@ -41,8 +41,8 @@ class Flow:
     analysed: int
     orders: Mapping[int, int]
     consents: Mapping[str, int]
-    reconsented: int
-    declined: int
+    reconsented: int = 0
+    declined: int = 0
     first_day: str | None
     last_day: str | None
     analysed_unfinished: int = 0
