@@ -1,4 +1,4 @@
-"""The commands of ``avrgym study`` that record adverse events."""
+"""The commands of ``avrgym study`` about adverse events, retention and the data of one participant."""
 
 from dataclasses import asdict
 from datetime import datetime
@@ -141,3 +141,44 @@ def adverse_events(
         print_table(noticed)
     if out is not None:
         say(f"reports   {out}: they contain free text and names of experimenters")
+
+
+def retention(
+    folder: Folder,
+    delete: Annotated[
+        bool, typer.Option("--delete", help="Delete what is due. Without it nothing is deleted.")
+    ] = False,
+    json_file: JsonFile = None,
+) -> None:
+    """List which data of people are due by [retention] of study.toml, and delete them with --delete.
+
+    Run it daily by cron or systemd with --delete. Each deletion is logged.
+    """
+    from avrgym.study.people.retention import CALLED, delete_due, due_words, schedule, today
+    from avrgym.study.storage.store import Store
+
+    with plain_errors():
+        check_json(json_file)
+        with Store(folder) as store:
+            day = today()
+            rows = [
+                {
+                    "data": CALLED[each.what],
+                    "due_on": each.due_on.isoformat(),
+                    "due": each.is_due(day),
+                    "participants": list(each.participants),
+                }
+                for each in schedule(store)
+            ]
+            write_json(json_file, rows)
+            if rows:
+                print_table(rows)
+            else:
+                say("Nothing has a date: [retention] of study.toml states periods and the day of the end.")
+            if not delete:
+                for words in due_words(store, day):
+                    say(f"due       {words}")
+                return
+            for what, pseudonym in delete_due(store, day):
+                log(store, "delete by schedule", pseudonym, detail=CALLED[what])
+                say(f"deleted   {CALLED[what]} of {pseudonym}")

@@ -19,6 +19,7 @@ from avrgym.study.checking.interim_looks import check_interim_looks
 from avrgym.study.checking.preflight import policy_faults
 from avrgym.study.checking.recorded_plugins import check_plugins
 from avrgym.study.checking.start_checks import check_starts
+from avrgym.study.people.retention import due_words, recordings_deleted, today
 from avrgym.study.storage.answers import answered_in_visit, is_open, was_opened
 from avrgym.study.storage.attempts import CHANGED, sha256_of
 from avrgym.study.storage.rows import (
@@ -79,6 +80,11 @@ def _is_completed(path: Path) -> bool:
         return read_recording(path).end == "completed"
     except (OSError, RecordingError):
         return False
+
+
+def check_due(store: Store) -> Iterator[Finding]:
+    """Data whose retention period is over."""
+    return (Finding("retention", words, wrong=False) for words in due_words(store, today()))
 
 
 def check_policies(store: Store) -> Iterator[Finding]:
@@ -154,6 +160,8 @@ def _check_attempt(
         yield Finding(attempt.recording, f"is not here; it was recorded at {session.station}", wrong=False)
     elif why := _not_merged(store, attempt):
         yield Finding(attempt.recording, f"was left out when sites were merged: {why}", wrong=False)
+    elif at := recordings_deleted(store).get(participant.number):
+        yield Finding(attempt.recording, f"was deleted by schedule at {at}", wrong=False)
     elif completed or attempt.sha256 is not None:
         yield Finding(attempt.recording, "is missing")
 
@@ -268,4 +276,5 @@ CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_plugins,
     check_interim_looks,
     check_strays,
+    check_due,
 )

@@ -22,6 +22,7 @@ from avrgym.study.people.adverse_events import (
     safety_events,
 )
 from avrgym.study.people.participants import consent_text, texts_of
+from avrgym.study.people.retention import due_words, today
 from avrgym.study.storage.answers import open_attempts
 from avrgym.study.storage.keyfile import read_key
 from avrgym.study.storage.rows import Note, Participant, Trial, TrialAttempt
@@ -37,9 +38,8 @@ SHORT_BYTES = 2_000_000_000
 @dataclass(frozen=True)
 class Overview:
     """The whole study. ``live`` is whose session runs, ``furniture`` what the next participant really sits and lies
-    on. ``languages`` hold names by tag; ``warnings`` what is short, in words. ``experimenter`` is who looks, by the
-    name of their token, if it has one. ``scales`` are those of adverse events, ``scales_words``
-    their sources.
+    on. ``languages`` hold names by tag; ``warnings`` what is short or due, in words. ``experimenter`` is the name of
+    the token of this page, if it has one. ``scales`` are those of adverse events, ``scales_words`` their sources.
     """
 
     summary: StudySummary
@@ -140,7 +140,7 @@ def overview(store: Store, live: str | None, furniture: RealFurniture, experimen
         summary=summarise_study(store),
         consent_version=design.consent.version,
         languages={language: read_texts(language, store.folder).name for language in design.languages},
-        warnings=tuple(_short(store)),
+        warnings=(*_short(store), *_due(store)),
         live=live,
         furniture=furniture,
         experimenter=experimenter,
@@ -197,6 +197,11 @@ def _short(store: Store) -> Iterator[str]:
             f"The disk of {store.folder} has {free / 1e9:.1f} GB left; recordings stop when it is full. "
             "Make room before the next session."
         )
+
+
+def _due(store: Store) -> Iterator[str]:
+    """Data whose retention period is over, as sentences."""
+    return (f"Retention: {words}." for words in due_words(store, today()))
 
 
 def _scores(store: Store, participant: Participant) -> Iterator[ScoreView]:

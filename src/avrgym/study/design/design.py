@@ -19,6 +19,7 @@ from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.instruments import with_items
 from avrgym.study.design.languages import check_languages
 from avrgym.study.design.questionnaires import check_questionnaires, check_stop_rules
+from avrgym.study.design.retention import Retention, check_retention
 from avrgym.study.design.toml import DesignError as DesignError
 from avrgym.study.design.toml import Tables, parse, read_text
 from avrgym.study.design.wrong import Wrong, check_id, check_known, check_pattern, check_unique
@@ -29,7 +30,7 @@ from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 FILE = "study.toml"
 PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps")
 """What must stay as it is once a participant has been given an order."""
-LOCAL = ("site", "database")
+LOCAL = ("site", "database", "retention")
 """What each site of a study says for itself."""
 
 Sentence = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
@@ -113,6 +114,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     furniture: RealFurniture = RealFurniture()
     streams: StreamChoice = StreamChoice()
     reporting: Reporting = Reporting()
+    retention: Retention = Retention()
     database: DatabaseChoice = DatabaseChoice()
 
     @property
@@ -219,6 +221,7 @@ def _check(design: Design, folder: Path) -> None:
     _check_streams(design.streams)
     _check_inclusion(design.inclusion)
     _check_database(design.database.url)
+    check_retention(design.retention)
     check_languages(design, folder)
 
 
@@ -257,4 +260,5 @@ _TABLES: Tables = {
     ("furniture",): RealFurniture,
     ("streams",): StreamChoice,
     ("reporting",): Reporting,
+    ("retention",): Retention,
 }

@@ -1,0 +1,62 @@
+"""How long a study keeps what: periods that begin when it has ended."""
+
+import calendar
+from collections.abc import Mapping
+from datetime import date
+from typing import Annotated
+
+import msgspec
+
+from avrgym.study.design.wrong import Wrong
+
+Period = Annotated[int, msgspec.Meta(ge=0, le=1200)]
+IDENTITIES, RECORDINGS, DATA = "identities", "recordings", "data"
+
+
+class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Periods after the day on which the study ended; without a period nothing is ever due.
+
+    ``identities_months``: names and contacts. ``recordings_years``: recordings of people. ``data_years``: all data of
+    people.
+    """
+
+    ended_on: str = ""
+    identities_months: Period | None = None
+    recordings_years: Period | None = None
+    data_years: Period | None = None
+
+    @property
+    def months(self) -> Mapping[str, int]:
+        """The period of each kind of data that has one, in months."""
+        years = {RECORDINGS: self.recordings_years, DATA: self.data_years}
+        given = {IDENTITIES: self.identities_months} | {
+            kind: None if period is None else 12 * period for kind, period in years.items()
+        }
+        return {kind: period for kind, period in given.items() if period is not None}
+
+    @property
+    def end(self) -> date | None:
+        """The day on which the study ended, if it is known."""
+        return date.fromisoformat(self.ended_on) if self.ended_on else None
+
+    @property
+    def due_on(self) -> Mapping[str, date]:
+        """The first day on which each kind of data is due; nothing while the study has not ended."""
+        end = self.end
+        return {} if end is None else {kind: _later(end, months) for kind, months in self.months.items()}
+
+
+def check_retention(retention: Retention) -> None:
+    """Raise ``Wrong`` for a day that is none."""
+    try:
+        _ = retention.end
+    except ValueError:
+        raise Wrong(
+            ("retention", "ended_on"), f"{retention.ended_on!r} is no day; allowed: one such as 2027-06-30"
+        ) from None
+
+
+def _later(day: date, months: int) -> date:
+    """The same day of a later month, or the last one of it."""
+    year, month = divmod(12 * day.year + day.month - 1 + months, 12)
+    return date(year, month + 1, min(day.day, calendar.monthrange(year, month + 1)[1]))

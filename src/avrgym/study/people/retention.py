@@ -1,0 +1,127 @@
+"""Deletion by schedule: what of people's data is due by the design, and deleting it when somebody asks for that."""
+
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+
+from avrgym.study.design.retention import DATA, IDENTITIES, RECORDINGS
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.storage import keyfile
+from avrgym.study.storage.rows import RECORDINGS as FOLDER
+from avrgym.study.storage.rows import StudyEvent, participant_number
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find_all, record_event
+
+EVENTS = {IDENTITIES: "identity deleted by schedule", RECORDINGS: "recordings deleted by schedule"}
+"""The event of a participant from whom a kind of data was deleted; ``DATA`` leaves a tombstone instead."""
+CALLED = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", DATA: "all data"}
+
+
+@dataclass(frozen=True)
+class Scheduled:
+    """A kind of data with the day from which on it is due, and the participants of whom there is some."""
+
+    what: str
+    due_on: date
+    participants: tuple[str, ...]
+
+    def is_due(self, day: date) -> bool:
+        """Whether it is to be deleted on this day."""
+        return bool(self.participants) and self.due_on <= day
+
+
+def today() -> date:
+    """The day as dates are stored, in UTC."""
+    return datetime.now(UTC).date()
+
+
+def schedule(store: Store) -> list[Scheduled]:
+    """What is due when, of people alone."""
+    people = [each.pseudonym for each in store.participants() if not each.simulated]
+    known = keyfile.read_key(store.folder)
+    held = {
+        IDENTITIES: [name for name in people if name in known],
+        RECORDINGS: [name for name in people if (store.folder / FOLDER / name).exists()],
+        DATA: people,
+    }
+    return [Scheduled(what, day, tuple(held[what])) for what, day in store.design.retention.due_on.items()]
+
+
+def due(store: Store, day: date) -> list[Scheduled]:
+    """What is to be deleted on a day."""
+    return [each for each in schedule(store) if each.is_due(day)]
+
+
+def due_words(store: Store, day: date) -> Iterator[str]:
+    """What is due, and what keeps the schedule from being known, in sentences for people."""
+    retention = store.design.retention
+    for each in due(store, day):
+        number = len(each.participants)
+        yield (
+            f"{CALLED[each.what]} of {number} participant{'' if number == 1 else 's'} were due on {each.due_on}: "
+            f"`avrgym study retention {store.folder}` lists them, with --delete it deletes them"
+        )
+    if retention.months and retention.end is None and _is_complete(store):
+        yield "the planned participants have completed: state in [retention] of study.toml on which day the study ended"
+
+
+def delete_due(store: Store, day: date) -> Iterator[tuple[str, str]]:
+    """Delete what is due on a day, and report each kind of data and participant once it is gone.
+
+    All data of participants go as ``delete_participant`` deletes them. Deleting again finishes what broke off.
+
+    Raises:
+        StudyError: when a session took place after the study's end, and nothing is deleted; or, after everything else
+            is deleted, for participants who could not be deleted.
+    """
+    _check_ended(store)
+    kept: list[str] = []
+    for each in due(store, day):
+        for pseudonym in each.participants:
+            try:
+                _delete(store, each.what, pseudonym)
+            except StudyError as error:
+                kept.append(str(error))
+            else:
+                yield each.what, pseudonym
+    if kept:
+        raise StudyError("; ".join(kept))
+
+
+def recordings_deleted(store: Store) -> Mapping[int, str]:
+    """When recordings were deleted by schedule, by the participant's number."""
+    with store.database.read() as connection:
+        events = find_all(connection, StudyEvent, name=EVENTS[RECORDINGS])
+    return {event.participant: event.at for event in events if event.participant is not None}
+
+
+def _delete(store: Store, what: str, pseudonym: str) -> None:
+    if what == DATA:
+        delete_participant(store, pseudonym)
+        return
+    with store.database.write() as connection:
+        record_event(connection, EVENTS[what], "", {"participant": participant_number(pseudonym)})
+        if what == IDENTITIES:
+            keyfile.remove_entry(store.folder, pseudonym)
+    folder = store.folder / FOLDER / pseudonym
+    if what == RECORDINGS and folder.is_symlink():
+        folder.unlink()
+    elif what == RECORDINGS:
+        shutil.rmtree(folder)
+
+
+def _check_ended(store: Store) -> None:
+    end = store.design.retention.end
+    people = [each.pseudonym for each in store.participants() if not each.simulated]
+    days = [session.opened_at[:10] for name in people for session in store.sessions(name)]
+    if end is not None and max(days, default="") > end.isoformat():
+        raise StudyError(
+            f"a session took place on {max(days)}, after the study's end on {end}: nothing was deleted; correct "
+            "ended_on in [retention] of study.toml"
+        )
+
+
+def _is_complete(store: Store) -> bool:
+    people = [each for each in store.participants() if not each.simulated]
+    return sum(each.state == "completed" for each in people) >= store.design.participants

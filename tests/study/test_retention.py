@@ -1,0 +1,166 @@
+"""Retention: what is due is named, and deleted only by the command, with a trace of each deletion."""
+
+from collections.abc import Iterator
+from datetime import date
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli import app
+from avrgym.study.checking.checks import check_due, check_study
+from avrgym.study.dashboard.views import overview
+from avrgym.study.design.design import DesignError, parse_design, read_design
+from avrgym.study.design.retention import Retention
+from avrgym.study.people import retention
+from avrgym.study.people.retention import delete_due, due, schedule
+from avrgym.study.storage import keyfile
+from avrgym.study.storage.sessions import close_session, open_session
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from studies import run_participant, small_study, take_in
+
+END = date(2126, 6, 30)
+PERIODS = 'ended_on = "2126-06-30"\nidentities_months = 6\nrecordings_years = 2\ndata_years = 10\n'
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two people with recordings, of whom one has a name, and a simulated participant."""
+    folder = small_study(tmp_path / "study")
+    with Store(folder) as store:
+        for name in ("Ada Example", ""):
+            run_participant(store, take_in(store, simulated=False, name=name), trials=2, simulated=False)
+        run_participant(store, take_in(store), trials=1)
+    return folder
+
+
+@pytest.fixture
+def store(folder: Path) -> Iterator[Store]:
+    state(folder, PERIODS)
+    with Store(folder) as opened:
+        yield opened
+
+
+def state(folder: Path, lines: str) -> None:
+    """Write what ``[retention]`` says."""
+    path = folder / "study.toml"
+    path.write_text(path.read_text().replace("[retention]\n", f"[retention]\n{lines}"))
+
+
+def run(*words: object, code: int = 0) -> str:
+    result = CliRunner().invoke(app, ["study", *map(str, words)])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+def files(folder: Path) -> set[Path]:
+    return {path for path in folder.rglob("*") if path.is_file() and "study.db" not in path.name}
+
+
+@pytest.mark.parametrize(
+    ("ended_on", "months", "due_on"),
+    [
+        ("2026-08-31", 6, date(2027, 2, 28)),
+        ("2026-11-27", 0, date(2026, 11, 27)),
+        ("2026-12-31", 1, date(2027, 1, 31)),
+        ("2027-08-31", 6, date(2028, 2, 29)),
+    ],
+)
+def test_periods_begin_at_the_end_of_the_study(ended_on: str, months: int, due_on: date) -> None:
+    assert Retention(ended_on, identities_months=months).due_on == {"identities": due_on}
+    assert Retention(identities_months=months).due_on == {}
+
+
+@pytest.mark.parametrize("wrong", ['ended_on = "soon"', "identities_months = -1", "names_months = 3"])
+def test_what_is_no_period_is_refused_with_its_line(folder: Path, wrong: str) -> None:
+    state(folder, wrong + "\n")
+    with pytest.raises(DesignError, match=r"study.toml:\d+: .*(allowed|Expected)"):
+        read_design(folder / "study.toml")
+
+
+def test_a_design_without_periods_keeps_everything(folder: Path) -> None:
+    assert parse_design((folder / "study.toml").read_text()).retention == Retention()
+    with Store(folder) as store:
+        assert schedule(store) == []
+        assert list(check_due(store)) == []
+        assert list(delete_due(store, date(9999, 1, 1))) == []
+
+
+def test_each_kind_of_data_is_due_on_its_day_and_not_before(store: Store) -> None:
+    def kinds(day: date) -> list[tuple[str, tuple[str, ...]]]:
+        return [(each.what, each.participants) for each in due(store, day)]
+
+    both = ("sub-001", "sub-002")
+    assert kinds(date(2126, 12, 29)) == []
+    assert kinds(date(2126, 12, 30)) == [("identities", ("sub-001",))]
+    assert kinds(date(2128, 6, 30)) == [("identities", ("sub-001",)), ("recordings", both)]
+    assert kinds(date(2136, 6, 30))[-1] == ("data", both)
+
+
+def test_names_go_and_the_rest_stays(store: Store) -> None:
+    before = files(store.folder / "recordings")
+    assert list(delete_due(store, date(2127, 1, 1))) == [("identities", "sub-001")]
+    assert keyfile.read_key(store.folder) == {}
+    assert files(store.folder / "recordings") == before
+    assert [event.name for event in store.events()][-1] == "identity deleted by schedule"
+    assert list(delete_due(store, date(2127, 1, 1))) == []
+
+
+def test_recordings_go_and_the_check_knows_why(store: Store) -> None:
+    assert len(list(delete_due(store, date(2128, 7, 1)))) == 3
+    assert {path.name for path in (store.folder / "recordings").iterdir()} == {"sub-003"}
+    found = [each for each in check_study(store) if each.where.startswith("recordings/")]
+    assert len(found) == 4
+    assert all("was deleted by schedule" in each.what and not each.wrong for each in found)
+    assert len(store.answers("sub-001")) > 0
+    assert list(delete_due(store, date(2128, 7, 1))) == []
+
+
+def test_a_recording_that_somebody_else_deleted_is_still_missing(store: Store) -> None:
+    path = store.folder / store.attempts("sub-001")[0].recording
+    path.unlink()
+    assert "is missing" in {each.what for each in check_study(store) if each.wrong}
+
+
+def test_all_data_go_as_in_a_deletion_and_simulated_participants_stay(store: Store) -> None:
+    list(delete_due(store, date(2136, 7, 1)))
+    assert [each.number for each in store.tombstones()] == [1, 2]
+    assert [each.pseudonym for each in store.participants()] == ["sub-003"]
+
+
+def test_who_cannot_be_deleted_is_named_and_the_others_go(store: Store) -> None:
+    session = open_session(store, "sub-001")
+    with pytest.raises(StudyError, match="ses-02 of sub-001 is open"):
+        list(delete_due(store, date(2136, 7, 1)))
+    assert [each.number for each in store.tombstones()] == [2]
+    close_session(store, session.id)
+    list(delete_due(store, date(2136, 7, 1)))
+    assert [each.number for each in store.tombstones()] == [1, 2]
+
+
+def test_nothing_is_deleted_where_sessions_took_place_after_the_end(folder: Path) -> None:
+    state(folder, 'ended_on = "2020-01-01"\nidentities_months = 0\nrecordings_years = 0\n')
+    before = files(folder)
+    with Store(folder) as store, pytest.raises(StudyError, match="nothing was deleted; correct ended_on"):
+        list(delete_due(store, END))
+    assert "correct ended_on" in run("retention", folder, "--delete", code=1)
+    assert files(folder) == before
+
+
+def test_only_the_command_deletes(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(retention, "today", lambda: date(2127, 1, 1))
+    for module in ("avrgym.study.checking.checks", "avrgym.study.dashboard.views"):
+        monkeypatch.setattr(f"{module}.today", lambda: date(2127, 1, 1))
+    before = files(store.folder)
+    words = "names and contacts of 1 participant were due on 2126-12-30"
+    (finding,) = check_due(store)
+    assert words in finding.what
+    assert not finding.wrong
+    assert any(words in warning for warning in overview(store, None, store.design.furniture).warnings)
+    assert words in run("retention", store.folder)
+    assert files(store.folder) == before
+    assert keyfile.read_key(store.folder) != {}
+    assert "deleted   names and contacts of sub-001" in run("retention", store.folder, "--delete")
+    assert keyfile.read_key(store.folder) == {}
+    assert list(check_due(store)) == []
