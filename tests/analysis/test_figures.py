@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations, product
 
 import msgspec
@@ -285,3 +286,14 @@ def test_the_same_figure_gives_the_same_bytes_in_another_process() -> None:
         for seed in ("1", "2")
     }
     assert len(shown) == 1
+
+
+def test_marks_of_episodes_of_another_length_are_named_so() -> None:
+    design, note = design_of("paper"), "episodes have 200 steps, these trials 60"
+    rows = [
+        replace(outcome(*each), simulation_note=note)
+        for each in product(design.tasks, design.robots, design.policies)
+    ]
+    drawing = success_figure(design, True, rows)
+    assert f"simulation: {note}" in drawing.svg().decode()
+    assert faults(drawing.figure) == []

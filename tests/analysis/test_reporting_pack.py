@@ -15,7 +15,9 @@ import pytest
 
 from analysed import run_trials, take_part
 from avrgym.analysis.figures.drawing import Drawing
+from avrgym.analysis.figures.study_figures import draw_study
 from avrgym.analysis.reading.flow import Flow
+from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.report.pack.checklist import checklist
 from avrgym.analysis.report.pack.codebook import UNDESCRIBED, meaning
@@ -23,6 +25,10 @@ from avrgym.analysis.report.pack.flow_chart import flow_chart, steps
 from avrgym.analysis.report.pack.latex import latex_table
 from avrgym.analysis.report.pack.methods import main_flow, methods
 from avrgym.analysis.report.pack.tables import shown_tables
+from avrgym.analysis.report.results import values_given
+from avrgym.analysis.report.study_page import write_study_page
+from avrgym.analysis.rows import ProblemRow
+from avrgym.analysis.statistics.families import PARTICIPANT
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
@@ -280,3 +286,53 @@ def test_who_completed_a_study_without_data_that_count_is_not_analysed() -> None
         first_day=None, last_day=None, completed_without_data=1,
     )  # fmt: skip
     assert steps(flow)[2] == ("Completed the study: 2", ["1 without a trial or answer that counts"])
+
+
+# What a reader could misread
+
+
+def test_inclusion_questions_are_listed_with_the_answer_that_let_people_in(analysis: Analysis) -> None:
+    flow = main_flow(analysis)
+    assert flow is not None
+    (asked,) = (each for each in checklist(analysis, flow) if each.field == "Inclusion criteria")
+    assert "Are you able-bodied? Yes." in asked.known
+    assert "Have you ever had epilepsy? No." in asked.known
+
+
+def test_the_numbers_of_values_are_those_of_each_group(analysis: Analysis) -> None:
+    rows = [row for row in analysis.tests if not row.simulated and row.unit == PARTICIPANT]
+    unpaired = [row for row in rows if row.test == "Mann-Whitney"]
+    assert unpaired
+    assert {values_given(row) for row in unpaired} == {f"{PEOPLE} / {PEOPLE_PER_TASK}"}
+    for row in rows:
+        if row.test != "Mann-Whitney" and row.n_a == row.n_b:
+            zeros = f" + {row.zeros} zero" if row.zeros else ""
+            assert values_given(row) == f"{row.n}{zeros}"
+
+
+def test_a_problem_of_many_recordings_is_shown_once_and_names_each(
+    analysis: Analysis, tmp_path: Path
+) -> None:
+    problems = [
+        ProblemRow(simulated=False, where=f"trial-{number}.mcap", what="is old", consequence="it is used")
+        for number in range(30)
+    ]
+    alone = ProblemRow(simulated=False, where="one.mcap", what="is not here", consequence="no body")
+    seen = replace(analysis.observed, problems=[*problems, alone])
+    write_study_page(tmp_path / "page.html", replace(analysis, observed=seen), [], "..")
+    text = (tmp_path / "page.html").read_text()
+    assert text.count("is old") == 1
+    assert "30 times: is old: it is used." in text
+    assert "one.mcap is not here: no body." in text
+    assert all(row.where in text for row in problems)
+    assert "31 things:" in text
+
+
+def test_simulation_of_another_length_is_named_before_the_figures(analysis: Analysis, tmp_path: Path) -> None:
+    note = "episodes have 200 steps, these trials 60"
+    objective = [replace(row, simulation_note=note) for row in analysis.objective]
+    told = replace(analysis, objective=objective)
+    write_study_page(tmp_path / "page.html", told, draw_study(told), "..")
+    page = (tmp_path / "page.html").read_text()
+    assert 0 < page.index(note) < page.index("<figure>")
+    assert "-0.000" not in page

@@ -165,7 +165,7 @@ def _axis(axes: Axes, beside: float, common: str, words: tuple[str, str]) -> Non
 
 
 def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
-    scale = _common_scale(questionnaire) or "each item on its own scale"
+    scale = _common_scale(questionnaire) or "on each item's own scale"
     tests = (
         "; p by Wilcoxon's signed-rank test over participants, corrected by Holm; * < 0.05, ** < 0.01, *** < 0.001"
         if tested

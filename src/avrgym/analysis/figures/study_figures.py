@@ -121,7 +121,8 @@ def _conditions(axes: Axes, design: Design, rows: Sequence[ObjectiveRow], interv
             _interval(axes, x - 0.12 * width, row, interval, "")
         if getattr(row, f"simulation_{mean}") is not None:
             value = getattr(row, f"simulation_{mean}")
-            axes.plot(x + 0.2 * width, value, "D", color=INK, markersize=4, label=SIMULATION)
+            label = f"{SIMULATION}: {row.simulation_note}" if row.simulation_note else SIMULATION
+            axes.plot(x + 0.2 * width, value, "D", color=INK, markersize=4, label=label)
             _interval(axes, x + 0.2 * width, row, interval, "simulation_")
     axes.axhline(0.0, color=INK, linewidth=0.6)
 

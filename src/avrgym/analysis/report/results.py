@@ -29,9 +29,9 @@ def objective(analysis: Analysis, simulated: bool, drawings: Drawings) -> Markup
         "section",
         tag("h3", "Objective measures"),
         *(_paper_table(each) for each in paper_tables(analysis.design, rows)),
+        _remarks(rows),
         _figures(drawings, "success", "reward"),
         _details("With 95 % intervals", _intervals(rows, simulated)),
-        _remarks(rows),
     )
 
 
@@ -210,7 +210,7 @@ def _brief_number(value: float) -> str:
 
 
 def _summaries(caption: str, rows: Sequence[SubjectiveRow], simulated: bool) -> Markup:
-    heads = ("Item", "Policy", "Task", "Robot", "n", "Median", "Quartiles", "Mean", "Range")
+    heads = ("Item", "Policy", "Task", "Robot", "Trials", "Median", "Quartiles", "Mean", "Range")
     body = [(row.item, row.policy, row.task, row.robot, *_quartiles(row)) for row in rows]
     return table(captioned(caption, simulated), heads, body, numbers=(4, 5, 6, 7, 8))
 
@@ -260,8 +260,9 @@ def _distributions(analysis: Analysis, simulated: bool) -> Markup:
     heads = ("Measure", "Posture", "People", "n", "Mean", "Deviation", "Least", "Median", "Most")
     body = [
         (
-            row.quantity, row.posture, row.people, row.n, f"{row.mean:.3f}",
-            quantity(row.deviation, digits=3, absent="–"), f"{row.least:.3f}", f"{row.median:.3f}", f"{row.most:.3f}",
+            row.quantity, row.posture, row.people, row.n, quantity(row.mean, digits=3),
+            quantity(row.deviation, digits=3, absent="–"),
+            *(quantity(value, digits=3) for value in (row.least, row.median, row.most)),
         )
         for row in analysis.biomechanics
         if row.people != "participants" or row.simulated is simulated
@@ -314,7 +315,7 @@ def _table_of_tests(caption: str, rows: Sequence[TestedRow], simulated: bool) ->
     body = [
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.unit,
-            f"{row.n} + {row.zeros} zero" if row.zeros else row.n,
+            values_given(row),
             f"{brief(row.median_a)} / {brief(row.median_b)}",
             probability(row.p), probability(row.p_holm), row.mark, quantity(row.effect, absent="–"),
             f"{row.test}, {row.note or row.method}", *([row.planned] if planned else []),
@@ -323,6 +324,13 @@ def _table_of_tests(caption: str, rows: Sequence[TestedRow], simulated: bool) ->
     ]  # fmt: skip
     heads = (*heads, "By plan") if planned else heads
     return table(captioned(caption, simulated), heads, body, numbers=(3, 4, 5, 6, 8))
+
+
+def values_given(row: TestedRow) -> str:
+    """How many values went into a test, of each group where they are not pairs, and how many pairs were equal."""
+    if row.n_a != row.n_b:
+        return f"{row.n_a} / {row.n_b}"
+    return f"{row.n} + {row.zeros} zero" if row.zeros else str(row.n)
 
 
 def probability(p: float | None) -> str:

@@ -45,7 +45,7 @@ def _of_instrument(
         "section",
         tag("h4", f"{name}: {instrument.title}"),
         tag("p", f"{instrument.source}. Licence: {instrument.licence}."),
-        _summaries(f"{name}: scores{mark}", summaries, instrument),
+        _summaries(f"{name}: scores, n of trials or of participants{mark}", summaries, instrument),
         tests.pop(tests_of(questionnaire), Markup()),
         each,
     )

@@ -210,15 +210,24 @@ def _facts(analysis: Analysis) -> Markup:
 
 
 def _problems(analysis: Analysis) -> Markup:
-    problems = analysis.observed.problems
-    lines = [f"{row.where} {row.what}: {row.consequence}." for row in problems]
+    places: dict[tuple[str, str], list[str]] = {}
+    for row in analysis.observed.problems:
+        places.setdefault((row.what, row.consequence), []).append(row.where)
+    lines = [_problem(what, consequence, where) for (what, consequence), where in places.items()]
     text = (
-        count(len(lines), "thing") + ":"
+        count(len(analysis.observed.problems), "thing") + ":"
         if lines
         else "Nothing: every recording is here, whole and consistent."
     )
     body = [tag("p", text), listing(lines)] if lines else [tag("p", text)]
     return tag("section", tag("h2", "What is not as it should be"), *body, id="problems")
+
+
+def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
+    """A problem, once for all places that have it; many places are listed in details."""
+    if len(where) == 1:
+        return tag("span", f"{where[0]} {what}: {consequence}.")
+    return tag("details", tag("summary", f"{len(where)} times: {what}: {consequence}."), listing(where))
 
 
 METHODS = (

@@ -8,7 +8,7 @@ of participants of CONSORT (Schulz et al., BMJ 340, 2010, c332).
 from dataclasses import dataclass
 
 from avrgym.analysis.reading.flow import Flow
-from avrgym.analysis.report.pack.methods import days_of
+from avrgym.analysis.report.pack.methods import days_of, inclusion_answers
 from avrgym.analysis.study import Analysis
 from avrgym.policies.names import OPERATOR
 from avrgym.study.design.words import blinding, conditions, randomization
@@ -39,7 +39,7 @@ def _about_people(analysis: Analysis, flow: Flow) -> list[Asked]:
     left = (
         f"{flow.excluded} excluded, {flow.withdrew_before + flow.withdrew} withdrew, {flow.deleted} deleted"
     )
-    inclusion = " ".join(each.text for each in analysis.design.inclusion)
+    inclusion = " ".join(inclusion_answers(analysis.design))
     consent = ", ".join(f"version {version}: {number}" for version, number in flow.consents.items())
     if flow.reconsented or flow.declined:
         consent += f"; re-consent: {flow.reconsented} agreed, {flow.declined} declined"

@@ -15,6 +15,7 @@ from avrgym.analysis.rows import ParticipantRow
 from avrgym.analysis.statistics.sites import site_of
 from avrgym.analysis.study import Analysis
 from avrgym.recording.questionnaire import Questionnaire
+from avrgym.study.design.design import Design
 from avrgym.study.design.words import blinding, conditions, description, randomization
 from avrgym.vr.session.attempt import versions
 
@@ -132,8 +133,12 @@ def _shares(times: Mapping[str, int]) -> str:
 
 
 def _orders(flow: Flow) -> Iterator[str]:
-    given = ", ".join(f"order {number} to {times}" for number, times in flow.orders.items())
-    yield f"Orders given: {given}." if given else "No order has been given yet."
+    given = ", ".join(f"{number} ({times})" for number, times in flow.orders.items())
+    yield (
+        f"Orders given, with the number of participants: {given}."
+        if given
+        else "No order has been given yet."
+    )
 
 
 def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
@@ -187,7 +192,7 @@ def _latency(analysis: Analysis) -> str:
 
 
 def _inclusion(analysis: Analysis) -> Iterator[str]:
-    asked = [f"{each.text} {'Yes' if each.required else 'No'}." for each in analysis.design.inclusion]
+    asked = inclusion_answers(analysis.design)
     if asked:
         yield f"Whoever took part answered as follows: {' '.join(asked)}"
     about = analysis.design.reporting
@@ -196,6 +201,11 @@ def _inclusion(analysis: Analysis) -> Iterator[str]:
         f"Sessions took place {days_of(flow)}." if flow and flow.first_day else "No session took place yet."
     )
     yield f"{days} Place: {about.location or missing('where sessions took place')}"
+
+
+def inclusion_answers(design: Design) -> list[str]:
+    """Each inclusion question with the answer of everybody who took part."""
+    return [f"{each.text} {'Yes' if each.required else 'No'}." for each in design.inclusion]
 
 
 def days_of(flow: Flow) -> str:

@@ -6,7 +6,7 @@ from statistics import fmean
 
 from avrgym.analysis.page import brief, quantity
 from avrgym.analysis.report.models import effect
-from avrgym.analysis.report.results import probability
+from avrgym.analysis.report.results import probability, values_given
 from avrgym.analysis.statistics.families import PARTICIPANT
 from avrgym.analysis.statistics.models.effects import POLICIES
 from avrgym.analysis.study import Analysis
@@ -68,7 +68,7 @@ def _objective(analysis: Analysis, simulated: bool) -> ShownTable:
         for row in analysis.objective
         if row.simulated is simulated
     ]  # fmt: skip
-    heads = ("Task", "Robot", "Policy", "n", "Reward [95 %]", "Success / % [95 %]")
+    heads = ("Task", "Robot", "Policy", "Trials", "Reward [95 %]", "Success / % [95 %]")
     return ShownTable("objective", _marked("Reward and success", simulated), heads, rows, (3, 4, 5))
 
 
@@ -83,7 +83,7 @@ def _tests(analysis: Analysis, simulated: bool) -> ShownTable:
     """The tests by participant, each of whose values is independent of the others."""
     rows = [
         (
-            row.family, row.quantity, f"{row.group_a} / {row.group_b}", row.n,
+            row.family, row.quantity, f"{row.group_a} / {row.group_b}", values_given(row),
             f"{brief(row.median_a)} / {brief(row.median_b)}", probability(row.p), probability(row.p_holm),
             quantity(row.effect, absent="–"),
         )
