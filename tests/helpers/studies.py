@@ -121,7 +121,7 @@ def record(store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool
         writer.write("/samples", 400_000_000, samples)
     if not trial.practice:
         for value, item in enumerate(store.design.items_at("after_trial"), start=3):
-            writer.write("/answers", 400_000_000, Answer(item.id, value, 1.25))
+            writer.write("/answers", 400_000_000, Answer(item.id, min(value, item.points), 1.25))
     writer.close({"result": "completed", **asdict(METRICS)})
 
 
@@ -139,7 +139,7 @@ def run_trial(store: Store, session: StudySession, trial: Trial, *, simulated: b
     record(store, attempt, trial, simulated=simulated)
     if not trial.practice:
         for value, item in enumerate(store.design.items_at("after_trial"), start=3):
-            record_answer(store, attempt.id, Answer(item.id, value, 1.25))
+            record_answer(store, attempt.id, Answer(item.id, min(value, item.points), 1.25))
     complete_attempt(store, attempt.id, METRICS)
     return attempt
 

@@ -317,8 +317,9 @@ def before_the_archive(store: Store) -> None:
     with store.database.write() as connection:
         ledger.delete(connection, schema.CONSENT_TEXT)
         ledger.delete(connection, schema.CONSENT)
+        ledger.delete(connection, schema.DESIGN)
     with store.database.write() as connection:
-        for table in ("consent", "consent_text"):
+        for table in ("consent", "consent_text", "design"):
             connection.execute(sa.text(f"DROP TABLE {table}"))
         connection.execute(sa.text("UPDATE alembic_version SET version_num = '0008_log'"))
     store.close()

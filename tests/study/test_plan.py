@@ -13,7 +13,8 @@ from avrgym.policies.trained import packaged_policies
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.design.differences import differences
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
-from avrgym.study.plan.deviations import changed, deviations
+from avrgym.study.plan.design_deviations import changed
+from avrgym.study.plan.deviations import deviations
 from avrgym.study.plan.freezing import FROZEN
 from avrgym.study.plan.origin import Frozen, read_frozen
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
@@ -270,7 +271,10 @@ def test_every_deviation_is_listed(tmp_path: Path) -> None:
     assert len(listed) == len(expected)
     checked = study("check", folder)
     assert checked.stdout.count("deviates from the plan") == len(expected)
-    assert (checked.exit_code, (folder / FROZEN).read_text()) == (0, record)
+    assert (
+        "wrong  study.toml: free_movement_s is 4.0; it was 5.0 for everyone who took part" in checked.stdout
+    )
+    assert (checked.exit_code, (folder / FROZEN).read_text()) == (1, record)
 
 
 def test_other_software_is_a_deviation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

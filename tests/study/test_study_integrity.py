@@ -116,6 +116,8 @@ EDITS = {
     "the last entries": "DELETE FROM ledger WHERE number > 40",
     "the whole ledger": "DELETE FROM ledger",
     "no ledger": "DROP TABLE ledger",
+    "a stored design": """UPDATE design SET design = '{"title": 3}' WHERE id = 1""",
+    "no stored design": "DELETE FROM design",
 }  # fmt: skip
 
 

@@ -569,6 +569,7 @@ def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_led
     run_participant(store, pseudonym, trials=2)
     with store.database.write() as connection:
         ledger.update(connection, schema.PARTICIPANT, 1, language=None)  # nobody said, in those days
+        ledger.delete(connection, schema.DESIGN)  # nor was that stored
         ledger.delete(connection, schema.CONSENT_TEXT)
         ledger.update(connection, schema.CONSENT, 1, language=None)
     before, consents = contents(store), store.consents(pseudonym)
@@ -583,6 +584,7 @@ def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_led
             "ALTER TABLE participant DROP COLUMN functioning",
             "DROP TABLE log",
             "DROP TABLE experimenter",
+            "DROP TABLE design",
             "ALTER TABLE session DROP COLUMN headset_check",
             "DROP TABLE consent_text",
             "DROP TABLE consent",

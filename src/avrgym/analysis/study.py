@@ -8,6 +8,7 @@ import msgspec
 
 from avrgym.analysis import rows
 from avrgym.analysis.headset_rows import HeadsetRow, headset_rows
+from avrgym.analysis.item_rows import ItemRow, item_rows
 from avrgym.analysis.latency_rows import LatencyRow, latency_rows
 from avrgym.analysis.model_rows import ModelRow
 from avrgym.analysis.reading.flow import Flow, flows
@@ -35,6 +36,7 @@ from avrgym.analysis.statistics.subjective import answer_families, likert_rows, 
 from avrgym.analysis.statistics.tests import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
 from avrgym.analysis.stream_rows import StreamRow
 from avrgym.analysis.tables import Table, control_steps
+from avrgym.study.checking.design_checks import check_design, check_stored_designs
 from avrgym.study.checking.finding import Finding, left_out
 from avrgym.study.design.design import Design
 from avrgym.study.export.codebook import TABLES
@@ -44,13 +46,17 @@ from avrgym.study.plan.deviations import deviations
 from avrgym.study.plan.origin import read_frozen
 from avrgym.study.plan.plan import FILE as PLAN_FILE
 from avrgym.study.plan.plan import Plan
+from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.manifest import FORMAT_NAME
 from avrgym.study.storage.store import Store
+from avrgym.study.storage.uses import Use, designs_recorded
 from avrgym.vr.session.attempt import versions
 
 IN_TABLES_ONLY = ("control_steps", "people")
 """Tables too long for the results' file."""
 FORMAT = f"{FORMAT_NAME} 1"
+USED_APART = "answers to other items are analysed apart, all else is used as it was recorded"
+FROM_FILE = "what recordings do not contain is taken from the study's present files"
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +83,17 @@ class FrozenPlan:
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """All that was found out about a study. ``groups`` are those whose bodies were recorded."""
+    """All that was found out about a study. ``groups`` are those whose bodies were recorded.
+
+    ``design`` is the study's with all items that were asked, ``uses`` are the designs that people took part with as
+    they were recorded, and ``differences`` is in what these are not the study's present one.
+    """
 
     design: Design
     plan: FrozenPlan | None
+    differences: list[Finding]
+    uses: list[Use]
+    items: list[ItemRow]
     observed: Observations
     flows: list[Flow]
     headsets: list[HeadsetRow]
@@ -114,6 +127,7 @@ class Analysis:
         yield Table.of("trials", rows.TrialRow, seen.trials)
         yield Table.of("attempts", rows.AttemptRow, seen.attempts)
         yield Table.of("answers", rows.AnswerRow, seen.answers)
+        yield Table.of("items", ItemRow, self.items)
         yield Table.of("reward_terms", rows.TermRow, seen.terms)
         if seen.streams:
             yield Table.of("streams", StreamRow, seen.streams)
@@ -154,6 +168,9 @@ class Analysis:
                 "exact_signed_rank": EXACT_SIGNED_RANK,
                 "exact_rank_sum": EXACT_RANK_SUM,
             },
+            "differences": [
+                {"where": each.where, "what": each.what, "wrong": each.wrong} for each in self.differences
+            ],
             **({"plan": _plan_results(self.plan)} if self.plan else {}),
             **({"database_rebuilt_at": self.rebuilt_at} if self.rebuilt_at else {}),
             "log": asdict(self.log),
@@ -168,21 +185,29 @@ def analyse(
     skip_damaged: bool = False,
 ) -> Analysis:
     """Analyse a study as it stands, with ``observe``'s arguments and errors."""
-    observed = observe(store, progress, skip_damaged=skip_damaged)
-    people = draw_people(store.design)
+    asked = Asked(store)
+    design = asked.design
+    observed = observe(store, progress, skip_damaged=skip_damaged, asked=asked)
+    differences = list(check_design(store))
+    observed.problems.extend(_problem(each, USED_APART) for each in differences)
+    observed.problems.extend(_problem(each, FROM_FILE) for each in check_stored_designs(store))
+    people = draw_people(design)
     groups = measured_groups(observed.trials)
-    given = store.design, observed.answers
-    plan = _frozen_plan(store, observed)
+    given = design, observed.answers
+    plan = _frozen_plan(store, design, observed)
     confirmed = plan.confirmed if plan else None
     families = [
         *answer_families(*given),
         *session_families(*given),
-        *score_families(store.design, observed.scores),
+        *score_families(design, observed.scores),
         *biomechanics_families(groups, people),
     ]
     return Analysis(
-        design=store.design,
+        design=design,
         plan=plan,
+        differences=differences,
+        uses=designs_recorded(store),
+        items=item_rows(store, asked),
         observed=observed,
         flows=flows(store, observed),
         headsets=headset_rows(store),
@@ -193,12 +218,12 @@ def analyse(
         session_answers=session_answer_rows(*given),
         likert=likert_rows(*given) + session_likert_rows(*given),
         families=_labelled(families, confirmed) if confirmed else families,
-        models=model_rows(store.design, observed, confirmed),
-        score_summaries=score_summary_rows(store.design, observed.scores),
+        models=model_rows(design, observed, confirmed),
+        score_summaries=score_summary_rows(design, observed.scores),
         biomechanics=biomechanics_rows(groups, people),
         ranges=range_rows(groups),
-        site_outcomes=site_outcome_rows(store.design, observed.trials),
-        site_effects=site_effect_rows(store.design, observed.trials, observed.answers, observed.scores),
+        site_outcomes=site_outcome_rows(design, observed.trials),
+        site_effects=site_effect_rows(design, observed.trials, observed.answers, observed.scores),
         latency=latency_rows(observed.trials, observed.latencies),
         rebuilt_at=store.rebuilt_at(),
         log=study_log(store),
@@ -206,14 +231,17 @@ def analyse(
     )
 
 
-def _frozen_plan(store: Store, observed: Observations) -> FrozenPlan | None:
+def _problem(found: Finding, consequence: str) -> rows.ProblemRow:
+    return rows.ProblemRow(simulated=None, where=found.where, what=found.what, consequence=consequence)
+
+
+def _frozen_plan(store: Store, design: Design, observed: Observations) -> FrozenPlan | None:
     frozen = read_frozen(store)
     if frozen is None:
         return None
     exclusions = [
         left_out(row.participant, row.position, row.left_out) for row in observed.trials if row.left_out
     ]
-    design = store.design
     found = deviations(store, frozen, offered_tests(design), exclusions, offered_models(design))
     record = frozen.record
     return FrozenPlan(

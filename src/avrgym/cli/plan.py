@@ -194,8 +194,9 @@ def plan_of(store: "Store", left_out: "Sequence[LeftOut]" = ()) -> "tuple[str | 
     from avrgym.analysis.statistics.models.quantities import offered_models
     from avrgym.analysis.statistics.offered import offered_tests
     from avrgym.study.plan.deviations import deviations
+    from avrgym.study.storage.asked import Asked
 
-    design = store.design
+    design = Asked(store).design
     return frozen.at, deviations(store, frozen, offered_tests(design), left_out, offered_models(design))
 
 

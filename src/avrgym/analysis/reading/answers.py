@@ -8,6 +8,7 @@ from avrgym.analysis.score_rows import ScoreRow
 from avrgym.recording.questionnaire import SESSION_MOMENTS
 from avrgym.study.export.scores import scores_of
 from avrgym.study.export.trials import ExportedAnswer, ExportedAttempt, answers_of
+from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import TAKES_PART
 from avrgym.study.storage.store import Store
@@ -25,9 +26,10 @@ class Answered:
         participant: Participant,
         attempts: Sequence[ExportedAttempt],
         counted_positions: set[int],
+        asked: Asked,
     ) -> None:
-        self._store, self._participant = store, participant
-        self._answers = answers_of(store, participant, attempts)
+        self._store, self._participant, self._asked = store, participant, asked
+        self._answers = answers_of(store, participant, attempts, asked)
         takes_part = participant.state in TAKES_PART
         self._compared = _compared(self._answers) if takes_part else set[int]()
         of_trials = {each.given.id for each in self._answers if _is_of_trial(each, counted_positions)}
@@ -41,7 +43,7 @@ class Answered:
 
     def scores(self) -> Iterator[ScoreRow]:
         """Every score; it counts if all its answers do."""
-        for score in scores_of(self._store, self._participant, self._answers):
+        for score in scores_of(self._store, self._participant, self._answers, self._asked):
             counted = all(answer.given.id in self._counted for answer in score.answers)
             columns = {name: value for name, value in score.columns().items() if name in SCORE_COLUMNS}
             yield ScoreRow(counted=counted, **columns)

@@ -22,6 +22,7 @@ from avrgym.robots.registry import find_robot
 from avrgym.study.checking.held import held_share, too_much_held
 from avrgym.study.checking.recorded_plugins import RecordedPlugin, plugin_findings, recorded_plugins
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
+from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.attempts import CHANGED
 from avrgym.study.storage.rows import Participant, Trial
 from avrgym.study.storage.sites import DIFFERS
@@ -70,6 +71,7 @@ def observe(
     progress: Callable[[int, int], None] = lambda done, all_: None,
     *,
     skip_damaged: bool = False,
+    asked: Asked | None = None,
 ) -> Observations:
     """Read a study; recordings that cannot be used are named among the problems.
 
@@ -77,10 +79,12 @@ def observe(
         store: the study.
         progress: told after each recording how many were read, and how many there are.
         skip_damaged: use nothing of recordings that are not as they were when their trials were completed.
+        asked: what the participants were asked, if that was read already.
 
     Raises:
         StudyError: for such a recording, unless they are skipped; the message names them all.
     """
+    asked = asked or Asked(store)
     found = Observations(problems=list(_site_problems(store)))
     attempts = list(all_attempts(store))
     completed = {each.trial.id: each for each in attempts if each.attempt.state == "completed"}
@@ -100,7 +104,7 @@ def observe(
     counted = {(row.participant, row.position) for row in found.trials if row.counted}
     for participant in store.participants():
         positions = {position for pseudonym, position in counted if pseudonym == participant.pseudonym}
-        answered = Answered(store, participant, attempts, positions)
+        answered = Answered(store, participant, attempts, positions, asked)
         found.problems.extend(answered.problems())
         found.answers.extend(answered.rows())
         found.scores.extend(answered.scores())

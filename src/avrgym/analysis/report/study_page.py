@@ -20,6 +20,8 @@ from avrgym.analysis.page import (
 )
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
 from avrgym.analysis.report.adverse_events import adverse_events
+from avrgym.analysis.report.differences import TITLE, differences_notice, differences_section
+from avrgym.analysis.report.had import had
 from avrgym.analysis.report.headsets import headset_checks
 from avrgym.analysis.report.latency import METHOD as OF_LATENCY
 from avrgym.analysis.report.latency import latency
@@ -42,6 +44,7 @@ from avrgym.analysis.report.trials import trials
 from avrgym.analysis.rows import ParticipantRow
 from avrgym.analysis.statistics.tests import EXACT_SIGNED_RANK
 from avrgym.analysis.study import Analysis
+from avrgym.study.design.design import Design
 from avrgym.tasks.registry import TASKS
 
 TITLES = {False: "People", True: "Simulated participants"}
@@ -62,6 +65,7 @@ def write_study_page(path: Path, analysis: Analysis, drawings: Sequence[Drawing]
         analysis.design.title,
         header,
         [
+            differences_section(analysis),
             plan_section(analysis),
             *nobody,
             *sections,
@@ -75,8 +79,8 @@ def write_study_page(path: Path, analysis: Analysis, drawings: Sequence[Drawing]
 
 def _notices(analysis: Analysis) -> Markup:
     everyone = analysis.observed.participants
+    notices: list[Markup] = differences_notice(analysis)
     simulated = sum(row.simulated for row in everyone)
-    notices: list[Markup] = []
     if simulated:
         which = "All" if simulated == len(everyone) else f"{simulated} of the {len(everyone)}"
         words = (
@@ -88,7 +92,7 @@ def _notices(analysis: Analysis) -> Markup:
         notices.append(notice("Rebuilt database.", rebuilt_words(analysis.rebuilt_at)))
     if analysis.plan is not None and not analysis.plan.confirms:
         notices.append(notice("Exploratory.", "No plan is known to be from before the first participant."))
-    if analysis.design.blind_experimenter:
+    if any(use.design.blind_experimenter for use in analysis.uses) or analysis.design.blind_experimenter:
         notices.append(notice("Unblinded.", "This study is run blind; the page names the policies."))
     return join(notices)
 
@@ -102,7 +106,8 @@ def rebuilt_words(at: str) -> str:
 
 
 def _navigation(analysis: Analysis, groups: Sequence[bool]) -> Markup:
-    plan = [tag("a", "The plan", href="#plan")] if analysis.plan else []
+    plan = [tag("a", TITLE, href="#differences")] if analysis.differences else []
+    plan += [tag("a", "The plan", href="#plan")] if analysis.plan else []
     links = [tag("a", TITLES[simulated], href=f"#{_id(simulated)}") for simulated in groups]
     return tag(
         "nav",
@@ -192,21 +197,34 @@ def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
 
 def _facts(analysis: Analysis) -> Markup:
     """What a publication says of a study and its data do not."""
-    design, seat = analysis.design, analysis.design.furniture
-    told = [f"{task}: {design.goals.get(task) or TASKS[task].goal}" for task in design.tasks]
+    design, uses = analysis.design, analysis.uses
     given = {
         name.replace("_", " ").capitalize(): text or "not given: [reporting] in study.toml has a field for it"
         for name, text in msgspec.structs.asdict(design.reporting).items()
     }
     rows = given | {
-        "Participants were told": " ".join(told),
-        "Real seat": f"{seat.seat_height_m:g} m high, {seat.seat_depth_m:g} m deep, back at {seat.seat_back_deg:g}°",
-        "Real mattress": f"{seat.mattress_height_m:g} m high, back at {seat.mattress_back_deg:g}°",
+        "Participants were told": had(uses, design, _told),
+        "Real seat": had(uses, design, _seat),
+        "Real mattress": had(uses, design, _mattress),
     }
     words = listing([f"{name}: {text}" for name, text in rows.items()])
-    note = "Where a session had another seat or bed, its recordings say so."
+    note = "This is what recordings contain, where there are any."
     planned = [] if analysis.plan else [tag("p", NOTHING)]
     return tag("section", tag("h2", "About the study"), words, tag("p", note), *planned, id="facts")
+
+
+def _told(design: Design) -> str:
+    return " ".join(f"{task}: {design.goals.get(task) or TASKS[task].goal}" for task in design.tasks)
+
+
+def _seat(design: Design) -> str:
+    seat = design.furniture
+    return f"{seat.seat_height_m:g} m high, {seat.seat_depth_m:g} m deep, back at {seat.seat_back_deg:g}°"
+
+
+def _mattress(design: Design) -> str:
+    bed = design.furniture
+    return f"{bed.mattress_height_m:g} m high, back at {bed.mattress_back_deg:g}°"
 
 
 def _problems(analysis: Analysis) -> Markup:

@@ -12,6 +12,7 @@ from avrgym.analysis.statistics.objective import ALL
 from avrgym.analysis.statistics.tests import signed_rank, spread
 from avrgym.recording.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
+from avrgym.study.storage.versions import first_name
 
 AFTER_TRIAL = "after_trial"
 DIGITS = 9
@@ -112,7 +113,8 @@ def middle_question(questionnaire: Questionnaire) -> Question:
 
 def policies_question(design: Design, questionnaire: Questionnaire) -> Question:
     """What the tests between policies of a questionnaire's items ask; named where there are several."""
-    several = len(asked_at(design, AFTER_TRIAL)) > 1
+    names = {first_name(each.name) for each in asked_at(design, AFTER_TRIAL)}
+    several = len(names) > 1 or questionnaire.name not in names
     return Question(f"policies, {questionnaire.name}" if several else "policies", table=_table(questionnaire))
 
 

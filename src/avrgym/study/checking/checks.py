@@ -13,12 +13,15 @@ from avrgym.recording.stream_clocks import SampleTimes
 from avrgym.recording.streams import described_streams, times_of
 from avrgym.study.checking.consent_checks import check_consents
 from avrgym.study.checking.database_checks import check_database, check_private
+from avrgym.study.checking.design_checks import check_design, check_stored_designs
 from avrgym.study.checking.finding import Finding, left_out
 from avrgym.study.checking.held import too_much_held
 from avrgym.study.checking.interim_looks import check_interim_looks
+from avrgym.study.checking.policy_files import check_policies_used
 from avrgym.study.checking.preflight import policy_faults
 from avrgym.study.checking.recorded_plugins import check_plugins
 from avrgym.study.checking.start_checks import check_starts
+from avrgym.study.design.design import Design
 from avrgym.study.people.retention import due_words, recordings_deleted, today
 from avrgym.study.storage.answers import answered_in_visit, is_open, was_opened
 from avrgym.study.storage.attempts import CHANGED, sha256_of
@@ -35,6 +38,7 @@ from avrgym.study.storage.rows import (
 from avrgym.study.storage.sites import LEFT_OUT
 from avrgym.study.storage.states import TAKES_PART, StudyError
 from avrgym.study.storage.store import Store, find_all
+from avrgym.study.storage.uses import designs_used
 
 _NAMED = 3
 """As many jumps of a clock are listed."""
@@ -102,23 +106,30 @@ def _check_participant(
     trials = store.trials(pseudonym)
     by_id = {trial.id: trial for trial in trials}
     answers = store.answers(pseudonym)
+    asked = {use.session.id: use.design for use in designs_used(store, [participant])}
     for attempt in attempts:
         if attempt.trial not in by_id:
             yield Finding(str(attempt), f"belongs to no trial of {pseudonym}")
             continue
         own = [answer for answer in answers if answer.attempt == attempt.id]
         yield from _check_attempt(
-            store, participant, sessions[attempt.session], by_id[attempt.trial], attempt, own
+            store,
+            participant,
+            sessions[attempt.session],
+            by_id[attempt.trial],
+            attempt,
+            own,
+            asked.get(attempt.session, store.design),
         )
     for session in sessions.values():
-        yield from _check_session(store, session)
+        yield from _check_session(store, session, asked.get(session.id, store.design))
     for trial in trials:
         completed = [a for a in attempts if a.trial == trial.id and a.state == "completed"]
         if len(completed) != (trial.state == "completed"):
             yield Finding(str(trial), f"is {trial.state} with {len(completed)} completed attempts")
 
 
-def _check_session(store: Store, session: StudySession) -> Iterator[Finding]:
+def _check_session(store: Store, session: StudySession, design: Design) -> Iterator[Finding]:
     """What was asked about an ended session and not answered: whoever was asked may have left.
 
     After a crash the rest is asked in the next session.
@@ -127,7 +138,7 @@ def _check_session(store: Store, session: StudySession) -> Iterator[Finding]:
     missing = [
         item.id
         for when in SESSION_MOMENTS
-        for item in store.design.items_at(when)
+        for item in design.items_at(when)
         if (when, item.id) not in answered
     ]
     last = session.id == store.sessions(pseudonym_of(session.participant))[-1].id
@@ -142,11 +153,12 @@ def _check_attempt(
     trial: Trial,
     attempt: TrialAttempt,
     answers: list[GivenAnswer],
+    design: Design,
 ) -> Iterator[Finding]:
     completed = attempt.state == "completed"
     if completed and not trial.practice:
         given = {answer.item for answer in answers}
-        missing = [item.id for item in store.design.items_at("after_trial") if item.id not in given]
+        missing = [item.id for item in design.items_at("after_trial") if item.id not in given]
         if missing:
             yield _not_answered(store, attempt, missing)
     try:
@@ -269,6 +281,9 @@ def _files(store: Store) -> list[str]:
 CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_database,
     check_policies,
+    check_policies_used,
+    check_design,
+    check_stored_designs,
     check_starts,
     check_private,
     check_consents,

@@ -7,7 +7,7 @@ from statistics import fmean
 
 import sqlalchemy as sa
 
-from avrgym.study.design.design import Design
+from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.rows import GivenAnswer, Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import TAKES_PART
 from avrgym.study.storage.store import Store, find_all
@@ -22,7 +22,8 @@ class ConditionResults:
     """What the completed trials of one condition gave, practice left out; people and simulated ones apart.
 
     ``policy`` is a letter where the experimenter is blinded. ``reward_mean`` is per trial, ``success_rate`` in 0..1;
-    ``answer_means`` holds the mean answer to each item that was answered, on the item's own scale.
+    ``answer_means`` holds the mean answer to each item that was answered, as it was asked, on its
+    own scale.
     """
 
     task: str
@@ -35,15 +36,17 @@ class ConditionResults:
     answer_means: dict[str, float]
 
 
-def summarise_results(store: Store) -> tuple[ConditionResults, ...]:
-    """The results so far of all who take part or have finished; who withdrew is left out."""
+def summarise_results(store: Store, asked: Asked | None = None) -> tuple[ConditionResults, ...]:
+    """The results so far of all who take part or have finished; who withdrew is left out.
+
+    ``asked`` is what they were asked, if that was read already.
+    """
+    asked = asked or Asked(store)
     with store.database.read() as connection:
         completed = _completed_attempts(store, connection)
         answers = _answers_by_attempt(connection)
     return tuple(
-        _summarise(
-            store.design, condition, attempts, [each for attempt in attempts for each in answers[attempt.id]]
-        )
+        _summarise(asked, condition, attempts, [each for attempt in attempts for each in answers[attempt.id]])
         for condition, attempts in sorted(completed.items())
     )
 
@@ -73,12 +76,11 @@ def _answers_by_attempt(connection: sa.Connection) -> dict[int | None, list[Give
 
 
 def _summarise(
-    design: Design, condition: Condition, attempts: Sequence[TrialAttempt], answers: Sequence[GivenAnswer]
+    asked: Asked, condition: Condition, attempts: Sequence[TrialAttempt], answers: Sequence[GivenAnswer]
 ) -> ConditionResults:
     values = defaultdict[str, list[int]](list)
-    for answer in answers:
-        scale = design.scale_of(answer.item)
-        values[answer.item].append(scale.counts_as(answer.value) if scale else answer.value)
+    for answer in filter(asked.contains, answers):
+        values[asked.item(answer).id].append(asked.value(answer))
     return ConditionResults(
         *condition,
         trials=len(attempts),

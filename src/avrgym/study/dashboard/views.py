@@ -24,6 +24,7 @@ from avrgym.study.people.adverse_events import (
 from avrgym.study.people.participants import consent_text, texts_of
 from avrgym.study.people.retention import due_words, today
 from avrgym.study.storage.answers import open_attempts
+from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.keyfile import read_key
 from avrgym.study.storage.rows import Note, Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import PARTICIPANT
@@ -151,10 +152,11 @@ def overview(store: Store, live: str | None, furniture: RealFurniture, experimen
 
 def results_view(store: Store) -> Results:
     """What the completed trials gave so far."""
+    asked = Asked(store)
     return Results(
         blinded=store.design.blind_experimenter,
-        items={name: item.text for name, item in store.design.items.items()},
-        results=summarise_results(store),
+        items={name: item.text for name, item in asked.design.items.items()},
+        results=summarise_results(store, asked),
     )
 
 
@@ -207,8 +209,8 @@ def _due(store: Store) -> Iterator[str]:
 def _scores(store: Store, participant: Participant) -> Iterator[ScoreView]:
     if not uses_instruments(store.design):
         return
-    attempts = list(attempts_of(store, participant))
-    for score in scores_of(store, participant, answers_of(store, participant, attempts)):
+    attempts, asked = list(attempts_of(store, participant)), Asked(store, [participant])
+    for score in scores_of(store, participant, answers_of(store, participant, attempts, asked), asked):
         row = score.columns()
         yield ScoreView(**{name: row[name] for name in ScoreView.__dataclass_fields__})
 

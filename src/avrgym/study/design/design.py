@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.recording.instruments.instrument import Response
 from avrgym.recording.questionnaire import Item, Questionnaire, items_to_ask
 from avrgym.recording.stop_rules import StopRule, StopRules
 from avrgym.recording.streams import StreamChoice, stream_fault
@@ -135,11 +134,6 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     def questionnaire_of(self, item: str) -> Questionnaire | None:
         """The questionnaire that an item stands in; ``None`` for one that the design no longer asks."""
         return next((each for each in self.questionnaires for own in each.items if own.id == item), None)
-
-    def scale_of(self, item: str) -> Response | None:
-        """The scale of an item; ``None`` for one that the design no longer asks."""
-        questionnaire = self.questionnaire_of(item)
-        return questionnaire.scale_of(self.items[item]) if questionnaire else None
 
     def items_at(self, when: str, seed: int = 0) -> tuple[Item, ...]:
         """The items to ask at a moment, in order; ``seed`` is that of the trial."""

@@ -42,6 +42,11 @@ def check_languages(design: Design, folder: Path) -> None:
             )
 
 
+def sentences(design: Design) -> list[str]:
+    """All sentences of a design that participants read, in the language that they are written in."""
+    return [*_own(design), *_brought(design)]
+
+
 def _own(design: Design) -> Iterator[str]:
     """The sentences that the design itself says to participants."""
     yield design.consent.text

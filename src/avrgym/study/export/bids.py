@@ -5,6 +5,7 @@ and a row in the session's scans. Answers go to ``phenotype``, a column for each
 """
 
 import gzip
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -18,6 +19,7 @@ from avrgym.study.export.records import WITHOUT, Extras, records_of, write_table
 from avrgym.study.export.separated import cell, write_json, write_rows
 from avrgym.study.export.trials import ExportedAttempt
 from avrgym.study.storage.answers import answer_moments
+from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.store import Store
 
 VERSION = "1.11.1"
@@ -239,16 +241,17 @@ def _is_followed(frame: TrackingFrame, field: str) -> bool:
 
 def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Path) -> None:
     folder.mkdir()
-    for questionnaire in store.design.questionnaires:
+    asked_of = Asked(store)
+    for questionnaire in asked_of.design.questionnaires:
         items = {item.id: item for item in questionnaire.items}
-        rows, asked = _rows_of_answers(store, attempts, questionnaire)
+        rows, asked = _rows_of_answers(store, attempts, questionnaire, asked_of)
         if not asked:
             continue
-        columns = ["participant_id", "simulated", *asked]
-        _write_table(folder / f"{questionnaire.name}.tsv", [{c: row.get(c) for c in columns} for row in rows])
-        described = {name: _describe(questionnaire, items[item]) for name, item in asked.items()}
+        columns, name = ["participant_id", "simulated", *asked], _label(questionnaire.name)
+        _write_table(folder / f"{name}.tsv", [{c: row.get(c) for c in columns} for row in rows])
+        described = {column: _describe(questionnaire, items[item]) for column, item in asked.items()}
         described["simulated"] = {"Description": CONDITION["simulated"]}
-        write_json(folder / f"{questionnaire.name}.json", described)
+        write_json(folder / f"{name}.json", described)
     if not any(folder.iterdir()):
         folder.rmdir()
 
@@ -263,8 +266,13 @@ def _describe(questionnaire: Questionnaire, item: Item) -> dict[str, Any]:
     }
 
 
+def _label(name: str) -> str:
+    """The name of an item or a questionnaire, without what names of files and columns do not have."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")
+
+
 def _rows_of_answers(
-    store: Store, attempts: Sequence[ExportedAttempt], questionnaire: Questionnaire
+    store: Store, attempts: Sequence[ExportedAttempt], questionnaire: Questionnaire, asked_of: Asked
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
     """A row for each participant with answers to a questionnaire, a column for each condition or session and item.
 
@@ -282,11 +290,12 @@ def _rows_of_answers(
         answers = store.answers(participant.pseudonym)
         moments = answer_moments(store.design, answers, store.events())
         for answer in answers:
-            if answer.item not in scales or (answer.attempt is not None and answer.attempt not in about):
+            item = asked_of.item(answer).id
+            if item not in scales or (answer.attempt is not None and answer.attempt not in about):
                 continue
             session = f"{sessions[answer.session]}_{moments[answer.id]}"
-            column = f"{session if answer.attempt is None else about[answer.attempt]}_{answer.item}"
-            row[column], asked[column] = scales[answer.item].counts_as(answer.value), answer.item
+            column = f"{session if answer.attempt is None else about[answer.attempt]}_{_label(item)}"
+            row[column], asked[column] = scales[item].counts_as(answer.value), item
         rows.append(row)
     return rows, asked
 

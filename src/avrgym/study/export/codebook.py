@@ -144,15 +144,16 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "session": SESSION,
         **_OF_TRIAL,
         "moment": Column("When it was asked.", TEXT, allowed=_one_of(*MOMENTS)),
-        "questionnaire": Column("The questionnaire of the item.", TEXT, "", "see items", "no longer in the design"),
-        "item": Column("The statement that was rated; its words stand in items.", TEXT, allowed="see items"),
-        "value": Column(
-            "The answer on the item's own scale; where least and most are empty, its number, counted from 1.",
-            WHOLE, allowed="least to most",
+        "questionnaire": Column("The questionnaire of the item.", TEXT, allowed="see items"),
+        "item": Column(
+            "The item that was rated, as it was asked; items has its words. A changed item is another version.",
+            TEXT,
+            allowed="see items",
         ),
-        "least": Column("The lowest value of the item's scale.", WHOLE, empty="no longer in the design"),
-        "most": Column("The highest value of the item's scale.", WHOLE, empty="no longer in the design"),
-        "points": Column("How many values the scale has.", WHOLE, "", "2 to 101", "no longer in the design"),
+        "value": Column("The answer on the item's own scale.", WHOLE, allowed="least to most"),
+        "least": Column("The lowest value of the item's scale as it was asked.", WHOLE),
+        "most": Column("The highest value of the item's scale as it was asked.", WHOLE),
+        "points": Column("How many values the scale has.", WHOLE, allowed="2 to 101"),
         "response_time_s": Column(
             "From the appearance of the item to the answer, without the time in which the participant could not see or "
             "answer it: a menu over VR, a removed headset, a page in the background, lost tracking or connection. "

@@ -11,10 +11,11 @@ from avrgym.recording.questionnaire import Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.export.trials import ExportedAnswer
 from avrgym.study.storage.answers import visit_of
+from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
 
-Asked = tuple[int, int, str]
+When = tuple[int, int, str]
 """Attempt, or 0, visit and moment: when something was asked."""
 
 
@@ -50,7 +51,9 @@ class Score:
         }
 
 
-def scores_of(store: Store, participant: Participant, answers: Sequence[ExportedAnswer]) -> list[Score]:
+def scores_of(
+    store: Store, participant: Participant, answers: Sequence[ExportedAnswer], asked_of: Asked
+) -> list[Score]:
     """Every score of a participant, in the order of their answers.
 
     After a crash the rest of a questionnaire is asked in the next session: what was asked in one visit is scored
@@ -58,18 +61,19 @@ def scores_of(store: Store, participant: Participant, answers: Sequence[Exported
     the latest that they gave.
     """
     sessions = store.sessions(participant.pseudonym)
-    asked: dict[tuple[str, Asked], list[ExportedAnswer]] = {}
+    asked: dict[tuple[str, When], list[ExportedAnswer]] = {}
     for answer in answers:
-        if _is_of_instrument(answer) and answer.questionnaire is not None:
+        if _is_of_instrument(answer):
             key = answer.questionnaire.name, _asked(answer, sessions)
             asked.setdefault(key, []).append(answer)
     given = {key: {each.given.item: each.given.value for each in own} for key, own in asked.items()}
+    design = asked_of.design
     return [
         score
         for (name, when), own in asked.items()
-        for questionnaire in store.design.questionnaires
+        for questionnaire in design.questionnaires
         if questionnaire.name == name and questionnaire.instrument is not None
-        for weights in (_weights(store.design, questionnaire, when, given),)
+        for weights in (_weights(design, questionnaire, when, given),)
         for score in _scores(questionnaire, questionnaire.instrument, weights, own)
     ]
 
@@ -110,13 +114,12 @@ def _rule(scale: Scale | None) -> dict[str, Any]:
 
 
 def _is_of_instrument(answer: ExportedAnswer) -> bool:
-    """Whether an answer is to an instrument; one beyond its scale was to an item that had this name before."""
-    questionnaire, item = answer.questionnaire, answer.item
-    used = questionnaire is not None and questionnaire.instrument is not None
-    return used and item is not None and answer.given.value <= item.points
+    """Whether an answer is to an item of an instrument."""
+    instrument = answer.questionnaire.instrument
+    return instrument is not None and any(item.id == answer.given.item for item in instrument.items)
 
 
-def _asked(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> Asked:
+def _asked(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> When:
     if answer.given.attempt is not None:
         return answer.given.attempt, answer.given.session, answer.moment
     return 0, visit_of(sessions, answer.given.session)[0], answer.moment
@@ -136,8 +139,8 @@ def _scores(
 def _weights(
     design: Design,
     questionnaire: Questionnaire,
-    when: Asked,
-    given: Mapping[tuple[str, Asked], Mapping[str, int]],
+    when: When,
+    given: Mapping[tuple[str, When], Mapping[str, int]],
 ) -> Mapping[str, int] | None:
     """The weights of a questionnaire's weighted score at one time; ``None`` where there are none."""
     if questionnaire.weights is not msgspec.UNSET:

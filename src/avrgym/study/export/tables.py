@@ -17,6 +17,7 @@ from avrgym.study.export.records import WITHOUT, Extras, records_of
 from avrgym.study.export.scores import scales, scores_of, uses_instruments
 from avrgym.study.export.separated import neutral
 from avrgym.study.export.trials import ExportedAttempt, all_attempts, answers_of
+from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.user_text import new_table
@@ -32,15 +33,16 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extr
     write_consent_texts(store, folder)
     write_csv(folder / "trials.csv", _trials(store, attempts))
     write_csv(folder / "attempts.csv", (_attempt(exported, heights) for exported in attempts))
-    write_csv(folder / "answers.csv", _answers(store, attempts))
-    write_csv(folder / "items.csv", _items(store.design))
+    asked = Asked(store)
+    write_csv(folder / "answers.csv", _answers(store, attempts, asked))
+    write_csv(folder / "items.csv", _items(asked.design))
     records = records_of(store, extras)
     for name, rows in records.items():
         write_csv(folder / f"{name}.csv", rows, TABLES[name])
     left_out = {"left_out", *RECORDS} - set(records)
-    if uses_instruments(store.design):
-        write_csv(folder / "scores.csv", _scores(store, attempts))
-        write_csv(folder / "scales.csv", scales(store.design))
+    if uses_instruments(asked.design):
+        write_csv(folder / "scores.csv", _scores(store, attempts, asked))
+        write_csv(folder / "scales.csv", scales(asked.design))
     else:
         left_out |= set(OF_INSTRUMENTS)
     if store.log():
@@ -150,16 +152,16 @@ def _attempt(exported: ExportedAttempt, heights: Mapping[int, float | None]) -> 
     }
 
 
-def _answers(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str, Any]]:
+def _answers(store: Store, attempts: list[ExportedAttempt], asked: Asked) -> Iterator[dict[str, Any]]:
     """Every answer; those about a whole session have no trial."""
     for participant in store.participants():
-        yield from (answer.columns() for answer in answers_of(store, participant, attempts))
+        yield from (answer.columns() for answer in answers_of(store, participant, attempts, asked))
 
 
-def _scores(store: Store, attempts: list[ExportedAttempt]) -> Iterator[dict[str, Any]]:
+def _scores(store: Store, attempts: list[ExportedAttempt], asked: Asked) -> Iterator[dict[str, Any]]:
     for participant in store.participants():
-        answers = answers_of(store, participant, attempts)
-        yield from (score.columns() for score in scores_of(store, participant, answers))
+        answers = answers_of(store, participant, attempts, asked)
+        yield from (score.columns() for score in scores_of(store, participant, answers, asked))
 
 
 def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterator[dict[str, Any]]:

@@ -14,6 +14,7 @@ from avrgym.recording.files import (
 from avrgym.recording.questionnaire import Item, Questionnaire
 from avrgym.recording.records import Control
 from avrgym.study.storage.answers import answer_moments
+from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.attempts import CHANGED, sha256_of
 from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.states import StudyError
@@ -133,7 +134,8 @@ def completed_attempts(store: Store) -> Iterator[ExportedAttempt]:
 class ExportedAnswer:
     """One answer with all it belongs to; one about a whole session has no attempt.
 
-    ``moment`` is when it was asked. ``questionnaire`` and ``item`` are missing where the design has them no longer.
+    ``moment`` is when it was asked. ``item`` is the one that was asked, by its name among all that were, and
+    ``questionnaire`` is its questionnaire.
     """
 
     participant: Participant
@@ -141,13 +143,13 @@ class ExportedAnswer:
     exported: ExportedAttempt | None
     given: GivenAnswer
     moment: str
-    questionnaire: Questionnaire | None
-    item: Item | None
+    questionnaire: Questionnaire
+    item: Item
 
     def columns(self) -> dict[str, Any]:
         """The answer as tables have it."""
         labels = {} if self.exported is None else self.exported.labels()
-        scale = self.questionnaire.scale_of(self.item) if self.questionnaire and self.item else None
+        scale = self.questionnaire.scale_of(self.item)
         of_trial = ("position", "practice", "task", "robot", "policy", "attempt")
         return {
             "participant": self.participant.pseudonym,
@@ -156,19 +158,19 @@ class ExportedAnswer:
             "session": self.session.number,
             **{name: labels.get(name) for name in of_trial},
             "moment": self.moment,
-            "questionnaire": self.questionnaire.name if self.questionnaire else None,
-            "item": self.given.item,
-            "value": scale.counts_as(self.given.value) if scale else self.given.value,
-            "least": scale.lowest if scale else None,
-            "most": scale.highest if scale else None,
-            "points": scale.points if scale else None,
+            "questionnaire": self.questionnaire.name,
+            "item": self.item.id,
+            "value": scale.counts_as(self.given.value),
+            "least": scale.lowest,
+            "most": scale.highest,
+            "points": scale.points,
             "response_time_s": self.given.response_time_s,
             "answered_at": self.given.answered_at,
         }
 
 
 def answers_of(
-    store: Store, participant: Participant, attempts: Iterable[ExportedAttempt]
+    store: Store, participant: Participant, attempts: Iterable[ExportedAttempt], asked: Asked
 ) -> list[ExportedAnswer]:
     """All answers of a participant, in the order they were given; ``attempts`` are at least theirs."""
     by_id = {exported.attempt.id: exported for exported in attempts}
@@ -182,8 +184,8 @@ def answers_of(
             by_id.get(given.attempt or 0),
             given,
             moments[given.id],
-            store.design.questionnaire_of(given.item),
-            store.design.items.get(given.item),
+            asked.questionnaire(given),
+            asked.item(given),
         )
         for given in answers
     ]

@@ -6,11 +6,12 @@ from typing import Any
 
 import msgspec
 
+from avrgym.study.checking.policy_files import policy_files
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import LOCAL
 from avrgym.study.design.differences import differences, named, shown
 from avrgym.study.design.toml import read_text
-from avrgym.study.plan.freezing import FROZEN, policy_files
+from avrgym.study.plan.freezing import FROZEN
 from avrgym.study.plan.origin import read_frozen
 from avrgym.study.plan.plan import FILE as PLAN
 from avrgym.study.storage.states import StudyError

@@ -55,6 +55,7 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> boo
         (schema.ADVERSE_EVENT, schema.ADVERSE_EVENT.c.participant == number),
         (schema.CONSENT, schema.CONSENT.c.participant == number),
         (schema.EVENT, schema.EVENT.c.participant == number),
+        (schema.DESIGN, schema.DESIGN.c.participant == number),
         (schema.ANSWER, schema.ANSWER.c.session.in_(visits)),
         (schema.ATTEMPT, schema.ATTEMPT.c.session.in_(visits)),
         (schema.TRIAL, schema.TRIAL.c.participant == number),

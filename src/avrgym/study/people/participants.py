@@ -17,7 +17,14 @@ from avrgym.study.storage.rows import Consent, Note, Participant, StudySession, 
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.sessions import check_consent, end_open_sessions
 from avrgym.study.storage.states import TAKES_PART, StudyError, check_transition
-from avrgym.study.storage.store import Store, change_state, find_all, find_participant, record_event
+from avrgym.study.storage.store import (
+    Store,
+    change_state,
+    find_all,
+    find_participant,
+    record_event,
+    store_design,
+)
 from avrgym.study.storage.texts import check_line, check_note
 from avrgym.texts.texts import Texts, TextsError, read_texts
 
@@ -186,6 +193,7 @@ def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) 
             return False
         cell = _free_cell(connection, store.design, participant)
         change_state(connection, participant, "allocated", about, f"cell {cell}", cell=cell, inclusion=given)
+        store_design(store, connection, about)
         _plan(connection, store.design, cell, participant)
     return True
 

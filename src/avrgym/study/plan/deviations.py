@@ -1,26 +1,20 @@
 """In what a study deviates from its frozen plan, in words."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from types import MappingProxyType
-from typing import Any
-
-import tomlkit
 
 from avrgym.study.checking.finding import Finding, LeftOut
 from avrgym.study.checking.interim_looks import check_interim_looks
+from avrgym.study.checking.policy_files import PolicyFile, called, policies_used, policy_files
 from avrgym.study.checking.preflight import plugins_needed
-from avrgym.study.design.design import FILE as DESIGN
-from avrgym.study.design.design import LOCAL
-from avrgym.study.design.differences import NOTHING, differences, named, shown
-from avrgym.study.design.word_files import word_files
-from avrgym.study.plan.freezing import FROZEN, PolicyFile, Record, policy_files, sha256, software
+from avrgym.study.plan.design_deviations import changed_file, design_deviations, deviation
+from avrgym.study.plan.freezing import FROZEN, Record, software
 from avrgym.study.plan.origin import Frozen
 from avrgym.study.plan.plan import FILE, NOT_PLANNED, Offered
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.store import Store
-from avrgym.system.toml_places import Place
+from avrgym.study.storage.uses import listed
 from avrgym.system.used_plugins import differences as plugin_differences
-from avrgym.system.user_text import both_forms
 
 
 def deviations(
@@ -44,9 +38,8 @@ def deviations(
         return found
     return [
         *found,
-        *_changed_file(store, frozen.record, DESIGN, frozen.record.design),
-        *_changed_file(store, frozen.record, FILE, frozen.record.plan),
-        *_words(store, frozen.record),
+        *design_deviations(store, frozen.record),
+        *changed_file(store, frozen.record, FILE, frozen.record.plan),
         *_software(frozen.record),
         *_policies(store, frozen.record),
         *_plugins(store, frozen.record),
@@ -57,73 +50,34 @@ def deviations(
     ]
 
 
-# Files
-
-
-def _changed_file(store: Store, record: Record, name: str, before: str) -> Iterator[Finding]:
-    path = store.folder / name
-    if not path.is_file():
-        yield _deviation(name, "is gone")
-        return
-    data = path.read_bytes()
-    if record.sha256[name] in map(sha256, both_forms(data)):
-        return
-    try:
-        after = tomlkit.parse(both_forms(data)[0].decode()).unwrap()
-    except ValueError:
-        yield _deviation(name, "was changed and can no longer be read")
-        return
-    frozen = tomlkit.parse(before).unwrap()
-    for change in differences(_shared(frozen), _shared(after)):
-        yield _deviation(name, changed(*change))
-    if frozen == after:
-        yield _deviation(name, "was changed in comments or layout alone")
-
-
-def _words(store: Store, record: Record) -> Iterator[Finding]:
-    """What participants read otherwise, or besides; a record of an earlier version does not tell."""
-    if record.words is None:
-        return
-    for name, before in record.words.items():
-        yield from _changed_file(store, record, name, before)
-    for name in word_files(store.design, store.folder):
-        if name not in record.words:
-            yield _deviation(name, "was added")
-
-
-def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
-    """What a file says for all sites."""
-    return {name: value for name, value in values.items() if name not in LOCAL}
-
-
-def changed(place: Place, before: Any, after: Any) -> str:
-    """A difference in words; either value may be ``NOTHING``."""
-    if before is NOTHING:
-        return f"{named(place)} was added: {shown(after)}"
-    if after is NOTHING:
-        return f"{named(place)} is gone; it was {shown(before)}"
-    return f"{named(place)} was {shown(before)}, is {shown(after)}"
+# Software and policies
 
 
 def _software(record: Record) -> Iterator[Finding]:
     present = software()
     for name, before in record.versions.items():
         if present.get(name) != before:
-            yield _deviation("software", f"{name} was {before}, is {present.get(name, 'no longer used')}")
+            yield deviation("software", f"{name} was {before}, is {present.get(name, 'no longer used')}")
 
 
 def _plugins(store: Store, record: Record) -> Iterator[Finding]:
     """Plug-ins that are not what they were, or that a record of an earlier version does not store."""
     for difference in plugin_differences(record.plugins or (), plugins_needed(store)):
-        yield _deviation("plug-ins", difference)
+        yield deviation("plug-ins", difference)
 
 
 def _policies(store: Store, record: Record) -> Iterator[Finding]:
     present = {(each.environment, each.policy): each for each in policy_files(store)}
+    used = policies_used(store)
     for before in record.policies:
-        after = present.get((before.environment, before.policy))
+        key = before.environment, before.policy
+        after = present.get(key)
         if after is not None and after != before:
-            yield _deviation(f"policy {before.policy}", f"of {before.environment} {_replaced(before, after)}")
+            yield deviation(f"policy {before.policy}", f"of {before.environment} {_replaced(before, after)}")
+        for other in used.get(key, []):
+            if other.file != before:
+                what = f"of {before.environment} was {called(other.file)} for {listed(other.uses)}"
+                yield deviation(f"policy {before.policy}", what)
 
 
 def _replaced(before: PolicyFile, after: PolicyFile) -> str:
@@ -145,17 +99,17 @@ def _people(store: Store, record: Record) -> Iterator[Finding]:
     own = [each for each in everyone if each.simulated is simulated]
     for participant in own:
         if participant.state == "withdrawn":
-            yield _deviation(participant.pseudonym, "withdrew and enters no test")
+            yield deviation(participant.pseudonym, "withdrew and enters no test")
         elif participant.state == "excluded":
-            yield _deviation(participant.pseudonym, "was excluded by the inclusion questions")
+            yield deviation(participant.pseudonym, "was excluded by the inclusion questions")
     for gone in deleted:
         if gone.simulated is simulated:
-            yield _deviation(pseudonym_of(gone.number), "was deleted with all data")
+            yield deviation(pseudonym_of(gone.number), "was deleted with all data")
     completed = sum(each.state == "completed" for each in own)
     planned = record.parsed().participants
     if completed and completed != planned:
         have = "has" if completed == 1 else "have"
-        yield _deviation("participants", f"{completed} {have} completed the study, {planned} were planned")
+        yield deviation("participants", f"{completed} {have} completed the study, {planned} were planned")
 
 
 def _tests(record: Record, offered: Offered, besides: Offered) -> Iterator[Finding]:
@@ -165,13 +119,9 @@ def _tests(record: Record, offered: Offered, besides: Offered) -> Iterator[Findi
         unplanned = [measure for measure in measures if plan.label(test, measure) == NOT_PLANNED]
         if unplanned:
             what = f"has a test that the plan does not name: {test} ({'; '.join(unplanned)})"
-            yield _deviation("the report", what)
+            yield deviation("the report", what)
     for hypothesis in plan.hypotheses:
         for test in hypothesis.tests:
             done = {*offered.get(test, ()), *besides.get(test, ())}
             if not done & set(hypothesis.measures):
-                yield _deviation("the report", f"has no test any more for {hypothesis.id}: {test}")
-
-
-def _deviation(where: str, what: str) -> Finding:
-    return Finding(where, what, wrong=False)
+                yield deviation("the report", f"has no test any more for {hypothesis.id}: {test}")

@@ -6,14 +6,12 @@ is an event in the database, for which the ledger vouches.
 
 import hashlib
 from importlib.metadata import version
-from pathlib import Path
 
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.policies import controllers
-from avrgym.policies.trained import PolicyError, packaged_policies
-from avrgym.study.checking.preflight import plugins_needed, policies_needed, policy_faults
+from avrgym.study.checking.policy_files import PolicyFile, policy_files
+from avrgym.study.checking.preflight import plugins_needed, policy_faults
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.toml import read_text
 from avrgym.study.design.word_files import word_files
@@ -23,7 +21,6 @@ from avrgym.study.storage.rows import StudyEvent, StudySession, Tombstone, pseud
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, record_event
-from avrgym.system import plugins
 from avrgym.system.files import PRIVATE_FILE, write_whole
 from avrgym.system.used_plugins import UsedPlugin
 from avrgym.vr.session.attempt import versions
@@ -33,15 +30,6 @@ EVENT = "plan frozen"
 ADOPTED = "plan adopted"
 """Their detail is the SHA-256 of the record; a plan is adopted that another station froze."""
 FORMAT = "avrgym frozen plan 1"
-
-
-class PolicyFile(msgspec.Struct, frozen=True):
-    """What a policy of the design is in an environment; one that is no file has no checksum."""
-
-    environment: str
-    policy: str
-    source: str
-    sha256: str | None
 
 
 class Record(msgspec.Struct, frozen=True):
@@ -170,29 +158,3 @@ def sha256(data: bytes) -> str:
 def software() -> dict[str, str]:
     """The versions of what simulates and of what computes the analysis."""
     return versions() | {name: version(name) for name in ("numpy", "scipy")}
-
-
-def policy_files(store: Store) -> tuple[PolicyFile, ...]:
-    """What each policy of the design is at present."""
-    return tuple(_policy_file(store, environment, name) for environment, name in policies_needed(store))
-
-
-def _policy_file(store: Store, environment: str, policy: str) -> PolicyFile:
-    try:
-        source, path = _source(store, environment, policy)
-    except PolicyError:
-        return PolicyFile(environment, policy, "nothing", None)
-    return PolicyFile(environment, policy, source, sha256(path.read_bytes()) if path else None)
-
-
-def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | None]:
-    """What a policy is taken from, in words, and its file if it has one; ``PolicyError`` where it is not there."""
-    source = store.policy_source(environment, policy)
-    packaged, plugin = packaged_policies(environment), controllers.registered().get(source)
-    if source in packaged:
-        return source, packaged[source]
-    if plugin is not None:
-        return plugins.described(plugin), controllers.python_file(plugin.value)
-    if Path(source).is_file():
-        return Path(source).relative_to(store.folder).as_posix(), Path(source)
-    return source, controllers.python_file(source) if ":" in source else None

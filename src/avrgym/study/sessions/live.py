@@ -15,6 +15,8 @@ from avrgym.recording.outcomes import Metrics
 from avrgym.recording.questionnaire import Item, translate
 from avrgym.recording.records import Answer
 from avrgym.simulation.room import NoRoomError
+from avrgym.study.checking.policy_files import USED as POLICIES_USED
+from avrgym.study.checking.policy_files import policy_files
 from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.consents import latest_consent
 from avrgym.study.people.participants import texts_of, withdraw
@@ -79,7 +81,7 @@ class StudyVisit:
         self.trials = trials_in_order(store, pseudonym)
         self.storing = Storing(storing or AtOnce())
         self._watch = Watch(store, self.stored.id)
-        self._store_plugins()
+        self._store_policies()
 
     @property
     def identifier(self) -> str:
@@ -141,8 +143,10 @@ class StudyVisit:
                 f"{self.identifier} cannot begin: {error}; `avrgym study check` lists who has no start"
             ) from error
 
-    def _store_plugins(self) -> None:
-        """Store which plug-ins the remaining trials use, and what these are now."""
+    def _store_policies(self) -> None:
+        """Store the files of the policies and which plug-ins the remaining trials use, as these are now."""
+        files = msgspec.json.encode(policy_files(self.store)).decode()
+        tell(self.store, self.stored.id, POLICIES_USED, files)
         used = {each for key, policy in self.policies.items() for each in plugins_used(key[0], policy)}
         for each in sorted(used, key=lambda plugin: plugin.called):
             tell(self.store, self.stored.id, "plug-in used", msgspec.json.encode(each).decode())

@@ -104,6 +104,18 @@ class StudySession:
 
 
 @dataclass(frozen=True)
+class StoredDesign:
+    """A design as a session began with it, or without a session as its participant was taken in with it."""
+
+    id: int
+    participant: int
+    session: int | None
+    stored_at: str
+    design: dict[str, Any]
+    wordings: dict[str, dict[str, dict[str, str]]]
+
+
+@dataclass(frozen=True)
 class Trial:
     """A planned trial; ``position`` counts a participant's trials from 1, practice included."""
 

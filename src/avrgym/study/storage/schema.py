@@ -93,6 +93,22 @@ SESSION = Table(
 )
 """``headset_check``: the figures of the latest check of the headset, as ``recording.headset_check`` has them."""
 
+DESIGN = Table(
+    "design",
+    METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("participant", Integer, ForeignKey("participant.number"), nullable=False),
+    Column("session", Integer, ForeignKey("session.id")),
+    Column("stored_at", String, nullable=False),
+    Column("design", JSON, nullable=False),
+    Column("wordings", JSON, nullable=False),
+    _salt(),
+)
+"""The design that a session began with, or, without a session, that its participant was taken in with.
+
+``wordings`` is what participants read in each language, as ``design.fixed`` has it.
+"""
+
 TRIAL = Table(
     "trial",
     METADATA,

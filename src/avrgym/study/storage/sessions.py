@@ -24,6 +24,7 @@ from avrgym.study.storage.store import (
     find_session,
     find_trial,
     record_event,
+    store_design,
 )
 from avrgym.system.processes import is_running
 
@@ -150,6 +151,7 @@ def _insert_session(
     }
     session = find_session(connection, ledger.insert(connection, schema.SESSION, **row))
     record_event(connection, "session open", session.name, about(session))
+    store_design(store, connection, about(session))
     return session
 
 

@@ -15,6 +15,7 @@ from avrgym.policies.onnx import ONNX_SUFFIX
 from avrgym.policies.registry import named_policies
 from avrgym.policies.trained import FILE_SUFFIX, PolicyError
 from avrgym.study.design.design import FILE, Design, default_text, read_design
+from avrgym.study.design.fixed import as_stored, read_wordings
 from avrgym.study.storage import keyfile, ledger, schema
 from avrgym.study.storage.database import FILE as DATABASE_FILE
 from avrgym.study.storage.database import REBUILT, Database, database_url
@@ -29,6 +30,7 @@ from avrgym.study.storage.rows import (
     Note,
     Participant,
     Site,
+    StoredDesign,
     StudyEvent,
     StudySession,
     Tombstone,
@@ -45,6 +47,7 @@ Row = TypeVar("Row")
 TABLES: Mapping[type, sa.Table] = {
     Participant: schema.PARTICIPANT,
     StudySession: schema.SESSION,
+    StoredDesign: schema.DESIGN,
     Trial: schema.TRIAL,
     TrialAttempt: schema.ATTEMPT,
     GivenAnswer: schema.ANSWER,
@@ -168,6 +171,10 @@ class Store:
     def sessions(self, pseudonym: str) -> list[StudySession]:
         """A participant's sessions in order."""
         return self._rows(StudySession, participant=participant_number(pseudonym))
+
+    def designs(self) -> list[StoredDesign]:
+        """The design of each session and of each participant's admission, as far as they were stored."""
+        return self._rows(StoredDesign)
 
     def trials(self, pseudonym: str) -> list[Trial]:
         """A participant's trials in the planned order."""
@@ -330,6 +337,18 @@ def change_state(
 def about(session: StudySession) -> dict[str, int]:
     """Whom and what an event in a session is about."""
     return {"participant": session.participant, "session": session.id}
+
+
+def store_design(store: Store, connection: sa.Connection, about: Mapping[str, int]) -> None:
+    """Store the design as it is now; ``about`` names the participant, and the session if one begins with it."""
+    ledger.insert(
+        connection,
+        schema.DESIGN,
+        stored_at=now(),
+        design=as_stored(store.design),
+        wordings=read_wordings(store.design, store.folder),
+        **about,
+    )
 
 
 def record_event(connection: sa.Connection, name: str, detail: str, about: Mapping[str, int]) -> None:

@@ -265,6 +265,8 @@ def configuration(
         "language": plan.texts.language,
         "force_guard": plan.force_guard,
         "withdraw_after_success": plan.withdraw_after_success,
+        "free_movement_s": plan.free_movement_s,
+        "stop_rules": msgspec.to_builtins(plan.stop_rules.rules),
         **checked,
         **({} if plan.consent is None else {"consent": dict(plan.consent)}),
         "furniture": msgspec.to_builtins(plan.furniture),

@@ -53,6 +53,13 @@ COLUMNS: Mapping[str, Column] = {
     **{name: TABLES["participants"][name] for name in ("state", "sex", "age_years")},
     **{name: TABLES["answers"][name] for name in ("moment", "questionnaire", "item", "value", "points")},
     **{name: TABLES["scores"][name] for name in ("instrument", "scale", "score", "answered", "items")},
+    **{f"items.{name}": TABLES["items"][name] for name in ("item", "text", "points", "low", "high")},
+    "items.version": _whole(
+        "Which version of the item it is: 2 and above where it was changed after somebody was asked.",
+        allowed="1 and above",
+    ),
+    "items.asked_of": _text("The participants who answered it."),
+    "items.answers": _whole("How many answers there are to it.", allowed="1 and above"),
     "response_time_s": TABLES["answers"]["response_time_s"],
     "participant_state": TABLES["participants"]["state"],
     "seed": TABLES["trials"]["seed"],

@@ -9,6 +9,7 @@ from avrgym.analysis.latency_rows import total_of
 from avrgym.analysis.page import count
 from avrgym.analysis.reading.flow import Flow
 from avrgym.analysis.report.adverse_events import adverse_event_words
+from avrgym.analysis.report.had import had
 from avrgym.analysis.report.models import METHODS as OF_MODELS
 from avrgym.analysis.report.pack.flow_chart import steps
 from avrgym.analysis.rows import ParticipantRow
@@ -17,6 +18,8 @@ from avrgym.analysis.study import Analysis
 from avrgym.recording.questionnaire import Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.design.words import blinding, conditions, description, randomization
+from avrgym.study.storage.uses import Use
+from avrgym.study.storage.versions import first_name
 from avrgym.vr.session.attempt import versions
 
 SIMULATED = "SIMULATED PARTICIPANTS: all that follows was made up by a program and says nothing about people."
@@ -36,21 +39,28 @@ def missing(what: str) -> str:
 
 def methods(analysis: Analysis, flow: Flow) -> Sections:
     """The sections about people, or, of a study that no person takes part in, about simulated participants."""
+    uses = uses_of(analysis, flow)
     sections = {
         "Participants": list(_participants(analysis, flow)),
         "Design": [
-            conditions(analysis.design),
+            had(uses, analysis.design, conditions),
             randomization(analysis.design),
             *_orders(flow),
-            blinding(analysis.design),
+            had(uses, analysis.design, blinding),
         ],
         "Apparatus": list(_apparatus(analysis, flow)),
-        "Procedure": [description(analysis.design), *_inclusion(analysis)],
+        "Procedure": [had(uses, analysis.design, description), *_inclusion(analysis, flow)],
         "Measures": list(_measures(analysis)),
         "Analysis": list(_analysis(analysis)),
         "Deviations from the plan": _deviations(analysis),
     }
     return {"": [SIMULATED]} | sections if flow.simulated else sections
+
+
+def uses_of(analysis: Analysis, flow: Flow) -> list[Use]:
+    """The designs with which those who are analysed took part, people or simulated participants."""
+    analysed = {row.participant for row in analysis.observed.analysed_people(simulated=flow.simulated)}
+    return [use for use in analysis.uses if use.participant.pseudonym in analysed]
 
 
 def markdown(title: str, sections: Sections) -> str:
@@ -142,7 +152,7 @@ def _orders(flow: Flow) -> Iterator[str]:
 
 
 def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
-    design, seat = analysis.design, analysis.design.furniture
+    design = analysis.design
     software = versions()
     checked = headset_words([row for row in analysis.headsets if row.simulated is flow.simulated])
     yield (
@@ -150,7 +160,17 @@ def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
         f"MuJoCo {software['mujoco']} (as of this analysis; the report lists recordings of other versions). "
         f"Headset and controllers: {design.reporting.headset or missing('headset and controllers')}"
     )
-    yield (
+    yield had(uses_of(analysis, flow), design, _equipment)
+    yield from _plugins(analysis, flow)
+    yield _latency(analysis)
+    if checked:
+        yield checked
+
+
+def _equipment(design: Design) -> str:
+    """What participants sat on, and what the robots did and did not do."""
+    seat = design.furniture
+    return (
         f"Participants sat on a seat {seat.seat_height_m:g} m high and lay on a mattress {seat.mattress_height_m:g} m "
         f"high with its back at {seat.mattress_back_deg:g}°. "
         + ("A force guard kept arms" if design.force_guard else "No force guard kept arms")
@@ -161,10 +181,6 @@ def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
             else ""
         )
     )
-    yield from _plugins(analysis, flow)
-    yield _latency(analysis)
-    if checked:
-        yield checked
 
 
 def _plugins(analysis: Analysis, flow: Flow) -> Iterator[str]:
@@ -191,21 +207,23 @@ def _latency(analysis: Analysis) -> str:
     )
 
 
-def _inclusion(analysis: Analysis) -> Iterator[str]:
-    asked = inclusion_answers(analysis.design)
+def _inclusion(analysis: Analysis, flow: Flow) -> Iterator[str]:
+    asked = had(uses_of(analysis, flow), analysis.design, _inclusion_questions)
     if asked:
-        yield f"Whoever took part answered as follows: {' '.join(asked)}"
+        yield asked
     about = analysis.design.reporting
-    flow = main_flow(analysis)
-    days = (
-        f"Sessions took place {days_of(flow)}." if flow and flow.first_day else "No session took place yet."
-    )
+    days = f"Sessions took place {days_of(flow)}." if flow.first_day else "No session took place yet."
     yield f"{days} Place: {about.location or missing('where sessions took place')}"
 
 
-def inclusion_answers(design: Design) -> list[str]:
+def inclusion_answers(design: Design) -> str:
     """Each inclusion question with the answer of everybody who took part."""
-    return [f"{each.text} {'Yes' if each.required else 'No'}." for each in design.inclusion]
+    return " ".join(f"{each.text} {'Yes' if each.required else 'No'}." for each in design.inclusion)
+
+
+def _inclusion_questions(design: Design) -> str:
+    asked = inclusion_answers(design)
+    return f"Whoever took part answered as follows: {asked}" if asked else ""
 
 
 def days_of(flow: Flow) -> str:
@@ -221,6 +239,7 @@ def _measures(analysis: Analysis) -> Iterator[str]:
     yield "Objective: the reward summed over a trial, and whether the robot succeeded."
     for each in analysis.design.questionnaires:
         yield _questionnaire(each)
+    yield from _versions(analysis)
     if analysis.design.practice_policy:
         yield "Nothing is asked after practice."
 
@@ -238,6 +257,18 @@ def _questionnaire(asked: Questionnaire) -> str:
         return f"{asked.name}, asked {when}, answers {next(iter(scales))}: {items}"
     items = " ".join(f"{item.id}: “{item.text}” ({asked.scale_words(item)})." for item in asked.items)
     return f"{asked.name}, asked {when}: {items}"
+
+
+def _versions(analysis: Analysis) -> Iterator[str]:
+    """Of whom each version of a changed item was asked."""
+    changed = {first_name(row.item) for row in analysis.items if row.version > 1}
+    asked = [
+        f"{row.item} (“{row.text}”, from 1, {row.low}, to {row.points}, {row.high}) was asked of {row.asked_of}"
+        for row in analysis.items
+        if first_name(row.item) in changed
+    ]
+    if asked:
+        yield f"Items were changed during the study: {'; '.join(asked)}. Versions are analysed apart."
 
 
 def _analysis(analysis: Analysis) -> Iterator[str]:

@@ -1,0 +1,48 @@
+"""The items that participants were asked, and of whom."""
+
+from dataclasses import dataclass
+
+from avrgym.study.storage.asked import Asked
+from avrgym.study.storage.store import Store
+
+
+@dataclass(frozen=True, kw_only=True)
+class ItemRow:
+    """An item as people, or simulated participants, were asked it; ``version`` counts those of one name from 1.
+
+    ``asked_of`` are the participants who answered it, ``answers`` how many answers they gave.
+    """
+
+    simulated: bool
+    questionnaire: str
+    item: str
+    version: int
+    text: str
+    points: int
+    low: str
+    high: str
+    asked_of: str
+    answers: int
+
+
+def item_rows(store: Store, asked: Asked) -> list[ItemRow]:
+    """A row for each item and group of participants, the versions of one item after each other."""
+    simulated = {each.pseudonym: each.simulated for each in store.participants()}
+    return [
+        ItemRow(
+            simulated=group,
+            questionnaire=version.questionnaire,
+            item=version.item.id,
+            version=version.number,
+            text=version.item.text,
+            points=version.item.points,
+            low=version.item.low,
+            high=version.item.high,
+            asked_of=", ".join(sorted(own)),
+            answers=sum(own.values()),
+        )
+        for version in asked.versions
+        for group in (False, True)
+        for own in ({who: n for who, n in version.asked.items() if simulated[who] is group},)
+        if own
+    ]

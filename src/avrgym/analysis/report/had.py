@@ -1,0 +1,16 @@
+"""What participants had, in words: once where all had the same, else for each group of them."""
+
+from collections.abc import Callable, Iterable
+
+from avrgym.study.design.design import Design
+from avrgym.study.storage.uses import Use, listed
+
+
+def had(uses: Iterable[Use], design: Design, words: Callable[[Design], str]) -> str:
+    """What ``words`` state about the designs of ``uses``, or about ``design`` where nobody took part yet."""
+    groups: dict[str, list[Use]] = {}
+    for use in uses:
+        groups.setdefault(words(use.design), []).append(use)
+    if len(groups) < 2:
+        return next(iter(groups), None) or words(design)
+    return " ".join(f"For {listed(own)}: {text}" for text, own in groups.items())

@@ -1,0 +1,106 @@
+"""The files of a study's policies: what they are, and whether they were the same in all sessions."""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from avrgym.policies import controllers
+from avrgym.policies.trained import PolicyError, packaged_policies
+from avrgym.study.checking.finding import Finding
+from avrgym.study.checking.preflight import policies_needed
+from avrgym.study.storage.rows import StudyEvent
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.study.storage.uses import Use, designs_used, listed
+from avrgym.system import plugins
+
+USED = "policies used"
+"""The event of a session whose detail is the policy files of its design."""
+
+
+class PolicyFile(msgspec.Struct, frozen=True):
+    """What a policy of the design is in an environment; one that is no file has no checksum."""
+
+    environment: str
+    policy: str
+    source: str
+    sha256: str | None
+
+
+@dataclass(frozen=True)
+class UsedPolicy:
+    """A file that a policy was taken from, and the sessions in which it was."""
+
+    file: PolicyFile
+    uses: list[Use]
+
+
+def policy_files(store: Store) -> tuple[PolicyFile, ...]:
+    """What each policy of the design is at present."""
+    return tuple(_policy_file(store, environment, name) for environment, name in policies_needed(store))
+
+
+def _policy_file(store: Store, environment: str, policy: str) -> PolicyFile:
+    try:
+        source, path = _source(store, environment, policy)
+    except PolicyError:
+        return PolicyFile(environment, policy, "nothing", None)
+    return PolicyFile(
+        environment, policy, source, hashlib.sha256(path.read_bytes()).hexdigest() if path else None
+    )
+
+
+def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | None]:
+    """What a policy is taken from, in words, and its file if it has one; ``PolicyError`` where it is not there."""
+    source = store.policy_source(environment, policy)
+    packaged, plugin = packaged_policies(environment), controllers.registered().get(source)
+    if source in packaged:
+        return source, packaged[source]
+    if plugin is not None:
+        return plugins.described(plugin), controllers.python_file(plugin.value)
+    if Path(source).is_file():
+        return Path(source).relative_to(store.folder).as_posix(), Path(source)
+    return source, controllers.python_file(source) if ":" in source else None
+
+
+def policies_used(store: Store) -> dict[tuple[str, str], list[UsedPolicy]]:
+    """By environment and policy the files of all sessions, in the order they were used."""
+    files = {event.session: _decoded(event) for event in store.events() if event.name == USED}
+    found: dict[tuple[str, str], list[UsedPolicy]] = {}
+    for use in designs_used(store):
+        for file in files.get(use.session.id, []):
+            known = found.setdefault((file.environment, file.policy), [])
+            same = [each for each in known if each.file == file]
+            if not same:
+                known.append(UsedPolicy(file, []))
+            (same or known[-1:])[0].uses.append(use)
+    return found
+
+
+def _decoded(event: StudyEvent) -> list[PolicyFile]:
+    try:
+        return msgspec.json.decode(event.detail, type=list[PolicyFile])
+    except msgspec.DecodeError as error:
+        raise StudyError(f"the study's database: event {event.id} is damaged: {error}") from error
+
+
+def check_policies_used(store: Store) -> Iterator[Finding]:
+    """Policies that were not the same in all sessions, or that are no longer."""
+    used = policies_used(store)
+    present = {(each.environment, each.policy): each for each in policy_files(store)} if used else {}
+    for key, files in used.items():
+        where = f"policy {key[1]}"
+        if len(files) > 1:
+            parts = [f"{called(each.file)} for {listed(each.uses)}" for each in files]
+            yield Finding(where, f"of {key[0]} was not the same in all sessions: {'; '.join(parts)}")
+        now = present.get(key)
+        if now is not None and now not in [each.file for each in files]:
+            yield Finding(where, f"of {key[0]} is {called(now)}, as in no session", wrong=False)
+
+
+def called(file: PolicyFile) -> str:
+    """A policy's file in a sentence."""
+    return file.source if file.sha256 is None else f"{file.source} (SHA-256 {file.sha256[:12]}…)"

@@ -1,0 +1,83 @@
+"""What a study fixes for its participants: the design, and the wording of all that they read, to be compared."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from avrgym.study.design.design import LOCAL, Design
+from avrgym.study.design.languages import sentences
+from avrgym.tasks.registry import TASKS
+from avrgym.texts.texts import Texts, normal, read_texts, shipped
+
+NOT_FIXED = (*LOCAL, "reporting")
+"""What each site says for itself, and what is filled in for a publication."""
+
+Wordings = Mapping[str, Mapping[str, Mapping[str, str]]]
+"""By language ``sentences`` with their translations, and the texts of ``session`` and ``page`` that the study has
+changed."""
+
+
+def as_stored(design: Design) -> dict[str, Any]:
+    """A design as plain values, as a database stores them."""
+    plain = msgspec.json.decode(msgspec.json.encode(design))
+    return {name: value for name, value in plain.items() if name not in NOT_FIXED}
+
+
+def from_stored(values: Mapping[str, Any]) -> Design:
+    """The design of stored values; fields that this version does not know are left out."""
+    return msgspec.convert(
+        {name: values[name] for name in values if name in Design.__struct_fields__}, Design
+    )
+
+
+def read_wordings(design: Design, folder: Path) -> dict[str, dict[str, dict[str, str]]]:
+    """What participants read in each language of a design; ``TextsError`` for a file that cannot be used."""
+    return {language: _wordings(design, read_texts(language, folder)) for language in design.languages}
+
+
+def _wordings(design: Design, texts: Texts) -> dict[str, dict[str, str]]:
+    brought = read_texts(texts.language) if texts.language in shipped() else None
+    read = {normal(each): texts.translate(each) for each in sentences(design) if each.strip()}
+    return {
+        "sentences": {sentence: said for sentence, said in read.items() if normal(said) != sentence},
+        "session": _changed(texts.session, brought.session if brought else {}),
+        "page": _changed(texts.page, brought.page if brought else {}),
+    }
+
+
+def _changed(texts: Mapping[str, str], brought: Mapping[str, str]) -> dict[str, str]:
+    return {key: text for key, text in texts.items() if brought.get(key) != text}
+
+
+def fixed_values(design: Design) -> dict[str, Any]:
+    """The values of a design by name: questionnaires, items and questions by their ids, with their orders."""
+    values = as_stored(design)
+    values["goals"] = {task: design.goals.get(task) or TASKS[task].goal for task in design.tasks}
+    values["stop_rules"] = _stop_rules(values["stop_rules"])
+    _name(values, "inclusion", "id")
+    for questionnaire in values["questionnaires"]:
+        _name(questionnaire, "items", "id")
+        questionnaire["when"] = (
+            [questionnaire["when"]] if isinstance(questionnaire["when"], str) else questionnaire["when"]
+        )
+    _name(values, "questionnaires", "name")
+    return values
+
+
+def _name(table: dict[str, Any], key: str, name: str) -> None:
+    """Turn an array of tables into tables by name, next to the order of the names."""
+    table[f"order of {key}"] = [each[name] for each in table[key]]
+    table[key] = {each[name]: {k: v for k, v in each.items() if k != name} for each in table[key]}
+
+
+def _stop_rules(rules: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Stop rules by item; more than one of an item by number."""
+    named: dict[str, Any] = {}
+    for rule in rules:
+        earlier = sum(key.partition(" ")[0] == rule["item"] for key in named)
+        named[f"{rule['item']} {earlier + 1}" if earlier else rule["item"]] = {
+            key: value for key, value in rule.items() if key != "item"
+        }
+    return named

@@ -1,0 +1,114 @@
+"""What the recording of a trial reports about the design that it was run with."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+import msgspec
+
+from avrgym.models.furniture.real import RealFurniture
+from avrgym.recording.questionnaire import Item, Questionnaire
+from avrgym.recording.stop_rules import StopRule
+from avrgym.study.design.design import Design
+from avrgym.study.storage.rows import Trial
+from avrgym.tasks.registry import TASKS, find_environment
+
+Translate = Callable[[str], str]
+AFTER_TRIAL = "after_trial"
+_FIELDS: Mapping[str, tuple[str, Any]] = {
+    "steps": ("trial_steps", int),
+    "force_guard": ("force_guard", bool),
+    "withdraw_after_success": ("withdraw_after_success", bool),
+    "free_movement_s": ("free_movement_s", float),
+    "stop_rules": ("stop_rules", tuple[StopRule, ...]),
+    "furniture": ("furniture", RealFurniture),
+}
+"""By its name in a recording's configuration the field of a design, and its type."""
+
+
+def as_recorded(
+    design: Design, trial: Trial, configuration: Mapping[str, Any], translate: Translate
+) -> Design:
+    """A design with all that the configuration of a trial's recording contains in its place.
+
+    Args:
+        design: what is not recorded is taken from it.
+        trial: the trial.
+        configuration: that of its recording; fields that it lacks change nothing.
+        translate: gives the words of a sentence of the design as this participant read them.
+    """
+    changes: dict[str, Any] = {}
+    for name, (field, kind) in _FIELDS.items():
+        with suppress(KeyError, msgspec.ValidationError, ValueError):
+            changes[field] = msgspec.convert(configuration[name], kind)
+    task = find_environment(trial.environment)[0]
+    goal, expected = configuration.get("goal"), design.goals.get(task) or TASKS[task].goal
+    if isinstance(goal, str) and goal not in (expected, translate(expected)):
+        changes["goals"] = {**design.goals, task: goal}
+    items = recorded_items(configuration)
+    if items is not None and not trial.practice:
+        changes["questionnaires"] = _asked(design, trial.seed, items, translate)
+    return msgspec.structs.replace(design, **changes)
+
+
+def recorded_items(configuration: Mapping[str, Any]) -> tuple[Item, ...] | None:
+    """What was asked after a trial, in the participant's words; ``None`` where its recording does not contain it."""
+    try:
+        return msgspec.convert(configuration["items"], tuple[Item, ...])
+    except (KeyError, msgspec.ValidationError):
+        return None
+
+
+def _asked(
+    design: Design, seed: int, items: Sequence[Item], translate: Translate
+) -> tuple[Questionnaire, ...]:
+    """The design's questionnaires with the items that were asked after a trial instead of those of the design."""
+    known = {item.id: item for item in design.items.values()}
+    asked = {item.id: _in_design(item, known.get(item.id), translate) for item in items}
+    for order in ("as designed", "fixed", "random"):
+        found = tuple(_with_items(each, asked, order) for each in design.questionnaires)
+        found = _with_others(found, asked)
+        again = msgspec.structs.replace(design, questionnaires=found).items_at(AFTER_TRIAL, seed)
+        if [item.id for item in again] == list(asked):
+            return found
+    return tuple(_sorted(each, list(asked)) for each in found)
+
+
+def _in_design(item: Item, known: Item | None, translate: Translate) -> Item:
+    """An item as the design has it, where its words are a translation of that; else as it was read."""
+    return known if known is not None and item in (known, translated(known, translate)) else item
+
+
+def translated(item: Item, translate: Translate) -> Item:
+    """An item in a participant's words."""
+    return msgspec.structs.replace(
+        item,
+        text=translate(item.text),
+        low=translate(item.low),
+        high=translate(item.high),
+        labels=tuple(translate(label) for label in item.labels),
+    )
+
+
+def _with_items(questionnaire: Questionnaire, asked: Mapping[str, Item], order: str) -> Questionnaire:
+    if AFTER_TRIAL not in questionnaire.moments:
+        return questionnaire
+    own = tuple(asked[item.id] for item in questionnaire.items if item.id in asked)
+    order = questionnaire.order if order == "as designed" else order
+    return msgspec.structs.replace(questionnaire, items=own, order=order)
+
+
+def _with_others(
+    questionnaires: tuple[Questionnaire, ...], asked: Mapping[str, Item]
+) -> tuple[Questionnaire, ...]:
+    """With the items that no questionnaire of this moment has, in one of their own."""
+    known = {item.id for each in questionnaires if AFTER_TRIAL in each.moments for item in each.items}
+    others = tuple(item for item in asked.values() if item.id not in known)
+    return (*questionnaires, Questionnaire("recorded", AFTER_TRIAL, others)) if others else questionnaires
+
+
+def _sorted(questionnaire: Questionnaire, ids: Sequence[str]) -> Questionnaire:
+    if AFTER_TRIAL not in questionnaire.moments:
+        return questionnaire
+    own = tuple(sorted(questionnaire.items, key=lambda item: ids.index(item.id)))
+    return msgspec.structs.replace(questionnaire, items=own, order="fixed")

@@ -1,0 +1,177 @@
+"""The designs that people took part with: as the database stores them, else as far as the recordings report them."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import msgspec
+
+from avrgym.recording.files import RecordingError, read_configuration
+from avrgym.study.design.design import Design, InclusionQuestion
+from avrgym.study.design.fixed import Wordings, from_stored
+from avrgym.study.storage.recorded_design import as_recorded
+from avrgym.study.storage.rows import Participant, StoredDesign, StudySession, TrialAttempt
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.texts.texts import TextsError, normal, read_texts
+
+
+@dataclass(frozen=True)
+class Use:
+    """A design as somebody took part with it in trials of a session, by position.
+
+    ``wordings`` is what participants read; ``None`` where the database does not store the design of the session.
+    """
+
+    participant: Participant
+    session: StudySession
+    positions: tuple[int, ...]
+    design: Design
+    wordings: Wordings | None
+
+    @property
+    def language(self) -> str:
+        """The one in which the participant read it."""
+        return self.participant.language or self.design.languages[0]
+
+
+def designs_used(store: Store, participants: Sequence[Participant] | None = None) -> list[Use]:
+    """The design of each session as the database stores it; of a session without one as its recordings report it.
+
+    ``participants`` are those whose sessions these are, everyone unless given.
+    """
+    stored = _stored(store)
+    return [
+        use
+        for participant in (store.participants() if participants is None else participants)
+        for session, attempts in _sessions(store, participant)
+        for use in _designs_of(store, participant, session, attempts, stored.get(session.id))
+    ]
+
+
+def designs_recorded(store: Store) -> list[Use]:
+    """The design of each session as its recordings report it; what they do not contain as the database stores it.
+
+    What neither has is taken from the study's present design. Trials whose recordings cannot be read are left out.
+    Inclusion questions are those that the participant answered.
+    """
+    stored, admitted = _stored(store), _admitted(store)
+    return [
+        replace(use, design=msgspec.structs.replace(use.design, inclusion=admitted[participant.number]))
+        if participant.number in admitted
+        else use
+        for participant in store.participants()
+        for session, attempts in _sessions(store, participant)
+        for use in _recorded(store, participant, session, attempts, stored.get(session.id))
+    ]
+
+
+def design_of(row: StoredDesign) -> Design:
+    """The design that a row contains; ``StudyError`` for a damaged one."""
+    try:
+        return from_stored(row.design)
+    except msgspec.ValidationError as error:
+        raise StudyError(f"the study's database: design {row.id} is damaged: {error}") from error
+
+
+def translation(store: Store, language: str, wordings: Wordings | None) -> Callable[[str], str]:
+    """What translates a design's sentences: stored wordings, else the study's present texts."""
+    if wordings is not None:
+        known = wordings.get(language, {}).get("sentences", {})
+        return lambda sentence: known.get(normal(sentence), sentence)
+    try:
+        return read_texts(language, store.folder).translate
+    except TextsError:
+        return lambda sentence: sentence
+
+
+def listed(uses: Iterable[Use], everyone: Iterable[Use] = ()) -> str:
+    """Participants and their trials in words; ``everyone`` are all uses, to be named together."""
+    own, names = list(uses), list[str]()
+    if own and {_key(use) for use in own} == {_key(use) for use in everyone}:
+        people = {use.participant.pseudonym for use in own}
+        trials = sum(len(use.positions) for use in own)
+        return f"everyone who took part ({', '.join(sorted(people))}: {trials} trials)"
+    for pseudonym in dict.fromkeys(use.participant.pseudonym for use in own):
+        positions = sorted(
+            {at for use in own if use.participant.pseudonym == pseudonym for at in use.positions}
+        )
+        names.append(f"{pseudonym} ({_ranges(positions)})")
+    return ", ".join(names)
+
+
+def _key(use: Use) -> tuple[int, tuple[int, ...]]:
+    return use.session.id, use.positions
+
+
+def _ranges(positions: list[int]) -> str:
+    """Trials in words, those that follow each other as a range."""
+    if not positions:
+        return "no trial"
+    ranges: list[list[int]] = []
+    for at in positions:
+        if ranges and at == ranges[-1][-1] + 1:
+            ranges[-1].append(at)
+        else:
+            ranges.append([at])
+    words = ", ".join(str(own[0]) if len(own) == 1 else f"{own[0]} to {own[-1]}" for own in ranges)
+    return f"{'trial' if len(positions) == 1 else 'trials'} {words}"
+
+
+def _admitted(store: Store) -> dict[int, tuple[InclusionQuestion, ...]]:
+    """The inclusion questions that participants answered, by their numbers."""
+    return {row.participant: design_of(row).inclusion for row in store.designs() if row.session is None}
+
+
+def _stored(store: Store) -> dict[int, StoredDesign]:
+    return {row.session: row for row in store.designs() if row.session is not None}
+
+
+def _sessions(store: Store, participant: Participant) -> Iterator[tuple[StudySession, list[TrialAttempt]]]:
+    attempts = store.attempts(participant.pseudonym)
+    for session in store.sessions(participant.pseudonym):
+        yield session, [each for each in attempts if each.session == session.id]
+
+
+def _designs_of(
+    store: Store,
+    participant: Participant,
+    session: StudySession,
+    attempts: list[TrialAttempt],
+    stored: StoredDesign | None,
+) -> Iterator[Use]:
+    if stored is None:
+        yield from _recorded(store, participant, session, attempts, None)
+        return
+    positions = {trial.id: trial.position for trial in store.trials(participant.pseudonym)}
+    run = sorted({positions[each.trial] for each in attempts if each.trial in positions})
+    yield Use(participant, session, tuple(run), design_of(stored), stored.wordings)
+
+
+def _recorded(
+    store: Store,
+    participant: Participant,
+    session: StudySession,
+    attempts: list[TrialAttempt],
+    stored: StoredDesign | None,
+) -> Iterator[Use]:
+    """A use for each design that recordings of a session report."""
+    design = store.design if stored is None else design_of(stored)
+    wordings = None if stored is None else stored.wordings
+    translate = translation(store, participant.language or design.languages[0], wordings)
+    trials = {trial.id: trial for trial in store.trials(participant.pseudonym)}
+    found: dict[bytes, tuple[Design, set[int]]] = {}
+    for attempt in attempts:
+        with suppress(OSError, RecordingError, StudyError, KeyError):  # other checks report it
+            trial = trials[attempt.trial]
+            configuration = read_configuration(store.path(attempt.recording))
+            recorded = as_recorded(design, trial, configuration, translate)
+            found.setdefault(_content(recorded), (recorded, set()))[1].add(trial.position)
+    if stored is not None and not found:
+        found[b""] = design, set[int]()
+    for recorded, positions in found.values():
+        yield Use(participant, session, tuple(sorted(positions)), recorded, wordings)
+
+
+def _content(design: Design) -> bytes:
+    return msgspec.json.encode(design, order="deterministic")

@@ -1,0 +1,221 @@
+"""A design that is edited after somebody took part: every field is named, by check, deviations and report."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+from typer.testing import CliRunner
+
+from analysed import record_trial
+from avrgym.cli.main import app
+from avrgym.cli.plan import plan_of
+from avrgym.policies.trained import packaged_policies
+from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.design_checks import check_design
+from avrgym.study.checking.finding import Finding
+from avrgym.study.checking.policy_files import check_policies_used
+from avrgym.study.design.design import Reporting
+from avrgym.study.plan.design_deviations import frozen_design
+from avrgym.study.plan.origin import read_frozen
+from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.storage import database
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt
+from avrgym.study.storage.sessions import close_session, open_session
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from edited import DESIGN, EDITS, edit, make_edited_study, participate
+
+POLICY = "mine/FeedingJaco.safetensors"
+FIXED = {
+    "seed": ("seed = 0", "seed = 1"),
+    "tasks": ('tasks = ["Feeding"]', 'tasks = ["Drinking"]'),
+    "robots": ('robots = ["PR2", "Jaco"]', 'robots = ["Jaco"]'),
+    "policies": ('policies = ["original", "mine"]', 'policies = ["mine"]'),
+    "practice_policy": ('practice_policy = "revised"', 'practice_policy = ""'),
+    "trial_steps": ("trial_steps = 200", "trial_steps = 100"),
+}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def on_sqlite() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(database.URL_VARIABLE, raising=False)
+        yield
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study with a frozen plan in which two people took part, one in each language."""
+    folder = make_edited_study(tmp_path_factory.mktemp("made") / "study")
+    for _ in range(2):
+        result = CliRunner().invoke(app, ["study", "freeze", str(folder)])
+        assert result.exit_code == 0, result.stderr
+    with Store(folder) as store:
+        for language in ("en", "de"):
+            participate(store, language, simulated=False, trials=2)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def undone(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same study after every field was edited, one more took part in each language, and all edits were undone."""
+    folder = Path(shutil.copytree(made, tmp_path_factory.mktemp("undone") / "study"))
+    edit(folder, *EDITS)
+    with Store(folder) as store:
+        participate(store, "de", simulated=False, trials=2)
+    for name in {each.file for each in EDITS.values()}:
+        shutil.copy(made / name, folder / name)
+    languages = 'languages = ["en", "de"]', 'languages = ["en"]'
+    (folder / DESIGN).write_text((folder / DESIGN).read_text().replace(*languages))
+    with Store(folder) as store:
+        participate(store, "en", simulated=False, trials=2)
+    shutil.copy(made / DESIGN, folder / DESIGN)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def found(undone: Path) -> list[Finding]:
+    with Store(undone) as store:
+        return list(check_design(store))
+
+
+@pytest.fixture(scope="module")
+def deviating(undone: Path) -> list[str]:
+    with Store(undone) as store:
+        return [f"{each.where}: {each.what}" for each in plan_of(store)[1]]
+
+
+def naming(found: list[Finding], name: str) -> list[Finding]:
+    """The findings about the field of an edit."""
+    each = EDITS[name]
+    return [one for one in found if one.where == each.where and f"{each.field} is " in f"{one.what} "]
+
+
+def test_nothing_is_found_where_nobody_edited(made: Path) -> None:
+    with Store(made) as store:
+        assert list(check_design(store)) == []
+        assert [each.what for each in check_study(store) if each.wrong] == []
+        deviations = [each.what for each in plan_of(store)[1]]
+    assert deviations == []
+
+
+@pytest.mark.parametrize("name", EDITS)
+def test_an_edit_after_somebody_took_part_is_found(made: Path, tmp_path: Path, name: str) -> None:
+    folder = Path(shutil.copytree(made, tmp_path / "study"))
+    each = EDITS[name]
+    edit(folder, each.by or name)
+    with Store(folder) as store:
+        (finding,) = naming(list(check_design(store)), name)
+    assert f"{each.field} is {each.then}" in finding.what
+    assert f"it was {each.was}" in finding.what
+    assert "sub-002" in finding.what
+    assert finding.wrong is each.wrong
+
+
+@pytest.mark.parametrize("name", EDITS)
+def test_an_edit_that_was_undone_is_found(found: list[Finding], name: str) -> None:
+    (finding,) = naming(found, name)
+    each = EDITS[name]
+    assert f"{each.field} is {each.was}" in finding.what
+    assert f"it was {each.then}" in finding.what
+    assert "sub-003" in finding.what
+    assert not any(other in finding.what for other in ("sub-001", "sub-002", "sub-004"))
+    assert finding.wrong is each.wrong
+
+
+@pytest.mark.parametrize("name", EDITS)
+def test_an_edit_that_was_undone_is_a_deviation(deviating: list[str], name: str) -> None:
+    each = EDITS[name]
+    (told,) = [one for one in deviating if one.startswith(f"{each.where}: {each.field} was ")]
+    assert f"was {each.was}" in told
+    assert f"in the plan and {each.then}" in told
+    assert told.removesuffix(" (trials 1 to 2)").endswith(" for sub-003")
+
+
+def test_other_languages_are_found(found: list[Finding], deviating: list[str]) -> None:
+    (finding,) = [each for each in found if each.what.startswith("languages is ")]
+    assert (finding.wrong, finding.what) == (
+        True,
+        'languages is ["en", "de"]; it was ["en"] for sub-004 (trials 1 to 2)',
+    )
+    assert sum("languages was" in each for each in deviating) == 1
+
+
+@pytest.mark.parametrize("when", ["not at all", "in between", "afterwards"])
+def test_another_policy_is_found(made: Path, tmp_path: Path, when: str) -> None:
+    """The same name, but another file: for one of two sessions, or after both."""
+    folder = Path(shutil.copytree(made, tmp_path / "study"))
+    before = (folder / POLICY).read_bytes()
+    other = packaged_policies("avrgym/FeedingJaco-v1")["original"].read_bytes()
+    with Store(folder) as store:
+        for pseudonym in ("sub-001", "sub-002"):
+            StudyVisit(store, pseudonym).close()
+            if when == "in between":
+                (folder / POLICY).write_bytes(other)
+        (folder / POLICY).write_bytes(other if when == "afterwards" else before)
+        found = list(check_policies_used(store))
+        deviating = [each for each in plan_of(store)[1] if each.where == "policy mine"]
+    assert [(each.where, each.wrong) for each in found] == {
+        "not at all": [],
+        "in between": [("policy mine", True)],
+        "afterwards": [("policy mine", False)],
+    }[when]
+    assert len(deviating) == (when != "not at all")
+    if when == "in between":
+        assert "was not the same in all sessions" in found[0].what
+        assert deviating[0].what.endswith("for sub-002 (no trial)")
+
+
+@pytest.mark.parametrize("guard", [True, False])
+def test_a_recording_that_contradicts_its_session_is_found(made: Path, tmp_path: Path, guard: bool) -> None:
+    """The force guard must be that of the design; the seat may be another in a session."""
+    folder = Path(shutil.copytree(made, tmp_path / "study"))
+    with Store(folder) as store:
+        participant = store.participant("sub-001")
+        session = open_session(store, participant.pseudonym)
+        trial = store.remaining_trials(participant.pseudonym)[0]
+        attempt = begin_attempt(store, session.id, trial.position)
+        seat = {"seat_height_m": 0.4}
+        metrics = record_trial(
+            store.path(attempt.recording), participant, trial, force_guard=guard, furniture=seat
+        )
+        complete_attempt(store, attempt.id, metrics)
+        close_session(store, session.id)
+        found = {each.what.partition(" than")[0]: each.wrong for each in check_design(store)}
+    expected = {"was recorded with another furniture.seat_height_m": False}
+    assert found == (expected if guard else expected | {"was recorded with another force_guard": True})
+
+
+def test_reporting_is_filled_in_without_any_finding(made: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(made, tmp_path / "study"))
+    text = (folder / DESIGN).read_text()
+    for name in Reporting.__struct_fields__:
+        assert f'\n{name} = ""' in text
+        text = text.replace(f'\n{name} = ""', f'\n{name} = "known"')
+    (folder / DESIGN).write_text(text)
+    with Store(folder) as store:
+        assert list(check_design(store)) == []
+        assert plan_of(store)[1] == []
+
+
+def test_a_record_of_a_plan_writes_nowhere_else(made: Path, tmp_path: Path) -> None:
+    with Store(made) as store:
+        frozen = read_frozen(store)
+    assert frozen is not None
+    assert frozen.record is not None
+    record = msgspec.structs.replace(frozen.record, words={str(tmp_path / "elsewhere.toml"): "x = 1"})
+    assert frozen_design(frozen.record) is not None
+    assert frozen_design(record) is None
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", FIXED)
+def test_what_orders_follow_from_cannot_be_edited(made: Path, tmp_path: Path, name: str) -> None:
+    folder = Path(shutil.copytree(made, tmp_path / "study"))
+    text = (folder / DESIGN).read_text()
+    assert FIXED[name][0] in text
+    (folder / DESIGN).write_text(text.replace(*FIXED[name]))
+    with pytest.raises(StudyError, match=f"{name} changed after the first participant"):
+        Store(folder)
