@@ -182,3 +182,22 @@ def retention(
             for what, pseudonym in delete_due(store, day):
                 log(store, "delete by schedule", pseudonym, detail=CALLED[what])
                 say(f"deleted   {CALLED[what]} of {pseudonym}")
+
+
+def participant_data(
+    folder: Folder,
+    participant: Pseudonym,
+    out: Annotated[Path, typer.Option(help="A new archive.", metavar="FILE.zip")],
+) -> None:
+    """Write all that the study holds about one participant into one archive.
+
+    It is for the participant who asks for their data, with an index, recordings, notes and name.
+    """
+    from avrgym.study.export.one_person import write_participant_data
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        number = write_participant_data(store, participant, out)
+        log(store, "export", participant, detail="data of the participant")
+    say(f"{number} files in {out}, with name, contact and free text.")
+    say("Read notes and descriptions for names of other people before you hand it over.")

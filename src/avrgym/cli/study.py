@@ -12,7 +12,7 @@ from avrgym.cli.logged import log
 from avrgym.cli.options import PEOPLE, Impairment
 from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
 from avrgym.cli.progress import GOES_ON, progress_bar
-from avrgym.cli.records import adverse_events, record_adverse_event, retention
+from avrgym.cli.records import adverse_events, participant_data, record_adverse_event, retention
 from avrgym.cli.sites import merge, say_sites
 from avrgym.cli.terminal import (
     Jobs,
@@ -54,6 +54,7 @@ app.command()(merge)
 app.command()(record_adverse_event)
 app.command()(adverse_events)
 app.command()(retention)
+app.command()(participant_data)
 app.command()(add_experimenter)
 app.command()(experimenters)
 app.command()(revoke_experimenter)

@@ -46,10 +46,12 @@ def event_rows(store: Store, people: Iterable[Participant], extras: Extras) -> I
     """What happened, in the order it was stored: to these participants, and to the whole study."""
     known = {person.number: person for person in people}
     sessions, attempts = _sessions(store, known.values()), _attempts(store, known.values())
+    visitors = _visitors(store)
     for event in store.events():
-        if event.participant is not None and event.participant not in known:
+        number = event.participant or visitors.get(event.session or 0)
+        if number is not None and number not in known:
             continue
-        person = known.get(event.participant or 0)
+        person = known.get(number or 0)
         trial, attempt = attempts.get(event.attempt or 0, (None, None))
         shown = extras.free_text or event.name not in WITH_FREE_TEXT
         yield {
@@ -147,6 +149,12 @@ def _condition(trial: Trial | None) -> dict[str, Any]:
 def _sessions(store: Store, people: Iterable[Participant]) -> dict[int, int]:
     """The numbers of sessions by id."""
     return {each.id: each.number for person in people for each in store.sessions(person.pseudonym)}
+
+
+def _visitors(store: Store) -> dict[int, int]:
+    """The number of the participant of each session by its id."""
+    people = store.participants()
+    return {visit.id: visit.participant for each in people for visit in store.sessions(each.pseudonym)}
 
 
 def _attempts(store: Store, people: Iterable[Participant]) -> dict[int, tuple[Trial, TrialAttempt]]:

@@ -28,20 +28,16 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extr
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     attempts = list(all_attempts(store))
     heights = {exported.attempt.id: exported.torso_height_m() for exported in completed}
-    write_csv(folder / "participants.csv", _participants(store, _medians(completed, heights)))
-    write_csv(folder / "consents.csv", consent_rows(store))
-    write_consent_texts(store, folder)
-    write_csv(folder / "trials.csv", _trials(store, attempts))
-    write_csv(folder / "attempts.csv", (_attempt(exported, heights) for exported in attempts))
     asked = Asked(store)
-    write_csv(folder / "answers.csv", _answers(store, attempts, asked))
-    write_csv(folder / "items.csv", _items(asked.design))
+    for name, rows in tables_of_people(store, attempts, completed, heights, asked).items():
+        write_csv(folder / f"{name}.csv", rows)
+    write_consent_texts(store, folder)
+    write_csv(folder / "items.csv", items_of(asked.design))
     records = records_of(store, extras)
     for name, rows in records.items():
         write_csv(folder / f"{name}.csv", rows, TABLES[name])
     left_out = {"left_out", *RECORDS} - set(records)
     if uses_instruments(asked.design):
-        write_csv(folder / "scores.csv", _scores(store, attempts, asked))
         write_csv(folder / "scales.csv", scales(asked.design))
     else:
         left_out |= set(OF_INSTRUMENTS)
@@ -52,6 +48,24 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extr
     write_csv(folder / "control_steps.csv", _control_steps(store, completed))
     tables = [table for table in TABLES if table not in left_out]
     write_csv(folder / "codebook.csv", codebook(tables, store.design))
+
+
+def tables_of_people(
+    store: Store,
+    attempts: list[ExportedAttempt],
+    completed: Sequence[ExportedAttempt],
+    heights: Mapping[int, float | None],
+    asked: Asked,
+) -> dict[str, Iterable[Mapping[str, Any]]]:
+    """The tables whose rows are each about one participant, by name."""
+    tables: dict[str, Iterable[Mapping[str, Any]]] = {
+        "participants": _participants(store, _medians(completed, heights)),
+        "consents": consent_rows(store),
+        "trials": _trials(store, attempts),
+        "attempts": (_attempt(exported, heights) for exported in attempts),
+        "answers": _answers(store, attempts, asked),
+    }
+    return tables | ({"scores": _scores(store, attempts, asked)} if uses_instruments(asked.design) else {})
 
 
 def write_csv(path: Path, rows: Iterable[Mapping[str, Any]], columns: Iterable[str] = ()) -> None:
@@ -81,7 +95,7 @@ def _medians(completed: Sequence[ExportedAttempt], heights: Mapping[int, float |
     return {pseudonym: median(values) for pseudonym, values in known.items()}
 
 
-def _items(design: Design) -> Iterator[dict[str, Any]]:
+def items_of(design: Design) -> Iterator[dict[str, Any]]:
     for questionnaire in design.questionnaires:
         for item in questionnaire.items:
             yield {

@@ -36,9 +36,10 @@ def _whose(row: Row, sessions: Mapping[int, int]) -> int | None:
     """The number of the participant whom a row is about, if it is about one."""
     if "enrolled_at" in row:
         return row["number"]
-    if "participant" in row:
+    if row.get("participant") is not None:
         return row["participant"]
-    return sessions[row["session"]] if "session" in row else None
+    session = row.get("session")
+    return None if session is None else sessions[session]
 
 
 def _moved(table: sa.Table, row: Row, source: Source, site: int) -> Row:

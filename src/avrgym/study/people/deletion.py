@@ -54,7 +54,7 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> boo
         (schema.NOTE, schema.NOTE.c.participant == number),
         (schema.ADVERSE_EVENT, schema.ADVERSE_EVENT.c.participant == number),
         (schema.CONSENT, schema.CONSENT.c.participant == number),
-        (schema.EVENT, schema.EVENT.c.participant == number),
+        (schema.EVENT, sa.or_(schema.EVENT.c.participant == number, schema.EVENT.c.session.in_(visits))),
         (schema.DESIGN, schema.DESIGN.c.participant == number),
         (schema.ANSWER, schema.ANSWER.c.session.in_(visits)),
         (schema.ATTEMPT, schema.ATTEMPT.c.session.in_(visits)),

@@ -1,0 +1,166 @@
+"""All that a study holds about one participant, in one archive with an index: for whoever asks for their data."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
+
+import msgspec
+
+from avrgym.study.export.codebook import TABLES, codebook
+from avrgym.study.export.consents import write_consent_texts
+from avrgym.study.export.log import log_rows
+from avrgym.study.export.records import WITHOUT, Extras, adverse_event_rows, event_rows, note_rows
+from avrgym.study.export.scores import scales, uses_instruments
+from avrgym.study.export.tables import items_of, tables_of_people, write_csv
+from avrgym.study.export.trials import attempts_of
+from avrgym.study.storage import keyfile
+from avrgym.study.storage.asked import Asked
+from avrgym.study.storage.rows import RECORDINGS, Participant
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.system.files import private_opener
+
+INDEX = "README.md"
+NAMES_OTHERS = ("participant enrolled", "identity corrected")
+"""Events whose detail names other participants."""
+ABOUT: Mapping[str, str] = {
+    "identity.json": "Name and contact, from the key file.",
+    "participants.csv": "What the study knows of the person: body model, age, language, state, consent.",
+    "inclusion.json": "The answers to the inclusion questions.",
+    "functioning.json": "The person's answers about disability, diagnosis and assistive devices.",
+    "consents.csv": "Each decision about a consent text.",
+    "consent_texts/": "The consent texts of the study.",
+    "trials.csv": "The planned trials in their order.",
+    "attempts.csv": "Each attempt at a trial with its results.",
+    "answers.csv": "Each answer to a question.",
+    "items.csv": "The questions in their words.",
+    "scores.csv": "Scores of questionnaires, from the answers.",
+    "scales.csv": "How these scores are computed, and where that was published.",
+    "events.csv": "What happened in sessions, and when.",
+    "notes.csv": "The experimenters' notes about the person.",
+    "adverse_events.csv": "Adverse events with every report.",
+    "log.csv": "When somebody viewed or changed these data; the people of the study have numbers.",
+    "recordings/": "Movements of head and hands, robot, forces and answers, in MCAP (https://mcap.dev). Foxglove and "
+    "the libraries of MCAP open these files.",
+    "codebook.csv": "What each column of each table means, with its unit and its allowed values.",
+}
+"""What each file of the archive contains, in the order of the index."""
+
+
+def write_participant_data(store: Store, pseudonym: str, path: Path) -> int:
+    """Write everything that a study holds about one participant into a new ZIP archive of its owner alone.
+
+    Returns:
+        The number of files.
+
+    Raises:
+        StudyError: when there is no such participant, or the file exists.
+        OSError: when it cannot be written.
+    """
+    person = store.participant(pseudonym)
+    if path.exists():
+        raise StudyError(f"{path} exists already; choose another file")
+    with TemporaryDirectory(prefix=".avrgym-", dir=path.parent) as temporary:
+        folder = Path(temporary) / "files"
+        folder.mkdir()
+        _write(store, person, folder)
+        archive = Path(temporary) / "archive"
+        names = _pack(store, person, folder, archive)
+        archive.rename(path)
+    return len(names)
+
+
+def _write(store: Store, person: Participant, folder: Path) -> None:
+    """Write all but recordings and index."""
+    tables = _tables(store, person)
+    for name, rows in tables.items():
+        write_csv(folder / f"{name}.csv", rows, TABLES[name])
+    write_csv(folder / "codebook.csv", codebook(list(tables), store.design))
+    write_consent_texts(store, folder)
+    identity = keyfile.read_key(store.folder).get(person.pseudonym)
+    said: dict[str, Any] = {
+        "identity": identity and msgspec.to_builtins(identity),
+        "inclusion": person.inclusion,
+        "functioning": person.functioning,
+    }
+    for name, values in said.items():
+        if values:
+            text = json.dumps(values, indent=1, ensure_ascii=False)
+            (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _tables(store: Store, person: Participant) -> dict[str, Iterable[Mapping[str, Any]]]:
+    attempts = list(attempts_of(store, person))
+    completed = [each for each in attempts if each.attempt.state == "completed"]
+    asked = Asked(store)
+    heights = {each.attempt.id: each.attempt.torso_height_m for each in attempts}
+    tables: dict[str, Iterable[Mapping[str, Any]]] = {
+        name: _own(rows, person)
+        for name, rows in tables_of_people(store, attempts, completed, heights, asked).items()
+    }
+    everything, design = Extras(free_text=True), asked.design
+    return {
+        **tables,
+        "items": items_of(design),
+        **({"scales": scales(design)} if uses_instruments(design) else {}),
+        "events": _own(map(_without_others, event_rows(store, [person], everything)), person),
+        "notes": note_rows(store, [person]),
+        "adverse_events": [
+            row | {"recorded_by": None} for row in adverse_event_rows(store, [person], everything)
+        ],
+        "log": _own(log_rows(store, WITHOUT), person),
+    }
+
+
+def _own(rows: Iterable[Mapping[str, Any]], person: Participant) -> Iterator[Mapping[str, Any]]:
+    return (row for row in rows if row["participant"] == person.pseudonym)
+
+
+def _without_others(row: Mapping[str, Any]) -> Mapping[str, Any]:
+    return {**row, "detail": None} if row["name"] in NAMES_OTHERS else row
+
+
+def _pack(store: Store, person: Participant, folder: Path, archive: Path) -> list[str]:
+    """Pack the files of a folder and the recordings, the index first; the names of all."""
+    recordings = store.folder / RECORDINGS / person.pseudonym
+    files = {path.relative_to(folder).as_posix(): path for path in _files(folder)}
+    files |= {f"{RECORDINGS}/{path.relative_to(recordings).as_posix()}": path for path in _files(recordings)}
+    index = _index(store, person, list(files))
+    with open(archive, "xb", opener=private_opener) as file, ZipFile(file, "w", ZIP_DEFLATED) as packed:
+        packed.writestr(INDEX, index)
+        for name, path in files.items():
+            packed.write(path, name)
+    return [INDEX, *files]
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
+
+
+def _index(store: Store, person: Participant, names: list[str]) -> str:
+    present = [
+        (what, words)
+        for what, words in ABOUT.items()
+        if any(name == what or (what.endswith("/") and name.startswith(what)) for name in names)
+    ]
+    simulated = ["The participant is simulated: a program made up all of it.", ""] if person.simulated else []
+    return "\n".join(
+        [
+            f"# {store.design.title}: the data of {person.pseudonym}",
+            "",
+            *simulated,
+            "This archive contains what the study holds about one person under this number. Regulation (EU) "
+            "2016/679 (GDPR) gives them the right to a copy (Article 15), and to receive what they provided in a "
+            "common, machine-readable format (Article 20). Tables and recordings have no data of other people.",
+            "",
+            "| file | what it contains |",
+            "|---|---|",
+            *(f"| `{what}` | {words} |" for what, words in present),
+            "",
+            "Tables are CSV in UTF-8, for any spreadsheet. Times are in UTC.",
+            "",
+        ]
+    )

@@ -1,0 +1,135 @@
+"""The data of one participant on request: all of theirs, in open formats, and nothing of others."""
+
+import csv
+import io
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+from test_adverse_events import DIZZY
+from typer.testing import CliRunner
+
+from avrgym.cli import app
+from avrgym.recording.records import Answer
+from avrgym.study.export.one_person import ABOUT, write_participant_data
+from avrgym.study.export.records import WITHOUT, event_rows
+from avrgym.study.people.adverse_events import record_adverse_event
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import add_note, set_identity
+from avrgym.study.storage.answers import change_answer, record_answer
+from avrgym.study.storage.attempts import begin_attempt, end_attempt
+from avrgym.study.storage.sessions import close_session, open_session
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from studies import record, run_participant, small_study, take_in
+
+OTHERS = ("Zora", "zora-note", "zora-event", "sub-002")
+
+
+def change_an_answer(store: Store, pseudonym: str) -> None:
+    """Let somebody change an answer, whose event names a session and no participant."""
+    session = open_session(store, pseudonym)
+    trial = store.remaining_trials(pseudonym)[0]
+    attempt = begin_attempt(store, session.id, trial.position)
+    record(store, attempt, trial, simulated=False)
+    for value in (3, 4):
+        (record_answer if value == 3 else change_answer)(store, attempt.id, Answer("L1", value, 1.0))
+    end_attempt(store, attempt.id, "stopped")
+    close_session(store, session.id)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    """Two people with everything that a study may hold; the first was told apart from the second."""
+    with Store(small_study(tmp_path / "study")) as opened:
+        for name in ("Ada", "Zora"):
+            pseudonym = take_in(opened, simulated=False, name=name, contact=f"{name}@example.org")
+            run_participant(opened, pseudonym, trials=2, simulated=False)
+            change_an_answer(opened, pseudonym)
+            add_note(opened, pseudonym, f"{name.lower()}-note")
+            report = DIZZY.__class__(
+                **{key: getattr(DIZZY, key) for key in DIZZY.__struct_fields__}
+                | {"description": f"{name.lower()}-event"}
+            )
+            record_adverse_event(opened, pseudonym, report, recorded_by="kim")
+        set_identity(opened, "sub-001", "Zora", "zora@example.org", confirm_double=True)
+        set_identity(opened, "sub-001", "Ada", "ada@example.org")
+        yield opened
+
+
+@pytest.fixture
+def archive(store: Store, tmp_path: Path) -> Iterator[ZipFile]:
+    write_participant_data(store, "sub-001", tmp_path / "ada.zip")
+    with ZipFile(tmp_path / "ada.zip") as opened:
+        yield opened
+
+
+def rows(archive: ZipFile, name: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(archive.read(name).decode("utf-8-sig"))))
+
+
+def test_everything_of_one_participant_is_there(archive: ZipFile, store: Store) -> None:
+    assert b'"Ada"' in archive.read("identity.json")
+    assert archive.read("inclusion.json")
+    counts = {name: len(rows(archive, f"{name}.csv")) for name in ("participants", "trials", "notes")}
+    assert counts == {"participants": 1, "trials": 5, "notes": 1}
+    assert len(rows(archive, "attempts.csv")) == len(store.attempts("sub-001"))
+    assert len(rows(archive, "answers.csv")) == len(store.answers("sub-001"))
+    (event,) = rows(archive, "adverse_events.csv")
+    assert (event["description"], event["recorded_by"]) == ("ada-event", "")
+    names = [row["name"] for row in rows(archive, "events.csv")]
+    assert "answer changed" in names
+    assert rows(archive, "consents.csv")[0]["text"] in archive.namelist()
+    own = [path for path in (store.folder / "recordings" / "sub-001").rglob("*") if path.is_file()]
+    packed = [name for name in archive.namelist() if name.startswith("recordings/")]
+    assert len(packed) == len(own) > 0
+    assert {archive.read(name) for name in packed} == {path.read_bytes() for path in own}
+
+
+def test_nothing_of_others_is_there(archive: ZipFile) -> None:
+    everything = {name: archive.read(name) for name in archive.namelist() if name != "codebook.csv"}
+    for other in OTHERS:
+        assert [name for name, data in everything.items() if other.encode() in data] == []
+    assert len([name for name, data in everything.items() if b"ada-note" in data]) == 1
+
+
+def test_the_index_names_every_file_and_the_codebook_every_column(archive: ZipFile) -> None:
+    index = archive.read("README.md").decode()
+    for name in archive.namelist():
+        shown = f"{name.split('/')[0]}/" if "/" in name else name
+        assert shown in (*ABOUT, "README.md")
+        assert name == "README.md" or f"| `{shown}` |" in index
+    codebook = rows(archive, "codebook.csv")
+    for name in archive.namelist():
+        if name.endswith(".csv") and name != "codebook.csv":
+            heads = archive.read(name).decode("utf-8-sig").splitlines()[0].split(",")
+            assert heads == [row["column"] for row in codebook if f"{row['table']}.csv" == name]
+
+
+def test_an_archive_is_private_and_never_overwritten(store: Store, tmp_path: Path) -> None:
+    path = tmp_path / "out.zip"
+    result = CliRunner().invoke(
+        app, ["study", "participant-data", str(store.folder), "sub-001", "--out", str(path)]
+    )
+    assert result.exit_code == 0, result.output
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    before = path.read_bytes()
+    with pytest.raises(StudyError, match="exists already; choose another file"):
+        write_participant_data(store, "sub-001", path)
+    assert path.read_bytes() == before
+    with pytest.raises(StudyError, match="there is no sub-009"):
+        write_participant_data(store, "sub-009", tmp_path / "nobody.zip")
+    assert not (tmp_path / "nobody.zip").exists()
+
+
+def test_who_changed_an_answer_can_be_deleted_and_their_events_are_theirs(store: Store) -> None:
+    changed = [
+        row for row in event_rows(store, store.participants(), WITHOUT) if row["name"] == "answer changed"
+    ]
+    assert [row["participant"] for row in changed] == ["sub-001", "sub-002"]
+    delete_participant(store, "sub-001")
+    assert [each.pseudonym for each in store.participants()] == ["sub-002"]
+    names = [(row["participant"], row["name"]) for row in event_rows(store, store.participants(), WITHOUT)]
+    assert [who for who, name in names if name == "answer changed"] == ["sub-002"]
