@@ -1,7 +1,11 @@
 """What several test files share."""
 
+import atexit
 import gc
+import os
 import resource
+import shutil
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +16,9 @@ import pytest
 import avrgym  # noqa: F401  before any test imports MuJoCo: it chooses how that draws
 
 pytest.register_assert_rewrite("killing")
+
+os.environ["XDG_DATA_HOME"] = tempfile.mkdtemp(prefix="avrgym-data-")
+atexit.register(shutil.rmtree, os.environ["XDG_DATA_HOME"], ignore_errors=True)
 
 if TYPE_CHECKING:
     from avrgym.models.scene import SceneConfig

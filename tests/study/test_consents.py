@@ -26,6 +26,7 @@ from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people.consents import latest_consent
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import (
+    confirm_participation,
     decline_consent,
     enrol,
     record_consent,
@@ -379,10 +380,12 @@ def test_a_rebuilt_study_has_the_consents_that_recordings_store(
             stored = {"consent": latest_consent(before)}
             monkeypatch.setattr(studies, "plugins_in", lambda trial: plugins_in(trial) | stored)
         run_participant(store, pseudonym, trials=4)
-    for name in ("study.db", "study.db.sha256"):
+    for name in ("study.db", "study.db.sha256", "participation.jsonl"):
         (folder / name).unlink()
     rebuild_study(folder)
     with Store(folder) as store:
+        assert len(store.consents(pseudonym)) == recorded
+        confirm_participation(store, pseudonym, "consent form in folder 2")
         (again,) = store.consents(pseudonym)
         if recorded:
             assert [again] == before

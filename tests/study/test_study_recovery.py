@@ -16,7 +16,7 @@ from avrgym.recording.records import Answer
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.rebuilding import rebuild_study
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.participants import enrol
+from avrgym.study.people.participants import confirm_participation, enrol
 from avrgym.study.storage import database, keyfile, store
 from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
@@ -80,7 +80,7 @@ def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None
     (old / "study.db").unlink()
     before = contents(old)
     rebuilt = rebuild_study(old)
-    assert (rebuilt.participants, rebuilt.attempts, rebuilt.answers) == (1, 12, 32)
+    assert (rebuilt.participants, rebuilt.unknown, rebuilt.attempts, rebuilt.answers) == (1, 1, 12, 32)
     assert rebuilt.left_out == ("sub-002: no recording tells of them",)
     assert {name: data for name, data in contents(old).items() if name in before} == before
     with Store(old) as again, Store(kept) as original:
@@ -90,7 +90,8 @@ def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None
         for attempt in again.attempts("sub-001"):
             assert attempt.torso_height_m == read_recording(old / attempt.recording).torso_height_m
         participant = again.participant("sub-001")
-        assert (participant.state, participant.sex, participant.cell) == ("completed", "man", 0)
+        assert (participant.state, participant.sex, participant.cell) == ("unknown", "man", 0)
+        assert confirm_participation(again, "sub-001", "consent form in folder 2") == "completed"
         wrong = [finding.what for finding in check_study(again) if finding.wrong]
         assert [what for what in wrong if "others than" not in what] == [
             "names sub-002, who is not in this study: delete-participant removes that"

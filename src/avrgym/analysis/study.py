@@ -47,6 +47,7 @@ from avrgym.study.plan.origin import read_frozen
 from avrgym.study.plan.plan import FILE as PLAN_FILE
 from avrgym.study.plan.plan import Plan
 from avrgym.study.storage.asked import Asked
+from avrgym.study.storage.losses import loss_words
 from avrgym.study.storage.manifest import FORMAT_NAME
 from avrgym.study.storage.store import Store
 from avrgym.study.storage.uses import Use, designs_recorded
@@ -87,6 +88,7 @@ class Analysis:
 
     ``design`` is the study's with all items that were asked, ``uses`` are the designs that people took part with as
     they were recorded, and ``differences`` is in what these are not the study's present one.
+    ``losses`` are what the loss of a database means for the study.
     """
 
     design: Design
@@ -114,6 +116,7 @@ class Analysis:
     rebuilt_at: str | None
     log: StudyLog
     adverse_events: list[Mapping[str, Any]]
+    losses: tuple[str, ...]
 
     @property
     def tests(self) -> list[rows.TestedRow]:
@@ -174,6 +177,7 @@ class Analysis:
             **({"plan": _plan_results(self.plan)} if self.plan else {}),
             **({"database_rebuilt_at": self.rebuilt_at} if self.rebuilt_at else {}),
             "log": asdict(self.log),
+            **({"losses": list(self.losses)} if self.losses else {}),
             **{table.name: list(table.rows) for table in self.tables() if table.name not in IN_TABLES_ONLY},
         }
 
@@ -228,6 +232,7 @@ def analyse(
         rebuilt_at=store.rebuilt_at(),
         log=study_log(store),
         adverse_events=list(adverse_event_rows(store, store.participants(), WITHOUT)),
+        losses=loss_words(store),
     )
 
 

@@ -116,7 +116,8 @@ def serve(
 
     from avrgym.models.furniture.real import REAL_AS_VIRTUAL, real_furniture
     from avrgym.recording.streams import stream_choice
-    from avrgym.vr.server.certificate import certificate_for, data_folder, lan_names
+    from avrgym.system.files import data_folder
+    from avrgym.vr.server.certificate import certificate_for, lan_names
     from avrgym.vr.server.server import LiveServer
 
     with plain_errors(), ThreadPoolExecutor(1) as workers, ExitStack() as stack:

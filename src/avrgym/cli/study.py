@@ -80,6 +80,11 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
     say(
         f"{summary.completed} of {summary.planned} participants completed, {summary.withdrawn} withdrew, "
         f"{summary.excluded} excluded, {summary.deleted} deleted; {summary.simulated} are simulated"
+        + (
+            f"; of {summary.unknown} it is unknown whether they consented or withdrew"
+            if summary.unknown
+            else ""
+        )
     )
     say(f"participants per order  {', '.join(map(str, summary.filled))}")
     say_sites(summary)
@@ -220,6 +225,21 @@ def withdraw(
     say(f"{participant} takes part no longer")
 
 
+@app.command("confirm-participation")
+def confirm_participation(
+    folder: Folder,
+    participant: Pseudonym,
+    evidence: Annotated[str, typer.Option(help="Such as a signed form and where it is. Without names.")],
+) -> None:
+    """Store that somebody consented and did not withdraw, after `rebuild` could not know it."""
+    from avrgym.study.people.participants import confirm_participation as confirm_by
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        state = confirm_by(store, participant, evidence)
+    say(f"{participant} is {state}; check and the report name that the experimenter confirmed it")
+
+
 @app.command()
 def simulate(
     folder: Folder,
@@ -292,11 +312,11 @@ def check(
 
 @app.command()
 def rebuild(folder: Folder) -> None:
-    """Make a lost database anew from the recordings.
+    """Rebuild a lost database from the recordings and the participation list.
 
     What they do not tell is listed. Names and recordings stay.
     """
-    from avrgym.study.checking.rebuilding import LOST, rebuild_study
+    from avrgym.study.checking.rebuilding import rebuild_study
     from avrgym.study.storage.store import Store
 
     with plain_errors():
@@ -304,7 +324,12 @@ def rebuild(folder: Folder) -> None:
         with Store(folder) as store:
             log(store, "rebuild")
     say(f"{rebuilt.participants} participants, {rebuilt.attempts} attempts, {rebuilt.answers} answers")
-    say(f"lost      {LOST}")
+    say(f"lost      {rebuilt.lost}")
+    if rebuilt.unknown:
+        say(
+            f"unknown   whether {rebuilt.unknown} participants consented or withdrew: they are in no analysis until "
+            "`avrgym study confirm-participation` names evidence for each"
+        )
     say(
         "marked    check and the report say from now on that the database was rebuilt; no plan is confirmatory by it"
     )

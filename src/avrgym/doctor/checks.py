@@ -7,8 +7,9 @@ from pathlib import Path
 from avrgym.doctor import connections, graphics, installation, machine
 from avrgym.doctor.finding import Check, Finding, fault
 from avrgym.doctor.installation import asked_for, offered_extras
+from avrgym.system.files import data_folder
 from avrgym.vr.server.addresses import PORT
-from avrgym.vr.server.certificate import certificate_in, data_folder, lan_names
+from avrgym.vr.server.certificate import certificate_in, lan_names
 
 CHECKS = (
     Check("Python", lambda: installation.python(platform.python_version())),

@@ -37,9 +37,17 @@ def append(recording: Path, answer: Answer) -> None:
 
 def read(recording: str | os.PathLike[str]) -> list[Answer]:
     """The answers in the order they were given; a line that a crash cut off is left out."""
+    return [Answer(each.item, each.value, each.response_time_s) for each in _lines(recording)]
+
+
+def times(recording: str | os.PathLike[str]) -> dict[str, str]:
+    """When the latest late answer to each item was given, ISO 8601 in UTC."""
+    return {each.item: each.answered_at for each in _lines(recording)}
+
+
+def _lines(recording: str | os.PathLike[str]) -> list[LateAnswer]:
     path = beside(recording)
     if not path.is_file():
         return []
     lines = path.read_bytes().split(b"\n")[:-1]
-    found = [msgspec.json.decode(line, type=LateAnswer) for line in lines if line]
-    return [Answer(each.item, each.value, each.response_time_s) for each in found]
+    return [msgspec.json.decode(line, type=LateAnswer) for line in lines if line]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from avrgym.analysis.reading.observations import Observations
 from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import Participant
+from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
 
 WITHDRAWN = "participant withdrawn"
@@ -24,7 +25,8 @@ class Flow:
     ``enrolled`` counts also those whose data were ``deleted``, of whom nothing else is known. ``orders`` says how
     many were given each order of trials, ``consents`` how many agreed to each version of the consent text as their
     latest one. ``reconsented`` and ``declined`` count re-consents to another version. Days
-    are those of sessions, ISO 8601.
+    are those of sessions, ISO 8601. Of those ``unknown``, and of those ``unknown_before`` an order, it is not known
+    whether they consented or withdrew, because the database was lost.
     """
 
     simulated: bool
@@ -33,9 +35,11 @@ class Flow:
     no_consent: int
     excluded: int
     withdrew_before: int
+    unknown_before: int = 0
     waiting: int
     allocated: int
     withdrew: int
+    unknown: int = 0
     unfinished: int
     completed: int
     analysed: int
@@ -79,9 +83,11 @@ def _flow(
         no_consent=_in(without, "enrolled"),
         excluded=_in(without, "excluded"),
         withdrew_before=_in(without, "withdrawn"),
+        unknown_before=_in(without, UNKNOWN),
         waiting=_in(without, "consented"),
         allocated=len(with_order),
         withdrew=_in(with_order, "withdrawn"),
+        unknown=_in(with_order, UNKNOWN),
         unfinished=_in(with_order, "allocated"),
         completed=len(completed),
         analysed=len(analysed),

@@ -45,6 +45,7 @@ from avrgym.analysis.rows import ParticipantRow
 from avrgym.analysis.statistics.tests import EXACT_SIGNED_RANK
 from avrgym.analysis.study import Analysis
 from avrgym.study.design.design import Design
+from avrgym.study.storage.states import UNKNOWN
 from avrgym.tasks.registry import TASKS
 
 TITLES = {False: "People", True: "Simulated participants"}
@@ -88,21 +89,12 @@ def _notices(analysis: Analysis) -> Markup:
             "about people. They are analysed apart and never taken together with people."
         )
         notices.append(notice("SIMULATED PARTICIPANTS.", words))
-    if analysis.rebuilt_at:
-        notices.append(notice("Rebuilt database.", rebuilt_words(analysis.rebuilt_at)))
+    notices += [notice("Rebuilt database.", words) for words in analysis.losses]
     if analysis.plan is not None and not analysis.plan.confirms:
         notices.append(notice("Exploratory.", "No plan is known to be from before the first participant."))
     if any(use.design.blind_experimenter for use in analysis.uses) or analysis.design.blind_experimenter:
         notices.append(notice("Unblinded.", "This study is run blind; the page names the policies."))
     return join(notices)
-
-
-def rebuilt_words(at: str) -> str:
-    """What a rebuilt database means for the results."""
-    return (
-        f"The study's database was lost and rebuilt from the recordings at {at} (UTC). Withdrawals, deletions, notes "
-        "and the origin of a plan are unknown since then. Results are exploratory unless a time stamp proves a plan."
-    )
 
 
 def _navigation(analysis: Analysis, groups: Sequence[bool]) -> Markup:
@@ -156,11 +148,13 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
 def _counts(analysis: Analysis, simulated: bool) -> Markup:
     people = [row for row in analysis.observed.participants if row.simulated is simulated]
     trials = [row for row in analysis.observed.trials if row.simulated is simulated]
+    unknown = _in_state(people, UNKNOWN)
     metrics = {
         "Participants": len(people),
         "completed the study": _in_state(people, "completed"),
         "withdrew": _in_state(people, "withdrawn"),
         "excluded": _in_state(people, "excluded"),
+        **({"consent unknown": unknown} if unknown else {}),
         "Trials planned": len(trials),
         "of them practice": sum(row.practice for row in trials),
         "Trials completed": sum(row.state == "completed" for row in trials),
@@ -184,7 +178,8 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
         "Participant", *sites, "State", "Body", "Language", "Age", "Torso / m", "Sessions", "Trials completed",
         "missing", "Attempts", "broken off",
     )  # fmt: skip
-    caption = "Participants; who withdrew is counted here and in no analysis"
+    also = " or whose consent is unknown" if unknown else ""
+    caption = f"Participants; who withdrew{also} is counted here and in no analysis"
     left_out = [f"{row.participant}, trial {row.position}: {row.left_out}." for row in trials if row.left_out]
     listed = [tag("p", "Left out of the analyses:"), listing(left_out)] if left_out else []
     shown = table(captioned(caption, simulated), heads, rows, numbers=range(len(heads) - 7, len(heads)))

@@ -1,7 +1,7 @@
 """Checking a study: whether everything that was stored is there, whole and unchanged."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from avrgym.study.checking.design_checks import check_design, check_stored_desig
 from avrgym.study.checking.finding import Finding, left_out
 from avrgym.study.checking.held import too_much_held
 from avrgym.study.checking.interim_looks import check_interim_looks
+from avrgym.study.checking.participation_checks import check_participation
 from avrgym.study.checking.policy_files import check_policies_used
 from avrgym.study.checking.preflight import policy_faults
 from avrgym.study.checking.recorded_plugins import check_plugins
@@ -36,7 +37,7 @@ from avrgym.study.storage.rows import (
     pseudonym_of,
 )
 from avrgym.study.storage.sites import LEFT_OUT
-from avrgym.study.storage.states import TAKES_PART, StudyError
+from avrgym.study.storage.states import TAKES_PART, UNKNOWN, StudyError
 from avrgym.study.storage.store import Store, find_all
 from avrgym.study.storage.uses import designs_used
 
@@ -66,8 +67,16 @@ def check_strays(store: Store) -> Iterator[Finding]:
     """Files among the recordings that belong to nothing."""
     people = [participant.pseudonym for participant in store.participants()]
     recordings = [attempt.recording for person in people for attempt in store.attempts(person)]
+    gone = {pseudonym_of(each.number) for each in store.tombstones()}  # named as persons
     expected = {*recordings, *(late_answers.beside(name).as_posix() for name in recordings)}
-    return (_check_stray(store, name) for name in _files(store) if name not in expected)
+    return (
+        _check_stray(store, name) for name in _files(store) if name not in expected and not _is_of(name, gone)
+    )
+
+
+def _is_of(name: str, pseudonyms: Collection[str]) -> bool:
+    """Whether a file is in the folder of one of these participants."""
+    return name.split("/")[1] in pseudonyms
 
 
 def _check_stray(store: Store, name: str) -> Finding:
@@ -100,7 +109,7 @@ def _check_participant(
     store: Store, participant: Participant, attempts: list[TrialAttempt]
 ) -> Iterator[Finding]:
     pseudonym = participant.pseudonym
-    if attempts and participant.consented_at is None:
+    if attempts and participant.consented_at is None and participant.state != UNKNOWN:
         yield Finding(pseudonym, "has attempts without consent")
     sessions = {session.id: session for session in store.sessions(pseudonym)}
     trials = store.trials(pseudonym)
@@ -287,6 +296,7 @@ CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_starts,
     check_private,
     check_consents,
+    check_participation,
     check_participants,
     check_plugins,
     check_interim_looks,

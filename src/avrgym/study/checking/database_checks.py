@@ -5,20 +5,22 @@ from collections.abc import Iterator
 from avrgym.study.checking.finding import Finding
 from avrgym.study.people.doubles import possible_doubles
 from avrgym.study.storage import keyfile
-from avrgym.study.storage.database import BACKUPS, LEDGER_BEGUN, REBUILT
+from avrgym.study.storage.database import BACKUPS, LEDGER_BEGUN
 from avrgym.study.storage.database import FILE as DATABASE
 from avrgym.study.storage.manifest import FOLDER as ANALYSIS
 from avrgym.study.storage.manifest import unfinished_analyses
+from avrgym.study.storage.participation import FILE as PARTICIPATION
+from avrgym.study.storage.participation import REBUILT
 from avrgym.study.storage.rows import RECORDINGS
 from avrgym.study.storage.seal import CHECKSUM, HEAD
 from avrgym.study.storage.sites import DIFFERS
-from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.states import UNKNOWN, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import exposed, make_private, unfinished
 
-_GONE = ("excluded", "withdrawn")
+_GONE = ("excluded", "withdrawn", UNKNOWN)
 """States of participants whose data enter no analysis."""
-_PRIVATE = (DATABASE, HEAD, CHECKSUM, RECORDINGS, BACKUPS, ANALYSIS)
+_PRIVATE = (DATABASE, HEAD, CHECKSUM, PARTICIPATION, RECORDINGS, BACKUPS, ANALYSIS)
 
 
 def check_database(store: Store) -> Iterator[Finding]:

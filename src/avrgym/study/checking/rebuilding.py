@@ -1,4 +1,4 @@
-"""Making a lost database anew from the recordings, as far as they tell."""
+"""Rebuilding a lost database from the recordings and the participation list."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 import sqlalchemy as sa
 
+from avrgym.recording import late_answers
 from avrgym.recording.files import (
     Recording,
     RecordingError,
@@ -17,6 +18,7 @@ from avrgym.recording.files import (
     read_configuration,
     read_recording,
 )
+from avrgym.study.checking.list_faults import came_back, list_fault
 from avrgym.study.design.allocation import PlannedTrial, cell_orders, plan_trials
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import read_design
@@ -24,30 +26,41 @@ from avrgym.study.people.consents import restore_consents
 from avrgym.study.storage import ledger, schema
 from avrgym.study.storage.answers import OPEN
 from avrgym.study.storage.attempts import BROKEN_OFF, sha256_of
-from avrgym.study.storage.database import FILE, REBUILT, database_url
+from avrgym.study.storage.database import FILE, database_url
+from avrgym.study.storage.participation import DELETED, REBUILT, Content
+from avrgym.study.storage.reconciling import participant_values
 from avrgym.study.storage.remains import known_numbers
 from avrgym.study.storage.rows import RECORDINGS, pseudonym_of
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.seal import Seal
-from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.states import TAKES_PART, UNKNOWN, StudyError
 from avrgym.study.storage.store import Store, record_event
 
 Plan = tuple[PlannedTrial, ...]
 LOST = (
-    "ages, consents that no recording stores, the answers to inclusion questions and to questions about a session, "
-    "events, adverse events, notes, the log of who did what, tokens of experimenters, who withdrew, who was deleted, "
-    "and whoever was enrolled but left neither name nor recording"
+    "the answers to inclusion questions and to questions about a session, events, adverse events, notes, the log of "
+    "who did what and tokens of experimenters"
 )
-"""What no recording tells."""
+"""What neither recordings nor list contain."""
+LOST_WITH_LIST = (
+    "ages, languages, consents that no recording stores, withdrawals, deletions, and participants who left neither "
+    "name nor recording"
+)
+"""What is lost too where there is no sound participation list."""
 
 
 @dataclass(frozen=True)
 class Rebuilt:
-    """What a new database holds, by count, and what could not be made anew, in words."""
+    """What a new database contains, by count, and what could not be rebuilt, in words.
+
+    ``unknown`` counts participants whose consent or withdrawal is unknown.
+    """
 
     participants: int
+    unknown: int
     attempts: int
     answers: int
+    lost: str
     left_out: tuple[str, ...]
 
 
@@ -72,6 +85,9 @@ def rebuild_study(folder: Path) -> Rebuilt:
 
     Only a recording that was cut off after the robot had finished is completed.
 
+    The participation list gives each participant's state. Where it is missing or unsound, everybody's state is
+    ``unknown``, and an unsound list is kept under another name.
+
     Raises:
         StudyError: when the database is there.
     """
@@ -80,9 +96,7 @@ def rebuild_study(folder: Path) -> Rebuilt:
     with Store(folder, anew=True) as store:
         rebuilding = _Rebuilding(store)
         with store.database.write() as connection:
-            record_event(connection, REBUILT, f"lost: {LOST}", {})
-            for number in sorted(known_numbers(store.folder)):
-                rebuilding.rebuild(connection, number)
+            rebuilding.rebuild(connection)
         return rebuilding.done()
 
 
@@ -102,36 +116,81 @@ class _Rebuilding:
     def __init__(self, store: Store) -> None:
         self._store = store
         self._left_out: list[str] = []
-        self._participants = self._attempts = self._answers = 0
+        self._participants = self._unknown = self._attempts = self._answers = 0
+        numbers = known_numbers(store.folder)
+        self._visits = {number: self._load_visits(number) for number in sorted(numbers)}
+        self._listed = store.participation()
+        self._fault = list_fault(store, self._listed, self._beginnings())
 
     def done(self) -> Rebuilt:
-        return Rebuilt(self._participants, self._attempts, self._answers, tuple(self._left_out))
+        return Rebuilt(
+            self._participants,
+            self._unknown,
+            self._attempts,
+            self._answers,
+            self._lost,
+            tuple(self._left_out),
+        )
 
-    def rebuild(self, connection: sa.Connection, number: int) -> None:
+    def rebuild(self, connection: sa.Connection) -> None:
+        """Everybody, and the events of this rebuilding and of earlier ones."""
+        for each in self._listed.rebuilds() if self._listed else ():
+            ledger.insert(connection, schema.EVENT, at=each["at"], name=REBUILT, detail=each["detail"])
+        record_event(connection, REBUILT, f"lost: {self._lost}", {})
+        if self._fault and self._listed:
+            self._store.database.participation.set_aside()
+        for number in self._visits:
+            self._rebuild_participant(connection, number)
+
+    @property
+    def _lost(self) -> str:
+        if self._fault:
+            return f"{LOST}; {LOST_WITH_LIST}, because the participation list {self._fault}"
+        return LOST
+
+    def _beginnings(self) -> dict[int, datetime]:
+        """When the first recording of each participant began."""
+        kept = {number: _flat(visits) for number, visits in self._visits.items()}
+        return {number: min(each.began for each in own) for number, own in kept.items() if own}
+
+    def _rebuild_participant(self, connection: sa.Connection, number: int) -> None:
         """A participant with their trials, or the reason why there is none."""
-        visits = self._visits(number)
-        kept = [each for visit in visits.values() for each in visit]
-        if not kept:
+        content = self._listed.latest.get(number) if self._listed else None
+        kept = _flat(self._visits[number])
+        if content and content["state"] == DELETED:
+            self._insert_tombstone(connection, number, content)
+            return
+        if not kept and not content:
             self._left_out.append(f"{pseudonym_of(number)}: no recording tells of them")
             return
-        fitting = self._fitting(number, kept)
-        if len(fitting) != 1:
+        fitting = self._fitting(number, kept, content)
+        if kept and len(fitting) != 1:
             self._left_out.append(f"{pseudonym_of(number)}: their recordings fit no one order of the design")
+            self._insert_participant(connection, number, None, (), content)
             return
-        ((cell, plan),) = fitting.items()
-        self._insert(connection, number, cell, plan, visits)
+        cell, plan = next(iter(fitting.items())) if len(fitting) == 1 else (None, ())
+        self._insert(connection, number, cell, plan, content)
 
-    def _fitting(self, number: int, kept: list[_Kept]) -> dict[int, Plan]:
-        """The plans that recordings may be of, by cell."""
+    def _insert_tombstone(self, connection: sa.Connection, number: int, content: Content) -> None:
+        row = {"number": number, "simulated": content.get("simulated", False), "deleted_at": content["at"]}
+        ledger.insert(connection, schema.TOMBSTONE, **row)
+        if self._visits[number]:
+            self._left_out.append(f"{pseudonym_of(number)}: {came_back(content['at'])}")
+
+    def _fitting(self, number: int, kept: list[_Kept], content: Content | None) -> dict[int, Plan]:
+        """The plans that recordings may be of, by cell; those of the list's cell where it has one."""
         design = self._store.design
-        plans = {
-            cell: plan_trials(design, cell, number, design.site) for cell in range(len(cell_orders(design)))
-        }
+        cells = range(len(cell_orders(design)))
+        site = design.site
+        if content and not self._fault:
+            cells = [cell for cell in cells if cell == content.get("cell")]
+            site = content.get("site") or ""
+        plans = {cell: plan_trials(design, cell, number, site) for cell in cells}
         exact = {cell: plan for cell, plan in plans.items() if _covers(plan, kept)}
         adopted = {cell: _adopt(plan, kept) for cell, plan in plans.items()}
         return exact or {cell: plan for cell, plan in adopted.items() if _covers(plan, kept)}
 
-    def _visits(self, number: int) -> dict[str, list[_Kept]]:
+    def _load_visits(self, number: int) -> dict[str, list[_Kept]]:
         """The recordings of each session, in the order of their names; a session may have none that loads."""
         visits: dict[str, list[_Kept]] = {}
         for folder in sorted((self._store.folder / RECORDINGS / pseudonym_of(number)).glob("ses-*")):
@@ -150,18 +209,19 @@ class _Rebuilding:
             return None
         lasted = timedelta(seconds=max((time_ns for _, time_ns, _ in recording.messages), default=0) / 1e9)
         ended = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-        return _Kept(name, recording, ended - lasted)
+        return _Kept(name, recording, recording.began_at or ended - lasted)
 
     def _insert(
         self,
         connection: sa.Connection,
         number: int,
-        cell: int,
+        cell: int | None,
         plan: Plan,
-        visits: Mapping[str, list[_Kept]],
+        content: Content | None,
     ) -> None:
-        kept = [each for visit in visits.values() for each in visit]
-        trials = self._insert_participant(connection, number, cell, plan, kept)
+        visits = self._visits[number]
+        kept = _flat(visits)
+        trials = self._insert_participant(connection, number, cell, plan, content)
         attempts: dict[int, int] = defaultdict(int)
         completed: set[int] = set()
         self._opened = False
@@ -179,42 +239,43 @@ class _Rebuilding:
                     completed.add(trial)
         for trial in completed:
             ledger.update(connection, schema.TRIAL, trial, state="completed")
-        all_answered = completed == set(trials.values()) and not self._opened
-        state = "completed" if all_answered else "allocated"
-        ledger.update(connection, schema.PARTICIPANT, number, state=state)
+        all_answered = bool(trials) and completed == set(trials.values()) and not self._opened
+        if self._known_state(content) in TAKES_PART:
+            state = "completed" if all_answered else "allocated"
+            ledger.update(connection, schema.PARTICIPANT, number, state=state)
+
+    def _known_state(self, content: Content | None) -> str:
+        """A participant's state by a sound list."""
+        return UNKNOWN if self._fault or content is None else content["state"]
 
     def _insert_participant(
-        self,
-        connection: sa.Connection,
-        number: int,
-        cell: int,
-        plan: Plan,
-        kept: list[_Kept],
+        self, connection: sa.Connection, number: int, cell: int | None, plan: Plan, content: Content | None
     ) -> dict[tuple[Any, ...], int]:
-        """The ids of the participant's trials, by what they were planned with.
-
-        No session opens without consent, so there was one before the first recording.
-        """
+        """The ids of the participant's trials, by what they were planned with."""
         self._participants += 1
-        first = _stored(min(each.began for each in kept))
-        metadata = kept[0].recording.metadata
-        ledger.insert(
-            connection,
-            schema.PARTICIPANT,
-            number=number,
-            state="allocated",
-            simulated=bool(metadata.get("simulated")),
-            site=self._store.design.site or None,
-            sex=metadata["person"]["sex"],
-            cell=cell,
-            enrolled_at=first,
-            consented_at=first,
-        )
+        kept = _flat(self._visits[number])
+        values = participant_values(content) if content and not self._fault else {}
+        if kept and not values:
+            metadata = kept[0].recording.metadata
+            values = {
+                "simulated": bool(metadata.get("simulated")),
+                "site": self._store.design.site or None,
+                "sex": metadata["person"]["sex"],
+                "enrolled_at": _stored(min(each.began for each in kept)),
+            }
+        elif content and not values:
+            values = {name: content[name] for name in ("simulated", "sex", "enrolled_at")}
+        state = self._known_state(content)
+        if state in TAKES_PART and not plan:
+            state = UNKNOWN
+        row = values | {"number": number, "state": state, "cell": cell}
+        ledger.insert(connection, schema.PARTICIPANT, **row)
+        self._unknown += state == UNKNOWN
+        consents = self._listed.consents(number) if self._listed and not self._fault else []
         recorded = [each.recording.metadata.get("consent") for each in kept]
-        restore_consents(
-            self._store, connection, number, [each for each in recorded if each] or [{"at": first}]
-        )
-        record_event(connection, "participant rebuilt", "consent was before this", {"participant": number})
+        restore_consents(self._store, connection, number, [*consents, *(each for each in recorded if each)])
+        claimed = f"the unsound list has them as {content['state']}" if content and self._fault else ""
+        record_event(connection, "participant rebuilt", claimed, {"participant": number})
         return {
             _planned(trial): ledger.insert(
                 connection, schema.TRIAL, **asdict(trial), participant=number, state="planned"
@@ -268,14 +329,19 @@ class _Rebuilding:
             record_event(connection, OPEN, ", ".join(missing), event)
             self._opened = True
         latest = {answer.item: (time_ns, answer) for time_ns, answer in answers}
+        late = late_answers.times(self._store.folder / kept.name)
         for time_ns, answer in latest.values():
-            given = _stored(kept.began + timedelta(seconds=time_ns / 1e9))
+            given = late.get(answer.item) or _stored(kept.began + timedelta(seconds=time_ns / 1e9))
             row = msgspec.structs.asdict(answer)
             ledger.insert(
                 connection, schema.ANSWER, session=session, attempt=attempt, answered_at=given, **row
             )
             self._answers += 1
         return completed
+
+
+def _flat(visits: Mapping[str, list[_Kept]]) -> list[_Kept]:
+    return [each for visit in visits.values() for each in visit]
 
 
 def _planned(trial: PlannedTrial) -> tuple[Any, ...]:

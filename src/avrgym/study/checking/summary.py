@@ -8,7 +8,7 @@ import sqlalchemy as sa
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.storage.answers import is_open
 from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Tombstone, Trial, TrialAttempt
-from avrgym.study.storage.states import TAKES_PART
+from avrgym.study.storage.states import TAKES_PART, UNKNOWN
 from avrgym.study.storage.store import Store, find_all
 
 
@@ -47,6 +47,7 @@ class StudySummary:
     completed: int
     withdrawn: int
     excluded: int
+    unknown: int
     deleted: int
     filled: tuple[int, ...]
     completed_cells: tuple[int, ...]
@@ -68,6 +69,7 @@ def summarise_study(store: Store) -> StudySummary:
         completed=states["completed"],
         withdrawn=states["withdrawn"],
         excluded=states["excluded"],
+        unknown=states[UNKNOWN],
         deleted=deleted,
         filled=_per_cell(store, participants, TAKES_PART),
         completed_cells=_per_cell(store, participants, ("completed",)),

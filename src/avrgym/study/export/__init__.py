@@ -7,6 +7,7 @@ from pathlib import Path
 
 from avrgym.study.export.records import WITHOUT, Extras
 from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attempts, verified
+from avrgym.study.storage.losses import loss_words
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_folder_whole
@@ -91,8 +92,17 @@ def _write(
     from avrgym.study.export.tables import write_csv
 
     write(store, sound, folder)
+    _add_losses(store, folder)
     if left_out:
         write_csv(folder / LEFT_OUT, [each.exported.labels() | {"why": each.why} for each in left_out])
+
+
+def _add_losses(store: Store, folder: Path) -> None:
+    """Append to the README files what the loss of a database means for the study."""
+    words = loss_words(store)
+    for path in folder.rglob("README*") if words else ():
+        with path.open("a", encoding="utf-8") as file:
+            file.write("".join(f"\n{each}\n" for each in words))
 
 
 def _writer(data_format: str) -> Write:

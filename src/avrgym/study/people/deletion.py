@@ -29,6 +29,8 @@ def delete_participant(store: Store, pseudonym: str) -> None:
             simulated = _is_row(store, connection, number) and _delete_rows(store, connection, pseudonym)
             ledger.insert(connection, schema.TOMBSTONE, number=number, simulated=simulated, deleted_at=now())
         keyfile.remove_entry(store.folder, pseudonym)
+    with store.database.write():
+        store.database.participation.erase(number)
     _remove(store, f"{RECORDINGS}/{pseudonym}")
     _remove(store, BACKUPS)
     remove_analysis(store.folder / FOLDER)

@@ -9,14 +9,15 @@ from avrgym.models.human import SEXES, Sex
 from avrgym.study.design.allocation import least_filled_cell, order_of_cells, plan_trials
 from avrgym.study.design.design import Design
 from avrgym.study.design.wrong import NAME
-from avrgym.study.people.consents import ShownText, store_consent
+from avrgym.study.people.consents import ShownText, restore_consents, store_consent
 from avrgym.study.people.doubles import confirmed_doubles
 from avrgym.study.storage import keyfile, ledger, schema
+from avrgym.study.storage.losses import CONFIRMED
 from avrgym.study.storage.remains import known_numbers
 from avrgym.study.storage.rows import Consent, Note, Participant, StudySession, pseudonym_of
 from avrgym.study.storage.schema import now
-from avrgym.study.storage.sessions import check_consent, end_open_sessions
-from avrgym.study.storage.states import TAKES_PART, StudyError, check_transition
+from avrgym.study.storage.sessions import check_consent, end_open_sessions, has_finished
+from avrgym.study.storage.states import TAKES_PART, UNKNOWN, StudyError, check_transition
 from avrgym.study.storage.store import (
     Store,
     change_state,
@@ -211,6 +212,34 @@ def withdraw(store: Store, pseudonym: str, reason: str = "") -> None:
 def _withdraw(store: Store, connection: sa.Connection, participant: Participant, reason: str) -> None:
     change_state(connection, participant, "withdrawn", {"participant": participant.number}, reason)
     end_open_sessions(store, connection, participant, attempts="stopped", sessions="closed")
+
+
+def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
+    """Store that a participant consented and did not withdraw, by evidence such as a signed form; their state then.
+
+    It is for participants whose state is unknown because the database was lost.
+
+    Raises:
+        StudyError: for an empty evidence or one that is too long, and for anybody whose state is known.
+    """
+    check_line("the evidence", evidence)
+    if not evidence.strip():
+        raise StudyError('confirming needs evidence, such as "consent form of 3 May in folder 2"')
+    with store.write() as connection:
+        participant = find_participant(connection, pseudonym)
+        if participant.state != UNKNOWN or participant.cell is None:
+            order = "" if participant.cell is not None else " and has no order of trials"
+            raise StudyError(
+                f"{participant} is {participant.state}{order}; only those with an order whose state is unknown since "
+                "the database was rebuilt are confirmed"
+            )
+        after = "completed" if has_finished(store, connection, participant) else "allocated"
+        about = {"participant": participant.number}
+        change_state(connection, participant, after, about)
+        if participant.consented_at is None:
+            restore_consents(store, connection, participant.number, [{"at": participant.enrolled_at}])
+        record_event(connection, CONFIRMED, evidence, about)
+    return after
 
 
 def add_note(store: Store, pseudonym: str, text: str, session: int | None = None) -> None:

@@ -12,6 +12,7 @@ from avrgym.study.plan.freezing import FROZEN, Record, software
 from avrgym.study.plan.origin import Frozen
 from avrgym.study.plan.plan import FILE, NOT_PLANNED, Offered
 from avrgym.study.storage.rows import pseudonym_of
+from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
 from avrgym.study.storage.uses import listed
 from avrgym.system.used_plugins import differences as plugin_differences
@@ -100,6 +101,11 @@ def _people(store: Store, record: Record) -> Iterator[Finding]:
     for participant in own:
         if participant.state == "withdrawn":
             yield deviation(participant.pseudonym, "withdrew and enters no test")
+        elif participant.state == UNKNOWN:
+            what = (
+                "enters no test: whether they consented or withdrew is unknown since the database was rebuilt"
+            )
+            yield deviation(participant.pseudonym, what)
         elif participant.state == "excluded":
             yield deviation(participant.pseudonym, "was excluded by the inclusion questions")
     for gone in deleted:

@@ -16,7 +16,7 @@ from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.toml import read_text
 from avrgym.study.design.word_files import word_files
 from avrgym.study.plan.plan import FILE, Offered, Plan, parse_frozen_plan, read_plan
-from avrgym.study.storage.database import REBUILT
+from avrgym.study.storage.participation import REBUILT
 from avrgym.study.storage.rows import StudyEvent, StudySession, Tombstone, pseudonym_of
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError

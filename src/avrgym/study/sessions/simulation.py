@@ -24,7 +24,7 @@ from avrgym.study.design.design import FILE
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion
 from avrgym.study.sessions.live import StudyVisit, has_more
 from avrgym.study.storage.rows import Participant
-from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.states import UNKNOWN, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.jobs import cores, run_all
 from avrgym.tasks.company import find_company
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 AGES_YEARS = (19, 24)
 """Of the paper's participants."""
-GONE = ("excluded", "withdrawn")
+GONE = ("excluded", "withdrawn", UNKNOWN)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ from alembic.script import ScriptDirectory
 from sqlalchemy.exc import SQLAlchemyError
 
 from avrgym.study.storage import ledger, sqlite
+from avrgym.study.storage.participation import ParticipationList
+from avrgym.study.storage.reconciling import compare, follow, reconcile
 from avrgym.study.storage.remains import remains
 from avrgym.study.storage.schema import EVENT, LEDGER, now
 from avrgym.study.storage.seal import HEAD, MISMATCH, Seal, SealError
@@ -32,8 +34,6 @@ URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 MIGRATIONS = Path(__file__).parent / "migrations"
 LEDGER_BEGUN = "ledger begun"
 """The event after which changes of earlier rows are noticed."""
-REBUILT = "database rebuilt"
-"""The event of a database that was made from the recordings after a loss; it stays for good."""
 _LOCK = 0x41565247
 
 
@@ -60,6 +60,7 @@ class Database:
         self._folder, self.read_only = folder, read_only
         self.is_sqlite = not url
         self._seal = Seal(folder, FILE)
+        self.participation = ParticipationList(folder)
         self._wrote, self._anew = False, anew
         self._ledger_is_in_copy = False
         self._held = ExitStack()
@@ -96,7 +97,10 @@ class Database:
             self._unseal(connection)
             ledger.open_entries(connection)
             yield connection
+            written = ledger.written(connection)
             head = ledger.close_entries(connection)
+            if not self.read_only:
+                follow(self.participation, connection, written)
         if head is not None and not self.read_only:
             self._seal.note(head)
 
@@ -116,6 +120,20 @@ class Database:
             connection.begin(),
         ):
             yield connection
+
+    def reconcile(self) -> None:
+        """Bring the database and the participation list into agreement, where they are not."""
+        if self.read_only:
+            return
+        try:
+            with self.read() as connection:
+                differs = bool(compare(self.participation, connection))
+        except StudyError:  # rows that cannot be read: a check names them
+            return
+        if differs:
+            with self._write() as connection:
+                reconcile(self.participation, connection)
+        self.participation.remember_end()
 
     def erase_traces(self) -> None:
         """Overwrite what deleted rows left in the database's own files.

@@ -75,6 +75,11 @@ def open_entries(connection: sa.Connection) -> None:
     connection.info[_WRITTEN] = set()
 
 
+def written(connection: sa.Connection) -> frozenset[tuple[str, int]]:
+    """Table and key of each row that a transaction has written so far."""
+    return frozenset(connection.info[_WRITTEN])
+
+
 def close_entries(connection: sa.Connection) -> Head | None:
     """Add the entries of a transaction to the chain; its new head, if it wrote anything."""
     rows = sorted(connection.info.pop(_WRITTEN))
@@ -129,6 +134,17 @@ def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
             key: content for (of, key), content in latest.items() if of == name and content is not None
         }
         yield from _faults_of(connection, table, expected)
+
+
+def vouched(connection: sa.Connection, table: sa.Table) -> set[int]:
+    """The keys of a table's rows that are as the program wrote them; none where that cannot be told."""
+    try:
+        entries = _rows(connection, LEDGER)
+        found = _contents(connection, table)
+    except (SQLAlchemyError, ValueError, TypeError):
+        return set()
+    latest = {entry["key"]: entry["content"] for entry in entries if entry["table"] == table.name}
+    return {key for key, content in found.items() if latest.get(key) == content}
 
 
 def _first_break(entries: list[sa.RowMapping]) -> int | None:

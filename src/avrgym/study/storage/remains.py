@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from avrgym.study.storage import keyfile
+from avrgym.study.storage.participation import FILE as PARTICIPATION
+from avrgym.study.storage.participation import ParticipationList
 from avrgym.study.storage.rows import RECORDINGS, participant_number
 from avrgym.study.storage.seal import HEAD
 from avrgym.study.storage.states import StudyError
@@ -16,14 +18,15 @@ def remains(folder: Path) -> list[str]:
         found.append(f"names in {keyfile.FOLDER}/{keyfile.FILE}")
     if any(path.is_file() for path in (folder / RECORDINGS).rglob("*")):
         found.append(RECORDINGS)
-    if (folder / HEAD).exists():
-        found.append(HEAD)
+    found += [name for name in (HEAD, PARTICIPATION) if (folder / name).exists()]
     return found
 
 
 def known_numbers(folder: Path) -> set[int]:
-    """The numbers of participants that the key file or the folders of recordings tell of."""
-    return set(_numbers([*keyfile.read_key(folder), *_names(folder / RECORDINGS)]))
+    """The numbers of participants in the key file, the participation list or the folders of recordings."""
+    listed = ParticipationList(folder).read()
+    known = set(_numbers([*keyfile.read_key(folder), *_names(folder / RECORDINGS)]))
+    return known | {each.participant for each in listed.entries if each.participant} if listed else known
 
 
 def _names(folder: Path) -> list[str]:

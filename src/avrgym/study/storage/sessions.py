@@ -76,11 +76,16 @@ def close_session(store: Store, session_id: int) -> None:
     with store.database.write() as connection:
         session = find_session(connection, session_id)
         _end_session(store, connection, session, attempts="interrupted", after="closed")
-        trials = find_all(connection, Trial, participant=session.participant)
         participant = find(connection, Participant, "participant", number=session.participant)
-        over = all(trial.state == "completed" for trial in trials)
-        if participant.state == "allocated" and over and not _is_any_open(store, connection, trials):
+        if participant.state == "allocated" and has_finished(store, connection, participant):
             change_state(connection, participant, "completed", {"participant": participant.number})
+
+
+def has_finished(store: Store, connection: sa.Connection, participant: Participant) -> bool:
+    """Whether a participant has completed all trials, and no questionnaire is open."""
+    trials = find_all(connection, Trial, participant=participant.number)
+    over = all(trial.state == "completed" for trial in trials)
+    return over and not _is_any_open(store, connection, trials)
 
 
 def _is_any_open(store: Store, connection: sa.Connection, trials: list[Trial]) -> bool:

@@ -6,11 +6,15 @@ from avrgym.recording.outcomes import ATTEMPT_ENDS
 
 Transitions = Mapping[str, tuple[str, ...]]
 
+UNKNOWN = "unknown"
+"""The state of participants where the database was lost, with all that tells whether they consented or withdrew."""
+
 PARTICIPANT: Transitions = {
     "enrolled": ("consented", "withdrawn"),
     "consented": ("allocated", "excluded", "withdrawn"),
     "allocated": ("completed", "withdrawn"),
     "completed": ("withdrawn",),
+    UNKNOWN: ("allocated", "completed", "withdrawn"),
     "excluded": (),
     "withdrawn": (),
 }

@@ -18,7 +18,9 @@ from avrgym.study.design.design import FILE, Design, default_text, read_design
 from avrgym.study.design.fixed import as_stored, read_wordings
 from avrgym.study.storage import keyfile, ledger, schema
 from avrgym.study.storage.database import FILE as DATABASE_FILE
-from avrgym.study.storage.database import REBUILT, Database, database_url
+from avrgym.study.storage.database import Database, database_url
+from avrgym.study.storage.participation import FILE as PARTICIPATION
+from avrgym.study.storage.participation import REBUILT, Participation
 from avrgym.study.storage.rows import (
     RECORDINGS,
     AdverseEvent,
@@ -70,7 +72,8 @@ def create_study(folder: Path) -> Path:
         StudyError: when the folder holds a study already; nothing in it is changed.
         OSError: when it cannot be written.
     """
-    held = [name for name in (FILE, DATABASE_FILE, RECORDINGS, keyfile.FOLDER) if (folder / name).exists()]
+    names = (FILE, DATABASE_FILE, PARTICIPATION, RECORDINGS, keyfile.FOLDER)
+    held = [name for name in names if (folder / name).exists()]
     if held:
         raise StudyError(f"{folder} holds {held[0]} already; choose another folder")
     make_private_folder(folder)
@@ -106,6 +109,8 @@ class Store:
         self.database = Database(self.folder, url, read_only=not _can_write(self.folder), anew=anew)
         try:
             self._check_protocol()
+            if not anew:
+                self.database.reconcile()
             if keyfile.unfinished(self.folder) and not self.database.read_only:
                 with self.database.write():  # one writer at a time, for the key file as well
                     keyfile.remove_unfinished(self.folder)
@@ -198,6 +203,10 @@ class Store:
     def events(self) -> list[StudyEvent]:
         """All that happened in the study."""
         return self._rows(StudyEvent)
+
+    def participation(self) -> Participation | None:
+        """The participation list; ``None`` where there is none."""
+        return self.database.participation.read()
 
     def rebuilt_at(self) -> str | None:
         """When the database was first rebuilt from the recordings, if it was."""

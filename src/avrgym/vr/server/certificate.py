@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import platformdirs
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
@@ -32,11 +31,6 @@ class Certificate:
     certificate_file: Path
     key_file: Path
     names: tuple[str, ...]
-
-
-def data_folder() -> Path:
-    """Where this user's programs keep data; on Linux ``$XDG_DATA_HOME`` or ``~/.local/share``."""
-    return platformdirs.user_data_path("avrgym", appauthor=False)
 
 
 def lan_names() -> tuple[str, ...]:

@@ -40,6 +40,8 @@ def _about_people(analysis: Analysis, flow: Flow) -> list[Asked]:
     left = (
         f"{flow.excluded} excluded, {flow.withdrew_before + flow.withdrew} withdrew, {flow.deleted} deleted"
     )
+    if lost := flow.unknown + flow.unknown_before:
+        left += f", of {lost} unknown"
     inclusion = had(uses_of(analysis, flow), analysis.design, inclusion_answers)
     consent = ", ".join(f"version {version}: {number}" for version, number in flow.consents.items())
     if flow.reconsented or flow.declined:

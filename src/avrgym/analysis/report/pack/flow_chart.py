@@ -18,6 +18,7 @@ BOX_IN, SIDE_IN, GAP_IN, LINE_IN = 2.9, 2.9, 0.22, 0.17
 """Widths of the boxes of steps and of those who leave, the space between boxes, and the height of a line."""
 LETTERS = 42
 """How many letters fit a line of a box."""
+UNKNOWN = "consent or withdrawal unknown, database lost"
 
 
 def steps(flow: Flow) -> list[tuple[str, list[str]]]:
@@ -31,6 +32,7 @@ def steps(flow: Flow) -> list[tuple[str, list[str]]]:
                 {
                     f"excluded by the inclusion questions{_why(flow.excluded_by)}": flow.excluded,
                     before: flow.withdrew_before,
+                    UNKNOWN: flow.unknown_before,
                     "no consent yet": flow.no_consent,
                     "inclusion questions not answered yet": flow.waiting,
                     "deleted with all data": flow.deleted,
@@ -39,7 +41,13 @@ def steps(flow: Flow) -> list[tuple[str, list[str]]]:
         ),
         (
             f"Given an order of trials: {flow.allocated}",
-            _some({f"withdrew{_why(flow.withdrew_for)}": flow.withdrew, "not finished yet": flow.unfinished}),
+            _some(
+                {
+                    f"withdrew{_why(flow.withdrew_for)}": flow.withdrew,
+                    UNKNOWN: flow.unknown,
+                    "not finished yet": flow.unfinished,
+                }
+            ),
         ),
         (
             f"Completed the study: {flow.completed}",

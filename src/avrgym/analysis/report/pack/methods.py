@@ -80,6 +80,7 @@ def _participants(analysis: Analysis, flow: Flow) -> Iterator[str]:
         yield f"Of the {count(len(people), _who(flow))} in the analysis: {words}"
     if any(row.site for row in people):
         yield _sites(people)
+    yield from analysis.losses
     if flow.simulated:
         return
     yield f"Gender: {about.gender or missing('gender, as participants described it')}"
@@ -87,8 +88,12 @@ def _participants(analysis: Analysis, flow: Flow) -> Iterator[str]:
     yield f"Recruitment: {about.recruitment or missing('how participants were recruited')}"
     yield f"Compensation: {about.compensation or missing('what participants were given')}"
     yield f"Ethics approval: {about.ethics_approval or missing('board and number of the approval')}"
+    lost = flow.unknown + flow.unknown_before
+    unknown = (
+        f"; of {count(lost, 'participant')} that is unknown, because the database was lost" if lost else ""
+    )
     agreed = ", ".join(f"version {version} by {number}" for version, number in flow.consents.items())
-    yield f"Participants gave informed consent before anything else (text: {agreed or 'by nobody yet'})."
+    yield f"Participants gave informed consent before anything else (text: {agreed or 'by nobody yet'}){unknown}."
     if flow.reconsented or flow.declined:
         yield (
             "Re-consent to another version of the text, before the next session: "

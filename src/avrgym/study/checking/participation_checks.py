@@ -1,0 +1,73 @@
+"""Checking who takes part: that the participation list is sound, and that nobody who left is back."""
+
+from collections.abc import Iterator
+
+from avrgym.study.checking.finding import Finding
+from avrgym.study.checking.list_faults import came_back
+from avrgym.study.storage.losses import CONFIRMED
+from avrgym.study.storage.participation import DELETED, FILE, Participation
+from avrgym.study.storage.reconciling import RESTORED, SET_BACK
+from avrgym.study.storage.rows import RECORDINGS, pseudonym_of
+from avrgym.study.storage.states import UNKNOWN
+from avrgym.study.storage.store import Store
+
+
+def check_participation(store: Store) -> Iterator[Finding]:
+    """Faults of the participation list, and differences between list, database and recordings."""
+    yield from _check_list(store)
+    yield from _check_events(store)
+    for participant in store.participants():
+        if participant.state == UNKNOWN:
+            what = (
+                "whether they consented, withdrew or were deleted is unknown since the database was rebuilt: they are "
+                "in no analysis; `avrgym study confirm-participation` or `withdraw` ends that"
+            )
+            yield Finding(participant.pseudonym, what)
+    for gone in store.tombstones():
+        if any((store.folder / RECORDINGS / pseudonym_of(gone.number)).rglob("*")):
+            yield Finding(pseudonym_of(gone.number), came_back(gone.deleted_at))
+
+
+def _check_list(store: Store) -> Iterator[Finding]:
+    for path in store.database.participation.set_aside_before():
+        yield Finding(path.name, f"was set aside as an unsound {FILE}; remove it once that is clear")
+    listed = store.participation()
+    if listed is None:
+        return
+    if listed.fault:
+        yield Finding(FILE, listed.fault)
+        return
+    yield from _check_beginning(store, listed)
+    people = {each.number for each in store.participants()}
+    known = people | {each.number for each in store.tombstones()}
+    for number, content in listed.latest.items():
+        if number not in known:
+            what = f"contains {pseudonym_of(number)}, who is not in the database: put back a later copy"
+            yield Finding(FILE, what)
+        elif content["state"] == DELETED and number in people:
+            what = f"was deleted at {content['at']} and is in the database again; delete-participant removes them"
+            yield Finding(pseudonym_of(number), what)
+
+
+def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
+    """That a list is younger than the first participant."""
+    first = min((each.enrolled_at for each in store.participants()), default=listed.begun_at)
+    if first < listed.begun_at:
+        detail = listed.about_itself[0]["detail"]
+        why = f" and {detail}" if detail else ""
+        yield Finding(
+            FILE, f"was begun at {listed.begun_at} with what the database contained{why}", wrong=False
+        )
+
+
+def _check_events(store: Store) -> Iterator[Finding]:
+    """What happened to the list and to states that came from elsewhere."""
+    for event in store.events():
+        where = pseudonym_of(event.participant) if event.participant else "study"
+        if event.name == RESTORED:
+            yield Finding(where, f"was {event.detail}; the database did not contain it", wrong=False)
+        elif event.name == SET_BACK:
+            yield Finding(where, f"was set back: at {event.at} {event.detail}", wrong=False)
+        elif event.name == CONFIRMED:
+            what = f"participation was confirmed at {event.at} by the experimenter: {event.detail}"
+            yield Finding(where, what, wrong=False)

@@ -1,0 +1,49 @@
+"""What the loss of a database means for a study, in the words of its report, methods and exports."""
+
+from collections.abc import Iterator, Sequence
+
+from avrgym.study.storage.participation import REBUILT
+from avrgym.study.storage.rows import Participant, StudyEvent
+from avrgym.study.storage.sites import ROWS_PER_SITE
+from avrgym.study.storage.states import UNKNOWN
+from avrgym.study.storage.store import Store
+
+CONFIRMED = "participation confirmed"
+"""The event that the experimenter confirmed from other records that a participant consented and did not withdraw."""
+
+
+def loss_words(store: Store) -> tuple[str, ...]:
+    """A sentence or two for each time that a database was rebuilt, and about participants with an unknown state."""
+    return tuple(_words(store))
+
+
+def _words(store: Store) -> Iterator[str]:
+    sites = {site.number: site.name for site in store.sites()}
+    events, people = store.events(), store.participants()
+    for event in events:
+        if event.name == REBUILT:
+            yield (
+                f"The study's database{_of_site(sites, event)} was lost and rebuilt from the recordings at {event.at} "
+                f"(UTC); {event.detail}. A plan is confirmatory only if a trusted time stamp proves its date."
+            )
+    unknown = [each.pseudonym for each in people if each.state == UNKNOWN]
+    if unknown:
+        yield (
+            "Whether they consented, withdrew or were deleted is unknown since the loss of the database, so that they "
+            f"are in no analysis: {', '.join(unknown)}."
+        )
+    if confirmed := _confirmed(people, events):
+        yield (
+            "After the loss of the database the experimenter confirmed from other records that they consented and did "
+            f"not withdraw: {', '.join(confirmed)}."
+        )
+
+
+def _of_site(sites: dict[int, str], event: StudyEvent) -> str:
+    name = sites.get(event.id // ROWS_PER_SITE)
+    return f" of the site {name}" if name else ""
+
+
+def _confirmed(people: Sequence[Participant], events: Sequence[StudyEvent]) -> list[str]:
+    numbers = {event.participant for event in events if event.name == CONFIRMED}
+    return [each.pseudonym for each in people if each.number in numbers]

@@ -1,0 +1,272 @@
+"""The participation list: every change of a participant's state, in a signed file beside the study's database.
+
+``participation.jsonl`` outlives the loss of the database: nobody who withdrew or was deleted comes back. An entry is
+written before its transaction is committed, so a crash between the two loses no withdrawal. Each entry's digest covers
+the entry before, and this user's key signs it. The content of entries about a deleted participant is erased; their
+checksums and the chain stay.
+"""
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from avrgym.study.storage import signing
+from avrgym.study.storage.schema import new_salt
+from avrgym.system.files import PRIVATE_FILE, private_opener, write_whole
+
+FILE = "participation.jsonl"
+SET_ASIDE = re.compile(rf"{re.escape(FILE)}\.unsound-([0-9]+)")
+DELETED = "deleted"
+"""The state of a participant in the list whose data were deleted."""
+FINAL = ("withdrawn", "excluded", DELETED)
+"""States that the list restores in a database that does not have them."""
+BEGUN, COMPARED = "list begun", "compared with the database"
+REBUILT = "database rebuilt"
+"""The event of a database that was made from the recordings after a loss; it stays for good.
+
+These are what an entry about no participant tells of.
+"""
+
+Content = Mapping[str, Any]
+
+
+class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One line. ``participant`` is a number, or nothing where it is about the list or the database."""
+
+    number: int
+    participant: int | None
+    content: dict[str, Any] | None
+    sha256: str
+    digest: str
+    key: str
+    signature: str
+
+
+@dataclass(frozen=True)
+class Participation:
+    """The entries of a list. ``fault``: why they prove nothing; a clause of which the list is the subject."""
+
+    entries: tuple[Entry, ...]
+    fault: str = ""
+
+    @cached_property
+    def latest(self) -> Mapping[int, Content]:
+        """The latest content about each participant."""
+        return {each.participant: each.content for each in self.entries if each.participant and each.content}
+
+    @cached_property
+    def about_itself(self) -> Sequence[Content]:
+        """What is about the list or the database, in order."""
+        return [each.content for each in self.entries if each.participant is None and each.content]
+
+    @property
+    def ledger(self) -> str | None:
+        """The first digest in the ledger of the database that the list belongs to."""
+        return next((each["ledger"] for each in reversed(self.about_itself) if "ledger" in each), None)
+
+    @property
+    def begun_at(self) -> str:
+        """When the list was begun."""
+        return self.about_itself[0]["at"]
+
+    @property
+    def list_digest(self) -> str:
+        """What tells the list from any other."""
+        return self.entries[0].digest
+
+    def rebuilds(self) -> list[Content]:
+        """Each time that the database was rebuilt."""
+        return [each for each in self.about_itself if each["event"] == REBUILT]
+
+    def consents(self, participant: int) -> list[dict[str, str]]:
+        """The consents of a participant: when, and to which text."""
+        own = [each.content for each in self.entries if each.participant == participant and each.content]
+        names = {
+            "at": "consented_at",
+            "version": "consent_version",
+            "sha256": "consent_sha256",
+            "language": "language",
+        }
+        return [
+            {name: each[column] for name, column in names.items() if column in each}
+            for each in own
+            if "consented_at" in each
+        ]
+
+    def is_signed_here(self) -> bool:
+        """Whether the last entry, which covers all others, was signed with this user's key."""
+        own = signing.own_key()
+        return own is not None and self.entries[-1].key == signing.public_key(own)
+
+    def has(self, digest: str) -> bool:
+        """Whether an entry has this digest."""
+        return any(each.digest == digest for each in reversed(self.entries))
+
+
+class ParticipationList:
+    """The list in a study's folder. Its writers hold the database's lock for writing."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._known: tuple[object, Participation] | None = None
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+        return self._folder / FILE
+
+    def read(self) -> Participation | None:
+        """What the list holds; ``None`` where there is none."""
+        try:
+            version = self._version()
+        except FileNotFoundError:
+            return None
+        if self._known is None or self._known[0] != version:
+            self._known = version, _parsed(self.path.read_bytes())
+        return self._known[1]
+
+    def append(self, contents: Sequence[tuple[int | None, Content]]) -> None:
+        """Add entries, which are on disk when this returns; ``OSError`` where that fails."""
+        before = self.read() or Participation(())
+        entries = [*before.entries]
+        for participant, content in contents:
+            entries.append(_entry_after(entries[-1] if entries else None, participant, content))
+        data = b"".join(map(_line, entries[len(before.entries) :]))
+        self._cut_unfinished_line()
+        with open(self.path, "ab", opener=private_opener) as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        after = Participation(tuple(entries), before.fault)
+        self._known = self._version(), after
+        signing.remember_end(self._folder, after.list_digest, entries[-1].digest)
+
+    def remember_end(self) -> None:
+        """Let this computer know the list's last entry, where it knows none of this list in this folder."""
+        known, end = self.read(), signing.known_end(self._folder)
+        if known is None or known.fault or not known.is_signed_here():
+            return
+        if end is None or end.list_digest != known.list_digest:
+            signing.remember_end(self._folder, known.list_digest, known.entries[-1].digest)
+
+    def erase(self, participant: int) -> None:
+        """Erase the content of all entries about a participant but the last; the chain stays."""
+        known = self.read()
+        for path in self.set_aside_before():
+            path.unlink()
+        if known is None or known.fault:
+            return
+        own = [each for each in known.entries if each.participant == participant]
+        erased = {each.number for each in own[:-1] if each.content is not None}
+        if erased:
+            entries = [
+                msgspec.structs.replace(each, content=None) if each.number in erased else each
+                for each in known.entries
+            ]
+            write_whole(self.path, b"".join(map(_line, entries)), PRIVATE_FILE)
+
+    def set_aside(self) -> None:
+        """Keep an unsound list under another name; the next entry begins a new list."""
+        numbers = [_aside_number(path) for path in self.set_aside_before()]
+        os.replace(self.path, self.path.with_name(f"{FILE}.unsound-{max(numbers, default=0) + 1}"))
+
+    def set_aside_before(self) -> list[Path]:
+        """Unsound lists that were kept under other names."""
+        return sorted(path for path in self._folder.glob(f"{FILE}.*") if SET_ASIDE.fullmatch(path.name))
+
+    def _version(self) -> object:
+        found = self.path.stat()
+        return found.st_size, found.st_mtime_ns, found.st_ino
+
+    def _cut_unfinished_line(self) -> None:
+        """Remove what a crash may have cut, so that the next entry has a line of its own."""
+        if self.path.exists():
+            data = self.path.read_bytes()
+            if not data.endswith(b"\n"):
+                write_whole(self.path, data[: data.rfind(b"\n") + 1], PRIVATE_FILE)
+
+
+def content_of(state: str, at: str, **values: Any) -> Content:
+    """What an entry contains about a participant; values that are nothing are left out."""
+    return {"state": state, "at": at} | {name: value for name, value in values.items() if value is not None}
+
+
+def says_the_same(content: Content, other: Content | None) -> bool:
+    """Whether two contents differ in nothing but their time and salt."""
+    return other is not None and _without_time(content) == _without_time(other)
+
+
+def _without_time(content: Content) -> Content:
+    return {name: value for name, value in content.items() if name not in ("at", "salt")}
+
+
+def _aside_number(path: Path) -> int:
+    match = SET_ASIDE.fullmatch(path.name)
+    return int(match[1]) if match else 0
+
+
+# Entries
+
+
+def _entry_after(before: Entry | None, participant: int | None, content: Content) -> Entry:
+    number = before.number + 1 if before else 1
+    salted = dict(content) | {"salt": new_salt()}
+    sha256 = _sha256(salted)
+    digest = _digest(before.digest if before else "", number, participant, sha256)
+    own = signing.own_key()
+    key = signing.public_key(own) if own else ""
+    signature = own.sign(digest.encode()).hex() if own else ""
+    return Entry(number, participant, salted, sha256, digest, key, signature)
+
+
+def _line(entry: Entry) -> bytes:
+    return msgspec.json.encode(entry) + b"\n"
+
+
+def _parsed(data: bytes) -> Participation:
+    """The entries of a list's file up to a damaged one; a last line that a crash cut off does not count."""
+    entries: list[Entry] = []
+    for number, line in enumerate(data.split(b"\n")[:-1], start=1):
+        try:
+            entries.append(msgspec.json.decode(line, type=Entry))
+        except msgspec.DecodeError as error:
+            return Participation(tuple(entries), f"is damaged in line {number}: {error}")
+    if not entries:
+        return Participation((), "is empty")
+    return Participation(tuple(entries), next(_faults(entries), ""))
+
+
+def _faults(entries: Sequence[Entry]) -> Iterator[str]:
+    before = ""
+    for number, each in enumerate(entries, start=1):
+        if each.digest != _digest(before, number, each.participant, each.sha256) or each.number != number:
+            yield f"was changed: entry {number} does not follow the one before it"
+        before = each.digest
+    deleted = {each.participant for each in entries if each.content and each.content.get("state") == DELETED}
+    for each in entries:
+        if each.content is None and each.participant not in deleted:
+            yield f"was changed: the content of entry {each.number} is gone"
+        if each.content is not None and _sha256(each.content) != each.sha256:
+            yield f"was changed: entry {each.number} has another content than its checksum"
+    if entries[0].content is None or entries[0].content.get("event") != BEGUN:
+        yield "was changed: its beginning is gone"
+    for each in {each.key: each for each in entries}.values():
+        if each.key and not signing.is_signed(each.key, each.signature, each.digest):
+            yield f"was changed: the signature of entry {each.number} is broken"
+
+
+def _digest(before: str, number: int, participant: int | None, sha256: str) -> str:
+    return _sha256([before, number, participant, sha256])
+
+
+def _sha256(value: Any) -> str:
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

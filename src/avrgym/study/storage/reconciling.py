@@ -1,0 +1,237 @@
+"""Keeping the participation list and the study's database in agreement.
+
+Each transaction is followed into the list. When a study is opened, the list gets what it lacks, and a database that was
+set back gets the withdrawals, exclusions and deletions that only the list still knows.
+"""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import sqlalchemy as sa
+
+from avrgym.study.storage import ledger, signing
+from avrgym.study.storage.participation import (
+    BEGUN,
+    COMPARED,
+    DELETED,
+    FINAL,
+    REBUILT,
+    Content,
+    Participation,
+    ParticipationList,
+    content_of,
+    says_the_same,
+)
+from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, TOMBSTONE, now
+
+RESTORED = "participation restored"
+"""The event that a participant's state was taken from the participation list, which the database did not have."""
+SET_BACK = "participation list set back"
+"""The event that a study is older than the latest state of it that this computer knows."""
+_COLUMNS = (
+    "simulated",
+    "site",
+    "site_number",
+    "sex",
+    "age_years",
+    "language",
+    "cell",
+    "enrolled_at",
+    "consented_at",
+    "consent_version",
+    "consent_sha256",
+)
+"""What the list contains about a participant besides the state."""
+
+Contents = Mapping[int, Content]
+
+
+def participant_values(content: Content) -> dict[str, Any]:
+    """The values of a participant's row that the list contains, but for the state."""
+    return {name: content.get(name) for name in _COLUMNS}
+
+
+# Following transactions
+
+
+def follow(known: ParticipationList, connection: sa.Connection, written: Collection[tuple[str, int]]) -> None:
+    """Add to the list what a transaction wrote about participants, before it is committed."""
+    numbers = {key for name, key in written if name in (PARTICIPANT.name, TOMBSTONE.name)}
+    events = {key for name, key in written if name == EVENT.name}
+    rebuilt = list(_rebuilds(connection, events)) if events else []
+    if not numbers and not rebuilt:
+        return
+    before = known.read()
+    if before is not None and before.fault:
+        known.set_aside()
+        _begin(known, connection, f"replaces a list that {before.fault}")
+    elif before is None:
+        _begin(known, connection, "")
+    else:
+        _append(known, before, _contents(connection, numbers, numbers), rebuilt)
+
+
+def _begin(known: ParticipationList, connection: sa.Connection, detail: str) -> None:
+    """Begin a list with everybody in the database."""
+    begun = _about_itself(connection, BEGUN, now(), detail)
+    everybody = _contents(connection)
+    rebuilt = [(None, each) for each in _rebuilds(connection)]
+    if everybody or rebuilt:
+        known.append([(None, begun), *rebuilt, *sorted(everybody.items())])
+
+
+def _append(
+    known: ParticipationList, before: Participation, contents: Contents, rebuilt: Collection[Content] = ()
+) -> None:
+    told = {(each["at"], each["detail"]) for each in before.rebuilds()}
+    new = [(None, each) for each in rebuilt if (each["at"], each["detail"]) not in told]
+    new += [(number, each) for number, each in sorted(contents.items()) if _is_news(before, number, each)]
+    if new:
+        known.append(new)
+
+
+def _is_news(before: Participation, number: int, content: Content) -> bool:
+    """Whether a content differs from the latest one, and may follow it: what is final stays so."""
+    latest = before.latest.get(number)
+    if latest is not None and latest["state"] in FINAL and content["state"] not in FINAL:
+        return False
+    if latest is not None and latest["state"] == DELETED:
+        return False
+    return not says_the_same(content, latest)
+
+
+def _contents(
+    connection: sa.Connection,
+    participants: Collection[int] | None = None,
+    tombstones: Collection[int] | None = None,
+) -> dict[int, Content]:
+    """What the list is to contain about participants with these numbers, and about those who were deleted."""
+    columns = [PARTICIPANT.c[name] for name in ("number", "state", *_COLUMNS)]
+    rows = _all(connection, columns, PARTICIPANT.c.number, participants)
+    found = {
+        row["number"]: content_of(
+            at=now(), **{name: value for name, value in row.items() if name != "number"}
+        )
+        for row in rows
+    }
+    for row in _all(connection, list(TOMBSTONE.c), TOMBSTONE.c.number, tombstones):
+        found[row["number"]] = content_of(DELETED, row["deleted_at"], simulated=row["simulated"])
+    return found
+
+
+def _rebuilds(connection: sa.Connection, keys: Collection[int] | None = None) -> Iterator[Content]:
+    """The contents about rebuildings of the database, from its events."""
+    for row in _all(connection, list(EVENT.c), EVENT.c.id, keys):
+        if row["name"] == REBUILT:
+            yield _about_itself(connection, REBUILT, row["at"], row["detail"])
+
+
+def _about_itself(connection: sa.Connection, event: str, at: str, detail: str) -> Content:
+    return {"event": event, "at": at, "detail": detail, "ledger": _first_digest(connection)}
+
+
+def _first_digest(connection: sa.Connection) -> str | None:
+    """What tells a database from any other: the first digest in its ledger."""
+    return connection.execute(sa.select(LEDGER.c.digest).where(LEDGER.c.number == 1)).scalar()
+
+
+def _all(
+    connection: sa.Connection, columns: list[Any], key: sa.Column[Any], keys: Collection[int] | None
+) -> list[sa.RowMapping]:
+    query = sa.select(*columns).order_by(key)
+    if keys is not None:
+        query = query.where(key.in_(keys))
+    return list(connection.execute(query).mappings())
+
+
+# Opening a study
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """What list and database lack of each other when a study is opened.
+
+    ``begin``: a new list is to begin, with this detail. ``restored``: final states by number that the database lacks.
+    ``missing``: contents that the list lacks. ``set_back``: this computer knows later entries. ``is_unsigned``: the
+    list agrees with the database, and this user has not signed it.
+    """
+
+    begin: str | None = None
+    restored: Contents = field(default_factory=dict[int, Content])
+    missing: Contents = field(default_factory=dict[int, Content])
+    set_back: bool = False
+    is_unsigned: bool = False
+
+    def __bool__(self) -> bool:
+        return self.begin is not None or any((self.restored, self.missing, self.set_back, self.is_unsigned))
+
+
+def compare(known: ParticipationList, connection: sa.Connection) -> Disagreement:
+    """Compare list and database; rows that something else than the program changed do not count."""
+    everybody = _contents(connection)
+    vouched = ledger.vouched(connection, PARTICIPANT)
+    edited = {number for number, each in everybody.items() if each["state"] != DELETED} - vouched
+    contents = {number: each for number, each in everybody.items() if number not in edited}
+    before = known.read()
+    if before is None:
+        return Disagreement(begin="" if contents else None)
+    if before.fault:
+        return Disagreement(begin=f"replaces a list that {before.fault}")
+    if _first_digest(connection) not in {each.get("ledger") for each in before.about_itself}:
+        return Disagreement(begin="replaces a list that is of another study")
+    restored = {
+        number: content
+        for number, content in before.latest.items()
+        if number not in edited and content["state"] in FINAL and _lacks(contents.get(number), content)
+    }
+    missing = {number: each for number, each in contents.items() if _is_news(before, number, each)}
+    if before.is_signed_here():
+        end = signing.known_end(known.path.parent)
+        set_back = end is not None and end.list_digest == before.list_digest and not before.has(end.digest)
+        return Disagreement(restored=restored, missing=missing, set_back=set_back)
+    if restored or missing:
+        return Disagreement(begin="replaces a list that another user's key signed, and that differs")
+    return Disagreement(is_unsigned=signing.own_key() is not None)
+
+
+def _lacks(found: Content | None, final: Content) -> bool:
+    """Whether the database lacks a final state; without a row only a deletion is lacking."""
+    if found is None:
+        return final["state"] == DELETED
+    return found["state"] not in FINAL
+
+
+def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
+    """Bring list and database into agreement, in a transaction that writes."""
+    found = compare(known, connection)
+    if found.begin is not None:
+        if known.path.exists():
+            known.set_aside()
+        _begin(known, connection, found.begin)
+    for number, content in found.restored.items():
+        _restore(connection, number, content)
+    before = known.read()
+    if before is not None:
+        _append(known, before, found.missing)
+    if found.set_back:
+        detail = "this computer knows a later state of this study; this copy is older"
+        ledger.insert(connection, EVENT, at=now(), name=SET_BACK, detail=detail)
+    if found.set_back or found.is_unsigned:
+        known.append([(None, _about_itself(connection, COMPARED, now(), ""))])
+
+
+def _restore(connection: sa.Connection, number: int, content: Content) -> None:
+    """Give a participant the final state that only the list has.
+
+    A deleted participant who is back with an older copy of the database counts as withdrawn until deleted again.
+    """
+    rows = _all(connection, [PARTICIPANT.c.number], PARTICIPANT.c.number, [number])
+    if rows:
+        state = "withdrawn" if content["state"] == DELETED else content["state"]
+        ledger.update(connection, PARTICIPANT, number, state=state)
+        detail = f"{content['state']} at {content['at']} by the participation list"
+        ledger.insert(connection, EVENT, at=now(), participant=number, name=RESTORED, detail=detail)
+    else:
+        row = {"number": number, "simulated": content.get("simulated", False), "deleted_at": content["at"]}
+        ledger.insert(connection, TOMBSTONE, **row)

@@ -1,0 +1,114 @@
+"""The signing key of this computer's user (Ed25519), and the last entry that the user wrote in each study.
+
+Both are in the user's data folder, outside all studies. A list in a study that somebody edits, sets back to an older
+copy or replaces by another study's therefore differs from what is known here.
+"""
+
+import hashlib
+import os
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+import msgspec
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+from avrgym.system.files import PRIVATE_FILE, data_folder, make_private_folder, private_opener, write_whole
+
+KEY = "signing-key.pem"
+_STUDIES = "studies"
+
+
+class KnownEnd(msgspec.Struct, frozen=True):
+    """The last entry of a study's list that this user wrote: the study's folder, the list, the entry's digest."""
+
+    folder: str
+    list_digest: str
+    digest: str
+
+
+def own_key() -> Ed25519PrivateKey | None:
+    """This user's key, made when it is missing; ``None`` where it can be neither read nor written."""
+    try:
+        return _key_in(data_folder())
+    except (OSError, ValueError):
+        return None
+
+
+@cache
+def _key_in(folder: Path) -> Ed25519PrivateKey:
+    path = folder / KEY
+    if not path.exists():
+        _make_key(path)
+    key = serialization.load_pem_private_key(path.read_bytes(), password=None)
+    if not isinstance(key, Ed25519PrivateKey):
+        raise ValueError(f"{path} is no Ed25519 key")
+    return key
+
+
+def _make_key(path: Path) -> None:
+    """Write a new key, whole, unless another process was first."""
+    make_private_folder(path.parent)
+    pem = Ed25519PrivateKey.generate().private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    with open(temporary, "xb", opener=private_opener) as file:
+        file.write(pem)
+        file.flush()
+        os.fsync(file.fileno())
+    with suppress(FileExistsError):
+        os.link(temporary, path)
+    temporary.unlink()
+
+
+def public_key(key: Ed25519PrivateKey) -> str:
+    """The public half of a key, in hexadecimal digits."""
+    return key.public_key().public_bytes_raw().hex()
+
+
+def is_signed(public: str, signature: str, text: str) -> bool:
+    """Whether a signature of a text was made with the key of this public half."""
+    try:
+        key = Ed25519PublicKey.from_public_bytes(bytes.fromhex(public))
+        key.verify(bytes.fromhex(signature), text.encode())
+    except (InvalidSignature, ValueError):
+        return False
+    return True
+
+
+def remember_end(folder: Path, list_digest: str, digest: str) -> None:
+    """Store the last entry of a study's list, where that can be written."""
+    known = KnownEnd(str(folder.resolve()), list_digest, digest)
+    with suppress(OSError, ValueError):
+        path = _path_of(folder)
+        make_private_folder(path.parent)
+        write_whole(path, msgspec.json.encode(known), PRIVATE_FILE)
+
+
+def known_end(folder: Path) -> KnownEnd | None:
+    """The last entry known of the study in a folder."""
+    with suppress(OSError, msgspec.DecodeError):
+        return _read(_path_of(folder))
+    return None
+
+
+def moved_end(list_digest: str) -> KnownEnd | None:
+    """The last entry known of a list in a folder that is no longer there: it was moved, or a copy is left."""
+    for path in sorted((data_folder() / _STUDIES).glob("*.json")):
+        with suppress(OSError, msgspec.DecodeError):
+            known = _read(path)
+            if known.list_digest == list_digest and not Path(known.folder).exists():
+                return known
+    return None
+
+
+def _read(path: Path) -> KnownEnd:
+    return msgspec.json.decode(path.read_bytes(), type=KnownEnd)
+
+
+def _path_of(folder: Path) -> Path:
+    name = hashlib.sha256(str(folder.resolve()).encode("utf-8", "surrogateescape")).hexdigest()[:32]
+    return data_folder() / _STUDIES / f"{name}.json"

@@ -1,0 +1,349 @@
+"""Who withdrew, was excluded or was deleted stays so when the database is lost: the signed participation list."""
+
+import json
+import os
+import shutil
+import signal
+from collections.abc import Callable
+from multiprocessing import get_context
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from avrgym.cli.main import app
+from avrgym.study.checking.checks import check_strays
+from avrgym.study.checking.database_checks import check_database
+from avrgym.study.checking.participation_checks import check_participation
+from avrgym.study.checking.rebuilding import Rebuilt, rebuild_study
+from avrgym.study.export import export_study
+from avrgym.study.merge.merging import merge_studies
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participants import (
+    confirm_participation,
+    enrol,
+    record_consent,
+    record_inclusion,
+    withdraw,
+)
+from avrgym.study.storage import database, reconciling, signing
+from avrgym.study.storage.losses import loss_words
+from avrgym.study.storage.participation import FILE, ParticipationList
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from studies import fitting_answers, run_participant, small_study, take_in
+
+DATABASE_FILES = ("study.db", "study.db.sha256", "study.head")
+STATES = {
+    "sub-001": "completed",
+    "sub-002": "withdrawn",
+    "sub-004": "excluded",
+    "sub-005": "allocated",
+    "sub-006": "enrolled",
+    "sub-007": "withdrawn",
+}
+"""Of the study of these tests. ``sub-003`` is deleted."""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study in which everything happened, and a copy of the recordings of somebody who was deleted since."""
+    folder = small_study(tmp_path_factory.mktemp("made") / "study")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(database.URL_VARIABLE, raising=False)
+        with Store(folder) as store:
+            for _ in range(3):
+                run_participant(store, take_in(store, simulated=False), simulated=False)
+            withdraw(store, "sub-002", "tired")
+            shutil.copytree(folder / "recordings" / "sub-003", folder.parent / "sub-003")
+            delete_participant(store, "sub-003")
+            enrol(store, "man", age_years=40)
+            record_consent(store, "sub-004")
+            answers = fitting_answers(store)
+            assert not record_inclusion(store, "sub-004", {each: not answers[each] for each in answers})
+            run_participant(store, take_in(store, simulated=False), trials=4, simulated=False)
+            enrol(store, "man")
+            withdraw(store, take_in(store, simulated=False))
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    copy = Path(shutil.copytree(made, tmp_path / "study"))
+    with Store(copy):
+        pass
+    return copy
+
+
+def lose(folder: Path, *files: str) -> Rebuilt:
+    for name in (*DATABASE_FILES, *files):
+        (folder / name).unlink(missing_ok=True)
+    return rebuild_study(folder)
+
+
+def states(folder: Path) -> dict[str, str]:
+    with Store(folder) as store:
+        return {each.pseudonym: each.state for each in store.participants()}
+
+
+def wrong(folder: Path) -> dict[str, str]:
+    with Store(folder) as store:
+        checks = (check_database, check_participation, check_strays)
+        return {each.where: each.what for check in checks for each in check(store) if each.wrong}
+
+
+def losses(folder: Path) -> str:
+    with Store(folder) as store:
+        return " ".join(loss_words(store))
+
+
+def lines(folder: Path) -> list[str]:
+    return (folder / FILE).read_text().splitlines(keepends=True)
+
+
+def avrgym(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, ["study", *(str(argument) for argument in arguments)])
+
+
+# With a sound list
+
+
+def test_withdrawals_exclusions_and_deletions_survive_the_loss_of_the_database(folder: Path) -> None:
+    with Store(folder) as store:
+        before = {each.pseudonym: each for each in store.participants()}
+    assert wrong(folder) == {}
+    rebuilt = lose(folder)
+    assert (rebuilt.participants, rebuilt.unknown) == (6, 0)
+    assert states(folder) == STATES
+    with Store(folder) as store:
+        assert [each.number for each in store.tombstones()] == [3]
+        for participant in store.participants():
+            kept = before[participant.pseudonym]
+            for name in (
+                "age_years",
+                "language",
+                "cell",
+                "consented_at",
+                "consent_version",
+                "consent_sha256",
+            ):
+                assert getattr(participant, name) == getattr(kept, name), name
+        assert take_in(store, simulated=False) == "sub-008"
+    assert wrong(folder) == {}
+    assert "was lost and rebuilt" in losses(folder)
+
+
+def test_a_deleted_participant_who_comes_back_is_named_and_not_taken_up(folder: Path, made: Path) -> None:
+    shutil.copytree(made.parent / "sub-003", folder / "recordings" / "sub-003")
+    assert "recordings of them are back" in wrong(folder)["sub-003"]
+    rebuilt = lose(folder)
+    assert "sub-003" not in states(folder)
+    assert any(each.startswith("sub-003: was deleted at") for each in rebuilt.left_out)
+    assert list(wrong(folder)) == ["sub-003"]
+    with Store(folder) as store:
+        delete_participant(store, "sub-003")
+    assert wrong(folder) == {}
+
+
+def test_the_list_keeps_nothing_about_the_deleted_but_their_number(folder: Path) -> None:
+    with Store(folder) as store:
+        listed = store.participation()
+    assert listed is not None
+    own = [each.content for each in listed.entries if each.participant == 3]
+    assert len(own) > 1
+    assert own[:-1] == [None] * (len(own) - 1)
+    assert own[-1] is not None
+    assert set(own[-1]) == {"state", "at", "simulated", "salt"}
+    assert listed.fault == ""
+
+
+def test_the_database_gets_what_only_the_list_still_knows(folder: Path, tmp_path: Path) -> None:
+    """An older copy of the database is put back: nobody who left since then comes back with it."""
+    older = {name: (folder / name).read_bytes() for name in DATABASE_FILES}
+    with Store(folder) as store:
+        withdraw(store, "sub-005")
+        delete_participant(store, "sub-001")
+    for name, data in older.items():
+        (folder / name).write_bytes(data)
+    assert states(folder)["sub-005"] == "withdrawn"
+    assert states(folder)["sub-001"] == "withdrawn"
+    assert "is in the database again" in wrong(folder)["sub-001"]
+
+
+# With a list that proves nothing
+
+
+def edit(folder: Path) -> None:
+    """Let who withdrew have completed."""
+    changed = [line.replace('"withdrawn"', '"completed"') for line in lines(folder)]
+    (folder / FILE).write_text("".join(changed))
+
+
+def resign(folder: Path) -> None:
+    """Do the same, and compute the chain again with another key."""
+    contents = [
+        (each["participant"], each["content"] or {"state": "enrolled", "at": ""})
+        for each in map(json.loads, lines(folder))
+    ]
+    (folder / FILE).unlink()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(signing, "data_folder", lambda: folder / "another")
+        edited = [
+            (who, {name: "completed" if value == "withdrawn" else value for name, value in content.items()})
+            for who, content in contents
+        ]
+        ParticipationList(folder).append(edited)
+    shutil.rmtree(folder / "another")
+
+
+def cut(folder: Path) -> None:
+    """Let the list end before somebody withdrew."""
+    (folder / FILE).write_text("".join(lines(folder)[:-1]))
+
+
+def another(folder: Path) -> None:
+    """Put another study's list there."""
+    other = small_study(folder.parent / "other")
+    with Store(other) as store:
+        for _ in range(7):
+            run_participant(store, take_in(store, simulated=False), trials=1, simulated=False)
+    shutil.copy(other / FILE, folder / FILE)
+
+
+def remove(folder: Path) -> None:
+    (folder / FILE).unlink()
+
+
+FORGERIES: dict[str, tuple[Callable[[Path], None], str]] = {
+    "removed": (remove, "is missing"),
+    "edited": (edit, "has another content than its checksum"),
+    "signed with another key": (resign, "is not signed with this user's key"),
+    "set back": (cut, "was set back"),
+    "of another study": (another, "of another study"),
+}
+
+
+@pytest.mark.parametrize("forgery", FORGERIES)
+def test_without_a_sound_list_nobody_is_analysed_until_confirmed(folder: Path, forgery: str) -> None:
+    forge, words = FORGERIES[forgery]
+    forge(folder)
+    rebuilt = lose(folder)
+    assert words in rebuilt.lost
+    found = states(folder)
+    assert {found[name] for name in ("sub-001", "sub-002", "sub-005")} == {"unknown"}
+    assert set(found.values()) == {"unknown"}
+    assert rebuilt.unknown == len(found)
+    assert {"sub-001", "sub-002"} <= set(wrong(folder))
+    assert words in losses(folder)
+    assert "sub-001" in losses(folder)
+    assert [path.name for path in folder.glob(f"{FILE}.unsound-*")] == (
+        [] if forgery == "removed" else [f"{FILE}.unsound-1"]
+    )
+    assert rebuild_again(folder)
+    assert words in losses(folder)
+
+
+def rebuild_again(folder: Path) -> bool:
+    """Lose the database once more; whether nobody became known by that."""
+    lose(folder)
+    return set(states(folder).values()) == {"unknown"}
+
+
+@pytest.mark.parametrize("forgery", FORGERIES)
+def test_next_to_the_database_an_unsound_list_is_replaced(folder: Path, forgery: str) -> None:
+    forge, _ = FORGERIES[forgery]
+    forge(folder)
+    assert states(folder) == STATES
+    kept = [path.name for path in folder.glob(f"{FILE}.unsound-*")]
+    assert kept == ([] if forgery in ("removed", "set back") else [f"{FILE}.unsound-1"])
+    assert list(wrong(folder)) == kept
+    lose(folder)
+    assert states(folder) == STATES
+
+
+def test_the_loss_of_the_list_stays_on_record_over_a_second_loss_and_a_merge(
+    folder: Path, tmp_path: Path
+) -> None:
+    lose(folder, FILE)
+    with Store(folder) as store:
+        assert confirm_participation(store, "sub-001", "form in folder 2") == "completed"
+        run_participant(store, take_in(store, simulated=False), simulated=False)
+    lose(folder)
+    assert states(folder)["sub-001"] == "completed"
+    assert states(folder)["sub-002"] == "unknown"
+    assert losses(folder).count("was lost and rebuilt") == 2
+    assert "the participation list is missing" in losses(folder)
+    merge_studies([folder, small_study(tmp_path / "berlin")], tmp_path / "all")
+    assert losses(tmp_path / "all").count("database of the site study was lost and rebuilt") == 2
+    assert "sub-1002" in losses(tmp_path / "all")
+    with Store(tmp_path / "all") as store:
+        export_study(store, "csv", tmp_path / "csv")
+    notice = (tmp_path / "csv" / "README.txt").read_text()
+    assert "the participation list is missing" in notice
+    assert "sub-1002" in notice
+
+
+def test_only_who_is_unknown_is_confirmed_and_by_evidence(folder: Path) -> None:
+    with Store(folder) as store, pytest.raises(StudyError, match="is withdrawn; only those"):
+        confirm_participation(store, "sub-002", "form")
+    lose(folder, FILE)
+    assert avrgym("confirm-participation", folder, "sub-001", "--evidence", " ").exit_code == 1
+    said = avrgym("confirm-participation", folder, "sub-001", "--evidence", "form in folder 2")
+    assert "sub-001 is completed" in said.stdout
+    assert "sub-001" not in wrong(folder)
+    assert "confirmed from other records that they consented and did not withdraw: sub-001" in losses(folder)
+    assert "form in folder 2" in avrgym("check", folder).stdout
+    assert "of 2 it is unknown" in avrgym("status", folder).stdout.replace("\n", " ")
+
+
+def test_where_nothing_can_be_signed_a_study_goes_on_and_its_list_proves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(signing, "data_folder", lambda: tmp_path / "file")
+    folder = small_study(tmp_path / "study")
+    with Store(folder) as store:
+        run_participant(store, take_in(store), trials=1)
+    assert "is not signed" in lose(folder).lost
+    assert states(folder) == {"sub-001": "unknown"}
+
+
+# Kills
+
+
+def _withdraw_and_die(folder: Path) -> None:
+    """Withdraw somebody, and be killed between the list and the database."""
+    following = reconciling.follow
+
+    def follow_and_die(*arguments: object) -> None:
+        following(*arguments)  # pyright: ignore[reportArgumentType]
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    with Store(folder) as store:
+        database.follow = follow_and_die
+        withdraw(store, "sub-005")
+
+
+@pytest.mark.parametrize("database_is_lost", [False, True])
+def test_a_kill_between_list_and_database_loses_no_withdrawal(folder: Path, database_is_lost: bool) -> None:
+    process = get_context("fork").Process(target=_withdraw_and_die, args=(folder,))
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
+    if database_is_lost:
+        for path in folder.glob("study.db-*"):
+            path.unlink()
+        lose(folder)
+    assert states(folder) == STATES | {"sub-005": "withdrawn"}
+
+
+def test_a_line_that_a_kill_cut_off_does_not_count(folder: Path) -> None:
+    with open(folder / FILE, "a") as file:
+        file.write('{"number":99,"partic')
+    with Store(folder) as store:
+        withdraw(store, "sub-005")
+    assert wrong(folder) == {}
+    lose(folder)
+    assert states(folder) == STATES | {"sub-005": "withdrawn"}
