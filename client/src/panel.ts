@@ -1,4 +1,5 @@
-import { CanvasTexture, Mesh, MeshBasicMaterial, PlaneGeometry, SRGBColorSpace, Vector3 } from "three";
+import { Vector3 } from "three";
+import { CanvasPlane } from "./canvasplane";
 import type { PanelContent } from "./display";
 import { freePlace, isFree } from "./freeplace";
 import type { ChooseBody } from "./messages";
@@ -10,9 +11,6 @@ const PANEL_HEIGHT_M = (PANEL_WIDTH_M * HEIGHT) / WIDTH;
 const PIXELS_PER_M = WIDTH / PANEL_WIDTH_M;
 export const PANEL_HALF_M = { x: PANEL_WIDTH_M / 2, y: PANEL_HEIGHT_M / 2 };
 
-/** After the scene; what is nearer hides it, as eyes expect. */
-export const OVERLAY_ORDER = 10;
-
 /** Where a ray meets the panel: metres along the ray and the button that is there. */
 export interface PanelHit {
   distance: number;
@@ -21,11 +19,10 @@ export interface PanelHit {
 
 /** The panel of words in VR. It is placed before the participant when it appears and then stays. */
 export class Panel {
-  readonly mesh: Mesh<PlaneGeometry, MeshBasicMaterial>;
+  readonly mesh: CanvasPlane["mesh"];
   buttons: Button[] = [];
   hovered: number | null = null;
-  private readonly context: CanvasRenderingContext2D;
-  private readonly texture: CanvasTexture;
+  private readonly plane: CanvasPlane;
   private content: PanelContent | null = null;
   private placed = false;
   private reviewed = false;
@@ -33,14 +30,9 @@ export class Panel {
   private readonly direction = new Vector3();
 
   constructor(anisotropy: number) {
-    const canvas = document.createElement("canvas");
-    canvas.width = WIDTH;
-    canvas.height = HEIGHT;
-    this.context = canvas.getContext("2d")!;
-    this.texture = new CanvasTexture(canvas);
-    this.texture.colorSpace = SRGBColorSpace;
-    this.texture.anisotropy = anisotropy;
-    this.mesh = panelMesh(this.texture);
+    this.plane = new CanvasPlane(WIDTH, HEIGHT, PANEL_WIDTH_M);
+    this.plane.texture.anisotropy = anisotropy;
+    this.mesh = this.plane.mesh;
   }
 
   get visible(): boolean {
@@ -113,16 +105,7 @@ export class Panel {
   }
 
   private repaint(): void {
-    if (!this.content) return;
-    paint(this.context, this.content, this.buttons, this.hovered);
-    this.texture.needsUpdate = true;
+    const { content } = this;
+    if (content) this.plane.paint((context) => paint(context, content, this.buttons, this.hovered));
   }
-}
-
-function panelMesh(map: CanvasTexture): Mesh<PlaneGeometry, MeshBasicMaterial> {
-  const material = new MeshBasicMaterial({ map, transparent: true, depthWrite: false, toneMapped: false });
-  const mesh = new Mesh(new PlaneGeometry(PANEL_WIDTH_M, PANEL_HEIGHT_M), material);
-  mesh.renderOrder = OVERLAY_ORDER;
-  mesh.visible = false;
-  return mesh;
 }

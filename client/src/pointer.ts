@@ -1,5 +1,6 @@
 import { CylinderGeometry, Group, Mesh, MeshBasicMaterial, SphereGeometry, Vector3 } from "three";
-import { OVERLAY_ORDER, type Panel, type PanelHit } from "./panel";
+import { OVERLAY_ORDER } from "./canvasplane";
+import type { Panel, PanelHit } from "./panel";
 
 const FREE_LENGTH_M = 1.2;
 

@@ -1,6 +1,6 @@
-import { CanvasTexture, Mesh, MeshBasicMaterial, PlaneGeometry, Quaternion, SRGBColorSpace, Vector3 } from "three";
+import { Quaternion, Vector3 } from "three";
+import { CanvasPlane } from "./canvasplane";
 import { wrap } from "./paint";
-import { OVERLAY_ORDER } from "./panel";
 import { WAYS, type WayInVR } from "./stopping";
 import type { Words } from "./words";
 
@@ -23,24 +23,10 @@ const COLOUR = { sign: "#c62828", ring: "#ffd36b", quiet: "#5b1717", text: "#fff
 
 /** How the robot is stopped, in VR: a sign with the words for it and a ring that fills while it is being done. */
 export class StopSign {
-  readonly mesh: Mesh<PlaneGeometry, MeshBasicMaterial>;
-  private readonly context: CanvasRenderingContext2D;
-  private readonly texture: CanvasTexture;
+  private readonly plane = new CanvasPlane(WIDTH, HEIGHT, WIDTH_M);
+  readonly mesh = this.plane.mesh;
   private painted = "";
   private stands: Vector3 | null = null;
-
-  constructor() {
-    const canvas = document.createElement("canvas");
-    canvas.width = WIDTH;
-    canvas.height = HEIGHT;
-    this.context = canvas.getContext("2d")!;
-    this.texture = new CanvasTexture(canvas);
-    this.texture.colorSpace = SRGBColorSpace;
-    const material = new MeshBasicMaterial({ map: this.texture, transparent: true, depthWrite: false, toneMapped: false });
-    this.mesh = new Mesh(new PlaneGeometry(WIDTH_M, HEIGHT_M), material);
-    this.mesh.renderOrder = OVERLAY_ORDER;
-    this.mesh.visible = false;
-  }
 
   /** The middle of the disc in `local-floor`; null while it is hidden or goes along with the head. */
   get middle(): Vector3 | null {
@@ -61,8 +47,8 @@ export class StopSign {
     const wanted = `${way} ${step} ${words.language}`;
     if (wanted === this.painted) return;
     this.painted = wanted;
-    paintSign(this.context, words.say("stop_sign"), words.say(WAYS[way].words), step / STEPS);
-    this.texture.needsUpdate = true;
+    const [sign, how] = [words.say("stop_sign"), words.say(WAYS[way].words)];
+    this.plane.paint((context) => paintSign(context, sign, how, step / STEPS));
   }
 
   /** Moves the sign along with the head; leaves it in the room for participants who stop by looking at it. */

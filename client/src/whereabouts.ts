@@ -1,7 +1,7 @@
 import { ConeGeometry, Matrix4, Mesh, MeshBasicMaterial, type PerspectiveCamera, Quaternion, Vector3 } from "three";
 import { element } from "./element";
 import type { XRPose } from "./messages";
-import { OVERLAY_ORDER } from "./panel";
+import { OVERLAY_ORDER } from "./canvasplane";
 import { freeOf, type Rectangle } from "./view";
 
 /** How far from the edge an arrow stays, and within which margin the robot is out of view, px. */

@@ -76,6 +76,17 @@ def driving(plan: SessionPlan) -> Policies:
     return {(trial.environment, trial.policy): drive(trial.environment) for trial in plan.trials}
 
 
+def result(recording: Recording) -> str:
+    """How an attempt ended, by its recording."""
+    assert recording.outcome is not None
+    return recording.outcome["result"]
+
+
+def events(recording: Recording) -> list[str]:
+    """The names of all events of a recording, in order."""
+    return [event.name for _, event in recording.topics["/events"]]
+
+
 class Visit:
     """A session and whoever attends it. ``heard`` holds all that the session said, ``observed`` what happened.
 

@@ -390,7 +390,7 @@ STATISTICS = {"min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", 
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_lerobot_statistics_have_the_quantiles_of_every_feature(exports: dict[str, Path], scene: str) -> None:
-    """Over all frames in stats.json, over each episode's own beside it."""
+    """Over all frames in stats.json, and over the frames of each episode in its own file."""
     folder = exports["lerobot"] / scene
     frames: Any = pd.read_parquet(folder / "data" / "chunk-000" / "file-000.parquet")
     episodes: Any = pd.read_parquet(folder / "meta" / "episodes" / "chunk-000" / "file-000.parquet")

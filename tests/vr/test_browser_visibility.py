@@ -24,7 +24,7 @@ BACKGROUND = """(state) => {
     Object.defineProperty(document, "visibilityState", { value: state, configurable: true });
     document.dispatchEvent(new Event("visibilitychange"));
 }"""
-"""Headless browsers keep every page in front: this one is told that it is not."""
+"""Reports to the page that it is in the background: headless browsers keep every page in front."""
 
 
 @pytest.fixture

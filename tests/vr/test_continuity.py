@@ -3,8 +3,7 @@
 import re
 import signal
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -28,33 +27,11 @@ from avrgym.vr.tracking.frames import LONGEST_GAP_FRAMES, RESTART_FRAMES, Number
 from avrgym.vr.tracking.world import TICK_S
 from processes import Served, served
 from studies import make_study, take_in
-from visit import Visit, plan
+from visit import Visit, events, result
 
 FROZEN_TICKS = 1001
 LARGEST = 2**53 - 1
 """The largest number that a browser can count to."""
-
-
-@pytest.fixture
-def visit(tmp_path: Path) -> Iterator[Callable[..., Visit]]:
-    visits: list[Visit] = []
-
-    def make(countdown_s: float = 0.1, **how) -> Visit:
-        visits.append(Visit(tmp_path / f"visit-{len(visits)}", replace(plan(**how), countdown_s=countdown_s)))
-        return visits[-1]
-
-    yield make
-    for each in visits:
-        each.leave()
-
-
-def result(recording: Recording) -> str:
-    assert recording.outcome is not None
-    return recording.outcome["result"]
-
-
-def events(recording: Recording) -> list[str]:
-    return [event.name for _, event in recording.topics["/events"]]
 
 
 def held(recording: Recording) -> list[bool]:

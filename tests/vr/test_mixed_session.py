@@ -1,6 +1,6 @@
 """Sessions of several environments, what the experimenter may ask of them, and what their observer is told."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from itertools import pairwise
@@ -41,20 +41,6 @@ from starts import HAND_AT_THE_ROBOT_RAD
 from visit import Visit, driving, plan
 
 FEEDING, SCRATCHING = "avrgym/FeedingJaco-v1", "avrgym/ScratchItchPR2-v1"
-
-
-@pytest.fixture
-def visit(tmp_path: Path) -> Iterator[Callable[..., Visit]]:
-    """Makes visits whose trials are short."""
-    visits: list[Visit] = []
-
-    def make(**how) -> Visit:
-        visits.append(Visit(tmp_path / f"visit-{len(visits)}", plan(**how)))
-        return visits[-1]
-
-    yield make
-    for each in visits:
-        each.leave()
 
 
 def attend(visit: Visit) -> None:

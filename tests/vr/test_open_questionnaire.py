@@ -1,4 +1,4 @@
-"""Once the robot has helped, the trial counts; whoever comes back is asked only what they have not answered."""
+"""Once the robot has helped, the trial counts; a returning participant sees only unanswered questions."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -51,7 +51,7 @@ def blink(visit: Visit) -> None:
 
 
 def reload(visit: Visit) -> None:
-    """The page is loaded anew, also in another browser, and nobody enters VR."""
+    """The page is reloaded, perhaps in another browser, and nobody enters VR."""
     visit.tell(Disconnected())
     visit.session.greet(visit.heard.append, "participant", visit.now_s)
 

@@ -2,15 +2,13 @@
 
 import colorsys
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from accessibility import violations
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.protocol.messages import (
     PROTOCOL,
     Message,
@@ -55,14 +53,6 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
     visit.tick(100)
     latest = [visit.said(kind)[-1] for kind in (Phase, Status)]
     return [*latest, Timing(tick_ms_median=3.2, tick_ms_max=7.9, missed_ticks=0)]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
-        yield browser
-        browser.close()
 
 
 def welcome(role: Role) -> Welcome:

@@ -1,13 +1,10 @@
 """The browser shows what ``rgb_array`` shows: one picture of each scene by three.js and by MuJoCo."""
 
-from collections.abc import Iterator
-
 import mujoco
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser
 
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.scene.scene_export import export_glb
 from example_robots import EVERY, robot_model, scenes_of
 from glb import GlbFile
@@ -16,15 +13,7 @@ from glb_pictures import by_mujoco, by_three, camera_at, open_page
 LEAST_OVERLAP = 0.99
 """Of the two silhouettes: what both cover, of what one covers."""
 MOST_OFF, OTHERWISE = 24, 0.02
-"""Levels of 255 by which colours may differ, and the share of pixels, at edges, where they may differ more."""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
-        yield browser
-        browser.close()
+"""The largest difference of colours, in levels of 255, and the share of pixels, at edges, with larger ones."""
 
 
 def assert_looks_alike(browser: Browser, model: mujoco.MjModel, camera: mujoco.MjvCamera) -> None:

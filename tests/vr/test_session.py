@@ -2,7 +2,7 @@
 
 import hashlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -50,7 +50,7 @@ from avrgym.vr.protocol.webxr import hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.tracking.world import TICK_S
 from starts import begun
-from visit import ENVIRONMENT, Visit, plan
+from visit import ENVIRONMENT, Visit, events, plan
 
 Array = NDArray[np.float64]
 PhysicsState = Sequence[float] | Array
@@ -155,24 +155,6 @@ def records(recording: Recording, topic: str) -> list:
 
 def states(recording: Recording) -> list[list[float]]:
     return [record.state for record in records(recording, "/physics")]
-
-
-def events(recording: Recording) -> list[str]:
-    return [record.name for record in records(recording, "/events")]
-
-
-@pytest.fixture
-def visit(tmp_path: Path) -> Iterator[Callable[..., Visit]]:
-    """Makes visits whose trials are short."""
-    visits: list[Visit] = []
-
-    def make(participant: SimulatedParticipant | None = None, **how) -> Visit:
-        visits.append(Visit(tmp_path / f"visit-{len(visits)}", plan(**how), participant=participant))
-        return visits[-1]
-
-    yield make
-    for each in visits:
-        each.leave()
 
 
 # A whole session ---------------------------------------------------------------------------------------------

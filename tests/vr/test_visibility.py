@@ -1,14 +1,11 @@
 """The robot holds while its participant does not see the scene or is not tracked, and they go on themselves."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Callable
 from typing import get_args
 
 import numpy as np
 import pytest
 
-from avrgym.recording.files import Recording
 from avrgym.replay.verification import verify
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.protocol.messages import (
@@ -26,32 +23,10 @@ from avrgym.vr.server.inbox import MESSAGES_PER_TICK, Inbox
 from avrgym.vr.session import events as session_events
 from avrgym.vr.tracking.frames import STALE_S
 from avrgym.vr.tracking.world import BRAKED_TICKS, TICK_S
-from visit import ENVIRONMENT, FRAME_EVERY_TICKS, Visit, plan
+from visit import ENVIRONMENT, FRAME_EVERY_TICKS, Visit, events, result
 
 UNSEEN = [visibility for visibility in get_args(Visibility) if visibility != "visible"]
 VISIBLE = VisibilityChanged("visible")
-
-
-@pytest.fixture
-def visit(tmp_path: Path) -> Iterator[Callable[..., Visit]]:
-    visits: list[Visit] = []
-
-    def make(countdown_s: float = 0.1, **how) -> Visit:
-        visits.append(Visit(tmp_path / f"visit-{len(visits)}", replace(plan(**how), countdown_s=countdown_s)))
-        return visits[-1]
-
-    yield make
-    for each in visits:
-        each.leave()
-
-
-def result(recording: Recording) -> str:
-    assert recording.outcome is not None
-    return recording.outcome["result"]
-
-
-def events(recording: Recording) -> list[str]:
-    return [event.name for _, event in recording.topics["/events"]]
 
 
 def speed_m_s(visit: Visit) -> float:

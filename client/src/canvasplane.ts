@@ -1,0 +1,30 @@
+import { CanvasTexture, Mesh, MeshBasicMaterial, PlaneGeometry, SRGBColorSpace } from "three";
+
+/** After the scene; what is nearer hides it, as eyes expect. */
+export const OVERLAY_ORDER = 10;
+
+/** A rectangle in VR that is painted on a canvas, hidden at first. */
+export class CanvasPlane {
+  readonly mesh: Mesh<PlaneGeometry, MeshBasicMaterial>;
+  readonly texture: CanvasTexture;
+  private readonly context: CanvasRenderingContext2D;
+
+  /** Of so many pixels, `widthM` metres wide. */
+  constructor(width: number, height: number, widthM: number) {
+    const canvas = document.createElement("canvas");
+    canvas.width = width;
+    canvas.height = height;
+    this.context = canvas.getContext("2d")!;
+    this.texture = new CanvasTexture(canvas);
+    this.texture.colorSpace = SRGBColorSpace;
+    const material = new MeshBasicMaterial({ map: this.texture, transparent: true, depthWrite: false, toneMapped: false });
+    this.mesh = new Mesh(new PlaneGeometry(widthM, (widthM * height) / width), material);
+    this.mesh.renderOrder = OVERLAY_ORDER;
+    this.mesh.visible = false;
+  }
+
+  paint(paint: (context: CanvasRenderingContext2D) => void): void {
+    paint(this.context);
+    this.texture.needsUpdate = true;
+  }
+}
