@@ -90,7 +90,8 @@ class RecordingWriter:
     def robot_finished(self, outcome: Mapping[str, Any]) -> None:
         """Queue the outcome of a trial whose robot has finished, without waiting.
 
-        Once it is on disk, ``end_cut_recording`` completes the file if this process is killed.
+        Once it is in the file, ``end_cut_recording`` completes that if this process is killed. Waiting for the disk
+        itself here would keep later records from the file.
         """
         self._queue.put(dict(outcome))
 
@@ -161,7 +162,6 @@ class RecordingWriter:
         if isinstance(entry, dict):
             self._mcap.flush()
             self._mcap.add_metadata(_ROBOT_FINISHED, _to_text(entry))
-            self._disk.sync()
             return True
         topic, log_time_ns, record = entry
         self._written += 1
