@@ -1,0 +1,44 @@
+"""A study of AVR Gym 0.1.0 is analysed: answers on their scales, participants in the flow, figures in both formats."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.study import Analysis, analyse
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
+
+OLD = Path(__file__).parents[1] / "data" / "study-of-0.1.0"
+
+
+@pytest.fixture
+def old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    return Path(shutil.copytree(OLD, tmp_path / "old"))
+
+
+def check_rows(found: Analysis) -> None:
+    assert {(row.least, row.most, row.points) for row in found.observed.answers} == {(1, 7, 7)}
+    assert {row.value for row in found.likert} == set(range(1, 8))
+    for flow in found.flows:
+        assert flow.analysed == len(found.observed.analysed_people(simulated=flow.simulated))
+        assert flow.analysed <= flow.completed + flow.unfinished
+
+
+def test_an_old_study_is_analysed_on_the_scales_of_its_items(old: Path) -> None:
+    with Store(old) as store:
+        check_rows(analyse(store))
+
+
+@pytest.mark.slow
+def test_the_report_of_an_old_study_has_every_figure_in_both_formats(old: Path, tmp_path: Path) -> None:
+    with Store(old) as store:
+        write_analysis(analyse(store), store.folder, tmp_path / "out")
+    figures = {path.relative_to(tmp_path) for path in tmp_path.glob("out/*/*.svg")}
+    assert figures
+    assert {
+        path.with_suffix(".svg")
+        for path in (each.relative_to(tmp_path) for each in tmp_path.glob("out/*/*.pdf"))
+    } == figures
