@@ -336,3 +336,23 @@ def test_simulation_of_another_length_is_named_before_the_figures(analysis: Anal
     page = (tmp_path / "page.html").read_text()
     assert 0 < page.index(note) < page.index("<figure>")
     assert "-0.000" not in page
+
+
+@pytest.mark.parametrize(
+    ("tasks", "said", "not_said"),
+    [
+        (("Feeding", "ScratchItch"), "sat on a seat 0.485 m high. A force guard", "mattress"),
+        (("BedBathing",), "lay on a mattress 0.55 m high with its back at 60°. A force", "sat on"),
+        (("Feeding", "BedBathing"), "sat on a seat 0.485 m high and lay on a mattress", "drinking"),
+    ],
+)
+def test_the_methods_name_the_furniture_and_withdrawals_of_the_tasks(
+    analysis: Analysis, tasks: tuple[str, ...], said: str, not_said: str
+) -> None:
+    design = msgspec.structs.replace(analysis.design, tasks=tasks)
+    told, flow = replace(analysis, design=design, uses=[]), main_flow(analysis)
+    assert flow is not None
+    words = " ".join(methods(told, flow)["Apparatus"])
+    assert said in words
+    assert not_said not in words
+    assert ("After success in feeding the robot withdrew" in words) == ("Feeding" in tasks)

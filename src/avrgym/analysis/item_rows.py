@@ -18,6 +18,8 @@ class ItemRow:
     item: str
     version: int
     text: str
+    least: int
+    most: int
     points: int
     low: str
     high: str
@@ -28,6 +30,7 @@ class ItemRow:
 def item_rows(store: Store, asked: Asked) -> list[ItemRow]:
     """A row for each item and group of participants, the versions of one item after each other."""
     simulated = {each.pseudonym: each.simulated for each in store.participants()}
+    scales = {item.id: own.scale_of(item) for own in asked.design.questionnaires for item in own.items}
     return [
         ItemRow(
             simulated=group,
@@ -35,13 +38,16 @@ def item_rows(store: Store, asked: Asked) -> list[ItemRow]:
             item=version.item.id,
             version=version.number,
             text=version.item.text,
-            points=version.item.points,
+            least=scale.lowest,
+            most=scale.highest,
+            points=scale.points,
             low=version.item.low,
             high=version.item.high,
             asked_of=", ".join(sorted(own)),
             answers=sum(own.values()),
         )
         for version in asked.versions
+        for scale in (scales[version.item.id],)
         for group in (False, True)
         for own in ({who: n for who, n in version.asked.items() if simulated[who] is group},)
         if own

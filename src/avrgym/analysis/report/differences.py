@@ -30,12 +30,12 @@ def _versions(analysis: Analysis) -> list[Markup]:
     shown = [row for row in analysis.items if first_name(row.item) in changed]
     if not shown:
         return []
-    heads = ("Item", "As it was asked", "From", "To", "Points", "Asked of", "Answers")
+    heads = ("Item", "As it was asked", "From", "To", "Asked of", "Answers")
     body = [
         (
-            row.item + (" (simulated)" if row.simulated else ""), row.text, row.low, row.high, row.points,
-            row.asked_of, row.answers,
+            row.item + (" (simulated)" if row.simulated else ""), row.text, f"{row.least} ({row.low})",
+            f"{row.most} ({row.high})", row.asked_of, row.answers,
         )
         for row in shown
     ]  # fmt: skip
-    return [table("Items that were changed; each version is analysed apart", heads, body, numbers=(4, 6))]
+    return [table("Items that were changed; each version is analysed apart", heads, body, numbers=(5,))]

@@ -53,7 +53,7 @@ COLUMNS: Mapping[str, Column] = {
     **{name: TABLES["participants"][name] for name in ("state", "sex", "age_years")},
     **{name: TABLES["answers"][name] for name in ("moment", "questionnaire", "item", "value", "points")},
     **{name: TABLES["scores"][name] for name in ("instrument", "scale", "score", "answered", "items")},
-    **{f"items.{name}": TABLES["items"][name] for name in ("item", "text", "points", "low", "high")},
+    **{f"items.{name}": TABLES["items"][name] for name in ("item", "text", "least", "most", "points", "low", "high")},
     "items.version": _whole(
         "Which version of the item it is: 2 and above where it was changed after somebody was asked.",
         allowed="1 and above",

@@ -8,6 +8,7 @@ from avrgym.analysis.headset_rows import headset_words
 from avrgym.analysis.latency_rows import total_of
 from avrgym.analysis.page import count
 from avrgym.analysis.reading.flow import Flow
+from avrgym.analysis.reading.trained_people import posture_of
 from avrgym.analysis.report.adverse_events import adverse_event_words
 from avrgym.analysis.report.had import had
 from avrgym.analysis.report.models import METHODS as OF_MODELS
@@ -20,6 +21,7 @@ from avrgym.study.design.design import Design
 from avrgym.study.design.words import blinding, conditions, description, randomization
 from avrgym.study.storage.uses import Use
 from avrgym.study.storage.versions import first_name
+from avrgym.tasks.registry import TASKS
 from avrgym.vr.session.attempt import versions
 
 SIMULATED = "SIMULATED PARTICIPANTS: all that follows was made up by a program and says nothing about people."
@@ -173,19 +175,24 @@ def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
 
 
 def _equipment(design: Design) -> str:
-    """What participants sat on, and what the robots did and did not do."""
-    seat = design.furniture
+    """What participants sat or lay on, and what the robots did and did not do."""
+    seat, postures = design.furniture, {posture_of(task) for task in design.tasks}
+    places = {
+        "seated": f"sat on a seat {seat.seat_height_m:g} m high",
+        "in bed": f"lay on a mattress {seat.mattress_height_m:g} m high with its back at {seat.mattress_back_deg:g}°",
+    }
+    guarded = "A force guard kept arms" if design.force_guard else "No force guard kept arms"
     return (
-        f"Participants sat on a seat {seat.seat_height_m:g} m high and lay on a mattress {seat.mattress_height_m:g} m "
-        f"high with its back at {seat.mattress_back_deg:g}°. "
-        + ("A force guard kept arms" if design.force_guard else "No force guard kept arms")
-        + " from pressing too hard and from coming too fast."
-        + (
-            " After success in feeding and drinking the robot withdrew its tool and waited."
-            if design.withdraw_after_success
-            else ""
-        )
+        f"Participants {' and '.join(words for posture, words in places.items() if posture in postures)}. "
+        f"{guarded} from pressing too hard and from coming too fast.{_withdrawal(design)}"
     )
+
+
+def _withdrawal(design: Design) -> str:
+    ending = [task.lower() for task in design.tasks if TASKS[task].ends_with_success]
+    if not (ending and design.withdraw_after_success):
+        return ""
+    return f" After success in {' and '.join(ending)} the robot withdrew its tool and waited."
 
 
 def _plugins(analysis: Analysis, flow: Flow) -> Iterator[str]:
@@ -268,7 +275,7 @@ def _versions(analysis: Analysis) -> Iterator[str]:
     """Of whom each version of a changed item was asked."""
     changed = {first_name(row.item) for row in analysis.items if row.version > 1}
     asked = [
-        f"{row.item} (“{row.text}”, from 1, {row.low}, to {row.points}, {row.high}) was asked of {row.asked_of}"
+        f"{row.item} (“{row.text}”, from {row.least}, {row.low}, to {row.most}, {row.high}) was asked of {row.asked_of}"
         for row in analysis.items
         if first_name(row.item) in changed
     ]
