@@ -295,7 +295,7 @@ def test_inclusion_questions_are_listed_with_the_answer_that_let_people_in(analy
     flow = main_flow(analysis)
     assert flow is not None
     (asked,) = (each for each in checklist(analysis, flow) if each.field == "Inclusion criteria")
-    assert "Are you able-bodied? Yes." in asked.known
+    assert "with glasses if you need them? Yes." in asked.known
     assert "Have you ever had epilepsy? No." in asked.known
 
 

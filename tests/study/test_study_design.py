@@ -35,9 +35,17 @@ def test_a_new_study_holds_the_paper_s_protocol(tmp_path: Path) -> None:
     )  # fmt: skip
     assert design.items_at("after_trial") == LIKERT_ITEMS
     assert {question.id for question in design.inclusion if not question.required} == {
-        "impairment",
         "epilepsy",
     }
+
+
+def test_a_new_study_includes_people_with_motor_impairments_who_can_stop_the_robot() -> None:
+    """Nobody must be able-bodied or press anything: some means to signal stop is enough."""
+    asked = {question.id: question.text.lower() for question in parse_design(TEXT).inclusion}
+    assert "stop" in asked["stop"]
+    assert "voice or another" in asked["stop"]
+    for text in asked.values():
+        assert not re.search(r"able-bodied|impairment|disab|trigger|controllers?|walk|hold", text), text
 
 
 def test_every_setting_is_explained() -> None:
@@ -71,7 +79,7 @@ MISTAKES = [
     ("blind_experimenter = false", "blind_experimenter = 0", "Expected bool, got int"),
     ('id = "epilepsy"', 'id = "adult"', "'adult' stands twice"),
     ('id = "epilepsy"', 'id = "a/b"', "'a/b' is no name"),
-    ("required = true\n\n[[inclusion]]\nid = \"able", "required = 1\n\n[[inclusion]]\nid = \"able", "Expected bool"),
+    ("required = true\n\n[[inclusion]]\nid = \"stop", "required = 1\n\n[[inclusion]]\nid = \"stop", "Expected bool"),
     ('id = "L4"', 'id = "L1"', "'L1' stands twice"),
     ('robot.", points = 7', 'robot.", points = 1', "points: Expected int >= 2"),
     ('{ id = "L3", ', "{ ", "missing required field id"),

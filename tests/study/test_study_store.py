@@ -204,7 +204,7 @@ def test_who_does_not_fit_is_excluded_and_takes_no_order(store: Store) -> None:
     refused(
         store,
         lambda: record_inclusion(store, pseudonym, {"adult": True}),
-        "the questions are adult, able_bodied",
+        "the questions are adult, stop",
     )
     assert not record_inclusion(store, pseudonym, fitting_answers(store) | {"epilepsy": True})
     participant = store.participant(pseudonym)

@@ -201,3 +201,16 @@ def participant_data(
         log(store, "export", participant, detail="data of the participant")
     say(f"{number} files in {out}, with name, contact and free text.")
     say("Read notes and descriptions for names of other people before you hand it over.")
+
+
+def data_protection(folder: Folder) -> None:
+    """Write drafts of a data protection impact assessment and of a record of processing.
+
+    They are filled in from the design (GDPR, Articles 35 and 30); what you have filled in is never overwritten.
+    """
+    from avrgym.study.plan.data_protection import write_data_protection
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        for path in write_data_protection(store):
+            say(f"draft     {path}")

@@ -12,7 +12,13 @@ from avrgym.cli.logged import log
 from avrgym.cli.options import PEOPLE, Impairment
 from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
 from avrgym.cli.progress import GOES_ON, progress_bar
-from avrgym.cli.records import adverse_events, participant_data, record_adverse_event, retention
+from avrgym.cli.records import (
+    adverse_events,
+    data_protection,
+    participant_data,
+    record_adverse_event,
+    retention,
+)
 from avrgym.cli.sites import merge, say_sites
 from avrgym.cli.terminal import (
     Jobs,
@@ -55,6 +61,7 @@ app.command()(record_adverse_event)
 app.command()(adverse_events)
 app.command()(retention)
 app.command()(participant_data)
+app.command()(data_protection)
 app.command()(add_experimenter)
 app.command()(experimenters)
 app.command()(revoke_experimenter)

@@ -43,11 +43,12 @@ def write_preregistration(store: Store, offered: Offered, form: str) -> Path:
         raise StudyError(f"{FROZEN} {'; '.join(frozen.faults)}")
     else:
         plan, state = frozen.record.parsed(), f"Frozen with AVR Gym at {frozen.at} (UTC)."
-    text = _markdown(f"{store.design.title}: {title}", state, fields(store.design, plan, offered))
-    return _write_new(store.folder / f"preregistration-{form}.md", text)
+    text = as_markdown(f"{store.design.title}: {title}", state, fields(store.design, plan, offered))
+    return write_draft(store.folder / f"preregistration-{form}.md", text)
 
 
-def _write_new(path: Path, text: str) -> Path:
+def write_draft(path: Path, text: str) -> Path:
+    """Write a new file; ``StudyError`` where it is there with other words, which stay."""
     try:
         write_new(path, text)
     except FileExistsError:
@@ -58,7 +59,8 @@ def _write_new(path: Path, text: str) -> Path:
     return path
 
 
-def _markdown(title: str, state: str, fields: Fields) -> str:
+def as_markdown(title: str, state: str, fields: Fields) -> str:
+    """Fields by section and heading as Markdown."""
     lines = [f"# {title}", state]
     for section, answers in fields.items():
         lines += [f"## {section}"] if section else []

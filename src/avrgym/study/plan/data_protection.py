@@ -1,0 +1,187 @@
+"""Templates for data protection: an impact assessment and a record of processing, filled in from the design.
+
+Articles are those of Regulation (EU) 2016/679 (GDPR). What the design does not know is a place to fill in. The files
+are drafts: the controller completes and judges them.
+"""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from avrgym.study.design.design import Design
+from avrgym.study.design.words import description
+from avrgym.study.plan.preregistration import as_markdown, write_draft
+from avrgym.study.storage.store import Store
+
+FOLDER = "data-protection"
+FILL_IN = "**[TO FILL IN: {}]**"
+DRAFT = (
+    "A draft from the study's design, by AVR Gym. Places in brackets are to fill in. The controller completes it, "
+    "asks the data protection officer (Article 35(2)) and answers for it."
+)
+MEASURES = (
+    "Pseudonyms: names and contacts are in the folder `private` alone, apart from recordings and answers.",
+    "Files and folders of the study can be read by the account that owns them and by no other.",
+    "The server needs a token for each role; on a network it serves by TLS alone.",
+    "A ledger and checksums detect each change of the database or of recordings by anything else.",
+    "A log contains who viewed, exported and deleted what.",
+    "Deletion of one participant on request, with the database's backups, and deletion by schedule.",
+    "Exports contain no names, and free text only when it is asked for.",
+)
+"""What this program does, which any study may state."""
+
+
+def write_data_protection(store: Store) -> list[Path]:
+    """Write both drafts into the study's folder; what somebody has filled in stays.
+
+    Raises:
+        StudyError: where a draft is there already with other words.
+        OSError: when one cannot be written.
+    """
+    design, folder = store.design, store.folder / FOLDER
+    folder.mkdir(mode=0o700, exist_ok=True)
+    title = design.title
+    drafts = {
+        "impact-assessment.md": as_markdown(
+            f"{title}: data protection impact assessment", DRAFT, _assessment(design)
+        ),
+        "record-of-processing.md": as_markdown(
+            f"{title}: record of processing activities", DRAFT, _record(design)
+        ),
+    }
+    return [write_draft(folder / name, text) for name, text in drafts.items()]
+
+
+def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
+    """What Article 35(7) asks for, with what comes before it."""
+    return {
+        "Whether an assessment is needed (Article 35(1) and (3))": {
+            "Why": "Movements of head and hands may identify a person even without a name. "
+            + _health(design)
+            + " "
+            + _fill_in(
+                "whether the processing is likely to result in a high risk, and whether your authority lists it"
+            ),
+        },
+        "Description of the processing (Article 35(7)(a))": {
+            "What happens": f"{description(design)} {design.participants} participants are planned.",
+            "Purposes": _fill_in("the research question, and the interest pursued"),
+            "Legal basis": _fill_in(
+                "for example consent, Article 6(1)(a); for data on health Article 9(2)(a) or (j)"
+            ),
+            "Data": _list(_data(design)),
+            "Recipients": _recipients(design),
+            "Storage": _storage(design),
+            "Retention": _retention(design),
+        },
+        "Necessity and proportionality (Article 35(7)(b))": {
+            "Data minimisation (Article 5(1)(c))": "Nothing is asked beyond the questions of the design. "
+            + _fill_in("why the study needs each kind of data"),
+            "Information and consent (Articles 7 and 13)": f"Consent text, version {design.consent.version}: "
+            f"{' '.join(design.consent.text.split())} {_fill_in('where the full information is')}",
+            "Rights (Articles 15 to 22)": "Access and portability: `avrgym study participant-data`. Erasure: "
+            "`avrgym study delete-participant`. Withdrawal at any time: on the dashboard, or `avrgym study withdraw`. "
+            + _fill_in("whom participants contact, and limits of these rights in research, Article 89"),
+        },
+        "Risks to participants (Article 35(7)(c))": {
+            "Identification by movements": _risk(),
+            "Disclosure of names": _risk(),
+            "Disclosure of data on health": _risk(),
+            "Loss of data": _risk(),
+            "Other risks": _fill_in("what else may harm participants"),
+        },
+        "Measures (Article 35(7)(d))": {
+            "By this program": _list(MEASURES),
+            "By the institution": _fill_in(
+                "encryption of disks, access to rooms, backups, training of staff"
+            ),
+        },
+        "Advice and decision": {
+            "Data protection officer (Article 35(2))": _fill_in("name, advice and date"),
+            "Views of participants (Article 35(9))": _fill_in("whose views were sought, or why not"),
+            "Residual risk, and prior consultation (Article 36)": _fill_in("the decision, and who made it"),
+        },
+    }
+
+
+def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
+    """What Article 30(1) asks for."""
+    return {
+        "Record (Article 30(1))": {
+            "(a) Controller, joint controllers, data protection officer": _fill_in("names and contacts"),
+            "(b) Purposes": _fill_in("the research question") + f" The study: {design.title}.",
+            "(c) Categories of people": f"{design.participants} participants of a study; experimenters, in its log. "
+            + (" ".join(each.text for each in design.inclusion)),
+            "(c) Categories of data": _list(_data(design)),
+            "(d) Recipients": _recipients(design),
+            "(e) Transfers to third countries": _fill_in(
+                "none, or the countries and the safeguards of Article 46"
+            ),
+            "(f) Time limits for erasure": _retention(design),
+            "(g) Security measures (Article 32(1))": f"{_list(MEASURES)}\n\n{_fill_in('measures of the institution')}",
+        }
+    }
+
+
+def _data(design: Design) -> Iterable[str]:
+    """The kinds of data that a study of this design holds."""
+    yield "Identity: name and contact, where they were given."
+    yield "Body model (woman or man), age where it was given, language, torso height."
+    yield "Answers to inclusion questions: " + " ".join(each.text for each in design.inclusion)
+    yield "Movements of head and hands during each trial, at the rate of tracking."
+    names = ", ".join(each.name for each in design.questionnaires)
+    yield f"Answers with response times: {names or 'no questionnaires'}."
+    if design.streams.receive:
+        yield f"Signals of other devices: {', '.join(design.streams.receive)}."
+    yield "Times of sessions, stops and interruptions; notes of experimenters; adverse events."
+    yield "No camera picture and no sound is recorded."
+
+
+def _health(design: Design) -> str:
+    return (
+        "Inclusion questions, adverse events"
+        + (", signals of other devices" if design.streams.receive else "")
+        + " and movements of people with impairments may be data on health (Article 9(1))."
+    )
+
+
+def _storage(design: Design) -> str:
+    place = "a PostgreSQL database" if design.database.url else "the file `study.db` in the study's folder"
+    return f"Rows in {place}, recordings as files in the study's folder. " + _fill_in(
+        "computers, rooms and backups, and processors with their contracts (Article 28)"
+    )
+
+
+def _recipients(design: Design) -> str:
+    about = design.reporting.data_availability
+    return f"Data availability: {about or _fill_in('who receives which data, and in which form')}"
+
+
+def _retention(design: Design) -> str:
+    retention = design.retention
+    periods = {
+        "Names and contacts": (retention.identities_months, "months"),
+        "Recordings": (retention.recordings_years, "years"),
+        "All data of participants": (retention.data_years, "years"),
+    }
+    end = f"the study's end ({retention.ended_on})" if retention.ended_on else "the study's end"
+    return _list(
+        f"{what}: "
+        + (
+            _fill_in("period, also under [retention] in study.toml")
+            if period is None
+            else f"{period} {unit} after {end}."
+        )
+        for what, (period, unit) in periods.items()
+    )
+
+
+def _risk() -> str:
+    return _fill_in("likelihood, severity, and which measure reduces it")
+
+
+def _fill_in(what: str) -> str:
+    return FILL_IN.format(what)
+
+
+def _list(items: Iterable[str]) -> str:
+    return "\n".join(f"- {item}" for item in items)

@@ -1,0 +1,58 @@
+"""Drafts for data protection: what the design knows is in them, the rest is to fill in, and nothing is overwritten."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli import app
+from avrgym.study.plan.data_protection import FOLDER, write_data_protection
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from studies import small_study
+
+
+def written(folder: Path) -> dict[str, str]:
+    with Store(folder) as store:
+        return {path.name: path.read_text() for path in write_data_protection(store)}
+
+
+def test_each_article_has_its_place_and_the_design_fills_in_what_it_knows(tmp_path: Path) -> None:
+    drafts = written(small_study(tmp_path / "study"))
+    assessment, record = drafts["impact-assessment.md"], drafts["record-of-processing.md"]
+    for letter in "abcd":
+        assert f"Article 35(7)({letter})" in assessment
+    for letter in "abcdefg":
+        assert f"### ({letter}) " in record
+    for text in (assessment, record):
+        assert "likert" in text
+        assert "8 participants" in text
+        assert "[TO FILL IN: period" in text
+        assert "Signals of other devices" not in text
+    assert "You take part in a study" in assessment
+    assert "`study.db`" in assessment
+
+
+def test_drafts_follow_the_design(tmp_path: Path) -> None:
+    folder = small_study(tmp_path / "study")
+    path = folder / "study.toml"
+    text = path.read_text().replace("[retention]\n", "[retention]\nidentities_months = 7\ndata_years = 12\n")
+    path.write_text(text.replace("receive = {}", """receive = { heart = "type='ECG'" }"""))
+    for draft in written(folder).values():
+        assert "Names and contacts: 7 months after the study's end." in draft
+        assert "All data of participants: 12 years after" in draft
+        assert "Recordings: **[TO FILL IN" in draft
+        assert "Signals of other devices: heart." in draft
+
+
+def test_what_somebody_has_filled_in_stays(tmp_path: Path) -> None:
+    folder = small_study(tmp_path / "study")
+    command = ["study", "data-protection", str(folder)]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    assert CliRunner().invoke(app, command).exit_code == 0
+    path = folder / FOLDER / "impact-assessment.md"
+    path.write_text("filled in")
+    with Store(folder) as store, pytest.raises(StudyError, match="there already, with other words"):
+        write_data_protection(store)
+    assert path.read_text() == "filled in"
+    assert path.stat().st_mode & 0o077 == 0 or path.parent.stat().st_mode & 0o077 == 0
