@@ -15,6 +15,7 @@ from avrgym.analysis.reading.flow import Flow, flows
 from avrgym.analysis.reading.observations import Observations, observe
 from avrgym.analysis.reading.study_log import StudyLog, study_log
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED, draw_people
+from avrgym.analysis.repeat_rows import RepeatRow, repeat_rows
 from avrgym.analysis.score_rows import ScoreRow, ScoreSummaryRow
 from avrgym.analysis.site_rows import SiteEffectRow, SiteOutcomeRow
 from avrgym.analysis.statistics.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
@@ -38,6 +39,8 @@ from avrgym.analysis.stream_rows import StreamRow
 from avrgym.analysis.tables import Table, control_steps
 from avrgym.study.checking.design_checks import check_design, check_stored_designs
 from avrgym.study.checking.finding import Finding, left_out
+from avrgym.study.checking.repeat_checks import check_repeats, is_simulated
+from avrgym.study.checking.repeats import tried_trials
 from avrgym.study.design.design import Design
 from avrgym.study.export.codebook import TABLES
 from avrgym.study.export.records import WITHOUT, adverse_event_rows
@@ -89,6 +92,8 @@ class Analysis:
     ``design`` is the study's with all items that were asked, ``uses`` are the designs that people took part with as
     they were recorded, and ``differences`` is in what these are not the study's present one.
     ``losses`` are what the loss of a database means for the study.
+
+    ``repeat_findings`` are about simulated participants or about people, as ``repeats_about`` is true or false.
     """
 
     design: Design
@@ -117,6 +122,9 @@ class Analysis:
     log: StudyLog
     adverse_events: list[Mapping[str, Any]]
     losses: tuple[str, ...]
+    repeats: list[RepeatRow]
+    repeat_findings: list[str]
+    repeats_about: bool
 
     @property
     def tests(self) -> list[rows.TestedRow]:
@@ -129,6 +137,7 @@ class Analysis:
         yield Table.of("participants", rows.ParticipantRow, seen.participants)
         yield Table.of("trials", rows.TrialRow, seen.trials)
         yield Table.of("attempts", rows.AttemptRow, seen.attempts)
+        yield Table.of("repeats", RepeatRow, self.repeats)
         yield Table.of("answers", rows.AnswerRow, seen.answers)
         yield Table.of("items", ItemRow, self.items)
         yield Table.of("reward_terms", rows.TermRow, seen.terms)
@@ -178,6 +187,7 @@ class Analysis:
             **({"database_rebuilt_at": self.rebuilt_at} if self.rebuilt_at else {}),
             "log": asdict(self.log),
             **({"losses": list(self.losses)} if self.losses else {}),
+            "repeat_findings": self.repeat_findings,
             **{table.name: list(table.rows) for table in self.tables() if table.name not in IN_TABLES_ONLY},
         }
 
@@ -233,6 +243,9 @@ def analyse(
         log=study_log(store),
         adverse_events=list(adverse_event_rows(store, store.participants(), WITHOUT)),
         losses=loss_words(store),
+        repeats=repeat_rows(tried_trials(store)),
+        repeat_findings=[f"{each.where}: {each.what}" for each in check_repeats(store)],
+        repeats_about=is_simulated(store),
     )
 
 

@@ -1,4 +1,4 @@
-"""What a study's page says of its log: who led the study, and who saw results before its planned end."""
+"""The log on a study's page: the number of entries, the people in it, and early views of results."""
 
 from avrgym.analysis.page import Markup, count, listing, tag
 from avrgym.analysis.reading.study_log import StudyLog
@@ -6,7 +6,7 @@ from avrgym.analysis.reading.study_log import StudyLog
 
 def log_section(log: StudyLog) -> Markup:
     """The log by count, and views of results before the planned end."""
-    return tag("section", tag("h2", "Who did what"), tag("p", _words(log)), *_looks(log), id="log")
+    return tag("section", tag("h2", "The log"), tag("p", _words(log)), *_looks(log), id="log")
 
 
 def _words(log: StudyLog) -> str:

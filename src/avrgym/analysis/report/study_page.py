@@ -29,6 +29,8 @@ from avrgym.analysis.report.log import log_section
 from avrgym.analysis.report.models import METHODS as OF_MODELS
 from avrgym.analysis.report.models import models
 from avrgym.analysis.report.plan import NOTHING, confirmatory, plan_section
+from avrgym.analysis.report.repeats import METHOD as OF_REPEATS
+from avrgym.analysis.report.repeats import repeats
 from avrgym.analysis.report.results import (
     answers,
     biomechanics,
@@ -106,7 +108,7 @@ def _navigation(analysis: Analysis, groups: Sequence[bool]) -> Markup:
         *plan,
         *links,
         tag("a", "About the study", href="#facts"),
-        tag("a", "Who did what", href="#log"),
+        tag("a", "The log", href="#log"),
         tag("a", "What is not as it should be", href="#problems"),
         tag("a", "Methods", href="#methods"),
     )
@@ -140,6 +142,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         *([] if simulated else [adverse_events(analysis)]),
         streams(analysis, simulated),
         latency(analysis, simulated),
+        repeats(analysis, simulated),
         trials(analysis, simulated, study_link),
         id=_id(simulated),
     )
@@ -273,7 +276,7 @@ def _methods(analysis: Analysis) -> Markup:
     return tag(
         "section",
         tag("h2", "Methods"),
-        listing((*METHODS, *OF_MODELS, OF_LATENCY)),
+        listing((*METHODS, *OF_MODELS, OF_REPEATS, OF_LATENCY)),
         headset_checks(analysis.headsets),
         tag("p", more),
         id="methods",

@@ -21,6 +21,7 @@ from avrgym.study.checking.participation_checks import check_participation
 from avrgym.study.checking.policy_files import check_policies_used
 from avrgym.study.checking.preflight import policy_faults
 from avrgym.study.checking.recorded_plugins import check_plugins
+from avrgym.study.checking.repeat_checks import check_repeats
 from avrgym.study.checking.start_checks import check_starts
 from avrgym.study.design.design import Design
 from avrgym.study.people.retention import due_words, recordings_deleted, today
@@ -300,6 +301,7 @@ CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_participants,
     check_plugins,
     check_interim_looks,
+    check_repeats,
     check_strays,
     check_due,
 )

@@ -1,4 +1,4 @@
-"""Who looked at a study's results before its planned end, as the log contains it."""
+"""Views of a study's results before its planned end, from its log."""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ RESULTS = "results"
 
 
 def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
-    """A finding for each person who looked, and for each number of participants after whom they did.
+    """A finding for each person and each number of participants who had completed the study then.
 
     A study ends when the number of participants that was planned at the moment, or ``planned`` if that is more, has
     completed it.

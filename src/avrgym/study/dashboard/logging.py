@@ -111,4 +111,4 @@ class LiveLog(DashboardLog):
     def _tell(self, stored: Future[None]) -> None:
         error = None if stored.cancelled() else stored.exception()
         if error is not None:
-            self._report(f"the log of who did what cannot be stored: {error}")
+            self._report(f"an entry of the log cannot be stored: {error}")

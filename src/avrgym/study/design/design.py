@@ -82,6 +82,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     A trial whose person was held for more than ``max_held_share`` of the time in which the robot helped enters no
     analysis; a design that does not say counts all. ``force_guard``: arms are kept from pressing too hard and from
     coming too fast; a design that does not say has none, as studies that began without it.
+    ``max_repeats``: how often experimenters may order that a trial is repeated; without it there is no limit.
     ``withdraw_after_success``: the robot withdraws its tool once a task that ends with success is complete; of a design
     that does not say it goes on to the trial's end. ``streams`` are exchanged with other devices.
     ``headset_check``: sessions of people begin with a check of the headset; of a design that does not say they do not.
@@ -101,6 +102,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     site: str = ""
     languages: Names = ("en",)
     max_held_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 1.0
+    max_repeats: Annotated[int, msgspec.Meta(ge=0)] | None = None
     force_guard: bool = False
     withdraw_after_success: bool = False
     headset_check: bool = False

@@ -215,7 +215,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "person": Column("Who did it, by number; with --free-text by the name of a token or account.", TEXT),
         "known_by": Column("How the person is known.", TEXT, allowed=_one_of(*KNOWN_BY)),
         "name": Column("What was done or viewed.", TEXT, allowed="see The log in docs/study.md"),
-        "participant": Column("Pseudonym of the participant whom it is about.", TEXT, "", "", "it is about nobody"),
+        "participant": Column("Pseudonym of its participant.", TEXT, "", "", "it has none"),
         "detail": Column("More about it; refused: it changed nothing.", TEXT, empty="nothing"),
         "completed": Column(
             "Participants who had completed the study when its results were viewed.", WHOLE, "", _FROM_0, _NO_RESULTS

@@ -1,4 +1,4 @@
-"""The log of a study as rows of a table: who did what, with participants by pseudonym."""
+"""The log of a study as rows of a table, with participants by pseudonym."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -11,7 +11,7 @@ from avrgym.study.storage.store import Store
 
 
 def log_rows(store: Store, extras: Extras) -> Iterator[dict[str, Any]]:
-    """Every entry; experimenters by numbers unless their names are asked for."""
+    """Every entry; experimenters by numbers, or by names with the extras."""
     entries, sites = store.log(), site_names(store)
     people = dict.fromkeys((entry.id // ROWS_PER_SITE, entry.person, entry.known_by) for entry in entries)
     codes = {person: f"person {number}" for number, person in enumerate(people, start=1)}

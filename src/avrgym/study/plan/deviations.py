@@ -7,6 +7,7 @@ from avrgym.study.checking.finding import Finding, LeftOut
 from avrgym.study.checking.interim_looks import check_interim_looks
 from avrgym.study.checking.policy_files import PolicyFile, called, policies_used, policy_files
 from avrgym.study.checking.preflight import plugins_needed
+from avrgym.study.checking.repeat_checks import check_repeats
 from avrgym.study.plan.design_deviations import changed_file, design_deviations, deviation
 from avrgym.study.plan.freezing import FROZEN, Record, software
 from avrgym.study.plan.origin import Frozen
@@ -46,6 +47,7 @@ def deviations(
         *_plugins(store, frozen.record),
         *_people(store, frozen.record),
         *check_interim_looks(store, frozen.record.parsed().participants),
+        *check_repeats(store, tomlkit.parse(frozen.record.design).unwrap().get("max_repeats")),
         *left_out,
         *_tests(frozen.record, offered, besides),
     ]

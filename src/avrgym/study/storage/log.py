@@ -69,7 +69,7 @@ def add_entry(
         store: the study.
         actor: who acts.
         name: what is done, such as ``export``.
-        participant: the pseudonym of the participant to whom it is done.
+        participant: the pseudonym of its participant, if it has one.
         detail: more about it, without names of participants.
         at: when, if not now.
         shows_results: results of participants were seen; how many had completed the study is stored.

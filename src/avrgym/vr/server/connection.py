@@ -130,7 +130,7 @@ async def _until_revoked(socket: WebSocket, tokens: Tokens, token: str) -> None:
 
 
 async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast) -> Hello | None:
-    """The hello with a token of the channel; without one, the client is told why it is refused."""
+    """The hello with a token of the channel; without one, the client receives the reason."""
     refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
     hello = None
     try:

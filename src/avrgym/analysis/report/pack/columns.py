@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from avrgym.study.checking.repeats import REASONS
 from avrgym.study.export.codebook import (
     LABELS,
     NUMBER,
@@ -75,6 +76,14 @@ COLUMNS: Mapping[str, Column] = {
     "trials_missing": _whole("How many planned trials were not completed."),
     "attempts": _whole("How many attempts were made."),
     "attempts_broken_off": _whole("How many attempts did not complete their trial."),
+    "repeats.trials": _whole("How many trials of the condition were begun, practice left out."),
+    "reason": Column("What led to the repeats.", TEXT, allowed=", ".join(REASONS)),
+    "cause": _text("The cause in words."),
+    "ordered_by": _text("Who ordered the repeats.", "no experimenter did"),
+    "repeated": _whole("How many trials were repeated for this cause."),
+    "replaced": _whole("How many attempts a later attempt replaced."),
+    "replaced_successes": _whole("In how many of these the robot had succeeded."),
+    "success_unknown": _whole("Of how many of these no outcome is stored."),
     "counted": Column("Whether it enters the analyses.", TRUTH, allowed=_TRUTH),
     "left_out": _text("Why a trial that was completed does not count.", "it counts, or was not completed"),
     "held_share": _number(

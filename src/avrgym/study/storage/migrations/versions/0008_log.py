@@ -1,4 +1,4 @@
-"""Experimenters with tokens of their own, and the log of who did what."""
+"""Experimenters with tokens of their own, and the log of actions."""
 
 import sqlalchemy as sa
 from alembic import op

@@ -1,0 +1,148 @@
+"""Repeats that experimenters ordered: more often than the design allows, by policy, or by outcome.
+
+The tests are exact. Within a participant and task each trial is equally likely to be repeated if repeats depend neither
+on policy nor on outcome. All tests together then raise a finding in at most 1 % of studies.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+
+from avrgym.study.checking.exact_draws import draws_p
+from avrgym.study.checking.finding import Finding
+from avrgym.study.checking.repeats import TriedTrial, tried_trials
+from avrgym.study.design.design import Design
+from avrgym.study.storage.store import Store
+
+REPEATS = "repeats"
+"""What these findings are about."""
+POLICY_ALPHA, CONDITION_ALPHA, OUTCOME_ALPHA = 0.005, 0.0025, 0.0025
+"""In which share of studies each test raises a finding at most, if repeats depend on nothing."""
+
+
+def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
+    """Findings about people, or about simulated participants where a study has no others.
+
+    ``limit`` takes the place of the design's ``max_repeats``.
+    """
+    limit = store.design.max_repeats if limit is None else limit
+    yield from repeat_findings(own_trials(store), store.design, limit)
+
+
+def repeat_findings(trials: Sequence[TriedTrial], design: Design, limit: int | None) -> Iterator[Finding]:
+    """Findings about the trials of a design."""
+    if limit is not None:
+        yield from _too_many(trials, limit)
+    yield from _by_condition(trials, design)
+    yield from _by_outcome(trials, design.trial_steps)
+
+
+def own_trials(store: Store) -> list[TriedTrial]:
+    """The trials of people, or of simulated participants where a study has no others."""
+    simulated = is_simulated(store)
+    return [each for each in tried_trials(store) if each.participant.simulated is simulated]
+
+
+def is_simulated(store: Store) -> bool:
+    """Whether a study has no other participants than simulated ones."""
+    return all(each.simulated for each in [*store.participants(), *store.tombstones()])
+
+
+def _too_many(trials: Sequence[TriedTrial], limit: int) -> Iterator[Finding]:
+    over = [each for each in trials if each.ordered > limit]
+    if not over:
+        return
+    listed = ", ".join(f"{each.participant} trial {each.trial.position} ({each.ordered})" for each in over)
+    people = Counter(repeat.by for each in over for repeat in each.repeats if repeat.ordered)
+    by = ", ".join(f"{who} ({number})" for who, number in people.items())
+    yield _finding(
+        f"{_trials(len(over))} repeated more often than max_repeats = {limit} allows: {listed}; ordered by {by}"
+    )
+
+
+def _by_condition(trials: Sequence[TriedTrial], design: Design) -> Iterator[Finding]:
+    """Which policy, or else which robot with which policy, was repeated more often or less often than others."""
+
+    def policy(each: TriedTrial) -> str:
+        return design.shown_policy(each.trial.policy, practice=False)
+
+    found = list(_unequal("policy", trials, policy, POLICY_ALPHA))
+    if len(design.robots) > 1 and not found:
+        found = list(
+            _unequal("condition", trials, lambda each: f"{each.robot} {policy(each)}", CONDITION_ALPHA)
+        )
+    yield from found
+
+
+def _unequal(
+    what: str, trials: Sequence[TriedTrial], group_of: Callable[[TriedTrial], str], alpha: float
+) -> Iterator[Finding]:
+    groups = sorted({group_of(each) for each in trials})
+    tests = 1 if len(groups) == 2 else len(groups)
+    least = min((_p(trials, _in(group_of, group), _ordered) for group in groups), default=1.0) * tests
+    if least > alpha:
+        return
+    counts = "; ".join(
+        _count(group, [each for each in trials if group_of(each) == group]) for group in groups
+    )
+    yield _finding(f"ordered by experimenters depend on the {what}: {counts} (exact test, p = {least:.1g})")
+
+
+def _count(group: str, own: Sequence[TriedTrial]) -> str:
+    extra, repeated = sum(each.ordered for each in own), sum(map(_ordered, own))
+    succeeded = sum(bool(repeat.success) for each in own for repeat in each.repeats if repeat.ordered)
+    return (
+        f"{group} {extra} extra attempts in {repeated} of {len(own)} trials, "
+        f"{succeeded} of the replaced attempts had succeeded"
+    )
+
+
+def _by_outcome(trials: Sequence[TriedTrial], steps: int) -> Iterator[Finding]:
+    """Whether the outcome of first attempts in which the robot had finished decided whether they were repeated."""
+    finished = [each for each in trials if (each.attempts[0].metrics.steps or 0) >= steps]
+    p = _p(finished, _failed, _first_ordered)
+    if p > OUTCOME_ALPHA:
+        return
+    failed = [each for each in finished if _failed(each)]
+    others = [each for each in finished if not _failed(each)]
+    yield _finding(
+        "ordered by experimenters depend on the outcome: of finished first attempts "
+        f"{sum(map(_first_ordered, failed))} of {len(failed)} without success were repeated, "
+        f"{sum(map(_first_ordered, others))} of {len(others)} with success (exact test, p = {p:.1g})"
+    )
+
+
+def _p(
+    trials: Sequence[TriedTrial],
+    in_group: Callable[[TriedTrial], bool],
+    drawn: Callable[[TriedTrial], bool],
+) -> float:
+    """How likely it is that so many trials of a group are drawn, within each participant and task."""
+    blocks: Mapping[Hashable, list[TriedTrial]] = defaultdict(list)
+    for each in trials:
+        blocks[each.participant.number, each.task].append(each)
+    sizes = [(len(own), sum(map(in_group, own)), sum(map(drawn, own))) for own in blocks.values()]
+    return draws_p(sizes, sum(in_group(each) and drawn(each) for each in trials))
+
+
+def _in(group_of: Callable[[TriedTrial], str], group: str) -> Callable[[TriedTrial], bool]:
+    return lambda each: group_of(each) == group
+
+
+def _ordered(each: TriedTrial) -> bool:
+    return each.ordered > 0
+
+
+def _failed(each: TriedTrial) -> bool:
+    return not each.attempts[0].metrics.success
+
+
+def _first_ordered(each: TriedTrial) -> bool:
+    return bool(each.repeats) and each.repeats[0].ordered
+
+
+def _trials(number: int) -> str:
+    return "1 trial was" if number == 1 else f"{number} trials were"
+
+
+def _finding(what: str) -> Finding:
+    return Finding(REPEATS, what, wrong=False)

@@ -1,0 +1,191 @@
+"""Repeats of a study's trials: attempts that a later attempt at the same trial replaced, by reason and by person."""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from avrgym.study.storage.log import person_words, site_names
+from avrgym.study.storage.rows import LogEntry, Participant, StudyEvent, Trial, TrialAttempt
+from avrgym.study.storage.store import Store
+from avrgym.tasks.registry import find_environment
+
+TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN = "technical", "participant", "experimenter", "unknown"
+REASONS = (TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN)
+"""What led to a repeat: a fault, the participant, the experimenter, or nobody knows."""
+NOT_LOGGED = "not in the log"
+"""Stands for the person where no entry of the log fits."""
+Cause = tuple[str, str]
+"""A reason with the cause in words."""
+
+BY_STATE: Mapping[str, Cause] = {
+    "repeated": (EXPERIMENTER, "repeated"),
+    "skipped": (EXPERIMENTER, "skipped"),
+    "paused": (EXPERIMENTER, "paused"),
+    "ended": (EXPERIMENTER, "session ended"),
+    "failed": (TECHNICAL, "recording failed"),
+}
+BY_EVENT: Mapping[str, Cause] = {
+    "tracking timed out": (TECHNICAL, "tracking lost"),
+    "visibility lost": (TECHNICAL, "scene not visible"),
+    "time lost": (TECHNICAL, "computer stood still"),
+    "connection lost": (TECHNICAL, "network"),
+    "torso height corrected": (EXPERIMENTER, "torso height corrected"),
+}
+COMMANDS = {
+    "repeated": ("repeat",),
+    "skipped": ("skip",),
+    "paused": ("pause",),
+    "ended": ("end", "withdraw"),
+    "stopped": ("stop",),
+    "interrupted": ("recalibrate", "correct torso height"),
+}
+"""The commands in the log that end an attempt, by its state."""
+_ENDED = re.compile(r"attempt (?!running)")
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """An attempt that another one replaced; ``by`` is who ordered that, empty unless an experimenter did."""
+
+    participant: Participant
+    trial: Trial
+    attempt: TrialAttempt
+    reason: str
+    cause: str
+    by: str
+
+    @property
+    def ordered(self) -> bool:
+        """Whether an experimenter ordered it."""
+        return self.reason == EXPERIMENTER
+
+    @property
+    def success(self) -> bool | None:
+        """Whether the robot had succeeded, if that is stored."""
+        return self.attempt.metrics.success
+
+
+@dataclass(frozen=True)
+class TriedTrial:
+    """A trial that was begun, practice left out, with its attempts and its repeats in order."""
+
+    participant: Participant
+    trial: Trial
+    attempts: Sequence[TrialAttempt]
+    repeats: Sequence[Repeat]
+
+    @property
+    def task(self) -> str:
+        return find_environment(self.trial.environment)[0]
+
+    @property
+    def robot(self) -> str:
+        return find_environment(self.trial.environment)[1]
+
+    @property
+    def ordered(self) -> int:
+        """How many of its repeats an experimenter ordered."""
+        return sum(repeat.ordered for repeat in self.repeats)
+
+
+def tried_trials(store: Store) -> list[TriedTrial]:
+    """Every trial that was begun, practice left out, in the order of participants and positions."""
+    causes = _Causes(store)
+    return [
+        TriedTrial(person, trial, own, [causes.repeat(person, trial, attempt) for attempt in own[:-1]])
+        for person in store.participants()
+        for trial, own in _attempts(store, person)
+    ]
+
+
+def _attempts(store: Store, person: Participant) -> Iterator[tuple[Trial, list[TrialAttempt]]]:
+    attempts = defaultdict[int, list[TrialAttempt]](list)
+    for attempt in store.attempts(person.pseudonym):
+        attempts[attempt.trial].append(attempt)
+    for trial in store.trials(person.pseudonym):
+        if not trial.practice and trial.id in attempts:
+            yield trial, sorted(attempts[trial.id], key=lambda attempt: attempt.number)
+
+
+class _Causes:
+    """Why attempts ended, from the events next to their ends, and who ordered that, from the log."""
+
+    def __init__(self, store: Store) -> None:
+        self._sites = site_names(store)
+        self._log = defaultdict[int | None, list[LogEntry]](list)
+        for entry in store.log():
+            self._log[entry.participant].append(entry)
+        self._events = defaultdict[int | None, list[StudyEvent]](list)
+        self._ends: dict[int, int] = {}
+        for event in store.events():
+            own = self._events[event.session]
+            if event.attempt is not None and _ENDED.match(event.name):
+                self._ends[event.attempt] = len(own)
+            own.append(event)
+        self._interrupted = {
+            session.id
+            for person in store.participants()
+            for session in store.sessions(person.pseudonym)
+            if session.state == "interrupted"
+        }
+
+    def repeat(self, person: Participant, trial: Trial, attempt: TrialAttempt) -> Repeat:
+        entry = self._command(person, attempt)
+        reason, cause = self._cause(attempt, entry)
+        by = person_words(entry, self._sites) if entry is not None else NOT_LOGGED
+        return Repeat(person, trial, attempt, reason, cause, by if reason == EXPERIMENTER else "")
+
+    def _command(self, person: Participant, attempt: TrialAttempt) -> LogEntry | None:
+        """The last command during an attempt that ends one as this one ended."""
+        ended_at = attempt.ended_at or ""
+        fitting = [
+            entry
+            for entry in self._log[person.number]
+            if entry.name in COMMANDS.get(attempt.state, ()) and attempt.started_at <= entry.at <= ended_at
+        ]
+        return max(fitting, key=lambda entry: entry.at, default=None)
+
+    def _cause(self, attempt: TrialAttempt, entry: LogEntry | None) -> Cause:
+        if attempt.state in BY_STATE:
+            return BY_STATE[attempt.state]
+        before, after = self._next_to_end(attempt)
+        if attempt.state == "stopped":
+            stop = next((event for event in after if event.name == "stopped"), None)
+            if stop is None:
+                return UNKNOWN, "stopped"
+            return (PARTICIPANT if stop.detail.startswith("by participant") else EXPERIMENTER), "stopped"
+        told = next((event for event in [*after, *before] if event.name in BY_EVENT), None)
+        if told is not None:
+            return BY_EVENT[told.name]
+        if entry is not None:
+            return EXPERIMENTER, "measured again"
+        return self._without_event(attempt, after)
+
+    def _without_event(self, attempt: TrialAttempt, after: Sequence[StudyEvent]) -> Cause:
+        """Why an attempt was interrupted, by the phase that followed."""
+        details = [event.detail for event in after if event.name == "phase entered"]
+        if any("phase waiting" in detail for detail in details):
+            return PARTICIPANT, "left VR"
+        if any("phase calibration" in detail for detail in details):
+            return UNKNOWN, "measured again"
+        closed = any(event.name in ("session closed", "session interrupted") for event in after)
+        if closed or attempt.session in self._interrupted:
+            return TECHNICAL, "restart"
+        return UNKNOWN, "interrupted"
+
+    def _next_to_end(self, attempt: TrialAttempt) -> tuple[list[StudyEvent], list[StudyEvent]]:
+        """The last event of an attempt before its end, and the events from there to the next phase.
+
+        Nothing where its end is not stored.
+        """
+        own, end = self._events[attempt.session], self._ends.get(attempt.id)
+        if end is None:
+            return [], []
+        before = [event for event in own[max(end - 1, 0) : end] if event.attempt == attempt.id]
+        after: list[StudyEvent] = []
+        for event in own[end + 1 :]:
+            after.append(event)
+            if event.name in ("phase entered", "attempt running"):
+                break
+        return before, after
