@@ -11,9 +11,9 @@ from avrgym.analysis.study import Analysis
 METHOD = (
     "Repeats: attempts at trials, practice left out, that a later attempt replaced. Experimenters order a repeat by "
     "repeat, skip, pause, stop, end, or measure again. Exact tests compare ordered repeats between policies, between "
-    "robots with policies, and between first attempts with and without success, within participant and task. If repeats "
-    "depend on nothing, they raise a finding in at most 1 % of studies. Attempts that were broken off before their end "
-    "enter the comparison of policies and the limit, not that of outcomes."
+    "robots with policies, and between first attempts with and without success, within participant and task. If "
+    "repeats depend on nothing, they raise a finding in at most 1 % of studies. Attempts that were broken off before "
+    "their end enter the comparison of policies and the limit, not that of outcomes."
 )
 
 

@@ -1,0 +1,346 @@
+"""Repeats of trials by reason, person and outcome, and a study in which one policy was repeated until it succeeded."""
+
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from msgspec.structs import replace as with_values
+from typer.testing import CliRunner
+
+from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.study import analyse
+from avrgym.cli.main import app
+from avrgym.recording.outcomes import AttemptEnd, Metrics
+from avrgym.study.checking.exact_draws import draws_p
+from avrgym.study.checking.repeat_checks import REPEATS, check_repeats, repeat_findings
+from avrgym.study.checking.repeats import (
+    EXPERIMENTER,
+    NOT_LOGGED,
+    PARTICIPANT,
+    TECHNICAL,
+    UNKNOWN,
+    Repeat,
+    TriedTrial,
+    tried_trials,
+)
+from avrgym.study.design.design import Design, default_text, parse_design
+from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.storage import database
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
+from avrgym.study.storage.log import OWN_TOKEN, Actor, add_entry
+from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
+from avrgym.study.storage.sessions import close_session, open_session
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Command, CommandName
+from avrgym.vr.protocol.received import Disconnected
+from html_page import Page
+from studies import make_study, record, take_in
+from visit import Visit
+
+ADA = Actor("ada", OWN_TOKEN)
+STEPS = 3
+Ends = list[tuple[AttemptEnd, bool]]
+"""How attempts before the completed one ended, and whether the robot had succeeded by then."""
+
+
+@pytest.fixture(autouse=True)
+def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+
+
+def run(store: Store, pseudonym: str, ends: Callable[[Trial], Ends], *, complete: bool = True) -> None:
+    """A participant goes through all trials, each after the attempts that ``ends`` lists; repeats are in the log.
+
+    Without ``complete`` the last attempt at each trial fails, and nothing is recorded.
+    """
+    session = open_session(store, pseudonym)
+    for trial in store.remaining_trials(pseudonym):
+        for state, success in ends(trial):
+            attempt = begin_attempt(store, session.id, trial.position)
+            if state == "repeated":
+                add_entry(store, ADA, "repeat", pseudonym)
+            end_attempt(store, attempt.id, state, Metrics(STEPS, -9.0, success, 4.0))
+        attempt = begin_attempt(store, session.id, trial.position)
+        if not complete:
+            end_attempt(store, attempt.id, "failed")
+            continue
+        record(store, attempt, trial)
+        complete_attempt(store, attempt.id, Metrics(STEPS, -1.5, True, 4.0))
+    close_session(store, session.id)
+
+
+def study(*arguments: str | Path) -> str:
+    return CliRunner().invoke(app, ["study", *(str(argument) for argument in arguments)]).stdout
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A study of eight participants with a frozen plan."""
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', trial_steps=str(STEPS))
+    study("freeze", folder)
+    assert "frozen" in study("freeze", folder)
+    return folder
+
+
+def of_repeats(text: str) -> list[str]:
+    return [line for line in text.splitlines() if f" {REPEATS}: " in line]
+
+
+# The whole study
+
+
+@pytest.mark.slow
+def test_a_policy_that_was_repeated_until_it_succeeded_is_named_everywhere(folder: Path) -> None:
+    """24 extra attempts, all with one policy: in ``check``, in ``status``, and in the report with its methods."""
+
+    def until_success(trial: Trial) -> Ends:
+        return [("repeated", False)] * (1 + trial.position % 2) if trial.policy == "original" else []
+
+    with Store(folder) as store:
+        while sum(len(each.repeats) for each in tried_trials(store)) < 24:
+            run(store, take_in(store), until_success)
+        extra = sum(len(each.repeats) for each in tried_trials(store))
+        analysis = analyse(store)
+    named = f"depend on the policy: original {extra} extra attempts in "
+    listed = of_repeats(study("check", folder))
+    assert [line for line in listed if named in line]
+    assert all("deviates from the plan" in line for line in listed)
+    assert [
+        line
+        for line in listed
+        if "more often than max_repeats = 1 allows" in line and "ordered by ada" in line
+    ]
+    assert [line for line in listed if "depend on the outcome" in line and "(exact test" in line]
+    assert named in study("status", folder)
+    assert analysis.plan is not None
+    assert named in " ".join(each.what for each in analysis.plan.deviations)
+    page = " ".join(Page(write_analysis(analysis, folder, folder / "analysis")).text.split())
+    assert page.count(named) == 2  # in the plan's deviations and in the section about repeats
+    assert (
+        f"{extra} attempts were replaced by repeats: experimenter {extra}. Ordered by: ada {extra}." in page
+    )
+    assert named in (folder / "analysis" / "reporting" / "methods.md").read_text()
+    rows = json.loads((folder / "analysis" / "results.json").read_text())["repeats"]
+    assert {row["policy"] for row in rows} == {"original"}
+    assert sum(row["replaced"] for row in rows) == extra
+    assert sum(row["replaced_successes"] for row in rows) == 0
+
+
+@pytest.mark.slow
+def test_technical_repeats_are_no_finding_however_unequal(folder: Path) -> None:
+    with Store(folder) as store:
+        for _ in range(4):
+            run(store, take_in(store), lambda trial: [("failed", False)] * (2 * (trial.policy == "original")))
+        assert list(check_repeats(store)) == []
+        assert {row.reason for row in analyse(store).repeats} == {TECHNICAL}
+    assert of_repeats(study("check", folder)) == []
+
+
+@pytest.mark.slow
+def test_balanced_repeats_by_order_are_no_finding(folder: Path) -> None:
+    """One trial of each policy for each participant, with a robot and an outcome that change."""
+    with Store(folder) as store:
+        for number in range(4):
+            robot = "Jaco" if number % 2 else "PR2"
+            run(
+                store,
+                take_in(store),
+                lambda trial, robot=robot, good=number > 1: (
+                    [("repeated", good)] * (robot in trial.environment)
+                ),
+            )
+        assert list(check_repeats(store)) == []
+        page = " ".join(Page(write_analysis(analyse(store), folder, folder / "analysis")).text.split())
+    assert "8 attempts were replaced by repeats: experimenter 8. Ordered by: ada 8." in page
+
+
+def test_a_limit_that_is_raised_later_is_still_that_of_the_plan(folder: Path) -> None:
+    with Store(folder) as store:
+        run(
+            store,
+            take_in(store),
+            lambda trial: [("repeated", False)] * (2 * (trial.position == 3)),
+            complete=False,
+        )
+    design = folder / "study.toml"
+    design.write_text(design.read_text().replace("max_repeats = 1", "max_repeats = 5"))
+    assert "1 trial was repeated more often than max_repeats = 1 allows: sub-001 trial 3 (2)" in study(
+        "status", folder
+    )
+
+
+def test_a_design_without_a_limit_has_none(tmp_path: Path) -> None:
+    folder = make_study(tmp_path, tasks='["Feeding"]')
+    design = folder / "study.toml"
+    design.write_text(design.read_text().replace("max_repeats = 1\n", ""))
+    with Store(folder) as store:
+        run(
+            store,
+            take_in(store),
+            lambda trial: [("repeated", False)] * (9 * (trial.position == 3)),
+            complete=False,
+        )
+        assert list(check_repeats(store)) == []
+
+
+def test_a_blind_experimenter_reads_letters(tmp_path: Path) -> None:
+    folder = make_study(tmp_path, tasks='["Feeding"]', blind_experimenter="true")
+    with Store(folder) as store:
+        for _ in range(4):
+            run(
+                store,
+                take_in(store),
+                lambda trial: [("repeated", False)] * (trial.policy == "original"),
+                complete=False,
+            )
+        (found,) = check_repeats(store)
+        assert "original" not in found.what
+        letter = store.design.policy_codes()["original"]
+        assert f"{letter} 8 extra attempts in 8 of 8 trials" in found.what
+
+
+# Reasons
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    changes = {"robots": '["Jaco"]', "practice_policy": '""', "free_movement_s": "0.1"}
+    with Store(make_study(tmp_path / "live", tasks='["Feeding"]', trial_steps="30", **changes)) as opened:
+        yield opened
+
+
+def by_command(name: CommandName) -> Callable[[Store, Visit], None]:
+    def give(store: Store, visit: Visit) -> None:
+        add_entry(store, ADA, name, "sub-001")
+        visit.tell(Command(name=name))
+
+    return give
+
+
+def tell(message: messages.Message | Disconnected) -> Callable[[Store, Visit], None]:
+    return lambda _, visit: visit.tell(message)
+
+
+ENDINGS: dict[str, tuple[Callable[[Store, Visit], None], str, str, str]] = {
+    "repeat": (by_command("repeat"), EXPERIMENTER, "repeated", "ada"),
+    "stop": (by_command("stop"), EXPERIMENTER, "stopped", "ada"),
+    "pause": (by_command("pause"), EXPERIMENTER, "paused", "ada"),
+    "measure again": (by_command("recalibrate"), EXPERIMENTER, "measured again", "ada"),
+    "not logged": (tell(Command(name="repeat")), EXPERIMENTER, "repeated", NOT_LOGGED),
+    "participant's stop": (tell(messages.Stop()), PARTICIPANT, "stopped", ""),
+    "left VR": (tell(messages.Left()), PARTICIPANT, "left VR", ""),
+    "network": (tell(Disconnected()), TECHNICAL, "network", ""),
+    "menu": (tell(messages.VisibilityChanged("hidden")), TECHNICAL, "scene not visible", ""),
+    "recentred": (tell(messages.OriginReset()), UNKNOWN, "measured again", ""),
+    "another height": (
+        tell(messages.CorrectTorsoHeight(0.55)),
+        EXPERIMENTER,
+        "torso height corrected",
+        NOT_LOGGED,
+    ),
+}
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_repeat_has_its_reason_and_the_person_who_ordered_it(store: Store, ending: str) -> None:
+    end, *expected = ENDINGS[ending]
+    pseudonym = take_in(store)
+    with StudyVisit(store, pseudonym) as visit:
+        plan = replace(visit.plan(), countdown_s=0.1)
+        attended = Visit(Path(), plan, make=lambda send: visit.session(plan, send))
+        attended.sit_down()
+        attended.until("trial")
+        end(store, attended)
+        attended.tick()
+    assert repeat_after(store) == [*expected]
+
+
+def repeat_after(store: Store) -> list[str]:
+    """Reason, cause and person of the first attempt, once another one has begun."""
+    session = open_session(store, "sub-001", take_over=True)
+    begin_attempt(store, session.id, store.remaining_trials("sub-001")[0].position)
+    repeat = tried_trials(store)[0].repeats[0]
+    return [repeat.reason, repeat.cause, repeat.by]
+
+
+def test_an_attempt_that_a_crash_left_open_is_a_restart(store: Store) -> None:
+    session = open_session(store, take_in(store))
+    begin_attempt(store, session.id, store.remaining_trials("sub-001")[0].position)
+    open_session(store, "sub-001", take_over=True)
+    assert repeat_after(store) == [TECHNICAL, "restart", ""]
+
+
+# The tests
+
+
+@pytest.mark.parametrize("alpha", [0.0025, 0.005, 0.05])
+def test_the_exact_test_raises_no_more_false_alarms_than_it_states(alpha: float) -> None:
+    """The probabilities of all outcomes that it rejects add up to no more than the level, for any blocks."""
+    for blocks in (
+        [(4, 2, 2)] * 8,
+        [(4, 2, 1), (4, 1, 3), (2, 1, 1)] * 4,
+        [(4, 4, 2), (3, 0, 1)],
+        [(16, 8, 5)],
+    ):
+        chances = np.ones(1)
+        for units, members, drawn in blocks:
+            draws = list(product([0, 1], repeat=units))
+            hits = Counter(sum(draw[:members]) for draw in draws if sum(draw) == drawn)
+            chances = np.convolve(chances, [hits[n] / sum(hits.values()) for n in range(drawn + 1)])
+        rejected = [chance for n, chance in enumerate(chances) if chance > 0 and draws_p(blocks, n) <= alpha]
+        assert sum(rejected) <= alpha + 1e-12
+        assert draws_p(blocks, int(chances.argmax())) == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+def test_repeats_that_depend_on_nothing_raise_a_finding_in_at_most_1_percent_of_studies() -> None:
+    """2 000 studies of 8 people and 16 trials; every tenth trial is repeated, and policies differ in success."""
+    design, chance = parse_design(default_text()), np.random.default_rng(0)
+    found = sum(
+        bool(list(repeat_findings(imagined(design, chance, 0.1, 0.1), design, None))) for _ in range(2000)
+    )
+    assert found <= 20 + 3 * np.sqrt(20)
+
+
+@pytest.mark.slow
+def test_repeats_of_failures_alone_are_found() -> None:
+    """Both policies alike: of finished first attempts half of those without success are repeated, none with success."""
+    design, chance = parse_design(default_text()), np.random.default_rng(0)
+    found = [
+        any(
+            "outcome" in each.what
+            for each in repeat_findings(imagined(design, chance, 0.5, 0.0), design, None)
+        )
+        for _ in range(100)
+    ]
+    assert sum(found) > 90
+
+
+def imagined(
+    design: Design, chance: np.random.Generator, after_failure: float, after_success: float
+) -> list[TriedTrial]:
+    """The trials of eight people, repeated once with these probabilities after a first attempt."""
+    tried: list[TriedTrial] = []
+    conditions = list(product(design.tasks, design.robots, design.policies))
+    for number in range(1, 9):
+        person = cast(Participant, SimpleNamespace(number=number, simulated=False))
+        for position, (task, robot, policy) in enumerate(conditions, start=1):
+            trial = Trial(
+                position, number, position, f"avrgym/{task}{robot}-v1", policy, 0, False, "completed"
+            )
+            success = bool(chance.random() < (0.8 if policy == "revised" else 0.4))
+            metrics = Metrics(design.trial_steps, -1.0, success, 20.0)
+            first = TrialAttempt(1, position, 1, 1, "repeated", "", None, metrics, None, "", "")
+            again = chance.random() < (after_success if success else after_failure)
+            repeats = [Repeat(person, trial, first, EXPERIMENTER, "repeated", "ada")] if again else []
+            last = replace(first, number=2, state="completed", metrics=with_values(metrics, success=True))
+            tried.append(TriedTrial(person, trial, [first, last] if again else [first], repeats))
+    return tried
