@@ -290,22 +290,26 @@ def test_the_exact_test_raises_no_more_false_alarms_than_it_states(alpha: float)
         [(4, 4, 2), (3, 0, 1)],
         [(16, 8, 5)],
     ):
-        chances = np.ones(1)
+        probabilities = np.ones(1)
         for units, members, drawn in blocks:
             draws = list(product([0, 1], repeat=units))
             hits = Counter(sum(draw[:members]) for draw in draws if sum(draw) == drawn)
-            chances = np.convolve(chances, [hits[n] / sum(hits.values()) for n in range(drawn + 1)])
-        rejected = [chance for n, chance in enumerate(chances) if chance > 0 and draws_p(blocks, n) <= alpha]
+            probabilities = np.convolve(
+                probabilities, [hits[n] / sum(hits.values()) for n in range(drawn + 1)]
+            )
+        rejected = [
+            share for n, share in enumerate(probabilities) if share > 0 and draws_p(blocks, n) <= alpha
+        ]
         assert sum(rejected) <= alpha + 1e-12
-        assert draws_p(blocks, int(chances.argmax())) == pytest.approx(1.0)
+        assert draws_p(blocks, int(probabilities.argmax())) == pytest.approx(1.0)
 
 
 @pytest.mark.slow
 def test_repeats_that_depend_on_nothing_raise_a_finding_in_at_most_1_percent_of_studies() -> None:
     """2 000 studies of 8 people and 16 trials; every tenth trial is repeated, and policies differ in success."""
-    design, chance = parse_design(default_text()), np.random.default_rng(0)
+    design, generator = parse_design(default_text()), np.random.default_rng(0)
     found = sum(
-        bool(list(repeat_findings(imagined(design, chance, 0.1, 0.1), design, None))) for _ in range(2000)
+        bool(list(repeat_findings(imagined(design, generator, 0.1, 0.1), design, None))) for _ in range(2000)
     )
     assert found <= 20 + 3 * np.sqrt(20)
 
@@ -313,11 +317,11 @@ def test_repeats_that_depend_on_nothing_raise_a_finding_in_at_most_1_percent_of_
 @pytest.mark.slow
 def test_repeats_of_failures_alone_are_found() -> None:
     """Both policies alike: of finished first attempts half of those without success are repeated, none with success."""
-    design, chance = parse_design(default_text()), np.random.default_rng(0)
+    design, generator = parse_design(default_text()), np.random.default_rng(0)
     found = [
         any(
             "outcome" in each.what
-            for each in repeat_findings(imagined(design, chance, 0.5, 0.0), design, None)
+            for each in repeat_findings(imagined(design, generator, 0.5, 0.0), design, None)
         )
         for _ in range(100)
     ]
@@ -325,7 +329,7 @@ def test_repeats_of_failures_alone_are_found() -> None:
 
 
 def imagined(
-    design: Design, chance: np.random.Generator, after_failure: float, after_success: float
+    design: Design, generator: np.random.Generator, after_failure: float, after_success: float
 ) -> list[TriedTrial]:
     """The trials of eight people, repeated once with these probabilities after a first attempt."""
     tried: list[TriedTrial] = []
@@ -336,10 +340,10 @@ def imagined(
             trial = Trial(
                 position, number, position, f"avrgym/{task}{robot}-v1", policy, 0, False, "completed"
             )
-            success = bool(chance.random() < (0.8 if policy == "revised" else 0.4))
+            success = bool(generator.random() < (0.8 if policy == "revised" else 0.4))
             metrics = Metrics(design.trial_steps, -1.0, success, 20.0)
             first = TrialAttempt(1, position, 1, 1, "repeated", "", None, metrics, None, "", "")
-            again = chance.random() < (after_success if success else after_failure)
+            again = generator.random() < (after_success if success else after_failure)
             repeats = [Repeat(person, trial, first, EXPERIMENTER, "repeated", "ada")] if again else []
             last = replace(first, number=2, state="completed", metrics=with_values(metrics, success=True))
             tried.append(TriedTrial(person, trial, [first, last] if again else [first], repeats))

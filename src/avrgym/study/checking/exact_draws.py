@@ -16,11 +16,11 @@ def draws_p(blocks: Iterable[Block], drawn_in_group: int) -> float:
     The number of draws in the group is a sum of hypergeometric numbers, one for each block; p adds up the sums that are
     not more likely than the observed one.
     """
-    chances: NDArray[np.float64] = np.ones(1)
+    probabilities: NDArray[np.float64] = np.ones(1)
     for block in blocks:
-        chances = np.convolve(chances, _hypergeometric(*block))
-    observed = chances[drawn_in_group] * (1.0 + 1e-9)
-    return min(1.0, float(chances[chances <= observed].sum()))
+        probabilities = np.convolve(probabilities, _hypergeometric(*block))
+    observed = probabilities[drawn_in_group] * (1.0 + 1e-9)
+    return min(1.0, float(probabilities[probabilities <= observed].sum()))
 
 
 def _hypergeometric(units: int, members: int, drawn: int) -> list[float]:

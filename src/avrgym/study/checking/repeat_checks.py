@@ -53,7 +53,7 @@ def _too_many(trials: Sequence[TriedTrial], limit: int) -> Iterator[Finding]:
         return
     listed = ", ".join(f"{each.participant} trial {each.trial.position} ({each.ordered})" for each in over)
     people = Counter(repeat.by for each in over for repeat in each.repeats if repeat.ordered)
-    by = ", ".join(f"{who} ({number})" for who, number in people.items())
+    by = ", ".join(f"{person} ({number})" for person, number in people.items())
     yield _finding(
         f"{_trials(len(over))} repeated more often than max_repeats = {limit} allows: {listed}; ordered by {by}"
     )
