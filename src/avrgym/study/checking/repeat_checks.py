@@ -78,13 +78,13 @@ def _unequal(
 ) -> Iterator[Finding]:
     groups = sorted({group_of(each) for each in trials})
     tests = 1 if len(groups) == 2 else len(groups)
-    least = min((_p(trials, _in(group_of, group), _ordered) for group in groups), default=1.0) * tests
-    if least > alpha:
+    p = [min(1.0, tests * _p(trials, _in(group_of, group), _ordered)) for group in groups]
+    if min(p, default=1.0) > alpha:
         return
     counts = "; ".join(
         _count(group, [each for each in trials if group_of(each) == group]) for group in groups
     )
-    yield _finding(f"ordered by experimenters depend on the {what}: {counts} (exact test, p = {least:.1g})")
+    yield _finding(f"ordered by experimenters depend on the {what}: {counts} (exact test, p = {min(p):.1g})")
 
 
 def _count(group: str, own: Sequence[TriedTrial]) -> str:
