@@ -21,14 +21,17 @@ def repeats(analysis: Analysis, simulated: bool) -> Markup:
     """Repeats of a group of participants."""
     rows = [row for row in analysis.repeats if row.simulated is simulated]
     found = analysis.repeat_findings if simulated is analysis.repeats_about else []
-    parts = [
-        tag("h3", "Repeats"),
-        tag("p", _words(rows)),
-        *([listing([f"{each}." for each in found])] if found else []),
-    ]
-    if rows:
-        parts.append(_table(rows, simulated))
-    return tag("section", *parts)
+    listed = [listing([f"{each}." for each in found]), *_letters(analysis)] if found else []
+    shown = [_table(rows, simulated)] if rows else []
+    return tag("section", tag("h3", "Repeats"), tag("p", _words(rows)), *listed, *shown)
+
+
+def _letters(analysis: Analysis) -> list[Markup]:
+    """The policies of a blind study, which findings name by letters."""
+    if not analysis.design.blind_experimenter:
+        return []
+    codes = [f"{letter} is {policy}" for policy, letter in analysis.design.policy_codes().items()]
+    return [tag("p", f"Letters stand for policies: {', '.join(sorted(codes))}.")]
 
 
 def _words(rows: list[RepeatRow]) -> str:
@@ -37,7 +40,8 @@ def _words(rows: list[RepeatRow]) -> str:
     reasons = _summed(rows, lambda row: row.reason)
     people = _summed([row for row in rows if row.ordered_by], lambda row: row.ordered_by)
     total = sum(row.replaced for row in rows)
-    words = f"{total} attempts were replaced by repeats: {_listed(reasons)}."
+    attempts = "1 attempt was" if total == 1 else f"{total} attempts were"
+    words = f"{attempts} replaced by repeats: {_listed(reasons)}."
     return f"{words} Ordered by: {_listed(people)}." if people else words
 
 

@@ -90,10 +90,8 @@ def _unequal(
 def _count(group: str, own: Sequence[TriedTrial]) -> str:
     extra, repeated = sum(each.ordered for each in own), sum(map(_ordered, own))
     succeeded = sum(bool(repeat.success) for each in own for repeat in each.repeats if repeat.ordered)
-    return (
-        f"{group} {extra} extra attempts in {repeated} of {len(own)} trials, "
-        f"{succeeded} of the replaced attempts had succeeded"
-    )
+    outcomes = f" ({succeeded} of the replaced attempts had succeeded)" if extra else ""
+    return f"{group} {extra} extra attempts in {repeated} of {len(own)} trials{outcomes}"
 
 
 def _by_outcome(trials: Sequence[TriedTrial], steps: int) -> Iterator[Finding]:

@@ -87,7 +87,7 @@ class LiveLog(DashboardLog):
     def record(self, caller: Caller, message: Any, pseudonym: str | None) -> None:
         """Add an entry for a message of somebody who watches, during the session of a participant if one runs."""
         match message:
-            case messages.Hello():
+            case messages.Hello() if self._begins(caller, "watch", pseudonym):
                 self._submit(caller, "watch", pseudonym, "")
             case messages.Command():
                 self._submit(caller, message.name, pseudonym, "")
