@@ -23,7 +23,7 @@ AT_ADMISSION = ("inclusion", "order of inclusion")
 """What is asked before the first session."""
 CONSENT = "consent"
 """Stored with each participant, and checked with that."""
-FOR_NOBODY = ("title", "participants", "max_held_share")
+FOR_NOBODY = ("title", "participants", "max_held_share", "max_repeats")
 """What changes nothing for participants: a difference is a note."""
 
 

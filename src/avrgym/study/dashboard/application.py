@@ -229,7 +229,6 @@ LOGGED_AS = {
     "notes": "add note",
     "edited-notes": "edit note",
     "adverse-events": "record adverse event",
-    "adverse-events": "record adverse event",
     "sessions": "begin session",
 }
 """The name of an action in the log, where it is not that of the route."""

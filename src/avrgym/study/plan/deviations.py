@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Sequence
 from types import MappingProxyType
 
+import tomlkit
+
 from avrgym.study.checking.finding import Finding, LeftOut
 from avrgym.study.checking.interim_looks import check_interim_looks
 from avrgym.study.checking.policy_files import PolicyFile, called, policies_used, policy_files
