@@ -9,6 +9,7 @@ import pytest
 
 from avrgym.analysis.statistics.offered import offered_tests, suggested_hypotheses
 from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.design_checks import check_design
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people import deletion
 from avrgym.study.people.deletion import delete_participant
@@ -471,3 +472,21 @@ def test_a_site_may_use_postgresql(postgresql: Path, sites: list[Path], out: Pat
     before = tree(out)
     merge_studies([shared], out)
     assert tree(out) == before
+
+
+@pytest.mark.parametrize("in_between", [False, True])
+def test_differences_between_sites_are_notes_and_edits_at_a_site_are_errors(
+    tmp_path: Path, in_between: bool
+) -> None:
+    a, b = make_site(tmp_path / "a", "a"), small_study(tmp_path / "b")
+    set_in_design(b, 'site = ""', 'site = "b"')
+    if in_between:
+        add_participant(b, 2)
+    set_in_design(b, "free_movement_s = 5.0", "free_movement_s = 4.0")
+    add_participant(b, 2)
+    merge_studies([a, b], tmp_path / "merged", accept_differences=True)
+    with Store(tmp_path / "merged") as store:
+        found = [each for each in check_design(store) if "free_movement_s" in each.what]
+    assert [(each.wrong, "free_movement_s is 5.0; it was 4.0 for sub-" in each.what) for each in found] == [
+        (in_between, True)
+    ]

@@ -1,4 +1,4 @@
-"""The items that participants were asked, and of whom."""
+"""The items that participants answered, each version with its participants."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from avrgym.study.storage.store import Store
 
 @dataclass(frozen=True, kw_only=True)
 class ItemRow:
-    """An item as people, or simulated participants, were asked it; ``version`` counts those of one name from 1.
+    """An item in the words that people, or simulated participants, read; ``version`` counts those of one name from 1.
 
     ``asked_of`` are the participants who answered it, ``answers`` how many answers they gave.
     """
@@ -49,6 +49,6 @@ def item_rows(store: Store, asked: Asked) -> list[ItemRow]:
         for version in asked.versions
         for scale in (scales[version.item.id],)
         for group in (False, True)
-        for own in ({who: n for who, n in version.asked.items() if simulated[who] is group},)
+        for own in ({name: n for name, n in version.asked.items() if simulated[name] is group},)
         if own
     ]

@@ -89,8 +89,8 @@ class FrozenPlan:
 class Analysis:
     """All that was found out about a study. ``groups`` are those whose bodies were recorded.
 
-    ``design`` is the study's with all items that were asked, ``uses`` are the designs that people took part with as
-    they were recorded, and ``differences`` is in what these are not the study's present one.
+    ``design`` is the study's with all items that participants answered, ``uses`` are the designs that people took part
+    with as they were recorded, and ``differences`` is in what these are not the study's present one.
     ``losses`` are what the loss of a database means for the study.
 
     ``repeat_findings`` are about simulated participants or about people, as ``repeats_about`` is true or false.

@@ -79,7 +79,7 @@ def observe(
         store: the study.
         progress: told after each recording how many were read, and how many there are.
         skip_damaged: use nothing of recordings that are not as they were when their trials were completed.
-        asked: what the participants were asked, if that was read already.
+        asked: the items that participants answered, if they were read already.
 
     Raises:
         StudyError: for such a recording, unless they are skipped; the message names them all.

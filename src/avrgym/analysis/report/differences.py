@@ -30,7 +30,7 @@ def _versions(analysis: Analysis) -> list[Markup]:
     shown = [row for row in analysis.items if first_name(row.item) in changed]
     if not shown:
         return []
-    heads = ("Item", "As it was asked", "From", "To", "Asked of", "Answers")
+    heads = ("Item", "Words", "From", "To", "Participants", "Answers")
     body = [
         (
             row.item + (" (simulated)" if row.simulated else ""), row.text, f"{row.least} ({row.low})",

@@ -201,7 +201,7 @@ def _facts(analysis: Analysis) -> Markup:
         for name, text in msgspec.structs.asdict(design.reporting).items()
     }
     rows = given | {
-        "Participants were told": had(uses, design, _told),
+        "What participants read about the task": had(uses, design, _told),
         "Real seat": had(uses, design, _seat),
         "Real mattress": had(uses, design, _mattress),
     }

@@ -12,15 +12,14 @@ from avrgym.study.design.differences import differences, named, shown
 from avrgym.study.design.fixed import Wordings, fixed_values, read_wordings
 from avrgym.study.design.languages import sentences
 from avrgym.study.storage.rows import pseudonym_of
-from avrgym.study.storage.sites import DIFFERS
 from avrgym.study.storage.store import Store
-from avrgym.study.storage.uses import Use, design_of, designs_recorded, designs_used, listed
+from avrgym.study.storage.uses import Use, design_of, designs_recorded, designs_used, is_of_sites, listed
 from avrgym.system.toml_places import Place
 from avrgym.texts.texts import FOLDER as TEXTS
 from avrgym.texts.texts import TextsError, normal
 
 AT_ADMISSION = ("inclusion", "order of inclusion")
-"""What is asked before the first session."""
+"""What participants answer before the first session."""
 CONSENT = "consent"
 """Stored with each participant, and checked with that."""
 FOR_NOBODY = ("title", "participants", "max_held_share", "max_repeats")
@@ -42,7 +41,7 @@ def check_design(store: Store) -> Iterator[Finding]:
     """In what participants took part with another design than the study's folder contains."""
     uses = designs_used(store)
     for each in differences_of(store.design, _present_wordings(store), uses):
-        wrong = each.place[0] not in FOR_NOBODY and not _is_of_sites(store, each.uses, uses)
+        wrong = each.place[0] not in FOR_NOBODY and not is_of_sites(store, each.uses, uses)
         what = f"{named(each.place)} is {shown(each.here)}; it was {shown(each.there)} for"
         yield Finding(each.file, f"{what} {listed(each.uses, uses)}", wrong=wrong)
     yield from _check_inclusion(store)
@@ -100,14 +99,6 @@ def _present_wordings(store: Store) -> Wordings | None:
         return read_wordings(store.design, store.folder)
     except TextsError:
         return None
-
-
-def _is_of_sites(store: Store, own: Sequence[Use], uses: Sequence[Use]) -> bool:
-    """Whether this is a difference between sites that was accepted when they were merged."""
-    accepted = any(event.name == DIFFERS for event in store.events())
-    sites = {use.participant.site for use in own}
-    whole = [use for use in uses if use.participant.site in sites]
-    return accepted and len(whole) == len(own)
 
 
 def _check_inclusion(store: Store) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ from avrgym.study.checking.preflight import policies_needed
 from avrgym.study.storage.rows import StudyEvent
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.study.storage.uses import Use, designs_used, listed
+from avrgym.study.storage.uses import Use, designs_used, is_of_sites, listed
 from avrgym.system import plugins
 
 USED = "policies used"
@@ -95,7 +95,10 @@ def check_policies_used(store: Store) -> Iterator[Finding]:
         where = f"policy {key[1]}"
         if len(files) > 1:
             parts = [f"{called(each.file)} for {listed(each.uses)}" for each in files]
-            yield Finding(where, f"of {key[0]} was not the same in all sessions: {'; '.join(parts)}")
+            uses = [use for each in files for use in each.uses]
+            wrong = not all(is_of_sites(store, each.uses, uses) for each in files)
+            what = f"of {key[0]} was not the same in all sessions: {'; '.join(parts)}"
+            yield Finding(where, what, wrong=wrong)
         now = present.get(key)
         if now is not None and now not in [each.file for each in files]:
             yield Finding(where, f"of {key[0]} is {called(now)}, as in no session", wrong=False)

@@ -38,8 +38,8 @@ from avrgym.study.storage.store import Store, record_event
 
 Plan = tuple[PlannedTrial, ...]
 LOST = (
-    "the answers to inclusion questions and to questions about a session, events, adverse events, notes, the log of "
-    "who did what and tokens of experimenters"
+    "the answers to inclusion questions and to questions about a session, events, adverse events, notes, the designs "
+    "of sessions, the log of who did what and tokens of experimenters"
 )
 """What neither recordings nor list contain."""
 LOST_WITH_LIST = (

@@ -22,8 +22,8 @@ class ConditionResults:
     """What the completed trials of one condition gave, practice left out; people and simulated ones apart.
 
     ``policy`` is a letter where the experimenter is blinded. ``reward_mean`` is per trial, ``success_rate`` in 0..1;
-    ``answer_means`` holds the mean answer to each item that was answered, as it was asked, on its
-    own scale.
+    ``answer_means`` holds the mean answer to each version of an item that was answered, on its own
+    scale.
     """
 
     task: str
@@ -39,7 +39,7 @@ class ConditionResults:
 def summarise_results(store: Store, asked: Asked | None = None) -> tuple[ConditionResults, ...]:
     """The results so far of all who take part or have finished; who withdrew is left out.
 
-    ``asked`` is what they were asked, if that was read already.
+    ``asked`` are the items that they answered, if these were read already.
     """
     asked = asked or Asked(store)
     with store.database.read() as connection:

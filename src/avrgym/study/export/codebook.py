@@ -146,13 +146,13 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "moment": Column("When it was asked.", TEXT, allowed=_one_of(*MOMENTS)),
         "questionnaire": Column("The questionnaire of the item.", TEXT, allowed="see items"),
         "item": Column(
-            "The item that was rated, as it was asked; items has its words. A changed item is another version.",
+            "The item that was rated; items has its words. A changed item is another version.",
             TEXT,
             allowed="see items",
         ),
         "value": Column("The answer on the item's own scale.", WHOLE, allowed="least to most"),
-        "least": Column("The lowest value of the item's scale as it was asked.", WHOLE),
-        "most": Column("The highest value of the item's scale as it was asked.", WHOLE),
+        "least": Column("The lowest value of the scale of this version.", WHOLE),
+        "most": Column("The highest value of the scale of this version.", WHOLE),
         "points": Column("How many values the scale has.", WHOLE, allowed="2 to 101"),
         "response_time_s": Column(
             "From the appearance of the item to the answer, without the time in which the participant could not see or "

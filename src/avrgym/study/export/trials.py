@@ -134,8 +134,8 @@ def completed_attempts(store: Store) -> Iterator[ExportedAttempt]:
 class ExportedAnswer:
     """One answer with all it belongs to; one about a whole session has no attempt.
 
-    ``moment`` is when it was asked. ``item`` is the one that was asked, by its name among all that were, and
-    ``questionnaire`` is its questionnaire.
+    ``moment`` is before or after a session, or after a trial. ``item`` is the version that the participant read, and
+    ``questionnaire`` its questionnaire.
     """
 
     participant: Participant

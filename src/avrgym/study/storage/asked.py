@@ -1,4 +1,4 @@
-"""The items that answers answer: what each participant was asked, in which words and on which scale.
+"""The items that answers answer: in which words and on which scale each participant read them.
 
 An item is the same where its words, its scale and its end labels are the same, also in translation. A changed one is
 ``L1 (version 2)`` in tables, tests and figures: answers to different items are never taken together. A validated
@@ -25,11 +25,11 @@ from avrgym.study.storage.versions import Catalogue, Form, Version, in_order
 
 NOBODY_KNOWS = "unknown"
 """The questionnaire of items that are stored nowhere."""
-UNKNOWN = "(neither the database nor a recording contains what was asked)"
+UNKNOWN = "(neither the database nor a recording contains its words)"
 
 
 class Asked:
-    """What the participants of a study were asked, or some of them."""
+    """The items that the participants of a study answered, or some of them."""
 
     def __init__(self, store: Store, participants: Sequence[Participant] | None = None) -> None:
         self._store = store
@@ -48,12 +48,12 @@ class Asked:
 
     @property
     def design(self) -> Design:
-        """The study's design with the items that were asked."""
+        """The study's design with the items that participants answered."""
         return in_order(self._store.design, self._catalogue)
 
     @property
     def versions(self) -> list[Version]:
-        """Every item that was asked, the versions of one after each other."""
+        """Every item that participants answered, the versions of one after each other."""
         return self._catalogue.versions
 
     def contains(self, answer: GivenAnswer) -> bool:
@@ -61,7 +61,7 @@ class Asked:
         return answer.id in self._of_answers
 
     def item(self, answer: GivenAnswer) -> Item:
-        """The item that an answer answers, by its name among all that were asked."""
+        """The item that an answer answers, by its name among all versions."""
         return self._of_answers[answer.id].item
 
     def questionnaire(self, answer: GivenAnswer) -> Questionnaire:
@@ -109,7 +109,7 @@ class _Reading:
         self._by_attempt: dict[int | None, Form] = {}
 
     def form(self, answer: GivenAnswer) -> Form:
-        """What was asked when an answer was given."""
+        """The items that the participant read when an answer was given."""
         own = [row for row in self._stored if row.stored_at <= answer.answered_at]
         own = own or [row for row in self._stored if row.session == answer.session]
         return self._of_row(own[-1]) if own else self._of_attempt(answer.attempt)

@@ -52,7 +52,7 @@ def as_recorded(
 
 
 def recorded_items(configuration: Mapping[str, Any]) -> tuple[Item, ...] | None:
-    """What was asked after a trial, in the participant's words; ``None`` where its recording does not contain it."""
+    """The items after a trial, in the participant's words; ``None`` where its recording does not contain it."""
     try:
         return msgspec.convert(configuration["items"], tuple[Item, ...])
     except (KeyError, msgspec.ValidationError):
@@ -62,7 +62,7 @@ def recorded_items(configuration: Mapping[str, Any]) -> tuple[Item, ...] | None:
 def _asked(
     design: Design, seed: int, items: Sequence[Item], translate: Translate
 ) -> tuple[Questionnaire, ...]:
-    """The design's questionnaires with the items that were asked after a trial instead of those of the design."""
+    """The design's questionnaires with the recorded items after a trial instead of those of the design."""
     known = {item.id: item for item in design.items.values()}
     asked = {item.id: _in_design(item, known.get(item.id), translate) for item in items}
     for order in ("as designed", "fixed", "random"):

@@ -11,6 +11,7 @@ from avrgym.study.design.design import Design, InclusionQuestion
 from avrgym.study.design.fixed import Wordings, from_stored
 from avrgym.study.storage.recorded_design import as_recorded
 from avrgym.study.storage.rows import Participant, StoredDesign, StudySession, TrialAttempt
+from avrgym.study.storage.sites import DIFFERS
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.texts import TextsError, normal, read_texts
@@ -98,6 +99,14 @@ def listed(uses: Iterable[Use], everyone: Iterable[Use] = ()) -> str:
         )
         names.append(f"{pseudonym} ({_ranges(positions)})")
     return ", ".join(names)
+
+
+def is_of_sites(store: Store, own: Sequence[Use], uses: Sequence[Use]) -> bool:
+    """Whether this is a difference between sites that was accepted when they were merged."""
+    accepted = any(event.name == DIFFERS for event in store.events())
+    sites = {use.participant.site for use in own}
+    whole = [use for use in uses if use.participant.site in sites]
+    return accepted and len(whole) == len(own)
 
 
 def _key(use: Use) -> tuple[int, tuple[int, ...]]:

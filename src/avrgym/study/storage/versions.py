@@ -1,4 +1,4 @@
-"""Versions of items and of validated questionnaires: what participants were asked under one name."""
+"""Versions of items and of validated questionnaires: what participants read under one name."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ Words = tuple[Item, ...]
 
 @dataclass(frozen=True)
 class Version:
-    """An item as it was asked.
+    """An item as participants read it.
 
     ``item`` has its name among all items, ``of`` is its name in the design, ``number`` counts the versions of that from
     1. ``words`` are what was read, by language; ``asked`` counts answers by participant.
@@ -31,7 +31,7 @@ class Version:
 
 @dataclass(frozen=True)
 class Form:
-    """What a participant was asked, by the names of items in the design."""
+    """The items that a participant read, by their names in the design."""
 
     versions: Mapping[str, Version]
 
@@ -45,7 +45,7 @@ class _Whole:
 
 
 class Catalogue:
-    """All that was asked; items and questionnaires that change under one name become versions of it."""
+    """All that participants read; items and questionnaires that change under one name become versions of it."""
 
     def __init__(self) -> None:
         self.questionnaires: dict[str, Questionnaire] = {}
@@ -118,7 +118,7 @@ def first_name(name: str) -> str:
 
 
 def in_order(design: Design, catalogue: Catalogue) -> Design:
-    """A design with all that was asked, in its own order; what nobody was asked is as the design has it."""
+    """A design with all items that participants read, in its own order; other items are as the design has them."""
     versions = {version.item.id: version for version in catalogue.versions}
     of = {version.of for version in versions.values()}
     whole = Catalogue()

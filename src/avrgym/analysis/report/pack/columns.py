@@ -56,7 +56,7 @@ COLUMNS: Mapping[str, Column] = {
     **{name: TABLES["scores"][name] for name in ("instrument", "scale", "score", "answered", "items")},
     **{f"items.{name}": TABLES["items"][name] for name in ("item", "text", "least", "most", "points", "low", "high")},
     "items.version": _whole(
-        "Which version of the item it is: 2 and above where it was changed after somebody was asked.",
+        "Which version of the item it is: 2 and above where it was changed after somebody had answered it.",
         allowed="1 and above",
     ),
     "items.asked_of": _text("The participants who answered it."),

@@ -235,7 +235,7 @@ def inclusion_answers(design: Design) -> str:
 
 def _inclusion_questions(design: Design) -> str:
     asked = inclusion_answers(design)
-    return f"Whoever took part answered as follows: {asked}" if asked else ""
+    return f"Everybody who took part answered as follows: {asked}" if asked else ""
 
 
 def days_of(flow: Flow) -> str:
@@ -272,10 +272,11 @@ def _questionnaire(asked: Questionnaire) -> str:
 
 
 def _versions(analysis: Analysis) -> Iterator[str]:
-    """Of whom each version of a changed item was asked."""
+    """Which participants answered each version of a changed item."""
     changed = {first_name(row.item) for row in analysis.items if row.version > 1}
     asked = [
-        f"{row.item} (“{row.text}”, from {row.least}, {row.low}, to {row.most}, {row.high}) was asked of {row.asked_of}"
+        f"{row.item} (“{row.text}”, from {row.least}, {row.low}, to {row.most}, {row.high}) was answered by "
+        f"{row.asked_of}"
         for row in analysis.items
         if first_name(row.item) in changed
     ]

@@ -1,0 +1,103 @@
+"""Which items are one item: translations are, other words, scales and ends are not; instruments change as a whole."""
+
+from collections.abc import Callable
+
+import msgspec
+import pytest
+
+from avrgym.recording.questionnaire import LIKERT_ITEMS, Item, Questionnaire
+from avrgym.study.design.design import Design, default_text, parse_design
+from avrgym.study.storage.versions import Catalogue, in_order
+
+DESIGN = parse_design(default_text())
+TLX = parse_design(
+    default_text().replace("[goals]", '[[questionnaires]]\nuse = "nasa-tlx"\nwhen = "after_trial"\n[goals]')
+)
+L1 = LIKERT_ITEMS[0]
+
+
+def english(sentence: str) -> str:
+    return sentence
+
+
+def german(sentence: str) -> str:
+    return f"{sentence} (deutsch)"
+
+
+def other_german(sentence: str) -> str:
+    return f"{sentence} (anders)"
+
+
+def with_first_item(design: Design, item: Item) -> Design:
+    first, *others = design.questionnaires
+    changed = msgspec.structs.replace(first, items=(item, *first.items[1:]))
+    return msgspec.structs.replace(design, questionnaires=(changed, *others))
+
+
+def names(*asked: tuple[Design, str, Callable[[str], str]]) -> list[list[str]]:
+    """The names of the items of each participant, who read a design in a language with a translation."""
+    catalogue = Catalogue()
+    forms = [catalogue.form(*each) for each in asked]
+    return [[version.item.id for version in form.versions.values()] for form in forms]
+
+
+def test_translations_are_one_item() -> None:
+    plain = [item.id for item in LIKERT_ITEMS]
+    assert names((DESIGN, "en", english), (DESIGN, "de", german), (DESIGN, "en", english)) == [plain] * 3
+
+
+def test_another_translation_is_another_item() -> None:
+    first, second, third, fourth = names(
+        (DESIGN, "en", english), (DESIGN, "de", german), (DESIGN, "de", other_german), (DESIGN, "de", german)
+    )
+    assert first == second == fourth
+    assert third == [f"{item.id} (version 2)" for item in LIKERT_ITEMS]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"text": "Another statement."},
+        {"points": 5},
+        {"low": "strongly agree", "high": "strongly disagree"},
+        {"labels": tuple("abcdefg")},
+    ],
+    ids=["words", "points", "ends", "labels"],
+)
+def test_a_changed_item_is_another_item_and_the_others_are_the_same(change: dict[str, object]) -> None:
+    changed = with_first_item(DESIGN, msgspec.structs.replace(L1, **change))
+    first, second, third = names((DESIGN, "en", english), (changed, "en", english), (DESIGN, "en", english))
+    assert first == third == ["L1", "L2", "L3", "L4"]
+    assert second == ["L1 (version 2)", "L2", "L3", "L4"]
+
+
+def test_an_instrument_changes_as_a_whole() -> None:
+    tlx = TLX.questionnaires[1]
+    items = (msgspec.structs.replace(tlx.items[0], text="Another question?"), *tlx.items[1:])
+    changed = msgspec.structs.replace(tlx, items=items)
+    later = msgspec.structs.replace(TLX, questionnaires=(TLX.questionnaires[0], changed))
+    catalogue = Catalogue()
+    for design in (TLX, later):
+        catalogue.form(design, "en", english)
+    found = {each.name: [item.id for item in each.items] for each in in_order(TLX, catalogue).questionnaires}
+    ids = [item.id for item in tlx.items]
+    assert found == {
+        "likert": ["L1", "L2", "L3", "L4"],
+        "nasa-tlx": ids,
+        "nasa-tlx (version 2)": [f"{name} (version 2)" for name in ids],
+    }
+
+
+def test_what_nobody_edited_is_the_design_itself() -> None:
+    catalogue = Catalogue()
+    for translate in (english, english):
+        catalogue.form(TLX, "en", translate)
+    assert in_order(TLX, catalogue) == TLX
+
+
+def test_items_that_nobody_answered_yet_are_those_of_the_design() -> None:
+    catalogue = Catalogue()
+    catalogue.form(DESIGN, "en", english)
+    more = Questionnaire("more", "after_session", (msgspec.structs.replace(L1, id="M1"),))
+    later = msgspec.structs.replace(DESIGN, questionnaires=(*DESIGN.questionnaires, more))
+    assert in_order(later, catalogue) == later
