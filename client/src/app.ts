@@ -52,7 +52,7 @@ export class App {
   private readonly senses: Senses;
   private readonly watching: Watching | null;
   private readonly whereabouts: Whereabouts;
-  private readonly pointsAtRobot = new RobotPointer();
+  private readonly pointsAtRobot: RobotPointer;
   private welcome: Welcome | null = null;
   private lastPoses: Poses | null = null;
   private body: Body | null = null;
@@ -84,6 +84,7 @@ export class App {
     });
     this.flat = new FlatPlay(this.page.view, this.page.handButtons);
     this.view = new View(this.page.view, this.page.card, detail);
+    this.pointsAtRobot = new RobotPointer(this.view.scene);
     this.panel = new Panel(detail.anisotropy);
     this.connection = new Connection(socketAddress(watches ? "watch" : "ws"), token, emulated, {
       message: (message) => this.receive(message),

@@ -1,4 +1,4 @@
-import { ConeGeometry, Matrix4, Mesh, MeshBasicMaterial, type PerspectiveCamera, Quaternion, Vector3 } from "three";
+import { ConeGeometry, Matrix4, Mesh, MeshBasicMaterial, type Object3D, type PerspectiveCamera, Quaternion, Vector3 } from "three";
 import { element } from "./element";
 import type { XRPose } from "./messages";
 import { OVERLAY_ORDER } from "./canvasplane";
@@ -105,9 +105,11 @@ export class RobotPointer {
     new MeshBasicMaterial({ color: 0xffb74d, depthTest: false, transparent: true, opacity: 0.85 }),
   );
 
-  constructor() {
+  /** Is drawn in a scene. */
+  constructor(scene: Object3D) {
     this.mesh.renderOrder = OVERLAY_ORDER + 1;
     this.mesh.visible = false;
+    scene.add(this.mesh);
   }
 
   update(head: XRPose | null, place: Vector3 | null): void {

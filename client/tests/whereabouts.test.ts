@@ -1,8 +1,8 @@
-import { PerspectiveCamera, Vector3 } from "three";
+import { PerspectiveCamera, Scene, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
 import type { XRPose } from "../src/messages";
 import { freeOf } from "../src/view";
-import { arrowTo, pointerTo, without } from "../src/whereabouts";
+import { RobotPointer, arrowTo, pointerTo, without } from "../src/whereabouts";
 
 const AREA = { left: 0, top: 0, right: 800, bottom: 600 };
 const CARD = { left: 0, top: 0, right: 300, bottom: 600 };
@@ -94,6 +94,16 @@ describe("the pointer in VR", () => {
       expect(position.clone().sub(eyes).dot(side)).toBeCloseTo(0.24);
       expect(position.distanceTo(eyes)).toBeCloseTo(Math.hypot(0.7, 0.24));
       expect(new Vector3(0, 1, 0).applyQuaternion(turn).distanceTo(side)).toBeCloseTo(0);
+    }
+  });
+
+  it("is drawn in the scene while the robot is out of view", () => {
+    const scene = new Scene();
+    const pointer = new RobotPointer(scene);
+    const shown = () => scene.children.filter(({ visible }) => visible).length;
+    for (const [place, count] of [[new Vector3(2, 1.2, 0), 1], [new Vector3(0, 1.2, -2), 0], [null, 0]] as const) {
+      pointer.update(STANDING, place);
+      expect(shown()).toBe(count);
     }
   });
 });
